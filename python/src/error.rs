@@ -64,7 +64,7 @@ impl From<LogError> for PythonFailure {
     fn from(error: LogError) -> Self {
         let told = PythonMessage::from_error("LogError", &error);
         let hint = match &error {
-            LogError::Gzip { .. } => Some("copy the file again: it is cut short or damaged"),
+            LogError::Unpacking { .. } => Some("copy the file again: it is cut short or damaged"),
             LogError::At { problem, .. } => hint_at(problem),
             _ => None,
         };
@@ -82,7 +82,7 @@ impl From<LogError> for PythonFailure {
                 PythonMessage { line: position.number(), column, ..told.in_file(path) }
             }
             LogError::Io { path, .. }
-            | LogError::Gzip { path, .. }
+            | LogError::Unpacking { path, .. }
             | LogError::Empty(path)
             | LogError::NoRows(path)
             | LogError::Binary { path, .. }

@@ -22,19 +22,13 @@ pub enum LogError {
         /// The error of the system.
         source: io::Error,
     },
-    /// The file is gzip, but damaged or cut short.
-    #[error("`{}` is a damaged gzip file", path.display())]
-    Gzip {
+    /// The file is compressed, but damaged or cut short.
+    #[error("`{}` is a damaged {method} file", path.display())]
+    Unpacking {
         /// The file.
         path: PathBuf,
-        /// The error of the decoder.
-        source: io::Error,
-    },
-    /// The file is Zstandard, but damaged or cut short.
-    #[error("`{}` is a damaged Zstandard file", path.display())]
-    Zstd {
-        /// The file.
-        path: PathBuf,
+        /// How it is compressed: gzip or Zstandard.
+        method: &'static str,
         /// The error of the decoder.
         source: io::Error,
     },
@@ -66,9 +60,6 @@ pub enum LogError {
         /// What to do with it.
         remedy: &'static str,
     },
-    /// The file is compressed, and no text.
-    #[error("`{}` is compressed, and what is in it is not text", .0.display())]
-    PackedTable(PathBuf),
     /// A table was asked for by name of a file that is one.
     #[error("`{}` is a single table, and has none called `{wanted}`", path.display())]
     NoParts {
@@ -182,16 +173,13 @@ impl Hint for LogError {
     fn hint(&self) -> Option<String> {
         let text = match self {
             Self::Foreign { remedy, .. } => remedy,
-            Self::PackedTable(_) => "unpack it first; compressed logs are text",
             Self::NoParts { .. } => "leave out `--table`",
             Self::Table { problem: TableError::Choice { .. }, .. } => "choose with `--table NAME`",
             Self::Table { problem: TableError::Damaged { .. }, .. } => {
                 "copy the file again, or write it again: it is cut short or damaged"
             }
             Self::Table { .. } => "write it again without that, or export it as CSV",
-            Self::Gzip { .. } | Self::Zstd { .. } => {
-                "copy the file again: it is cut short or damaged"
-            }
+            Self::Unpacking { .. } => "copy the file again: it is cut short or damaged",
             Self::Empty(_) | Self::NoRows(_) => {
                 "nothing was recorded, or the file was not copied to its end"
             }

@@ -57,16 +57,14 @@ mod stream;
 pub mod summary;
 
 pub use error::{FieldProblem, LogError, LogPosition, PlacedProblem, RowMismatch, RowProblem};
-pub use format::columns::Column;
+pub use format::columns::{Column, Wanted};
 pub use format::mapping::{
     ColumnRef, FORMATS, LogFormat, Mapping, MomentUnit, TIME_UNITS, TimeUnit, parse_column,
     parse_columns, parse_wrench,
 };
 pub use format::meaning::Meaning;
 pub use log::Log;
-pub use read::all::{read_all, threads_for};
-pub use read::dataset::{read_dataset, read_logs, sample_logs};
-pub use read::request::{ReadOptions, Wanted};
+pub use read::all::{ReadOptions, read_all, read_dataset, read_logs, sample_logs, threads_for};
 pub use shell_data::ReadSummary;
 pub use stream::pipeline;
 pub use table_file::{FileKind, TableError};

@@ -6,11 +6,10 @@ use std::sync::Arc;
 
 use crate::checksum;
 use crate::error::{LogError, PlacedProblem};
-use crate::format::columns::{Column, duplicate, positions};
+use crate::format::columns::{Column, Wanted, duplicate, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::format::meaning::{Meaning, axis_of_other_unit};
-use crate::read::request::Wanted;
 use crate::stream::chunk::{CHUNK_BYTES, ChunkError, ChunkStream, LINE_LIMIT};
 use crate::stream::source::{ByteStream, LogSource};
 use shell_data::ColumnNames;
@@ -364,15 +363,12 @@ impl Log {
     fn check_are_read(&self, wanted: &Wanted) -> Result<(), LogError> {
         let Some(table) = self.source.as_table() else { return Ok(()) };
         let roles = &self.layout.roles;
-        let mut columns: Vec<usize> = wanted.others.iter().chain(&wanted.texts).copied().collect();
-        columns.extend(roles.time.filter(|_| wanted.time));
+        let mut columns = roles.numbers(wanted);
         columns.extend(roles.group.filter(|_| wanted.groups));
-        columns.extend(roles.sensors.iter().filter(|_| wanted.readings));
-        columns.extend(roles.wrench.iter().flatten().filter(|_| wanted.wrench));
-        let check = |column| table.check_is_read(column);
+        let columns = columns.iter().chain(&wanted.texts);
         columns
-            .into_iter()
-            .try_for_each(check)
+            .copied()
+            .try_for_each(|column| table.check_is_read(column))
             .map_err(|problem| LogError::Table { path: self.source.path.clone(), problem })
     }
 

@@ -44,9 +44,9 @@ impl LogSummary {
 }
 
 /// One column of a log.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ColumnSummary {
-    /// How many values.
+    /// How many values: there is one or more.
     pub rows: u64,
     /// The least value.
     pub min: f64,
@@ -70,29 +70,12 @@ pub struct ColumnSummary {
     variance: RunningVariance,
 }
 
-impl Default for ColumnSummary {
-    fn default() -> Self {
-        Self {
-            rows: 0,
-            min: f64::INFINITY,
-            max: f64::NEG_INFINITY,
-            rows_at_max: 0,
-            rows_below_max: 0,
-            rows_at_ends: [0; 3],
-            below_max: f64::NEG_INFINITY,
-            rises_to_max: 0,
-            is_counts: true,
-            last: f64::NAN,
-            values: Vec::new(),
-            variance: RunningVariance::default(),
-        }
-    }
-}
-
 impl ColumnSummary {
     fn add(&mut self, values: &[f64]) {
-        if values.is_empty() {
-            return;
+        let Some(&first) = values.first() else { return };
+        if self.rows == 0 {
+            (self.min, self.max, self.below_max) = (first, f64::NEG_INFINITY, f64::NEG_INFINITY);
+            (self.last, self.is_counts) = (f64::NAN, true);
         }
         for &value in values {
             if self.values.len() <= QUIET_VALUES && !self.values.contains(&value) {

@@ -29,29 +29,25 @@ pub use temporary::{before_unfinished, remove_unfinished};
 /// What a command reads and writes.
 #[derive(Debug, Default)]
 pub struct Outputs {
-    known: Mutex<KnownFile>,
+    known: Mutex<Files<KnownFile>>,
 }
 
+/// A file that is read, or that was announced or opened as an output.
 #[derive(Debug, Default)]
 struct KnownFile {
-    inputs: Files<PathBuf>,
-    outputs: Files<Claim>,
-}
-
-/// An output that was announced or opened.
-#[derive(Debug, Default)]
-struct Claim {
     path: PathBuf,
-    stage: OutputStage,
+    stage: FileStage,
 }
 
 /// How far an output has come; no way leads back.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
-enum OutputStage {
+enum FileStage {
     #[default]
     Announced,
     Probed,
     Opened,
+    /// It is no output.
+    Input,
 }
 
 /// An output that could not be opened, written or put in place.
@@ -145,13 +141,13 @@ impl Outputs {
     /// [`OutputError::IsInput`] if it is an output that was announced.
     pub fn protect(&self, path: &Path) -> Result<(), OutputError> {
         let Some(identity) = FileIdentity::from_path(path) else { return Ok(()) };
-        let mut known = lock(&self.known);
-        if let Some(claim) = known.outputs.find(&identity) {
-            let (path, input) = (claim.path.clone(), path.to_path_buf());
-            return Err(OutputError::IsInput { path, input });
-        }
-        if known.inputs.find(&identity).is_none() {
-            known.inputs.insert(identity, path.to_path_buf());
+        let (mut known, input) = (lock(&self.known), path.to_path_buf());
+        match known.find(&identity) {
+            None => known.insert(identity, KnownFile { path: input, stage: FileStage::Input }),
+            Some(KnownFile { stage: FileStage::Input, .. }) => {}
+            Some(KnownFile { path, .. }) => {
+                return Err(OutputError::IsInput { path: path.clone(), input });
+            }
         }
         Ok(())
     }
@@ -161,7 +157,7 @@ impl Outputs {
     /// # Errors
     /// [`OutputError::IsInput`], [`OutputError::Twice`].
     pub fn announce(&self, path: &Path) -> Result<(), OutputError> {
-        self.claim(path, OutputStage::Announced)
+        self.claim(path, FileStage::Announced)
     }
 
     /// Announces an output and finds out whether it can be written, before the work that makes it.
@@ -169,7 +165,7 @@ impl Outputs {
     /// # Errors
     /// [`OutputError`].
     pub fn probe(&self, path: &Path) -> Result<(), OutputError> {
-        self.open(path, OutputStage::Probed).map(drop)
+        self.open(path, FileStage::Probed).map(drop)
     }
 
     /// Opens `path` for writing without touching what is there.
@@ -178,10 +174,10 @@ impl Outputs {
     /// [`OutputError`] if it is an input or another output, the directory does not exist or is not
     /// writable, or `path` is a directory.
     pub fn create(&self, path: impl AsRef<Path>) -> Result<AtomicFile, OutputError> {
-        self.open(path.as_ref(), OutputStage::Opened)
+        self.open(path.as_ref(), FileStage::Opened)
     }
 
-    fn open(&self, path: &Path, stage: OutputStage) -> Result<AtomicFile, OutputError> {
+    fn open(&self, path: &Path, stage: FileStage) -> Result<AtomicFile, OutputError> {
         self.claim(path, stage)?;
         match OutputTarget::open(path) {
             Ok(target) => Ok(AtomicFile { path: path.to_path_buf(), target }),
@@ -199,21 +195,21 @@ impl Outputs {
 
     /// Lets every output be written once more, for a command that does its work again.
     pub fn renew(&self) {
-        lock(&self.known).outputs.iter_mut().for_each(|claim| claim.stage = OutputStage::Announced);
+        let mut known = lock(&self.known);
+        let outputs = known.iter_mut().filter(|file| file.stage != FileStage::Input);
+        outputs.for_each(|output| output.stage = FileStage::Announced);
     }
 
-    fn claim(&self, path: &Path, stage: OutputStage) -> Result<(), OutputError> {
+    fn claim(&self, path: &Path, stage: FileStage) -> Result<(), OutputError> {
         let Some(identity) = FileIdentity::from_path(path) else { return Ok(()) };
-        let mut known = lock(&self.known);
-        if let Some(input) = known.inputs.find(&identity) {
-            let (path, input) = (path.to_path_buf(), input.clone());
-            return Err(OutputError::IsInput { path, input });
-        }
-        let path = path.to_path_buf();
-        match known.outputs.find(&identity) {
-            None => known.outputs.insert(identity, Claim { path, stage }),
-            Some(claim) if claim.path == path && claim.stage < stage => claim.stage = stage,
-            Some(claim) => return Err(OutputError::Twice { path, other: claim.path.clone() }),
+        let (mut known, path) = (lock(&self.known), path.to_path_buf());
+        match known.find(&identity) {
+            None => known.insert(identity, KnownFile { path, stage }),
+            Some(KnownFile { path: input, stage: FileStage::Input }) => {
+                return Err(OutputError::IsInput { path, input: input.clone() });
+            }
+            Some(file) if file.path == path && file.stage < stage => file.stage = stage,
+            Some(file) => return Err(OutputError::Twice { path, other: file.path.clone() }),
         }
         Ok(())
     }

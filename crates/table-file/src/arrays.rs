@@ -43,11 +43,9 @@ impl Array {
         Some((0..numbers.len()).map(number).collect())
     }
 
-    /// Its columns and numbers; `None` where it has further sides, or is no array of real numbers.
-    pub(crate) fn into_columns(self) -> Option<(ArrayColumns, ArrayNumbers)> {
-        let columns = ArrayColumns::new(self.name, &self.size)?;
-        let numbers = self.numbers?;
-        columns.are_all_of(&numbers).then_some((columns, numbers))
+    /// Its columns; `None` where it has further sides, or is no array of real numbers.
+    pub(crate) fn into_columns(self) -> Option<ArrayColumns> {
+        ArrayColumns::new(self.name, &self.size)?.with(self.numbers?)
     }
 }
 
@@ -69,6 +67,8 @@ pub(crate) struct ArrayColumns {
     pub(crate) path: String,
     rows: usize,
     count: usize,
+    /// `None` as long as they have not been read.
+    numbers: Option<ArrayNumbers>,
 }
 
 impl ArrayColumns {
@@ -79,16 +79,13 @@ impl ArrayColumns {
             [rows, columns] => (rows, columns),
             _ => return None,
         };
-        Some(Self { path, rows, count })
+        Some(Self { path, rows, count, numbers: None })
     }
 
-    /// Whether these numbers fill them.
-    pub(crate) fn are_all_of(&self, numbers: &ArrayNumbers) -> bool {
-        self.rows.checked_mul(self.count) == Some(numbers.len())
-    }
-
-    fn is_empty(&self) -> bool {
-        self.rows == 0 || self.count == 0
+    /// The same with these numbers, if they fill them.
+    pub(crate) fn with(self, numbers: ArrayNumbers) -> Option<Self> {
+        let is_filled = self.rows.checked_mul(self.count) == Some(numbers.len());
+        is_filled.then_some(Self { numbers: Some(numbers), ..self })
     }
 
     /// Whether `name` is that of the array or of a group that it is in.
@@ -103,43 +100,41 @@ impl ArrayColumns {
 }
 
 /// Those of `all` that make up a log, and the names of their columns: of those that `name` is the name of, or else
-/// of all, the ones that have as many rows as the longest. `of` gives their columns.
+/// of all, the ones that have as many rows as the longest.
 ///
 /// # Errors
 /// [`TableError::Choice`] if there are none of the name, and what else keeps them from being a table.
-pub(crate) fn columns_of_log<T>(
+pub(crate) fn columns_of_log(
     kind: FileKind,
-    all: Vec<T>,
-    of: fn(&T) -> &ArrayColumns,
+    all: Vec<ArrayColumns>,
     name: Option<&str>,
-) -> Result<(Option<Vec<String>>, Vec<T>), TableError> {
-    let is_named = |array: &T| name.is_none_or(|name| of(array).is_of(name));
-    let (mut wanted, others): (Vec<T>, Vec<T>) =
-        all.into_iter().filter(|array| !of(array).is_empty()).partition(is_named);
-    let Some(longest) = wanted.iter().map(|array| of(array).rows).max() else {
+) -> Result<(Option<Vec<String>>, Vec<ArrayColumns>), TableError> {
+    let is_named = |array: &ArrayColumns| name.is_none_or(|name| array.is_of(name));
+    let (mut wanted, others): (Vec<_>, Vec<_>) =
+        all.into_iter().filter(|array| array.rows > 0 && array.count > 0).partition(is_named);
+    let Some(longest) = wanted.iter().map(|array| array.rows).max() else {
         if name.is_none() {
             return Err(kind.unsupported("no matrix or vector of real numbers"));
         }
-        let found = others.iter().map(|array| of(array).path.clone()).collect();
+        let found = others.into_iter().map(|array| array.path).collect();
         return Err(kind.choice("matrix of real numbers", name, found));
     };
-    wanted.retain(|array| of(array).rows == longest);
-    let columns: Vec<&ArrayColumns> = wanted.iter().map(of).collect();
-    let count = columns.iter().fold(0, |count: usize, of| count.saturating_add(of.count));
+    wanted.retain(|array| array.rows == longest);
+    let count = wanted.iter().fold(0, |count: usize, array| count.saturating_add(array.count));
     budget::check_columns(kind, count)?;
-    Ok((names(&columns), wanted))
+    Ok((names(&wanted), wanted))
 }
 
 /// The names of the columns of a table; `None` for a matrix alone, whose columns have none.
-fn names(all: &[&ArrayColumns]) -> Option<Vec<String>> {
+fn names(all: &[ArrayColumns]) -> Option<Vec<String>> {
     if let [ArrayColumns { count: 2.., .. }] = all {
         return None;
     }
-    let is_alone = |columns: &&ArrayColumns| {
+    let is_alone = |columns: &ArrayColumns| {
         all.iter().filter(|other| other.leaf() == columns.leaf()).count() == 1
     };
     let is_short = all.iter().all(is_alone);
-    let names = |columns: &&ArrayColumns| {
+    let names = |columns: &ArrayColumns| {
         let name = if is_short { columns.leaf() } else { &columns.path }.to_owned();
         match columns.count {
             1 => vec![name],
@@ -152,7 +147,7 @@ fn names(all: &[&ArrayColumns]) -> Option<Vec<String>> {
 /// The rows of arrays of one length, from one on.
 #[derive(Clone, Debug)]
 pub(crate) struct ArrayRows {
-    pub(crate) arrays: Vec<(ArrayColumns, ArrayNumbers)>,
+    pub(crate) arrays: Vec<ArrayColumns>,
     pub(crate) row: usize,
 }
 
@@ -164,14 +159,15 @@ impl RowSource for ArrayRows {
 
 impl RowStream for ArrayRows {
     fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-        let count: usize = self.arrays.iter().map(|(columns, _)| columns.count).sum();
-        let all = self.arrays.first().map_or(0, |(columns, _)| columns.rows);
+        let count: usize = self.arrays.iter().map(|columns| columns.count).sum();
+        let all = self.arrays.first().map_or(0, |columns| columns.rows);
         let rows = self.row..all.min(self.row + batch_rows(count));
         if rows.is_empty() {
             return Ok(false);
         }
         batch.clear();
-        for (columns, numbers) in &self.arrays {
+        for columns in &self.arrays {
+            let Some(numbers) = &columns.numbers else { continue };
             for column in 0..columns.count {
                 let position = |row: usize| match numbers.is_by_row {
                     true => row * columns.count + column,

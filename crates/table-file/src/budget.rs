@@ -59,7 +59,10 @@ pub(crate) fn within(
 ) -> Result<usize, TableError> {
     match usize::try_from(bytes) {
         Ok(size) if bytes <= limit => Ok(size),
-        _ => Err(TableError::TooLarge { kind, what: what.to_string(), bytes, limit }),
+        _ => {
+            let allowed = format!("more than the {limit} allowed");
+            Err(kind.unsupported(format!("{what} takes {bytes} bytes, {allowed}")))
+        }
     }
 }
 

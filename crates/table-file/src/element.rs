@@ -1,5 +1,6 @@
-//! Numbers as files hold them.
+//! Numbers and times as files hold them.
 
+use crate::calendar::iso_of;
 use crate::rows::Cell;
 
 /// The type of a number.
@@ -11,15 +12,26 @@ pub(crate) enum Element {
     /// Of 1, 2, 4 or 8 bytes.
     Signed(u8),
     Unsigned(u8),
+    /// 0 or 1, in a byte.
+    Truth,
+    /// A time since 1970 as a signed number of so many bytes: each is so many units, of which so many make a second.
+    Time {
+        size: u8,
+        units: i64,
+        per_second: i64,
+    },
 }
 
 impl Element {
     pub(crate) fn size(self) -> usize {
         match self {
+            Self::Truth => 1,
             Self::Half => 2,
             Self::Single => 4,
             Self::Double => 8,
-            Self::Signed(size) | Self::Unsigned(size) => usize::from(size),
+            Self::Signed(size) | Self::Unsigned(size) | Self::Time { size, .. } => {
+                usize::from(size)
+            }
         }
     }
 
@@ -38,6 +50,17 @@ impl Element {
             Self::Signed(size) => {
                 let unused = 64 - 8 * u32::from(size);
                 Cell::Whole((bits << unused) as i64 >> unused)
+            }
+            Self::Truth => Cell::Whole(i64::from(bits != 0)),
+            Self::Time { size, units, per_second } => {
+                match Self::Signed(size).cell(bytes, is_little) {
+                    // Not a time.
+                    Cell::Whole(i64::MIN) => Cell::Missing,
+                    Cell::Whole(value) => {
+                        Cell::Text(iso_of(value.saturating_mul(units), per_second))
+                    }
+                    cell => cell,
+                }
             }
             Self::Unsigned(_) => match i64::try_from(bits) {
                 Ok(whole) => Cell::Whole(whole),

@@ -29,21 +29,6 @@ pub enum TableError {
         /// What it holds.
         what: String,
     },
-    /// The file takes more memory than any log of its length does.
-    #[error(
-        "{} that is not read: {what} takes {bytes} bytes, more than the {limit} allowed",
-        kind.with_article()
-    )]
-    TooLarge {
-        /// The kind of file.
-        kind: FileKind,
-        /// Which part.
-        what: String,
-        /// What it takes.
-        bytes: u64,
-        /// What is allowed.
-        limit: u64,
-    },
     /// The file holds several tables, or none of the name asked for.
     #[error(
         "{} {}; it has {}",

@@ -56,7 +56,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<NamedRows,
     }
     let mut found = DataSets { is_by_row, ..DataSets::default() };
     found.add(&file.root(), "", DEPTH)?;
-    let (names, sets) = columns_of_log(KIND, found.sets, |columns| columns, part)?;
+    let (names, sets) = columns_of_log(KIND, found.sets, part)?;
     Ok((names, Arc::new(Hdf5Table { file: source.clone(), sets, is_by_row })))
 }
 
@@ -74,7 +74,12 @@ impl DataSets {
         for (name, set) in group.iter_datasets().map_err(unreadable)? {
             self.count()?;
             let is_number = element(&set).is_some() && (self.is_by_row || is_matlab_number(&set)?);
-            let sides = self.sides(&set)?;
+            let shape = set.shape().map_err(unreadable)?.into_iter();
+            let mut sides: Vec<usize> =
+                shape.map(|side| usize::try_from(side).unwrap_or(usize::MAX)).collect();
+            if !self.is_by_row {
+                sides.reverse();
+            }
             if is_number {
                 self.sets.extend(ArrayColumns::new(format!("{path}{name}"), &sides));
             }
@@ -90,17 +95,6 @@ impl DataSets {
             }
         }
         Ok(())
-    }
-
-    /// Rows and columns, or the length of a vector.
-    fn sides(&self, set: &Dataset) -> Result<Vec<usize>, TableError> {
-        let shape = set.shape().map_err(unreadable)?.into_iter();
-        let mut sides: Vec<usize> =
-            shape.map(|side| usize::try_from(side).unwrap_or(usize::MAX)).collect();
-        if !self.is_by_row {
-            sides.reverse();
-        }
-        Ok(sides)
     }
 
     fn count(&mut self) -> Result<(), TableError> {
@@ -177,10 +171,10 @@ impl RowSource for Hdf5Table {
             let range = 0..bytes.len();
             let is_by_row = self.is_by_row;
             let numbers = ArrayNumbers { bytes, range, element, is_little, is_by_row };
-            Ok((columns.clone(), numbers))
+            Ok(columns.clone().with(numbers))
         };
-        let mut arrays = self.sets.iter().map(read).collect::<Result<Vec<_>, TableError>>()?;
-        arrays.retain(|(columns, numbers)| columns.are_all_of(numbers));
+        let arrays = self.sets.iter().map(read).filter_map(Result::transpose);
+        let arrays = arrays.collect::<Result<Vec<_>, TableError>>()?;
         Ok(Box::new(ArrayRows { arrays, row: 0 }))
     }
 }

@@ -21,22 +21,21 @@ pub enum FileKind {
 }
 
 impl FileKind {
-    /// Its name in documents, and what people call it, after the article.
-    const fn names(self) -> [&'static str; 3] {
+    /// Its name in documents, and what people call it, with an article.
+    const fn names(self) -> [&'static str; 2] {
         match self {
-            Self::Hdf5 => ["hdf5", "an", "HDF5 file"],
-            Self::Matlab => ["matlab", "a", "MATLAB 5 file"],
-            Self::Mcap => ["mcap", "an", "MCAP file"],
-            Self::NumPy => ["numpy", "a", "NumPy file"],
-            Self::Parquet => ["parquet", "a", "Parquet file"],
-            Self::Xlsx => ["xlsx", "an", "Excel workbook"],
+            Self::Hdf5 => ["hdf5", "an HDF5 file"],
+            Self::Matlab => ["matlab", "a MATLAB 5 file"],
+            Self::Mcap => ["mcap", "an MCAP file"],
+            Self::NumPy => ["numpy", "a NumPy file"],
+            Self::Parquet => ["parquet", "a Parquet file"],
+            Self::Xlsx => ["xlsx", "an Excel workbook"],
         }
     }
 
     /// What people call it, with an article.
-    pub(crate) fn with_article(self) -> String {
-        let [_, article, name] = self.names();
-        format!("{article} {name}")
+    pub(crate) const fn with_article(self) -> &'static str {
+        self.names()[1]
     }
 
     /// Its name in documents.
@@ -47,7 +46,7 @@ impl FileKind {
 
 impl fmt::Display for FileKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.names()[2])
+        f.write_str(self.with_article().trim_start_matches("an ").trim_start_matches("a "))
     }
 }
 
@@ -71,6 +70,7 @@ pub enum Recognised {
 pub const RECOGNISED_BYTES: usize = 2048;
 
 const EXPORT: &str = "export the table as CSV or Parquet";
+const AS_XLSX: &str = "save it as .xlsx or CSV";
 const UNPACK: &str = "unpack it, or compress with gzip or zstd";
 const ARROW: &str = "an Arrow or Feather file";
 const AS_PARQUET: &str = "write Parquet instead, in Python with `df.to_parquet(…)`";
@@ -84,7 +84,7 @@ const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 const FOREIGN: [(&[u8], &str, &str); 24] = [
     (b"ARROW1", ARROW, AS_PARQUET),
     (b"FEA1", ARROW, AS_PARQUET),
-    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", "save it as .xlsx or CSV"),
+    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", AS_XLSX),
     (
         b"SQLite format 3\0",
         "an SQLite database",
@@ -123,29 +123,20 @@ pub fn recognise(head: &[u8]) -> Recognised {
     if [0, 512, 1024].iter().any(|&at| head.get(at..).is_some_and(|it| it.starts_with(HDF5))) {
         return Recognised::Table(FileKind::Hdf5);
     }
-    for (start, kind) in [
-        (&b"PAR1"[..], FileKind::Parquet),
-        (b"\x93NUMPY", FileKind::NumPy),
-        (b"\x89MCAP0\r\n", FileKind::Mcap),
-    ] {
-        if head.starts_with(start) {
-            return Recognised::Table(kind);
-        }
-    }
     let foreign = |what, remedy| Recognised::Foreign { what, remedy };
-    // A stream of Arrow begins with the mark of a message and its length.
-    if let Some([0xff, 0xff, 0xff, 0xff, _, _, length, 0]) = head.get(..8)
-        && *length < 16
-    {
-        return foreign(ARROW, AS_PARQUET);
-    }
-    if head.starts_with(b"PK\x03\x04") {
-        return archive(head);
-    }
-    if is_matlab_4(head) {
-        let remedy =
-            "save it in MATLAB with `save(…, '-v7')`, or in Python with `scipy.io.savemat`";
-        return foreign("a MATLAB 4 file", remedy);
+    match head {
+        [b'P', b'A', b'R', b'1', ..] => return Recognised::Table(FileKind::Parquet),
+        [b'\x93', b'N', b'U', b'M', b'P', b'Y', ..] => return Recognised::Table(FileKind::NumPy),
+        [b'\x89', b'M', b'C', b'A', b'P', b'0', ..] => return Recognised::Table(FileKind::Mcap),
+        // A stream of Arrow begins with the mark of a message and its length.
+        [0xff, 0xff, 0xff, 0xff, _, _, ..16, 0, ..] => return foreign(ARROW, AS_PARQUET),
+        [b'P', b'K', 3, 4, ..] => return archive(head),
+        _ if is_matlab_4(head) => {
+            let remedy =
+                "save it in MATLAB with `save(…, '-v7')`, or in Python with `scipy.io.savemat`";
+            return foreign("a MATLAB 4 file", remedy);
+        }
+        _ => {}
     }
     let found = FOREIGN.iter().find(|(start, ..)| head.starts_with(start));
     found.map_or(Recognised::Unknown, |&(_, what, remedy)| foreign(what, remedy))
@@ -179,21 +170,17 @@ fn archive(head: &[u8]) -> Recognised {
     let has = |name: &[u8]| head.windows(name.len()).any(|window| window == name);
     let foreign = |what, remedy| Recognised::Foreign { what, remedy };
     if has(b"opendocument.spreadsheet") {
-        return foreign("an OpenDocument spreadsheet", "save it as .xlsx or CSV");
+        foreign("an OpenDocument spreadsheet", AS_XLSX)
+    } else if has(b"xl/workbook.bin") {
+        foreign("a binary Excel workbook (.xlsb)", AS_XLSX)
+    } else if has(b"[Content_Types].xml") || has(b"xl/") || has(b"_rels/.rels") || has(b"docProps/")
+    {
+        Recognised::Table(FileKind::Xlsx)
+    } else if has(b".npy") {
+        foreign("an archive of NumPy arrays (.npz)", "save the table with `numpy.save` as .npy")
+    } else {
+        foreign("a zip archive", UNPACK)
     }
-    if has(b"xl/workbook.bin") {
-        return foreign("a binary Excel workbook (.xlsb)", "save it as .xlsx or CSV");
-    }
-    if has(b"[Content_Types].xml") || has(b"xl/") || has(b"_rels/.rels") || has(b"docProps/") {
-        return Recognised::Table(FileKind::Xlsx);
-    }
-    if has(b".npy") {
-        return foreign(
-            "an archive of NumPy arrays (.npz)",
-            "save the table with `numpy.save` as .npy",
-        );
-    }
-    foreign("a zip archive", UNPACK)
 }
 
 #[cfg(test)]

@@ -1,17 +1,18 @@
-//! Arrays of numbers in MATLAB 5 files: "MAT-File Format" (MathWorks), chapter "Level 5".
+//! MATLAB 5 files ("MAT-File Format", MathWorks, chapter "Level 5"): arrays of numbers are read, and tables written
+//! with one variable for each column.
 
-use std::io::Read;
+use std::io::{self, Read, Write};
 use std::ops::Range;
 use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
-use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log};
+use crate::arrays::{Array, ArrayNumbers, ArrayRows, columns_of_log};
 use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::rows::NamedRows;
+use crate::rows::{Cells, NamedRows};
 use crate::source::FileSource;
 
 const KIND: FileKind = FileKind::Matlab;
@@ -19,13 +20,19 @@ const KIND: FileKind = FileKind::Matlab;
 /// Text, version and byte order.
 const HEADER: usize = 128;
 
-/// Kinds of elements that are not numbers.
+/// Kinds of elements.
+const INT8: u32 = 1;
+const UINT16: u32 = 4;
+const INT32: u32 = 5;
+const UINT32: u32 = 6;
+const DOUBLE: u32 = 9;
 const MATRIX: u32 = 14;
 const COMPRESSED: u32 = 15;
 
-/// Classes of arrays, and the flags of complex and of logical ones.
-const DOUBLE: u32 = 6;
-const SINGLE: u32 = 7;
+/// Classes of arrays, and the flag of complex ones.
+const CHARACTERS: u32 = 4;
+const DOUBLES: u32 = 6;
+const SINGLES: u32 = 7;
 const INTEGERS: Range<u32> = 8..16;
 const COMPLEX: u32 = 0x0800;
 
@@ -90,7 +97,7 @@ fn array(
     let size: Vec<usize> = sides.map(|side| usize::try_from(side).unwrap_or(0)).collect();
     let name = String::from_utf8_lossy(&bytes[part()?.1]).into_owned();
     let class = flags & 0xFF;
-    let is_number = matches!(class, DOUBLE | SINGLE) || INTEGERS.contains(&class);
+    let is_number = matches!(class, DOUBLES | SINGLES) || INTEGERS.contains(&class);
     let numbers = match is_number && flags & COMPLEX == 0 {
         true => {
             let (kind, range) = part()?;
@@ -156,14 +163,14 @@ fn integers(bytes: &[u8], is_little: bool) -> impl Iterator<Item = u32> + '_ {
 /// The numbers of an element: MATLAB writes whole numbers in fewer bytes than a double has.
 fn element(kind: u32) -> Option<Element> {
     Some(match kind {
-        1 => Element::Signed(1),
+        INT8 => Element::Signed(1),
         2 => Element::Unsigned(1),
         3 => Element::Signed(2),
-        4 => Element::Unsigned(2),
-        5 => Element::Signed(4),
-        6 => Element::Unsigned(4),
+        UINT16 => Element::Unsigned(2),
+        INT32 => Element::Signed(4),
+        UINT32 => Element::Unsigned(4),
         7 => Element::Single,
-        9 => Element::Double,
+        DOUBLE => Element::Double,
         12 => Element::Signed(8),
         13 => Element::Unsigned(8),
         _ => return None,
@@ -175,8 +182,92 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     budget::within(KIND, "the file", file.length()?, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
     file.open()?.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
-    let arrays = arrays(bytes)?.into_iter().filter_map(Array::into_columns);
-    let arrays: Vec<(ArrayColumns, ArrayNumbers)> = arrays.collect();
-    let (names, arrays) = columns_of_log(KIND, arrays, |(columns, _)| columns, part)?;
+    let arrays = arrays(bytes)?.into_iter().filter_map(Array::into_columns).collect();
+    let (names, arrays) = columns_of_log(KIND, arrays, part)?;
     Ok((names, Arc::new(ArrayRows { arrays, row: 0 })))
+}
+
+/// An array of so many rows and columns; its elements are of `kind`, `bytes` of them, written by
+/// `content`.
+fn write_array(
+    out: &mut dyn Write,
+    name: &str,
+    class: u32,
+    size: [usize; 2],
+    kind: u32,
+    content: &[u8],
+) -> io::Result<()> {
+    let long = |length: usize| {
+        let error = || io::Error::other("a variable of a MATLAB file has at most 2 GB");
+        i32::try_from(length).map_err(|_| error()).map(|length| length as u32)
+    };
+    let [rows, columns] = [long(size[0])?, long(size[1])?];
+    let mut head = Vec::new();
+    write_element(&mut head, UINT32, &[class.to_le_bytes(), [0; 4]].concat());
+    write_element(&mut head, INT32, &[rows.to_le_bytes(), columns.to_le_bytes()].concat());
+    write_element(&mut head, INT8, name.as_bytes());
+    let padding = content.len().next_multiple_of(8) - content.len();
+    let bytes = long(head.len() + 8 + content.len() + padding)?;
+    for word in [MATRIX, bytes] {
+        out.write_all(&word.to_le_bytes())?;
+    }
+    out.write_all(&head)?;
+    for word in [kind, long(content.len())?] {
+        out.write_all(&word.to_le_bytes())?;
+    }
+    out.write_all(content)?;
+    out.write_all(&[0; 8][..padding])
+}
+
+/// An element, its content filled up to a multiple of eight bytes.
+fn write_element(bytes: &mut Vec<u8>, kind: u32, content: &[u8]) {
+    bytes.extend(kind.to_le_bytes());
+    bytes.extend((content.len() as u32).to_le_bytes());
+    bytes.extend(content);
+    bytes.resize(bytes.len().next_multiple_of(8), 0);
+}
+
+/// A name that a variable may have.
+fn variable(name: &str) -> String {
+    let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+    let name: String = name.chars().map(plain).take(63).collect();
+    let begins = name.starts_with(|c: char| c.is_ascii_alphabetic());
+    if begins { name } else { format!("x{name}").chars().take(63).collect() }
+}
+
+/// Writes a `.mat` file of columns of one length. Their names become those of variables.
+///
+/// # Errors
+/// What the system says, and for columns with missing numbers, which the format cannot store.
+pub fn write_matlab(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io::Result<()> {
+    let mut header = b"MATLAB 5.0 MAT-file, written by shellcal".to_vec();
+    header.resize(124, b' ');
+    header.extend([0, 1, b'I', b'M']);
+    out.write_all(&header)?;
+    for (name, cells) in columns {
+        let (name, rows) = (variable(name), cells.rows());
+        match cells {
+            Cells::Full(numbers) => {
+                let content = numbers.iter().flat_map(|value| value.to_le_bytes());
+                write_array(out, &name, DOUBLES, [rows, 1], DOUBLE, &content.collect::<Vec<_>>())?;
+            }
+            // A matrix of characters, filled up with spaces, column by column.
+            Cells::Text(texts) => {
+                let texts: Vec<Vec<u16>> =
+                    texts.iter().map(|text| text.encode_utf16().collect()).collect();
+                let width = texts.iter().map(Vec::len).max().unwrap_or(0);
+                let mut content = Vec::with_capacity(2 * rows * width);
+                for at in 0..width {
+                    for text in &texts {
+                        let character = text.get(at).copied().unwrap_or(u16::from(b' '));
+                        content.extend(character.to_le_bytes());
+                    }
+                }
+                write_array(out, &name, CHARACTERS, [rows, width], UINT16, &content)?;
+            }
+            // There are no missing numbers.
+            Cells::Number(_) | Cells::Count(_) => return Err(io::ErrorKind::Unsupported.into()),
+        }
+    }
+    Ok(())
 }

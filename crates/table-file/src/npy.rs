@@ -8,11 +8,9 @@ use std::sync::Arc;
 use serde_json::Value;
 
 use crate::budget::{self, Unpacked};
-use crate::calendar::iso_of;
 use crate::element::Element;
 use crate::error::TableError;
 use crate::kind::FileKind;
-use crate::python_literal;
 use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream, batch_rows};
 use crate::source::{FileSource, OpenFile};
 
@@ -43,23 +41,18 @@ struct ValueOffset {
 #[derive(Clone, Copy, Debug)]
 enum NumberKind {
     Number(Element),
-    Truth,
     /// As many bytes.
     Bytes(usize),
     /// As many characters of four bytes.
     Characters(usize),
-    /// So many of this unit make a second.
-    Time(i64),
 }
 
 impl NumberKind {
     fn size(self) -> usize {
         match self {
             Self::Number(element) => element.size(),
-            Self::Truth => 1,
             Self::Bytes(count) => count,
             Self::Characters(count) => 4 * count,
-            Self::Time(_) => 8,
         }
     }
 }
@@ -67,20 +60,17 @@ impl NumberKind {
 pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
     let mut file = source.open()?;
     let cut = |error| KIND.unread(error, "its header is cut off");
-    let mut start = [0; 10];
+    let mut start = [0; 12];
     file.read_exact(&mut start).map_err(cut)?;
-    let short = u64::from(u16::from_le_bytes([start[8], start[9]]));
+    let length = u32::from_le_bytes([start[8], start[9], start[10], start[11]]);
     let (before, length) = match start[6] {
-        1 => (10, short),
-        2 | 3 => {
-            let mut more = [0; 2];
-            file.read_exact(&mut more).map_err(cut)?;
-            (12, u64::from(u32::from_le_bytes([start[8], start[9], more[0], more[1]])))
-        }
+        1 => (10, u64::from(length as u16)),
+        2 | 3 => (12, u64::from(length)),
         version => return Err(KIND.unsupported(format!("format version {version}"))),
     };
     let size = budget::within(KIND, "its header", length, budget::DESCRIPTION)?;
     let mut header = vec![0; size];
+    file.seek(SeekFrom::Start(before))?;
     file.read_exact(&mut header).map_err(cut)?;
     let header = String::from_utf8_lossy(&header);
     let (names, npy) = layout(source, &header, before + length)?;
@@ -100,7 +90,7 @@ fn layout(
     header: &str,
     start: u64,
 ) -> Result<(Option<Vec<String>>, Npy), TableError> {
-    let Some(Value::Object(entries)) = python_literal::parse(header) else {
+    let Some(Value::Object(entries)) = python_literal(header) else {
         return Err(KIND.damaged("its header is not a dictionary"));
     };
     let missing = |name: &str| KIND.damaged(format!("its header has no `{name}`"));
@@ -207,7 +197,8 @@ fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
             "ns" => 1_000_000_000,
             _ => return Err(wrong()),
         };
-        return Ok((NumberKind::Time(per_second), is_little));
+        let time = Element::Time { size: 8, units: 1, per_second };
+        return Ok((NumberKind::Number(time), is_little));
     }
     let size: u16 = name_of.get(1..).and_then(|size| size.parse().ok()).ok_or_else(wrong)?;
     let kind = match (name_of.as_bytes()[0], size) {
@@ -216,7 +207,7 @@ fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
         (b'f', 8) => NumberKind::Number(Element::Double),
         (b'i', 1 | 2 | 4 | 8) => NumberKind::Number(Element::Signed(size as u8)),
         (b'u', 1 | 2 | 4 | 8) => NumberKind::Number(Element::Unsigned(size as u8)),
-        (b'b' | b'?', 1) => NumberKind::Truth,
+        (b'b' | b'?', 1) => NumberKind::Number(Element::Truth),
         (b'S' | b'a', 1..) => NumberKind::Bytes(usize::from(size)),
         (b'U', 1..=4096) => NumberKind::Characters(usize::from(size)),
         _ => return Err(wrong()),
@@ -277,7 +268,6 @@ impl ValueOffset {
     fn cell(&self, bytes: &[u8]) -> Cell {
         match self.kind {
             NumberKind::Number(element) => element.cell(bytes, self.is_little),
-            NumberKind::Truth => Cell::Whole(i64::from(bytes[0] != 0)),
             NumberKind::Bytes(_) => {
                 let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |at| at + 1);
                 Cell::Text(String::from_utf8_lossy(&bytes[..end]).into_owned())
@@ -292,12 +282,72 @@ impl ValueOffset {
                 let text = codes.map(|code| character(code).unwrap_or('\u{fffd}'));
                 Cell::Text(text.collect::<String>().trim_end_matches('\0').to_owned())
             }
-            NumberKind::Time(per_second) => match Element::Signed(8).cell(bytes, self.is_little) {
-                // Not a time.
-                Cell::Whole(i64::MIN) => Cell::Missing,
-                Cell::Whole(units) => Cell::Text(iso_of(units, per_second)),
-                cell => cell,
-            },
+        }
+    }
+}
+
+/// The value that all of `text`, a Python literal, is: it is rewritten as JSON, in which tuples are lists.
+fn python_literal(text: &str) -> Option<Value> {
+    let (mut json, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some(first) = rest.chars().next() {
+        let after = &rest[first.len_utf8()..];
+        rest = match first {
+            '\'' | '"' => {
+                let (text, after) = after.split_once(first)?;
+                json.push_str(&Value::from(text).to_string());
+                after
+            }
+            // JSON has no comma before the end of a list.
+            ',' if after.trim_start().starts_with([')', ']', '}']) => after,
+            c if c.is_ascii_alphanumeric() => {
+                let end = rest.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(rest.len());
+                let (word, after) = rest.split_at(end);
+                json.push_str(&json_of_word(word)?);
+                after
+            }
+            _ => {
+                json.push(match first {
+                    '(' => '[',
+                    ')' => ']',
+                    '[' | ']' | '{' | '}' | ':' | ',' => first,
+                    c if c.is_whitespace() => ' ',
+                    _ => return None,
+                });
+                after
+            }
+        };
+    }
+    serde_json::from_str(&json).ok()
+}
+
+fn json_of_word(word: &str) -> Option<String> {
+    Some(match word {
+        "True" => "true".to_owned(),
+        "False" => "false".to_owned(),
+        "None" => "null".to_owned(),
+        // Python 2 wrote long numbers with an L.
+        number => number.trim_end_matches('L').parse::<u64>().ok()?.to_string(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn headers_of_numpy_are_read() {
+        let header = "{'descr': [('t', '<f8'), ('s', '<u2', (8,))], 'fortran_order': False, \
+                      'shape': (3L,), }   \n";
+        let Some(Value::Object(entries)) = python_literal(header) else { panic!("no dictionary") };
+        assert_eq!(entries.len(), 3);
+        assert_eq!(entries["fortran_order"], Value::Bool(false));
+        assert_eq!(entries["shape"], Value::from([3]));
+        let Value::Array(fields) = &entries["descr"] else { panic!("no list") };
+        let eight = Value::from([8]);
+        assert_eq!(fields[1], Value::Array(vec!["s".into(), "<u2".into(), eight]));
+        assert_eq!(python_literal(r"('a\b',)"), Some(Value::from([r"a\b"])));
+        for wrong in ["", "{", "(1", "{'a' 1}", "['a', ]]", "-1", "1 2", &"(".repeat(1000)] {
+            assert_eq!(python_literal(wrong), None, "{wrong}");
         }
     }
 }

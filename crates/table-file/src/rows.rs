@@ -1,5 +1,6 @@
 //! What every kind of table gives: the names of its columns, and a stream of its rows.
 
+use std::borrow::Cow;
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
@@ -19,6 +20,31 @@ pub enum Cell {
     Whole(i64),
     /// Text, or a time in ISO 8601.
     Text(String),
+}
+
+/// Some rows of a column.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cells<'a> {
+    /// Names and remarks.
+    Text(Cow<'a, [String]>),
+    /// Numbers, some of which may be missing.
+    Number(Cow<'a, [Option<f64>]>),
+    /// Numbers that are all there.
+    Full(Cow<'a, [f64]>),
+    /// Counts, some of which may be missing.
+    Count(Cow<'a, [Option<u64>]>),
+}
+
+impl Cells<'_> {
+    /// How many rows there are.
+    pub fn rows(&self) -> usize {
+        match self {
+            Self::Text(values) => values.len(),
+            Self::Number(values) => values.len(),
+            Self::Full(values) => values.len(),
+            Self::Count(values) => values.len(),
+        }
+    }
 }
 
 /// Some rows, column by column.

@@ -10,7 +10,6 @@ pub(crate) enum Value {
     /// A number of 32 bits to be written; one that is read is a [`Value::Whole`].
     Int(i32),
     Whole(i64),
-
     Bytes(Vec<u8>),
     List(Vec<Value>),
     Struct(Vec<(i16, Value)>),
@@ -169,20 +168,8 @@ fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
             }
             Value::List(values)
         }
-        11 => {
-            // Maps are not needed.
-            let depth = depth.checked_sub(1)?;
-            let count = bytes.varint()?;
-            if count > 0 {
-                let kinds = bytes.u8()?;
-                for _ in 0..count {
-                    value(bytes, kinds >> 4, depth)?;
-                    value(bytes, kinds & 0xf, depth)?;
-                }
-            }
-            Value::Struct(Vec::new())
-        }
         STRUCT => structure(bytes, depth)?,
+        // Parquet has no maps.
         _ => return None,
     })
 }

@@ -14,7 +14,7 @@ use crate::error::TableError;
 use crate::kind::FileKind;
 use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream};
 use crate::source::FileSource;
-use crate::xml::{Xml, XmlElement, XmlEvent};
+use crate::xml::{Xml, XmlTag};
 use crate::zip::{ZipEntry, entries};
 
 const KIND: FileKind = FileKind::Xlsx;
@@ -40,16 +40,16 @@ struct SharedParts {
     since_1904: bool,
 }
 
-/// Calls `take` with every event of a file in the archive.
+/// Calls `take` with every tag of a file in the archive.
 fn each(
     file: &FileSource,
     entry: &ZipEntry,
-    mut take: impl FnMut(XmlEvent) -> Result<(), TableError>,
+    mut take: impl FnMut(XmlTag) -> Result<(), TableError>,
 ) -> Result<(), TableError> {
     let wrong = |what: String| KIND.damaged(format!("`{}`: {what}", entry.name));
     let mut xml = Xml::new(entry.open(file)?);
-    while let Some(event) = xml.next().map_err(wrong)? {
-        take(event)?;
+    while let Some(tag) = xml.next().map_err(wrong)? {
+        take(tag)?;
     }
     Ok(())
 }
@@ -64,13 +64,12 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
         find("xl/workbook.xml").ok_or_else(|| KIND.damaged("it has no `xl/workbook.xml`"))?;
     let mut sheets: Vec<(String, String)> = Vec::new();
     let mut shared = SharedParts::default();
-    each(file, workbook, |event| {
-        let XmlEvent::Start(element) = event else { return Ok(()) };
+    each(file, workbook, |tag| {
         let is_true = |value: String| value == "1" || value == "true";
-        match element.name.as_str() {
-            "sheet" => sheets.extend(element.attribute("name").zip(element.attribute("id"))),
-            "workbookPr" => {
-                shared.since_1904 = element.attribute("date1904").is_some_and(is_true);
+        match tag.name.as_str() {
+            "sheet" => sheets.extend(tag.attribute("name").zip(tag.attribute("id"))),
+            "workbookPr" if tag.is_start => {
+                shared.since_1904 = tag.attribute("date1904").is_some_and(is_true);
             }
             _ => {}
         }
@@ -86,11 +85,9 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     };
     let mut target = None;
     if let Some(relations) = find("xl/_rels/workbook.xml.rels") {
-        each(file, relations, |event| {
-            if let XmlEvent::Start(element) = event
-                && element.attribute("Id").as_ref() == Some(id)
-            {
-                target = element.attribute("Target");
+        each(file, relations, |tag| {
+            if tag.attribute("Id").as_ref() == Some(id) {
+                target = tag.attribute("Target");
             }
             Ok(())
         })?;
@@ -110,27 +107,16 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
 
 fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, TableError> {
     let mut texts = Vec::new();
-    let (mut text, mut is_text, mut is_phonetic) = (String::new(), false, false);
-    let mut bytes = 0;
-    each(file, entry, |event| {
-        match event {
-            XmlEvent::Start(element) => match element.name.as_str() {
-                "si" => text.clear(),
-                "t" => is_text = true,
-                "rPh" => is_phonetic = true,
-                _ => {}
-            },
-            XmlEvent::Text(part) if is_text && !is_phonetic => text.push_str(&part),
-            XmlEvent::Text(_) => {}
-            XmlEvent::End(name) => match name.as_str() {
-                "si" => {
-                    bytes += (text.len() + size_of::<String>()) as u64;
-                    texts.push(std::mem::take(&mut text));
-                }
-                "t" => is_text = false,
-                "rPh" => is_phonetic = false,
-                _ => {}
-            },
+    let (mut text, mut is_phonetic, mut bytes) = (String::new(), false, 0);
+    each(file, entry, |tag| {
+        match tag.name.as_str() {
+            "t" if !tag.is_start && !is_phonetic => text.push_str(&tag.text),
+            "rPh" => is_phonetic = !tag.is_end,
+            "si" if tag.is_end => {
+                bytes += (text.len() + size_of::<String>()) as u64;
+                texts.push(std::mem::take(&mut text));
+            }
+            _ => {}
         }
         let bytes = bytes + text.len() as u64;
         budget::check(KIND, "its texts", bytes, entry.packed).map(drop)
@@ -142,27 +128,23 @@ fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, Tabl
 fn dates(file: &FileSource, entry: &ZipEntry) -> Result<HashSet<usize>, TableError> {
     let (mut formats, mut dates) = (HashSet::new(), HashSet::new());
     let (mut in_cells, mut style) = (false, 0);
-    each(file, entry, |event| {
-        match event {
-            XmlEvent::Start(element) => match element.name.as_str() {
-                "numFmt" => {
-                    let code = element.attribute("formatCode").unwrap_or_default();
-                    if is_date(&code) {
-                        formats.extend(element.attribute("numFmtId"));
-                    }
+    each(file, entry, |tag| {
+        match tag.name.as_str() {
+            "numFmt" => {
+                let code = tag.attribute("formatCode").unwrap_or_default();
+                if is_date(&code) {
+                    formats.extend(tag.attribute("numFmtId"));
                 }
-                "cellXfs" => in_cells = true,
-                "xf" if in_cells => {
-                    let format = element.attribute("numFmtId").unwrap_or_default();
-                    let is_known = matches!(format.parse(), Ok(14..=22 | 45..=47));
-                    if is_known || formats.contains(&format) {
-                        dates.insert(style);
-                    }
-                    style += 1;
+            }
+            "cellXfs" => in_cells = !tag.is_end,
+            "xf" if in_cells && tag.is_start => {
+                let format = tag.attribute("numFmtId").unwrap_or_default();
+                let is_known = matches!(format.parse(), Ok(14..=22 | 45..=47));
+                if is_known || formats.contains(&format) {
+                    dates.insert(style);
                 }
-                _ => {}
-            },
-            XmlEvent::End(name) if name == "cellXfs" => in_cells = false,
+                style += 1;
+            }
             _ => {}
         }
         budget::check(KIND, "its styles", 64 * style as u64, entry.packed).map(drop)
@@ -244,51 +226,45 @@ impl SheetRows {
         let mut number = *before + 1;
         let mut cells: Vec<Cell> = Vec::new();
         let mut cell: Option<OpenCell> = None;
-        let mut in_value = false;
-        loop {
-            let Some(event) = xml.next().map_err(wrong)? else { return Ok(None) };
-            match event {
-                XmlEvent::Start(element) => match element.name.as_str() {
-                    "row" => {
-                        if let Some(given) = element.attribute("r") {
-                            let given =
-                                given.parse().ok().filter(|row| (number..=LAST_ROW).contains(row));
-                            let unnumbered = || format!("a row after row {before} has no number");
-                            number = given.ok_or_else(|| wrong(unnumbered()))?;
-                        }
-                    }
-                    "c" => {
-                        let misplaced = || format!("a cell of row {number} has no place");
-                        let opened = OpenCell::new(&element, cells.len());
-                        cell = Some(opened.ok_or_else(|| wrong(misplaced()))?);
-                        in_value = false;
-                    }
-                    "v" | "t" => in_value = true,
-                    _ => {}
-                },
-                XmlEvent::Text(text) => {
-                    if let Some(cell) = cell.as_mut().filter(|_| in_value) {
-                        cell.text.push_str(&text);
+        while let Some(tag) = xml.next().map_err(wrong)? {
+            match tag.name.as_str() {
+                "row" if tag.is_start => {
+                    if let Some(given) = tag.attribute("r") {
+                        let given =
+                            given.parse().ok().filter(|row| (number..=LAST_ROW).contains(row));
+                        let unnumbered = || format!("a row after row {before} has no number");
+                        number = given.ok_or_else(|| wrong(unnumbered()))?;
                     }
                 }
-                XmlEvent::End(name) => match name.as_str() {
-                    "v" | "t" => in_value = false,
-                    "c" => {
-                        if let Some(cell) = cell.take() {
-                            let position = cell.column;
-                            let value = cell.value(&sheet.shared).map_err(|what| {
-                                wrong(format!("row {number}, column {}: {what}", position + 1))
-                            })?;
-                            cells.resize(cells.len().max(position), Cell::Missing);
-                            cells.push(value);
-                        }
+                "c" if tag.is_start => {
+                    let misplaced = || format!("a cell of row {number} has no place");
+                    let opened = OpenCell::new(&tag, cells.len());
+                    cell = Some(opened.ok_or_else(|| wrong(misplaced()))?);
+                }
+                "v" | "t" if !tag.is_start => {
+                    if let Some(cell) = &mut cell {
+                        cell.text.push_str(&tag.text);
                     }
-                    "row" => return Ok(Some((number, cells))),
-                    "sheetData" => return Ok(None),
-                    _ => {}
-                },
+                }
+                _ => {}
+            }
+            match tag.name.as_str() {
+                "c" if tag.is_end => {
+                    if let Some(cell) = cell.take() {
+                        let position = cell.column;
+                        let value = cell.value(&sheet.shared).map_err(|what| {
+                            wrong(format!("row {number}, column {}: {what}", position + 1))
+                        })?;
+                        cells.resize(cells.len().max(position), Cell::Missing);
+                        cells.push(value);
+                    }
+                }
+                "row" if tag.is_end => return Ok(Some((number, cells))),
+                "sheetData" if tag.is_end => break,
+                _ => {}
             }
         }
+        Ok(None)
     }
 }
 
@@ -302,8 +278,8 @@ struct OpenCell {
 
 impl OpenCell {
     /// `None` if it stands before the cell that comes next, or too far to the right.
-    fn new(element: &XmlElement, next: usize) -> Option<Self> {
-        let column = match element.attribute("r") {
+    fn new(tag: &XmlTag, next: usize) -> Option<Self> {
+        let column = match tag.attribute("r") {
             None => next,
             Some(position) => {
                 let letters = position.bytes().take_while(u8::is_ascii_alphabetic);
@@ -316,8 +292,8 @@ impl OpenCell {
         let is_right = (next..budget::COLUMNS).contains(&column);
         is_right.then(|| Self {
             column,
-            kind: element.attribute("t").unwrap_or_default(),
-            style: element.attribute("s").and_then(|style| style.parse().ok()).unwrap_or(0),
+            kind: tag.attribute("t").unwrap_or_default(),
+            style: tag.attribute("s").and_then(|style| style.parse().ok()).unwrap_or(0),
             text: String::new(),
         })
     }

@@ -1,32 +1,26 @@
-//! The part of XML that workbooks are written in: elements, attributes and text, as a stream.
+//! The part of XML that workbooks are written in: tags, attributes and text, as a stream.
 //! Namespaces are cut off; comments, instructions and document types are skipped.
 
 use std::io::{BufRead, BufReader, Read};
 
-/// What stands in a document.
+/// A tag, and the text before it.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum XmlEvent {
-    /// The start of an element; one that ends at once is followed by its end.
-    Start(XmlElement),
-    End(String),
-    Text(String),
-}
-
-/// The name of an element, and its attributes as they stand.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct XmlElement {
+pub(crate) struct XmlTag {
+    /// What stands between it and the tag before it.
+    pub(crate) text: String,
     pub(crate) name: String,
+    /// Its attributes as they stand.
     attributes: String,
+    /// Whether it starts an element.
+    pub(crate) is_start: bool,
+    /// Whether it ends one: `</a>`, and `<a/>` at once.
+    pub(crate) is_end: bool,
 }
 
-/// A stream of events.
+/// A stream of tags.
 pub(crate) struct Xml<R> {
     stream: BufReader<R>,
     buffer: Vec<u8>,
-    /// Whether the `<` of a tag has been read.
-    in_tag: bool,
-    /// The end of an element that ended at once.
-    end: Option<String>,
 }
 
 /// The longest text or tag.
@@ -34,33 +28,45 @@ const LONGEST: usize = 1 << 20;
 
 impl<R: Read> Xml<R> {
     pub(crate) fn new(stream: R) -> Self {
-        let stream = BufReader::with_capacity(1 << 16, stream);
-        Self { stream, buffer: Vec::new(), in_tag: false, end: None }
+        Self { stream: BufReader::with_capacity(1 << 16, stream), buffer: Vec::new() }
     }
 
-    /// The next event; what is wrong is said in words.
-    pub(crate) fn next(&mut self) -> Result<Option<XmlEvent>, String> {
-        if let Some(name) = self.end.take() {
-            return Ok(Some(XmlEvent::End(name)));
-        }
+    /// The next tag; what is wrong is said in words.
+    pub(crate) fn next(&mut self) -> Result<Option<XmlTag>, String> {
+        let mut text = String::new();
         loop {
             self.buffer.clear();
-            if !self.in_tag {
-                self.until(b'<')?;
-                self.in_tag = self.buffer.pop_if(|byte| *byte == b'<').is_some();
-                if !self.buffer.is_empty() {
-                    return Ok(Some(XmlEvent::Text(unescape(&String::from_utf8_lossy(
-                        &self.buffer,
-                    )))));
-                }
-                if !self.in_tag {
-                    return Ok(None);
-                }
+            self.until(b'<')?;
+            let is_tag = self.buffer.pop_if(|byte| *byte == b'<').is_some();
+            text.push_str(&unescape(&String::from_utf8_lossy(&self.buffer)));
+            if !is_tag {
+                return Ok(None);
             }
-            self.in_tag = false;
-            if let Some(event) = self.tag()? {
-                return Ok(Some(event));
+            self.read_tag()?;
+            let tag = String::from_utf8_lossy(&self.buffer);
+            let tag = tag.strip_suffix('>').unwrap_or(&tag);
+            if let Some(part) = tag.strip_prefix("![CDATA[").and_then(|tag| tag.strip_suffix("]]"))
+            {
+                text.push_str(part);
             }
+            if text.len() >= LONGEST {
+                return Err(too_long());
+            }
+            if tag.starts_with(['!', '?']) {
+                continue;
+            }
+            let (is_start, is_end) =
+                (!tag.starts_with('/'), tag.starts_with('/') || tag.ends_with('/'));
+            let tag = tag.trim_matches('/');
+            let (name, attributes) = tag.split_once(char::is_whitespace).unwrap_or((tag, ""));
+            let name = name.rsplit_once(':').map_or(name, |(_, name)| name).to_owned();
+            return Ok(Some(XmlTag {
+                text,
+                name,
+                attributes: attributes.to_owned(),
+                is_start,
+                is_end,
+            }));
         }
     }
 
@@ -69,15 +75,13 @@ impl<R: Read> Xml<R> {
         let left = LONGEST.saturating_sub(self.buffer.len());
         let mut stream = (&mut self.stream).take(left as u64);
         stream.read_until(end, &mut self.buffer).map_err(|error| error.to_string())?;
-        match self.buffer.len() < LONGEST {
-            true => Ok(()),
-            false => Err(format!("a text or tag longer than {LONGEST} bytes")),
-        }
+        if self.buffer.len() < LONGEST { Ok(()) } else { Err(too_long()) }
     }
 
-    /// The tag whose `<` has been read; `None` if it is none that matters.
-    fn tag(&mut self) -> Result<Option<XmlEvent>, String> {
+    /// Reads the tag whose `<` has been read.
+    fn read_tag(&mut self) -> Result<(), String> {
         let count = |bytes: &[u8], quote| bytes.iter().filter(|byte| **byte == quote).count();
+        self.buffer.clear();
         loop {
             let before = self.buffer.len();
             self.until(b'>')?;
@@ -85,38 +89,26 @@ impl<R: Read> Xml<R> {
                 return Err("it is cut off within a tag".to_owned());
             }
             let tag = &self.buffer[..];
-            let is_open = if tag.starts_with(b"!--") {
-                !tag.ends_with(b"-->")
+            let is_whole = if tag.starts_with(b"!--") {
+                tag.ends_with(b"-->")
             } else if tag.starts_with(b"![CDATA[") {
-                !tag.ends_with(b"]]>")
+                tag.ends_with(b"]]>")
             } else {
                 // A `>` may stand in quotes.
-                count(tag, b'"') % 2 == 1 || (count(tag, b'"') == 0 && count(tag, b'\'') % 2 == 1)
+                count(tag, b'"') % 2 == 0 && (count(tag, b'"') > 0 || count(tag, b'\'') % 2 == 0)
             };
-            if !is_open {
-                break;
+            if is_whole {
+                return Ok(());
             }
         }
-        let text = String::from_utf8_lossy(&self.buffer);
-        let tag = text.strip_suffix('>').unwrap_or(&text);
-        if let Some(text) = tag.strip_prefix("![CDATA[").and_then(|tag| tag.strip_suffix("]]")) {
-            return Ok(Some(XmlEvent::Text(text.to_owned())));
-        }
-        if tag.starts_with(['!', '?']) {
-            return Ok(None);
-        }
-        if let Some(name) = tag.strip_prefix('/') {
-            return Ok(Some(XmlEvent::End(local(name.trim()))));
-        }
-        let (tag, ends) = tag.strip_suffix('/').map_or((tag, false), |tag| (tag, true));
-        let (name, attributes) = tag.split_once(|c: char| c.is_whitespace()).unwrap_or((tag, ""));
-        let element = XmlElement { name: local(name), attributes: attributes.to_owned() };
-        self.end = ends.then(|| element.name.clone());
-        Ok(Some(XmlEvent::Start(element)))
     }
 }
 
-impl XmlElement {
+fn too_long() -> String {
+    format!("a text or tag longer than {LONGEST} bytes")
+}
+
+impl XmlTag {
     /// The value of an attribute, whose name may come from a namespace.
     pub(crate) fn attribute(&self, name: &str) -> Option<String> {
         let mut rest = self.attributes.as_str();
@@ -132,10 +124,6 @@ impl XmlElement {
             rest = after;
         }
     }
-}
-
-fn local(name: &str) -> String {
-    name.rsplit_once(':').map_or(name, |(_, name)| name).to_owned()
 }
 
 /// Text with its references replaced; those that are not known stay.
@@ -180,19 +168,21 @@ mod tests {
         let text = "<?xml version=\"1.0\"?><!-- a > b --><x:c r='B5' x:t=\"s>\"><v>1 &lt; 2&#33;</v>\
                     <f/><![CDATA[<&]]></x:c>";
         let mut xml = Xml::new(text.as_bytes());
-        let mut events = Vec::new();
-        while let Some(event) = xml.next().unwrap() {
-            events.push(event);
+        let mut tags = Vec::new();
+        while let Some(tag) = xml.next().unwrap() {
+            tags.push(tag);
         }
-        let XmlEvent::Start(cell) = &events[0] else { panic!("{events:?}") };
-        assert_eq!(cell.name, "c");
+        let [cell, value, value_end, formula, cell_end] = tags.as_slice() else {
+            panic!("{tags:?}")
+        };
+        assert_eq!((cell.name.as_str(), cell.is_start, cell.is_end), ("c", true, false));
         assert_eq!(cell.attribute("r").as_deref(), Some("B5"));
         assert_eq!(cell.attribute("t").as_deref(), Some("s>"));
         assert_eq!(cell.attribute("u"), None);
-        assert_eq!(events[2], XmlEvent::Text("1 < 2!".to_owned()));
-        assert_eq!(events[5], XmlEvent::End("f".to_owned()));
-        assert_eq!(events[6], XmlEvent::Text("<&".to_owned()));
-        assert_eq!(events.len(), 8);
+        assert_eq!((value.text.as_str(), value.is_start), ("", true));
+        assert_eq!((value_end.text.as_str(), value_end.is_start), ("1 < 2!", false));
+        assert_eq!((formula.name.as_str(), formula.is_start, formula.is_end), ("f", true, true));
+        assert_eq!((cell_end.text.as_str(), cell_end.is_end), ("<&", true));
     }
 
     #[test]

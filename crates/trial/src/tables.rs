@@ -4,8 +4,7 @@ use super::diagnostic::Diagnostic;
 use super::results::{ConditionRow, StrideRow, TrialResult, TrialRow};
 use super::trace::Trace;
 use shell_data::wrench::Axis;
-use table_file::named_table::NamedTable;
-use table_file::write::Cells;
+use table_file::write::{Cells, NamedTable};
 
 /// The records of a table, which is made column by column.
 struct TableRows<T>(Vec<T>);

@@ -128,13 +128,13 @@ fn a_gzip_file_that_is_cut_short_or_damaged_is_told_from_a_bad_log() {
     read(file(&whole).path(), 2).unwrap();
     for cut in [10, 1000, whole.len() / 2, whole.len() - 1] {
         let error = read(file(&whole[..cut]).path(), 2).unwrap_err();
-        assert!(matches!(error, LogError::Gzip { .. }), "{cut}: {error}");
+        assert!(matches!(error, LogError::Unpacking { method: "gzip", .. }), "{cut}: {error}");
     }
     let mut damaged = whole;
     let middle = damaged.len() - 6;
     damaged[middle] ^= 0xff;
     let error = read(file(&damaged).path(), 2).unwrap_err();
-    assert!(matches!(error, LogError::Gzip { .. }), "{error}");
+    assert!(matches!(error, LogError::Unpacking { method: "gzip", .. }), "{error}");
 }
 
 #[test]

@@ -1,7 +1,6 @@
 //! The meaning of the columns of a log, from their names and from the mapping of the user.
 
 use super::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit};
-use super::matrices;
 use super::meaning::{
     GROUPS, Meaning, default_time_unit, meaning_of, numbered, plain, split_unit, without_unit,
 };
@@ -24,6 +23,34 @@ pub(crate) struct ColumnRoles {
     pub(crate) wrench: PerAxis<Option<usize>>,
     pub(crate) time: Option<usize>,
     pub(crate) group: Option<usize>,
+}
+
+/// Which columns are wanted. The others are not parsed.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Wanted {
+    /// Time.
+    pub time: bool,
+    /// The readings of all channels.
+    pub readings: bool,
+    /// The wrench, as far as there are columns of it.
+    pub wrench: bool,
+    /// Group labels.
+    pub groups: bool,
+    /// Further columns by position in the row, from 0; they are given as they stand in the log.
+    pub others: Vec<usize>,
+    /// Columns of text by position in the row, from 0, each once.
+    pub texts: Vec<usize>,
+}
+
+impl ColumnRoles {
+    /// The positions of the columns of numbers that are wanted.
+    pub(crate) fn numbers(&self, wanted: &Wanted) -> Vec<usize> {
+        let mut positions = wanted.others.clone();
+        positions.extend(self.time.filter(|_| wanted.time));
+        positions.extend(self.sensors.iter().filter(|_| wanted.readings));
+        positions.extend(self.wrench.iter().flatten().filter(|_| wanted.wrench));
+        positions
+    }
 }
 
 /// The error of two columns that have one meaning.
@@ -130,11 +157,47 @@ fn apply_mapping(
     Ok(group)
 }
 
+/// The names of the columns of a matrix `name`, as far as there are any.
+fn columns_of(names: &[String], name: &str) -> Vec<String> {
+    let numbered = (1..).map(|number| format!("{name}{number}"));
+    numbered.take_while(|column| names.contains(column)).collect()
+}
+
+/// `mapping` for a file of matrices, with what their shapes leave no doubt about where nothing is specified
+/// and no name tells: of two matrices the one of six columns is the wrench, the other the readings.
+pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
+    let mut mapping = mapping.for_columns(names);
+    // `a1` is the first column of `a`, not `a11` that of `a1`.
+    let first = names.iter().filter_map(|name| name.strip_suffix('1'));
+    let first = first.filter(|name| !names.iter().any(|other| other == name));
+    let matrices: Vec<Vec<String>> =
+        first.map(|name| columns_of(names, name)).filter(|columns| columns.len() > 1).collect();
+    let has_meaning = |name: &String| {
+        !matches!(meaning_of(name, LogFormat::Csv), Meaning::Other | Meaning::Time(_))
+    };
+    let is_specified = mapping.sensors.is_some() || mapping.wrench.is_some();
+    if is_specified || names.iter().any(has_meaning) {
+        return mapping;
+    }
+    let references = |columns: &[String]| -> Vec<ColumnRef> {
+        columns.iter().cloned().map(ColumnRef::Name).collect()
+    };
+    if let [one, other] = matrices.as_slice()
+        && let (wrench, readings) = if one.len() == 6 { (one, other) } else { (other, one) }
+        && readings.len() != 6
+        && let Ok(wrench) = <[ColumnRef; 6]>::try_from(references(wrench))
+    {
+        mapping.wrench = Some(wrench.map(Some));
+        mapping.sensors = Some(references(readings));
+    }
+    mapping
+}
+
 /// The references, those to a matrix by its name replaced by those to its columns.
 fn of_matrices(names: &[String], references: &[ColumnRef]) -> Vec<ColumnRef> {
     let columns = |reference: &ColumnRef| match reference {
         ColumnRef::Name(name) if position(names, reference).is_none() => {
-            let columns = matrices::columns_of(names, name).into_iter().map(ColumnRef::Name);
+            let columns = columns_of(names, name).into_iter().map(ColumnRef::Name);
             Some(columns.collect::<Vec<_>>()).filter(|columns| !columns.is_empty())
         }
         _ => None,
@@ -490,5 +553,27 @@ mod tests {
         assert_eq!(columns[0].meaning, Meaning::Load(Axis::Mx, true));
         assert_eq!(columns[1].meaning, Meaning::Load(Axis::My, true));
         assert_eq!(columns[2].meaning, Meaning::Load(Axis::Fx, false));
+    }
+
+    fn found(matrices: &[(&str, usize)]) -> Option<(usize, String)> {
+        let columns = matrices.iter().flat_map(|&(name, count)| match count {
+            1 => vec![name.to_owned()],
+            count => (1..=count).map(|column| format!("{name}{column}")).collect(),
+        });
+        let mapping = by_shape(&columns.collect::<Vec<_>>(), &Mapping::default());
+        let wrench = mapping.wrench?[5].clone()?;
+        Some((mapping.sensors?.len(), wrench.to_string()))
+    }
+
+    #[test]
+    fn the_matrix_of_six_columns_is_the_wrench_where_there_is_one_other() {
+        let expected = |channels| Some((channels, "ft6".to_owned()));
+        assert_eq!(found(&[("cells", 12), ("ft", 6)]), expected(12));
+        assert_eq!(found(&[("clock", 1), ("ft", 6), ("cells", 8)]), expected(8));
+        assert_eq!(found(&[("cells", 6), ("ft", 6)]), None);
+        assert_eq!(found(&[("cells", 12), ("ft", 6), ("joints", 7)]), None);
+        assert_eq!(found(&[("ft", 6)]), None);
+        // Names that are known go before shapes.
+        assert_eq!(found(&[("s", 12), ("joints", 6)]), None);
     }
 }

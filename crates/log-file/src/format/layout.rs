@@ -3,9 +3,8 @@
 
 use memchr::memchr;
 
-use super::columns::{Column, ColumnRoles, recognise};
+use super::columns::{Column, ColumnRoles, by_shape, recognise};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
-use super::matrices::by_shape;
 use super::meaning::{Meaning, names_a_unit};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::parse::console;

@@ -3,5 +3,4 @@
 pub(crate) mod columns;
 pub(crate) mod layout;
 pub(crate) mod mapping;
-pub(crate) mod matrices;
 pub(crate) mod meaning;

@@ -6,17 +6,10 @@ use std::arch::x86_64::__m256i;
 use pulp::x86::V3;
 
 use super::instruction_set::{BLOCK, InstructionSet};
-use super::number::parse_long;
 
 /// Processors with AVX2 and what came before it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Avx2(V3);
-
-impl Avx2 {
-    pub(crate) fn new(v3: V3) -> Self {
-        Self(v3)
-    }
-}
+pub(crate) struct Avx2(pub(crate) V3);
 
 impl InstructionSet for Avx2 {
     fn run<R>(self, task: impl FnOnce() -> R) -> R {
@@ -74,14 +67,6 @@ impl InstructionSet for Avx2 {
         let fits = first == 0 && second < 1844;
         let [high, middle, low] = [second, third, fourth].map(u64::from);
         fits.then(|| (high * 10_000_000_000_000_000 + middle * 100_000_000 + low, decimals))
-    }
-
-    #[inline(never)]
-    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        self.run(
-            #[inline(always)]
-            || parse_long(lines, at, end),
-        )
     }
 }
 

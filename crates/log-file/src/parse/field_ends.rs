@@ -46,7 +46,7 @@ impl FieldEnds {
             let [separators, mut newlines] = find_in_block(set, &lines[base..], [separator, b'\n']);
             let fields = &mut self.fields[self.field_count..];
             let fields = fields.first_chunk_mut().expect("room for a block");
-            self.field_count += set.write_ends(separators | newlines, base as u32, fields);
+            self.field_count += write_ends(separators | newlines, base as u32, fields);
             while newlines != 0 {
                 self.lines[self.line_count] = base as u32 + newlines.trailing_zeros();
                 self.line_count += 1;
@@ -88,6 +88,25 @@ impl FieldEnds {
     pub(crate) fn end_of(&self, rows: usize, columns: usize) -> usize {
         self.fields[rows * columns] as usize
     }
+}
+
+/// Writes down the positions of the bits that are set, lowest first, counted from `base`; returns
+/// how many there are. Places behind these may be written to as well.
+#[inline(always)]
+fn write_ends(mut bits: u64, base: u32, positions: &mut [u32; BLOCK]) -> usize {
+    /// More than there are, mostly. Writing too many takes less time than a loop whose length
+    /// cannot be predicted.
+    const USUAL: usize = 16;
+    let count = bits.count_ones() as usize;
+    for position in &mut positions[..USUAL] {
+        *position = base.wrapping_add(bits.trailing_zeros());
+        bits &= bits.wrapping_sub(1);
+    }
+    for position in &mut positions[USUAL..count.max(USUAL)] {
+        *position = base + bits.trailing_zeros();
+        bits &= bits - 1;
+    }
+    count
 }
 
 /// For each of `wanted` its positions in the first [`BLOCK`] bytes of `rest`, as bits.

@@ -1,7 +1,5 @@
 //! The operations of [`super::rows`] on many bytes at once, for each instruction set.
 
-use super::number::{parse_digits, parse_long, signed};
-
 /// The number of bytes that are searched together.
 pub(crate) const BLOCK: usize = 64;
 
@@ -13,58 +11,12 @@ pub(crate) trait InstructionSet: Copy {
     /// For each of `wanted`, a bit for each byte that is one, the first in the lowest bit.
     fn find(self, bytes: &[u8; BLOCK], wanted: [u8; 2]) -> [u64; 2];
 
-    /// Writes down the positions of the bits that are set, lowest first, counted from `base`; returns
-    /// how many there are. Places behind these may be written to as well.
-    #[inline(always)]
-    fn write_ends(self, mut bits: u64, base: u32, positions: &mut [u32; BLOCK]) -> usize {
-        /// More than there are, mostly. Writing too many takes less time than a loop whose length
-        /// cannot be predicted.
-        const USUAL: usize = 16;
-        let count = bits.count_ones() as usize;
-        for position in &mut positions[..USUAL] {
-            *position = base.wrapping_add(bits.trailing_zeros());
-            bits &= bits.wrapping_sub(1);
-        }
-        for position in &mut positions[USUAL..count.max(USUAL)] {
-            *position = base + bits.trailing_zeros();
-            bits &= bits - 1;
-        }
-        count
-    }
-
     /// The number that the digits of `lines[start..end]` spell, up to 32 bytes, joined within a register or two,
     /// and how many of them follow a point. `None` where there are no digits in front of the point or behind it,
-    /// more than fit 64 bits, or anything else.
-    fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)>;
-
-    /// The slow path for fields that [`Self::digits`] does not take, kept out of the loop that
-    /// [`Self::plain_number`] is inlined in.
-    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64>;
-
-    /// The number that all of `lines[at..end]` spells if it is a plain decimal (`-12`, `-0.125`).
-    /// `None` leaves the field to [`super::number::parse_field`].
+    /// more than fit 64 bits, or anything else; and where there are no such registers.
     #[inline(always)]
-    fn plain_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        let negative = *lines.get(at)? == b'-';
-        let start = at + usize::from(negative);
-        let length = end.wrapping_sub(start);
-        let plain = if length <= 32 { self.digits(lines, start, end) } else { None };
-        match plain {
-            Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
-            None => self.other_number(lines, at, end),
-        }
-    }
-
-    /// The first numbers of a column that are whole and have up to eight digits; how many were parsed, which may be
-    /// fewer than there are.
-    #[inline(always)]
-    fn whole_numbers(self, lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> usize {
-        for (row, value) in values.iter_mut().enumerate() {
-            let (start, end) = fields.position(row);
-            let Some(number) = parse_digits(lines, start, end) else { return row };
-            *value = number as i64 as f64;
-        }
-        values.len()
+    fn digits(self, _lines: &[u8], _start: usize, _end: usize) -> Option<(u64, usize)> {
+        None
     }
 }
 
@@ -110,16 +62,5 @@ impl InstructionSet for Portable {
                 found << 8 | equal.wrapping_mul(0x0102_0408_1020_4080) >> 56
             })
         })
-    }
-
-    /// Has no such registers.
-    #[inline(always)]
-    fn digits(self, _: &[u8], _: usize, _: usize) -> Option<(u64, usize)> {
-        None
-    }
-
-    #[inline(always)]
-    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        parse_long(lines, at, end)
     }
 }

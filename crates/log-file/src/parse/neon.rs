@@ -6,17 +6,10 @@ use std::arch::aarch64::uint8x16_t;
 use pulp::aarch64::Neon as Registers;
 
 use super::instruction_set::{BLOCK, InstructionSet};
-use super::number::parse_long;
 
 /// Processors with NEON: all of aarch64 that run a system with programs.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Neon(Registers);
-
-impl Neon {
-    pub(crate) fn new(neon: Registers) -> Self {
-        Self(neon)
-    }
-}
+pub(crate) struct Neon(pub(crate) Registers);
 
 impl InstructionSet for Neon {
     fn run<R>(self, task: impl FnOnce() -> R) -> R {
@@ -71,11 +64,6 @@ impl InstructionSet for Neon {
         // Below 2⁶⁴.
         let fits = first == 0 && second < 1844;
         fits.then(|| (second * 10_000_000_000_000_000 + third * 100_000_000 + fourth, decimals))
-    }
-
-    #[inline(never)]
-    fn other_number(self, lines: &[u8], at: usize, end: usize) -> Option<f64> {
-        parse_long(lines, at, end)
     }
 }
 

@@ -6,9 +6,9 @@ use super::console;
 use super::parsed_rows::ParsedRows;
 use super::rows::{ColumnUse, RowError, RowPlan};
 use crate::error::RowProblem;
+use crate::format::columns::Wanted;
 use crate::format::layout::FileLayout;
 use crate::format::mapping::LogFormat;
-use crate::read::request::Wanted;
 use crate::stream::chunk::{Chunk, line_ends};
 use crate::stream::{clock_turns, decimal_comma};
 use shell_data::block::Block;
@@ -86,14 +86,7 @@ impl ReadPlan {
     /// How to read what is wanted, all of which the log has.
     pub(crate) fn new(layout: &FileLayout, wanted: &Wanted) -> Self {
         let roles = &layout.roles;
-        let mut positions: Vec<usize> = wanted.others.clone();
-        positions.extend(roles.time.filter(|_| wanted.time));
-        if wanted.readings {
-            positions.extend(&roles.sensors);
-        }
-        if wanted.wrench {
-            positions.extend(roles.wrench.iter().flatten());
-        }
+        let mut positions = roles.numbers(wanted);
         positions.sort_unstable();
         positions.dedup();
         let output = |position: &usize| {

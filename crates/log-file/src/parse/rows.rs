@@ -11,14 +11,14 @@ mod tests;
 use memchr::{memchr, memchr_iter, memchr2};
 use pulp::Arch;
 
+#[cfg(target_arch = "x86_64")]
+use super::avx2::Avx2;
 use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 use super::neon::Neon;
-use super::number::{parse_date, parse_field};
+use super::number::{parse_date, parse_digits, parse_field, parse_long, signed};
 use super::parsed_rows::ParsedRows;
-#[cfg(target_arch = "x86_64")]
-use super::{avx2::Avx2, avx512::Widest};
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
 use crate::stream::decimal_comma::with_points;
@@ -89,13 +89,11 @@ impl RowPlan {
     ) -> Result<(), RowError> {
         match instructions {
             #[cfg(target_arch = "x86_64")]
-            Arch::V4(v4) => self.parse_lines_with(Widest::new(v4), lines, skip_bad_rows, parsed),
+            Arch::V4(v4) => self.parse_lines_with(Avx2(*v4), lines, skip_bad_rows, parsed),
             #[cfg(target_arch = "x86_64")]
-            Arch::V3(v3) => self.parse_lines_with(Avx2::new(v3), lines, skip_bad_rows, parsed),
+            Arch::V3(v3) => self.parse_lines_with(Avx2(v3), lines, skip_bad_rows, parsed),
             #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
-            Arch::Neon(neon) => {
-                self.parse_lines_with(Neon::new(neon), lines, skip_bad_rows, parsed)
-            }
+            Arch::Neon(neon) => self.parse_lines_with(Neon(neon), lines, skip_bad_rows, parsed),
             _ => self.parse_lines_with(Portable, lines, skip_bad_rows, parsed),
         }
     }
@@ -134,13 +132,16 @@ impl RowPlan {
             // A blank line, a bad row or one with something unusual: look at it by itself.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
             let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
+            let is_cut = |problem: &RowProblem| end == lines.len() && self.is_short(problem);
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
-                Some(result) => {
-                    let may_skip =
-                        skip_bad_rows || is_cut(&result, self.names.len(), end == lines.len());
-                    finish_row(result, at, may_skip, parsed)?;
+                Some(Ok(())) => parsed.rows += 1,
+                // The last row of a file whose writer was killed or lost power is cut off, and is no error.
+                Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
+                    parsed.skipped += 1;
+                    parsed.pass_lines(1);
                 }
+                Some(Err(problem)) => return Err(RowError { offset: at, problem }),
             }
             at = end + 1;
             // More blank lines cost no more than their bytes.
@@ -187,7 +188,12 @@ impl RowPlan {
             };
             right = wrong.unwrap_or(right);
             if let Some(largest) = self.largest(*step) {
-                right = believable(&values[..right], largest);
+                let is_believable = |value: &f64| value.abs() <= largest;
+                let values = &values[..right];
+                // As a rule all of them, which is found without a branch for each.
+                if !values.iter().fold(true, |all, value| all & is_believable(value)) {
+                    right = values.iter().take_while(|value| is_believable(value)).count();
+                }
             }
         }
         for (label, &column) in self.labels.iter().enumerate() {
@@ -278,6 +284,18 @@ impl RowPlan {
         }
     }
 
+    /// Whether fields are missing at the end of a row, or the last one is.
+    fn is_short(&self, problem: &RowProblem) -> bool {
+        match problem {
+            RowProblem::ColumnCount { expected, found } => found < expected,
+            // Right after a separator.
+            RowProblem::Field { column, problem: FieldProblem::Empty, .. } => {
+                column + 1 == self.names.len()
+            }
+            _ => false,
+        }
+    }
+
     fn problem(&self, problem: FieldProblem, column: usize, field: &[u8]) -> RowProblem {
         let name = self.names[column].clone();
         let mut found = String::from_utf8_lossy(field.trim_ascii()).into_owned();
@@ -286,16 +304,6 @@ impl RowPlan {
             found.push('…');
         }
         RowProblem::Field { column, name, problem, found }
-    }
-}
-
-/// How many values there are before the first of a larger magnitude.
-fn believable(values: &[f64], largest: f64) -> usize {
-    let is_believable = |value: &f64| value.abs() <= largest;
-    // As a rule all of them, which is found without a branch for each.
-    match values.iter().fold(true, |all, value| all & is_believable(value)) {
-        true => values.len(),
-        false => values.iter().take_while(|value| is_believable(value)).count(),
     }
 }
 
@@ -356,49 +364,13 @@ fn blank_lines(lines: &[u8]) -> usize {
     memchr::memrchr(b'\n', &lines[..blank]).map_or(0, |end| end + 1)
 }
 
-/// Whether a row is cut off: the end of a file whose writer was killed or lost power. Such a row is
-/// skipped and is not an error.
-fn is_cut(result: &Result<(), RowProblem>, columns: usize, is_open: bool) -> bool {
-    let is_short = match result {
-        Err(RowProblem::ColumnCount { expected, found }) => found < expected,
-        // Right after a separator.
-        Err(RowProblem::Field { column, problem: FieldProblem::Empty, .. }) => {
-            column + 1 == columns
-        }
-        _ => false,
-    };
-    is_open && is_short
-}
-
-fn finish_row(
-    result: Result<(), RowProblem>,
-    offset: usize,
-    skip_bad_rows: bool,
-    parsed: &mut ParsedRows,
-) -> Result<(), RowError> {
-    match result {
-        Ok(()) => parsed.rows += 1,
-        Err(_) if skip_bad_rows => {
-            parsed.skipped += 1;
-            parsed.pass_lines(1);
-        }
-        Err(problem) => return Err(RowError { offset, problem }),
-    }
-    Ok(())
-}
-
-/// The same for dates and times.
+/// The same as [`parse_column`] for dates and times.
 fn parse_dates(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> Option<usize> {
     values.iter_mut().enumerate().position(|(row, value)| {
         let (start, end) = fields.position(row);
-        let date = lines.get(start..end).map(parse_date);
-        match date {
-            Some(Ok(seconds)) => {
-                *value = seconds;
-                false
-            }
-            _ => true,
-        }
+        let date = lines.get(start..end).and_then(|field| parse_date(field).ok());
+        *value = date.unwrap_or(f64::NAN);
+        date.is_none()
     })
 }
 
@@ -411,10 +383,10 @@ fn parse_column(
     values: &mut [f64],
 ) -> Option<usize> {
     // Readings are short integers: as long as they are, so are the next.
-    let whole = set.whole_numbers(lines, fields, values);
+    let whole = whole_numbers(lines, fields, values);
     for (row, value) in values.iter_mut().enumerate().skip(whole) {
         let (start, end) = fields.position(row);
-        *value = match set.plain_number(lines, start, end) {
+        *value = match plain_number(set, lines, start, end) {
             Some(number) => number,
             None => match parse_unusual(lines, start, end) {
                 Some(number) => number,
@@ -423,6 +395,40 @@ fn parse_column(
         };
     }
     None
+}
+
+/// The first numbers of a column that are whole and have up to eight digits; returns how many were parsed.
+#[inline(always)]
+fn whole_numbers(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> usize {
+    for (row, value) in values.iter_mut().enumerate() {
+        let (start, end) = fields.position(row);
+        let Some(number) = parse_digits(lines, start, end) else { return row };
+        *value = number as i64 as f64;
+    }
+    values.len()
+}
+
+/// The number that all of `lines[at..end]` spells if it is a plain decimal (`-12`, `-0.125`).
+/// `None` leaves the field to [`parse_field`].
+#[inline(always)]
+fn plain_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+    let negative = *lines.get(at)? == b'-';
+    let start = at + usize::from(negative);
+    let length = end.wrapping_sub(start);
+    let plain = if length <= 32 { set.digits(lines, start, end) } else { None };
+    match plain {
+        Some((mantissa, decimals)) => signed(negative, mantissa, -(decimals as i32)),
+        None => other_number(set, lines, at, end),
+    }
+}
+
+/// The same for fields that [`InstructionSet::digits`] does not take, kept out of the loop over the others.
+#[inline(never)]
+fn other_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -> Option<f64> {
+    set.run(
+        #[inline(always)]
+        || parse_long(lines, at, end),
+    )
 }
 
 /// Out of the way of the loop for plain numbers.

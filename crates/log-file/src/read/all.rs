@@ -1,16 +1,41 @@
-//! Reading all rows of one log or several, in parallel.
+//! Reading all rows of one log or several, in parallel: block by block, or into memory.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use super::request::{ReadOptions, Wanted};
 use crate::error::LogError;
+use crate::format::columns::Wanted;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
-use crate::stream::log_chunks::{LogChunk, LogChunks};
-use crate::stream::pipeline;
+use crate::stream::chunk::{Chunk, ChunkStream};
+use crate::stream::pipeline::{self, Pieces};
+use crate::stream::source::{ByteStream, ReadMeter};
 use shell_data::ReadSummary;
 use shell_data::block::Block;
+use shell_data::dataset::{Dataset, LogRows};
+
+/// How a log is read.
+#[derive(Clone, Copy, Default)]
+pub struct ReadOptions<'a> {
+    /// How many threads parse; 0 for one per core.
+    pub threads: usize,
+    /// Count rows that are wrong, and go on.
+    pub skip_bad_rows: bool,
+    /// Compute the checksum of the file.
+    pub checksum: bool,
+    /// Called on the caller's thread with the number of bytes read of the file on disk.
+    pub progress: Option<&'a (dyn Fn(u64) + Sync)>,
+}
+
+impl ReadOptions<'_> {
+    /// The number of threads that parse.
+    pub fn thread_count(&self) -> usize {
+        match self.threads {
+            0 => std::thread::available_parallelism().map_or(1, usize::from),
+            threads => threads,
+        }
+    }
+}
 
 impl Log {
     /// Streams the whole log once: `map` gets its blocks on worker threads, `fold` gets the results
@@ -95,7 +120,7 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
         &mut chunks,
         threads,
         || (BlockBuffer::default(), init()),
-        |(buffer, state), LogChunk { log, chunk }| {
+        |(buffer, state), (log, chunk)| {
             let filled = buffer.fill(&plans[*log], chunk, options.skip_bad_rows);
             let parsed = filled.map(|()| {
                 let summary = ReadSummary {
@@ -138,5 +163,178 @@ fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
     match logs.iter().zip(found).find(|(_, found)| is_empty(found)) {
         Some((log, _)) => Err(LogError::NoRows(log.path().to_owned())),
         None => Ok(()),
+    }
+}
+
+/// The chunks of several logs as one sequence, so that no thread waits at the end of a log.
+pub(crate) struct LogChunks<'a> {
+    logs: &'a [&'a Log],
+    checksum: bool,
+    /// How many threads read a table.
+    threads: usize,
+    /// The log that is being read, or read next.
+    current: usize,
+    chunks: Option<ChunkStream<ByteStream>>,
+    pub(crate) meter: ReadMeter,
+    /// Checksums of the logs that have been read.
+    pub(crate) checksums: Vec<Option<String>>,
+}
+
+impl<'a> LogChunks<'a> {
+    pub(crate) fn new(logs: &'a [&'a Log], checksum: bool, threads: usize) -> Self {
+        let (meter, checksums) = (ReadMeter::default(), Vec::new());
+        Self { logs, checksum, threads, current: 0, chunks: None, meter, checksums }
+    }
+}
+
+impl Pieces for LogChunks<'_> {
+    /// The number of a log, and a chunk of it.
+    type Piece = (usize, Chunk);
+    type Error = LogError;
+
+    fn ended(&self) -> bool {
+        self.current >= self.logs.len()
+    }
+
+    fn next(&mut self, (number, chunk): &mut (usize, Chunk)) -> Result<bool, Self::Error> {
+        while let Some(log) = self.logs.get(self.current) {
+            *number = self.current;
+            let chunks = match &mut self.chunks {
+                Some(chunks) => chunks,
+                none => {
+                    self.meter.begin(self.checksum);
+                    let stream = log.source.open_counting(self.threads, &self.meter)?;
+                    none.insert(log.chunks(stream, log.chunk_bytes))
+                }
+            };
+            let any = chunks.next(chunk).map_err(|error| log.chunk_error(error))?;
+            if chunks.ended() {
+                self.checksums.push(self.meter.checksum());
+                self.chunks = None;
+                self.current += 1;
+            }
+            if any {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+}
+
+/// Reads all rows of some logs into memory, of each log what is wanted of it: time, readings, wrench and
+/// groups. [`sample_logs`] takes a sample of them.
+///
+/// # Errors
+/// As [`Log::read`], the first error in the order of logs and rows.
+pub fn read_dataset(
+    logs: &[(&Log, Wanted)],
+    options: &ReadOptions<'_>,
+) -> Result<Dataset, LogError> {
+    let rows = |(log, wanted): &(&Log, Wanted)| LogRows {
+        name: log.path().to_path_buf(),
+        axes: log.axes(),
+        channels: log.channels(),
+        has_groups: wanted.groups,
+        is_sampled_at_start: log.compression().is_some(),
+        ..LogRows::default()
+    };
+    let mut data = Dataset { logs: logs.iter().map(rows).collect() };
+    // A copy takes what it needs and no more; the block stays, as memory for the next.
+    let copy = |(): &mut (), _, block: &mut Block| block.clone();
+    let keep = |log: usize, mut block: Block| {
+        data.logs[log].lines.insert(block.offset, std::mem::take(&mut block.lines));
+        data.logs[log].blocks.push(block.into());
+        Ok::<_, LogError>(())
+    };
+    let (summaries, _) = read_all(logs, options, || (), copy, keep)?;
+    data.logs.iter_mut().zip(summaries).for_each(|(log, summary)| log.summary = summary);
+    Ok(data)
+}
+
+/// Reads the same of some logs, and takes a sample of each.
+///
+/// # Errors
+/// As [`read_dataset`].
+pub fn read_logs(
+    logs: &[Log],
+    wanted: &Wanted,
+    options: &ReadOptions<'_>,
+) -> Result<Dataset, LogError> {
+    let asked: Vec<(&Log, Wanted)> = logs.iter().map(|log| (log, wanted.clone())).collect();
+    let mut data = read_dataset(&asked, options)?;
+    sample_logs(&mut data, logs, wanted)?;
+    Ok(data)
+}
+
+/// Takes a sample of each log of a data set, of what is wanted of it but for its groups.
+///
+/// # Errors
+/// As [`Log::sample`].
+pub fn sample_logs<'a>(
+    data: &mut Dataset,
+    logs: impl IntoIterator<Item = &'a Log>,
+    wanted: &Wanted,
+) -> Result<(), LogError> {
+    let wanted = Wanted { groups: false, ..wanted.clone() };
+    for (rows, log) in data.logs.iter_mut().zip(logs) {
+        rows.sample = log.sample(&wanted)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::format::mapping::Mapping;
+
+    fn check_lines(between: [&str; 2]) {
+        let mut text = "time,s0,s1\n".to_owned();
+        let (mut line, mut lines_of_times) = (1, Vec::new());
+        for row in 0..4000_u32 {
+            let between = match row % 7 {
+                0 => between[0],
+                3 => between[1],
+                _ => "",
+            };
+            text += between;
+            line += u64::from(!between.is_empty()) + 1;
+            lines_of_times.push(line);
+            text += &format!("{row},{},{}\n", row % 100, row % 90);
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.csv");
+        // The last line has no end.
+        std::fs::write(&path, text.trim_end()).unwrap();
+        let mut log = Log::open(&path, &Mapping::default()).unwrap();
+        log.chunk_bytes = 4096;
+        let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
+        let options = ReadOptions { skip_bad_rows: true, ..ReadOptions::default() };
+        let (mut rows, mut expected) = (Vec::new(), Vec::new());
+        let of_block = |block: &mut Block| {
+            let lines = (0..block.rows).map(|row| block.lines.line(row)).collect::<Vec<_>>();
+            (block.offset, block.time_s.clone(), lines)
+        };
+        log.read(&wanted, &options, of_block, |(offset, times, lines)| {
+            for (row, (time, line)) in times.into_iter().zip(lines).enumerate() {
+                rows.push((offset, row));
+                expected.push(lines_of_times[time as usize]);
+                assert_eq!(expected.last(), Some(&line));
+            }
+            Ok::<_, LogError>(())
+        })
+        .unwrap();
+        assert_eq!(rows.len(), 4000);
+        let data = read_dataset(&[(&log, wanted)], &options).unwrap();
+        let of_blocks = &data.logs[0].lines;
+        let lines = rows.iter().map(|(offset, row)| of_blocks[offset].line(*row));
+        assert_eq!(lines.collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn rows_are_found_at_their_lines_whatever_is_between_them() {
+        check_lines(["\n", "oops,1,2\n"]);
+        check_lines(["# talk\n", " \t\n"]);
+        check_lines(["", "1,\"2,3\n"]);
+        check_lines(["", ""]);
     }
 }

@@ -1,6 +1,4 @@
 //! Reading: what is asked for, all rows in parallel, or a sample.
 
 pub(crate) mod all;
-pub(crate) mod dataset;
-pub(crate) mod request;
 pub(crate) mod sample;

@@ -4,8 +4,9 @@ use std::io::{Read, Seek, SeekFrom};
 
 use memchr::{memchr, memrchr};
 
-use super::request::{ReadOptions, Wanted};
+use super::all::ReadOptions;
 use crate::error::LogError;
+use crate::format::columns::Wanted;
 use crate::format::mapping::LogFormat;
 use crate::log::Log;
 use crate::parse::number::parse_field;

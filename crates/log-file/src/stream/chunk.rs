@@ -56,7 +56,6 @@ pub(crate) enum ChunkError {
 pub(crate) struct ChunkStream<R> {
     stream: R,
     chunk_bytes: usize,
-    offset: u64,
     /// The number of the next line.
     line: u64,
     /// Bytes of the stream that have been read.
@@ -76,7 +75,6 @@ impl<R: Read> ChunkStream<R> {
         Self {
             stream,
             chunk_bytes,
-            offset: skip,
             line,
             position: skip,
             skip,
@@ -116,6 +114,7 @@ impl<R: Read> ChunkStream<R> {
             false => self.chunk_bytes.div_ceil(FIRST_CHUNK_SHARE),
         } as u64;
         self.has_begun = true;
+        chunk.offset = self.position - filled as u64;
         let length = loop {
             // Up to a multiple of the size: whole pages are copied.
             let target = filled + (chunk_bytes - self.position % chunk_bytes) as usize;
@@ -141,11 +140,10 @@ impl<R: Read> ChunkStream<R> {
         self.carry.clear();
         self.carry.extend_from_slice(&buffer[length..filled]);
         chunk.length = length;
-        (chunk.offset, chunk.line) = (self.offset, self.line);
+        chunk.line = self.line;
         std::mem::swap(&mut chunk.context, &mut self.context);
         self.keep_context(&chunk.buffer[..length]);
         chunk.turns = self.clock.as_mut().map_or(0, |clock| clock.before(&chunk.buffer[..length]));
-        self.offset += length as u64;
         self.line += line_ends(chunk.lines());
         Ok(length > 0)
     }

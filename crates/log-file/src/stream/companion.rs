@@ -4,7 +4,7 @@
 
 use std::io::{self, BufRead, BufReader, Read};
 
-use table_file::TextSource;
+use table_file::TextStream;
 
 /// The longest line.
 const LONGEST: u64 = 1 << 20;
@@ -96,49 +96,36 @@ fn is_number(field: &[u8], separator: u8) -> bool {
 }
 
 /// The text of two files.
-#[derive(Debug)]
-pub(crate) struct Joined<R> {
-    first: CompanionLines<R>,
-    second: CompanionLines<R>,
-    sides: Option<Sides>,
-    line: u64,
-}
-
-impl<R: Read> Joined<R> {
-    pub(crate) fn new(first: R, second: R) -> Self {
-        let (first, second) = (CompanionLines::new(first), CompanionLines::new(second));
-        Self { first, second, sides: None, line: 0 }
-    }
-}
-
-impl<R: Read> TextSource for Joined<R> {
-    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
+pub(crate) fn joined(first: impl Read, second: impl Read) -> impl Read {
+    let (mut first, mut second) = (CompanionLines::new(first), CompanionLines::new(second));
+    let (mut sides, mut line) = (None, 0);
+    TextStream::new(Vec::new(), move |text| {
         while text.len() < TEXT_BYTES {
-            self.line += 1;
-            let there = [self.first.next(self.line)?, self.second.next(self.line)?];
-            let lines = [self.first.line.as_slice(), self.second.line.as_slice()];
+            line += 1;
+            let there = [first.next(line)?, second.next(line)?];
+            let lines = [first.line.as_slice(), second.line.as_slice()];
             match (there, lines) {
                 ([false, false], _) => return Ok(false),
                 // Blank lines at the end belong to nothing.
                 (_, [[], []]) => text.push(b'\n'),
                 ([true, true], [[_, ..], [_, ..]]) => {
-                    let sides = match self.sides {
+                    let known: Sides = match sides {
                         Some(sides) => sides,
                         None => Sides::new(lines).map_err(io::Error::other)?,
                     };
                     text.extend_from_slice(lines[0]);
-                    text.push(sides.separator);
-                    match self.sides.replace(sides) {
-                        None if sides.has_names => text.extend(sides.names(lines)),
+                    text.push(known.separator);
+                    match sides.replace(known) {
+                        None if known.has_names => text.extend(known.names(lines)),
                         _ => text.extend_from_slice(lines[1]),
                     }
                     text.push(b'\n');
                 }
-                _ => return Err(io::Error::other(RowMismatch::Lines(self.line))),
+                _ => return Err(io::Error::other(RowMismatch::Lines(line))),
             }
         }
         Ok(true)
-    }
+    })
 }
 
 /// The lines of a file, one at a time.
@@ -171,13 +158,10 @@ impl<R: Read> CompanionLines<R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use table_file::TextStream;
 
     fn joined(first: &str, second: &str) -> Result<String, String> {
         let mut text = String::new();
-        let mut joined =
-            TextStream::new(Vec::new(), Joined::new(first.as_bytes(), second.as_bytes()));
-        match joined.read_to_string(&mut text) {
+        match super::joined(first.as_bytes(), second.as_bytes()).read_to_string(&mut text) {
             Ok(_) => Ok(text),
             Err(error) => Err(error.to_string()),
         }

@@ -4,7 +4,6 @@ pub(crate) mod chunk;
 pub(crate) mod clock_turns;
 pub(crate) mod companion;
 pub(crate) mod decimal_comma;
-pub(crate) mod log_chunks;
 pub mod pipeline;
 pub(crate) mod source;
 mod utf16;

@@ -14,11 +14,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 use flate2::bufread::MultiGzDecoder;
-use table_file::{FileKind, FileSource, OpenFile, Recognised, Table, TableError, TextStream};
+use table_file::{FileKind, FileSource, OpenFile, Recognised, Table, TableError};
 use tempfile::TempPath;
 
-use super::companion::{CompanionLines, Joined, RowMismatch, Sides};
-use super::utf16::Utf16;
+use super::companion::{CompanionLines, RowMismatch, Sides, joined};
+use super::utf16::as_utf8;
 use super::zstd::{self, Zstd};
 use crate::checksum::Checksum;
 use crate::error::{LogError, LogPosition, PlacedProblem};
@@ -89,30 +89,30 @@ impl LogSource {
         source.container = match start.as_slice() {
             [0x1f, 0x8b, ..] => Container::Gzip,
             start if zstd::begins(start) => Container::Zstd,
-            start => match table_file::recognise(start) {
-                Recognised::Table(kind) => Container::Table(source.table(kind, part)?),
-                Recognised::Foreign { what, remedy } => {
-                    return Err(LogError::Foreign { path: source.path, what, remedy });
-                }
-                Recognised::Unknown => Container::Plain,
-            },
+            _ => Container::Plain,
         };
-        if let Container::Table(_) = source.container {
-            return Ok(source);
+        let text = match source.container {
+            Container::Plain => start,
+            _ => source.start(source.open()?)?,
+        };
+        match table_file::recognise(&text) {
+            Recognised::Unknown => {}
+            _ if source.compression().is_some() => {
+                let what = "a compressed file of something other than text";
+                let remedy = "unpack it first; compressed logs are text";
+                return Err(LogError::Foreign { path: source.path, what, remedy });
+            }
+            Recognised::Table(kind) => {
+                source.container = Container::Table(source.table(kind, part)?);
+                return Ok(source);
+            }
+            Recognised::Foreign { what, remedy } => {
+                return Err(LogError::Foreign { path: source.path, what, remedy });
+            }
         }
         if let Some(part) = part {
             return Err(LogError::NoParts { path: source.path, wanted: part.to_owned() });
         }
-        let text = match source.container {
-            Container::Plain => start,
-            _ => {
-                let text = source.start(source.open()?)?;
-                if !matches!(table_file::recognise(&text), Recognised::Unknown) {
-                    return Err(LogError::PackedTable(source.path));
-                }
-                text
-            }
-        };
         source.utf16 = match text.as_slice() {
             [0xff, 0xfe, ..] => Some(false),
             [0xfe, 0xff, ..] => Some(true),
@@ -202,8 +202,7 @@ impl LogSource {
     ) -> Result<ByteStream, LogError> {
         let stream = self.open_alone(threads, meter)?;
         let Some(companion) = &self.companion else { return Ok(stream) };
-        let joined = Joined::new(stream, companion.open()?);
-        Ok(Box::new(TextStream::new(Vec::new(), joined)))
+        Ok(Box::new(joined(stream, companion.open()?)))
     }
 
     /// Opens the text of the file itself.
@@ -231,7 +230,7 @@ impl LogSource {
         };
         Ok(match self.utf16 {
             None => text,
-            Some(high_first) => Box::new(TextStream::new(Vec::new(), Utf16::new(text, high_first))),
+            Some(high_first) => Box::new(as_utf8(text, high_first)),
         })
     }
 
@@ -294,10 +293,10 @@ impl LogSource {
         };
         match (&self.container, source.kind()) {
             (Container::Gzip, InvalidData | InvalidInput | UnexpectedEof) => {
-                LogError::Gzip { path, source }
+                LogError::Unpacking { path, method: "gzip", source }
             }
             (Container::Zstd, InvalidData | InvalidInput | UnexpectedEof | Other) => {
-                LogError::Zstd { path, source }
+                LogError::Unpacking { path, method: "Zstandard", source }
             }
             _ => LogError::Io { path, source },
         }

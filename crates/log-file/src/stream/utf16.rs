@@ -1,37 +1,25 @@
 //! UTF-16 as UTF-8: what Excel calls Unicode text.
 
-use std::io::{self, Read};
+use std::io::Read;
 
-use table_file::TextSource;
+use table_file::TextStream;
 
 /// The text of a stream of UTF-16, without its byte-order mark. What is no character becomes U+FFFD.
-#[derive(Debug)]
-pub(crate) struct Utf16<R> {
-    stream: R,
-    high_first: bool,
-    /// Bytes that have been read and not decoded: an odd one, half of a pair.
-    rest: Vec<u8>,
-    has_begun: bool,
-}
-
-impl<R: Read> Utf16<R> {
-    pub(crate) fn new(stream: R, high_first: bool) -> Self {
-        Self { stream, high_first, rest: Vec::new(), has_begun: false }
-    }
-}
-
-impl<R: Read> TextSource for Utf16<R> {
-    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
-        let mut bytes = std::mem::take(&mut self.rest);
+pub(crate) fn as_utf8(mut stream: impl Read, high_first: bool) -> impl Read {
+    // Bytes that have been read and not decoded: an odd one, half of a pair.
+    let mut rest = Vec::new();
+    let mut has_begun = false;
+    TextStream::new(Vec::new(), move |text| {
+        let mut bytes = std::mem::take(&mut rest);
         let before = bytes.len();
         bytes.resize(1 << 15, 0);
-        let read = self.stream.read(&mut bytes[before..])?;
+        let read = stream.read(&mut bytes[before..])?;
         let ended = read == 0;
         bytes.truncate(before + read);
         let (pairs, odd) = bytes.as_chunks::<2>();
         let mut units: Vec<u16> = pairs
             .iter()
-            .map(|&pair| match self.high_first {
+            .map(|&pair| match high_first {
                 true => u16::from_be_bytes(pair),
                 false => u16::from_le_bytes(pair),
             })
@@ -42,24 +30,25 @@ impl<R: Read> TextSource for Utf16<R> {
             units.pop();
             left += 2;
         }
-        self.rest = bytes[bytes.len() - left..].to_vec();
+        rest = bytes[bytes.len() - left..].to_vec();
         if ended && left > 0 {
             units.push(0xfffd);
         }
-        let skip = usize::from(!self.has_begun && units.first() == Some(&0xfeff));
-        self.has_begun |= !units.is_empty();
+        let skip = usize::from(!has_begun && units.first() == Some(&0xfeff));
+        has_begun |= !units.is_empty();
         for character in char::decode_utf16(units.into_iter().skip(skip)) {
             let character = character.unwrap_or(char::REPLACEMENT_CHARACTER);
             text.extend_from_slice(character.encode_utf8(&mut [0; 4]).as_bytes());
         }
         Ok(!ended)
-    }
+    })
 }
 
 #[cfg(test)]
 mod tests {
+    use std::io;
+
     use super::*;
-    use table_file::TextStream;
 
     /// A stream that gives a few bytes at a time.
     struct Dripping<'a>(&'a [u8], usize);
@@ -85,14 +74,13 @@ mod tests {
                 .collect();
             for step in [1, 2, 3, 5, 1000] {
                 let mut decoded = String::new();
-                let mut stream =
-                    TextStream::new(Vec::new(), Utf16::new(Dripping(&bytes, step), high_first));
+                let mut stream = as_utf8(Dripping(&bytes, step), high_first);
                 stream.read_to_string(&mut decoded).unwrap();
                 assert_eq!(decoded, text, "{step}");
             }
         }
         let mut decoded = String::new();
-        let mut stream = TextStream::new(Vec::new(), Utf16::new(&b"\xff\xfea\0\x01"[..], false));
+        let mut stream = as_utf8(&b"\xff\xfea\0\x01"[..], false);
         stream.read_to_string(&mut decoded).unwrap();
         assert_eq!(decoded, "a\u{fffd}", "half a character at the end");
     }

@@ -11,7 +11,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::ops::Range;
 use std::sync::Arc;
 
-use self::message::FieldKind;
+use self::message::{FieldKind, Message};
 use self::records::{McapRecord, Records};
 use crate::budget::{self, Unpacked};
 use crate::error::TableError;
@@ -41,9 +41,8 @@ struct Topic {
     channels: BTreeSet<u16>,
     name: String,
     kind: FieldKind,
-    /// The names of its columns, the first of which is at `start`.
+    /// The names of its columns.
     columns: Vec<String>,
-    start: usize,
 }
 
 pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
@@ -65,7 +64,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
                     }
                     (_, Some(kind)) => {
                         let (channels, columns) = (BTreeSet::from([id]), Vec::new());
-                        topics.push(Topic { channels, name: topic, kind, columns, start: 0 });
+                        topics.push(Topic { channels, name: topic, kind, columns });
                         budget::check_columns(KIND, topics.len())?;
                     }
                     (_, None) => {
@@ -102,10 +101,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
         return Err(KIND.choice("topic of wrenches", None, wrenches));
     }
     let mut names = vec!["t_s".to_owned()];
-    for topic in &mut topics {
-        topic.start = names.len();
-        names.extend(topic.columns.iter().cloned());
-    }
+    names.extend(topics.iter().flat_map(|topic| topic.columns.iter().cloned()));
     budget::check_columns(KIND, names.len())?;
     let is_time = |name: &String| {
         ["t", "time", "timestamp", "t_s", "time_s", "t_us", "time_us"]
@@ -141,18 +137,13 @@ impl RowSource for McapRecording {
 struct RecordingRows {
     records: Records,
     recording: McapRecording,
-    /// Rows that some topics have not given a message for, by log time.
-    waiting: BTreeMap<u64, WaitingRows>,
-}
-
-struct WaitingRows {
-    cells: Vec<Cell>,
-    given: Vec<bool>,
+    /// The messages of rows that some topics have not given one for, by log time and topic.
+    waiting: BTreeMap<u64, Vec<Option<Message>>>,
 }
 
 impl RowStream for RecordingRows {
     fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-        let (topics, columns) = (Arc::clone(&self.recording.topics), self.recording.columns);
+        let McapRecording { topics, columns, by_stamp, .. } = self.recording.clone();
         batch.resize_with(columns, Vec::new);
         batch.iter_mut().for_each(Vec::clear);
         let rows = batch_rows(columns);
@@ -167,12 +158,29 @@ impl RowStream for RecordingRows {
             let McapRecord::Message { channel, log_time, data } = record else { continue };
             let at = topics.iter().position(|topic| topic.channels.contains(&channel));
             let Some(at) = at else { continue };
-            self.add(&topics[at], at, log_time, &data)?;
-            let is_whole = |row: &WaitingRows| row.given.iter().all(|given| *given);
-            if self.waiting.get(&log_time).is_some_and(is_whole)
+            let topic = &topics[at];
+            let message = topic.kind.decode(&data).map_err(|what| wrong(topic, log_time, &what))?;
+            let row = self.waiting.entry(log_time).or_default();
+            row.resize_with(topics.len(), || None);
+            if row[at].replace(message).is_some() {
+                return Err(KIND.unsupported(format!(
+                    "topic `{}` has several messages at {} s",
+                    topic.name,
+                    seconds(log_time)
+                )));
+            }
+            if row.iter().all(Option::is_some)
                 && let Some(row) = self.waiting.remove(&log_time)
             {
-                batch.iter_mut().zip(row.cells).for_each(|(column, cell)| column.push(cell));
+                let mut stamps = row.iter().flatten().filter_map(|message| message.stamp_ns);
+                let stamp = stamps.next_back().filter(|_| by_stamp);
+                let mut time_and_values = batch.iter_mut();
+                if let Some(times) = time_and_values.next() {
+                    times.push(Cell::Text(seconds(stamp.unwrap_or(log_time))));
+                }
+                for (topic, message) in topics.iter().zip(row.into_iter().flatten()) {
+                    topic.push(message, &mut time_and_values);
+                }
             }
             if self.waiting.len() > WAITING {
                 return Err(self.apart());
@@ -182,46 +190,24 @@ impl RowStream for RecordingRows {
     }
 }
 
-impl RecordingRows {
-    fn add(
-        &mut self,
-        topic: &Topic,
-        at: usize,
-        log_time: u64,
-        data: &[u8],
-    ) -> Result<(), TableError> {
-        let message = topic.kind.decode(data).map_err(|what| wrong(topic, log_time, &what))?;
-        let (columns, topics) = (self.recording.columns, self.recording.topics.len());
-        let row = self.waiting.entry(log_time).or_insert_with(|| {
-            let mut cells = vec![Cell::Missing; columns];
-            cells[0] = Cell::Text(seconds(log_time));
-            WaitingRows { cells, given: vec![false; topics] }
-        });
-        if std::mem::replace(&mut row.given[at], true) {
-            return Err(KIND.unsupported(format!(
-                "topic `{}` has several messages at {} s",
-                topic.name,
-                seconds(log_time)
-            )));
-        }
-        if let (true, Some(stamp)) = (self.recording.by_stamp, message.stamp_ns) {
-            row.cells[0] = Cell::Text(seconds(stamp));
-        }
+impl Topic {
+    /// Adds the values of a message to its columns, which are next of `columns`.
+    fn push<'a>(&self, message: Message, columns: &mut impl Iterator<Item = &'a mut Vec<Cell>>) {
         let mut values = message.columns;
-        for (position, name) in topic.columns.iter().enumerate() {
+        for (position, (name, column)) in self.columns.iter().zip(columns).enumerate() {
             // As a rule in the same order.
             let is_same = |entry: &(String, Cell)| entry.0 == *name;
             let found = match values.get(position).is_some_and(is_same) {
                 true => Some(position),
                 false => values.iter().position(is_same),
             };
-            if let Some(found) = found {
-                row.cells[topic.start + position] = std::mem::take(&mut values[found].1);
-            }
+            let cell = found.map(|found| std::mem::take(&mut values[found].1));
+            column.push(cell.unwrap_or_default());
         }
-        Ok(())
     }
+}
 
+impl RecordingRows {
     /// The error of topics that have no rows in common.
     fn apart(&self) -> TableError {
         let topics = self.recording.topics.iter();

@@ -26,9 +26,9 @@ pub(super) struct Records {
     file: BufReader<OpenFile>,
     at: u64,
     length: u64,
-    /// What is left of a chunk.
-    chunk: Vec<u8>,
-    in_chunk: usize,
+    /// Records that have been read, and where the next one begins.
+    records: Vec<u8>,
+    next: usize,
     unpacked: Unpacked,
     ended: bool,
 }
@@ -37,8 +37,8 @@ impl Records {
     pub(super) fn open(file: &FileSource, unpacked: Unpacked) -> Result<Self, TableError> {
         let length = file.length()?;
         let file = BufReader::with_capacity(1 << 16, file.open()?);
-        let chunk = Vec::new();
-        let mut records = Self { file, at: 0, length, chunk, in_chunk: 0, unpacked, ended: false };
+        let records = Vec::new();
+        let mut records = Self { file, at: 0, length, records, next: 0, unpacked, ended: false };
         let mut magic = [0; 8];
         records.read(&mut magic)?;
         match magic == MAGIC {
@@ -57,66 +57,59 @@ impl Records {
     /// The next record of interest; `None` at the end of the messages.
     pub(super) fn next(&mut self) -> Result<Option<McapRecord>, TableError> {
         loop {
-            if let Some(rest) = self.chunk.get(self.in_chunk..).filter(|rest| !rest.is_empty()) {
-                let cut = || KIND.damaged(format!("a record in the chunk before byte {}", self.at));
-                let mut bytes = ByteReader::new(rest);
-                let kind = bytes.u8().ok_or_else(cut)?;
-                let length = bytes.u64().and_then(|length| usize::try_from(length).ok());
-                let content = length.and_then(|length| bytes.take(length)).ok_or_else(cut)?;
-                let record = record(kind, content).ok_or_else(cut)?;
-                self.in_chunk = self.chunk.len() - bytes.rest.len();
-                if let Some(record) = record {
-                    return Ok(Some(record));
+            let rest = &self.records[self.next..];
+            if rest.is_empty() {
+                if self.ended {
+                    return Ok(None);
                 }
+                self.next_at_top()?;
                 continue;
             }
-            if self.ended {
-                return Ok(None);
-            }
-            if let Some(record) = self.next_at_top()? {
-                return Ok(Some(record));
+            let damaged = || KIND.damaged(format!("a record before byte {}", self.at));
+            let mut bytes = ByteReader::new(rest);
+            let kind = bytes.u8().ok_or_else(damaged)?;
+            let length = bytes.u64().and_then(|length| usize::try_from(length).ok());
+            let content = length.and_then(|length| bytes.take(length)).ok_or_else(damaged)?;
+            let record = record(kind, content).ok_or_else(damaged)?;
+            self.next = self.records.len() - bytes.rest.len();
+            if record.is_some() {
+                return Ok(record);
             }
         }
     }
 
-    /// The next record outside chunks, if it is of interest.
-    fn next_at_top(&mut self) -> Result<Option<McapRecord>, TableError> {
+    /// Reads what comes next in the file, a record or a chunk of them.
+    fn next_at_top(&mut self) -> Result<(), TableError> {
         let at = self.at;
         let mut head = [0; 9];
         self.read(&mut head)?;
-        let kind = head[0];
         let length = ByteReader::new(&head[1..]).u64().unwrap_or(u64::MAX);
         if length > self.length - self.at {
             return Err(KIND.damaged(format!("it is cut off in the record at byte {at}")));
         }
-        match kind {
+        self.next = 0;
+        self.records.clear();
+        match head[0] {
             // The end of the data, or of a file without it.
-            0x02 | 0x0f => {
-                self.ended = true;
-                Ok(None)
-            }
+            0x02 | 0x0f => self.ended = true,
             0x03..=0x05 => {
                 let what = format_args!("the message at byte {at}");
                 let mut content = vec![0; budget::within(KIND, what, length, MESSAGE)?];
                 self.read(&mut content)?;
-                record(kind, &content)
-                    .ok_or_else(|| KIND.damaged(format!("the record at byte {at}")))
+                self.records = [&head[..], &content].concat();
             }
             0x06 => {
                 let mut content = vec![0; length as usize];
                 self.read(&mut content)?;
-                self.chunk =
+                self.records =
                     chunk(&content, at, |bytes| self.unpacked.add(KIND, bytes, self.length))?;
-                self.in_chunk = 0;
-                Ok(None)
             }
             _ => {
-                let skipped =
-                    std::io::copy(&mut self.file.by_ref().take(length), &mut std::io::sink());
-                self.at += skipped?;
-                Ok(None)
+                let mut skipped = self.file.by_ref().take(length);
+                self.at += std::io::copy(&mut skipped, &mut std::io::sink())?;
             }
         }
+        Ok(())
     }
 }
 

@@ -40,17 +40,6 @@ struct Page {
 /// The values of a page.
 type PageValues = Box<dyn Iterator<Item = Cell> + Send>;
 
-/// What the head of a page says.
-struct Head {
-    kind: i64,
-    unpacked: u64,
-    packed: usize,
-    details: Value,
-    bytes: u64,
-    /// CRC-32 of the page as it is stored, if its writer gave it.
-    checksum: Option<u32>,
-}
-
 const DATA: i64 = 0;
 const DICTIONARY: i64 = 2;
 const DATA_2: i64 = 3;
@@ -104,30 +93,43 @@ impl ColumnReader {
         let name = &leaf.name;
         let ParquetSource { file, length: stored, held: others, unpacked } = source;
         let (stored, others) = (*stored, *others);
-        let head = self.head(file, name)?;
-        unpacked.add(KIND, head.unpacked, stored)?;
-        let held = others + self.dictionary_bytes + head.unpacked;
+        let (head, head_bytes) = self.head(file, name)?;
+        let wrong = || KIND.damaged(format!("column `{name}`: the head of a page"));
+        let size = |number| head.whole(number).and_then(|size| u64::try_from(size).ok());
+        let page_bytes = size(2).ok_or_else(wrong)?;
+        let left = self.end.saturating_sub(self.at + head_bytes);
+        let packed_bytes = size(3).filter(|size| *size <= left).ok_or_else(wrong)?;
+        unpacked.add(KIND, page_bytes, stored)?;
+        let held = others + self.dictionary_bytes + page_bytes;
         budget::check(KIND, format_args!("column `{name}`"), held, stored)?;
-        file.seek(SeekFrom::Start(self.at + head.bytes))?;
-        let mut packed = vec![0; head.packed];
+        file.seek(SeekFrom::Start(self.at + head_bytes))?;
+        let mut packed = vec![0; packed_bytes as usize];
         file.read_exact(&mut packed)?;
-        if head.checksum.is_some_and(|checksum| checksum != crc32fast::hash(&packed)) {
+        // CRC-32 of the page as it is stored, if its writer gave it.
+        if head.whole(4).is_some_and(|checksum| checksum as u32 != crc32fast::hash(&packed)) {
             return Err(KIND.damaged(format!("column `{name}`: the checksum of a page is wrong")));
         }
-        self.at += head.bytes + head.packed as u64;
-        let whole = |number: i16| head.details.whole(number);
+        self.at += head_bytes + packed_bytes;
+        let (kind, details) = match head.whole(1).ok_or_else(wrong)? {
+            DATA => (DATA, 5),
+            DICTIONARY => (DICTIONARY, 7),
+            DATA_2 => (DATA_2, 8),
+            // An index.
+            _ => return Ok(()),
+        };
+        let details = head.field(details).ok_or_else(wrong)?;
+        let whole = |number: i16| details.whole(number);
         let count = |number| whole(number).and_then(|count| u64::try_from(count).ok());
         let unpack = |packed: &[u8], codec, size: u64| {
             unpack(codec, packed, size as usize)
                 .map_err(|what| KIND.damaged(format!("column `{name}`, a compressed page: {what}")))
         };
-        let wrong = || KIND.damaged(format!("column `{name}`: the head of a page"));
-        let (bytes, levels, encoding) = match head.kind {
+        let (bytes, levels, encoding) = match kind {
             DICTIONARY => {
-                let bytes = unpack(&packed, self.codec, head.unpacked)?;
+                let bytes = unpack(&packed, self.codec, page_bytes)?;
                 let values = count(1).ok_or_else(wrong)?;
                 self.dictionary_bytes =
-                    head.unpacked + values.saturating_mul(size_of::<Cell>() as u64);
+                    page_bytes + values.saturating_mul(size_of::<Cell>() as u64);
                 let held = others + self.dictionary_bytes;
                 budget::check(KIND, format_args!("column `{name}`"), held, stored)?;
                 let mut plain = plain(bytes, leaf.kind);
@@ -136,7 +138,7 @@ impl ColumnReader {
                 return Ok(());
             }
             DATA => {
-                let mut bytes = unpack(&packed, self.codec, head.unpacked)?;
+                let mut bytes = unpack(&packed, self.codec, page_bytes)?;
                 let mut levels = Vec::new();
                 if leaf.levels > 0 {
                     if whole(3) != Some(3) {
@@ -149,26 +151,24 @@ impl ColumnReader {
                 }
                 (bytes, levels, whole(2))
             }
-            DATA_2 => {
+            _ => {
                 let size = |number| count(number).and_then(|size| usize::try_from(size).ok());
                 let (definition, repetition) = size(5).zip(size(6)).ok_or_else(wrong)?;
                 let before = definition.checked_add(repetition).ok_or_else(wrong)?;
                 let (levels, values) = packed.split_at_checked(before).ok_or_else(wrong)?;
-                let is_packed = head.details.field(7) != Some(&Value::Truth(false));
+                let is_packed = details.field(7) != Some(&Value::Truth(false));
                 let codec = if is_packed { self.codec } else { Codec::None };
-                let unpacked = head.unpacked.checked_sub(before as u64).ok_or_else(wrong)?;
+                let unpacked = page_bytes.checked_sub(before as u64).ok_or_else(wrong)?;
                 let values = match values.is_empty() {
                     true => Vec::new(),
                     false => unpack(values, codec, unpacked)?,
                 };
                 (values, levels[repetition..].to_vec(), whole(4))
             }
-            // An index.
-            _ => return Ok(()),
         };
         let left = count(1).ok_or_else(wrong)?;
         let values = self.values(bytes, encoding, leaf)?;
-        let mut page = Page { left, levels: None, values, bytes: head.unpacked };
+        let mut page = Page { left, levels: None, values, bytes: page_bytes };
         if leaf.levels > 0 {
             // As many bits as the highest has.
             let levels = integers(levels, u8::BITS - leaf.levels.leading_zeros());
@@ -178,39 +178,23 @@ impl ColumnReader {
         Ok(())
     }
 
-    fn head(&self, file: &mut OpenFile, name: &str) -> Result<Head, TableError> {
+    /// The head of the next page, and how many bytes it has.
+    fn head(&self, file: &mut OpenFile, name: &str) -> Result<(Value, u64), TableError> {
         let there = self.end.saturating_sub(self.at);
         if there == 0 {
             return Err(KIND.damaged(format!("column `{name}` has fewer values than rows")));
         }
-        let wrong = || KIND.damaged(format!("column `{name}`: the head of a page"));
         // As a rule short; once more where it is not.
         for most in [1 << 10, HEAD] {
             let mut bytes = vec![0; there.min(most) as usize];
             file.seek(SeekFrom::Start(self.at))?;
             file.read_exact(&mut bytes)?;
             let mut rest = ByteReader::new(&bytes);
-            let Some(head) = thrift::read(&mut rest) else { continue };
-            let taken = (bytes.len() - rest.rest.len()) as u64;
-            let size = |number| head.whole(number).and_then(|size| u64::try_from(size).ok());
-            let packed = size(3).filter(|size| *size <= there - taken).ok_or_else(wrong)?;
-            let kind = head.whole(1).ok_or_else(wrong)?;
-            let details = match kind {
-                DATA => head.field(5).cloned(),
-                DICTIONARY => head.field(7).cloned(),
-                DATA_2 => head.field(8).cloned(),
-                _ => Some(Value::Struct(Vec::new())),
-            };
-            return Ok(Head {
-                kind,
-                unpacked: size(2).ok_or_else(wrong)?,
-                packed: packed as usize,
-                details: details.ok_or_else(wrong)?,
-                bytes: taken,
-                checksum: head.whole(4).map(|checksum| checksum as u32),
-            });
+            if let Some(head) = thrift::read(&mut rest) {
+                return Ok((head, (bytes.len() - rest.rest.len()) as u64));
+            }
         }
-        Err(wrong())
+        Err(KIND.damaged(format!("column `{name}`: the head of a page")))
     }
 
     fn values(
@@ -221,12 +205,10 @@ impl ColumnReader {
     ) -> Result<PageValues, TableError> {
         let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
         let kind = leaf.kind;
-        let is_truth = kind == LeafType::Truth;
+        let is_truth = kind == LeafType::Number(Element::Truth);
         let is_whole = matches!(
             kind,
-            LeafType::Number(Element::Signed(_) | Element::Unsigned(_))
-                | LeafType::Time(..)
-                | LeafType::Days(_)
+            LeafType::Number(Element::Signed(_) | Element::Unsigned(_) | Element::Time { .. })
         );
         Ok(match (encoding, kind.size()) {
             (Some(0), _) if is_truth => truths(single_bits(bytes)),
@@ -293,10 +275,6 @@ fn plain(bytes: Vec<u8>, kind: LeafType) -> PageValues {
 
 /// The value in some bytes, of which there are as many as its type has.
 fn cell(bytes: &[u8], kind: LeafType) -> Cell {
-    let date = |element: Element, in_units: i64, per_second| match element.cell(bytes, true) {
-        Cell::Whole(value) => Cell::Text(iso_of(value.saturating_mul(in_units), per_second)),
-        cell => cell,
-    };
     match kind {
         LeafType::Number(element) => element.cell(bytes, true),
         LeafType::Text => Cell::Text(String::from_utf8_lossy(bytes).into_owned()),
@@ -308,8 +286,6 @@ fn cell(bytes: &[u8], kind: LeafType) -> Cell {
             let at = seconds.saturating_mul(1_000_000_000).saturating_add(of_day);
             Cell::Text(iso_of(at, 1_000_000_000))
         }
-        LeafType::Time(element, per_second) => date(element, 1, per_second),
-        LeafType::Days(element) => date(element, 86_400, 1),
-        LeafType::Truth | LeafType::Opaque(_) => Cell::Missing,
+        LeafType::Opaque(_) => Cell::Missing,
     }
 }

@@ -19,13 +19,8 @@ pub(super) struct Leaf {
 /// What the values of a column mean, and how they are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LeafType {
-    Truth,
     Number(Element),
     Text,
-    /// Integers, of which so many make a second.
-    Time(Element, i64),
-    /// Integers that count days.
-    Days(Element),
     /// A day and its nanoseconds, in 96 bits.
     DayAndTime,
     /// What is not read.
@@ -36,11 +31,9 @@ impl LeafType {
     /// The bytes of a value, if they are always as many.
     pub(super) fn size(self) -> Option<usize> {
         match self {
-            Self::Number(element) | Self::Time(element, _) | Self::Days(element) => {
-                Some(element.size())
-            }
+            Self::Number(element) => Some(element.size()),
             Self::DayAndTime => Some(12),
-            Self::Truth | Self::Text | Self::Opaque(_) => None,
+            Self::Text | Self::Opaque(_) => None,
         }
     }
 
@@ -114,7 +107,7 @@ fn kind(element: &Value, path: &str) -> Result<LeafType, TableError> {
     let has = |number| logical.is_some_and(|logical| logical.field(number).is_some());
     let converted = element.whole(6);
     let kind = match element.whole(1) {
-        Some(0) => LeafType::Truth,
+        Some(0) => LeafType::Number(Element::Truth),
         Some(1) => integer_kind(element, 4),
         Some(2) => integer_kind(element, 8),
         Some(3) => LeafType::DayAndTime,
@@ -140,22 +133,22 @@ fn kind(element: &Value, path: &str) -> Result<LeafType, TableError> {
 
 /// The type of a column of integers of so many bytes.
 fn integer_kind(element: &Value, size: u8) -> LeafType {
-    let signed = Element::Signed(size);
+    let time = |units, per_second| LeafType::Number(Element::Time { size, units, per_second });
     let logical = element.field(10);
     let of_logical = |number| logical.and_then(|logical| logical.field(number));
     let unit = of_logical(8).and_then(|it| it.field(2));
     let unit = unit.and_then(|unit| (1..=3).find(|&number| unit.field(number).is_some()));
     let is_signed = of_logical(10).and_then(|it| it.field(2));
     match (element.whole(6), unit) {
-        _ if of_logical(6).is_some() => LeafType::Days(signed),
+        _ if of_logical(6).is_some() => time(86_400, 1),
         _ if of_logical(7).is_some() => LeafType::Opaque("time of day"),
-        (_, Some(unit)) => LeafType::Time(signed, 1000_i64.pow(unit as u32)),
+        (_, Some(unit)) => time(1, 1000_i64.pow(unit as u32)),
         _ if is_signed == Some(&Value::Truth(false)) => LeafType::Number(Element::Unsigned(size)),
-        (Some(6), _) => LeafType::Days(signed),
+        (Some(6), _) => time(86_400, 1),
         (Some(7 | 8), _) => LeafType::Opaque("time of day"),
-        (Some(9), _) => LeafType::Time(signed, 1_000),
-        (Some(10), _) => LeafType::Time(signed, 1_000_000),
+        (Some(9), _) => time(1, 1_000),
+        (Some(10), _) => time(1, 1_000_000),
         (Some(11..=14), _) => LeafType::Number(Element::Unsigned(size)),
-        _ => LeafType::Number(signed),
+        _ => LeafType::Number(Element::Signed(size)),
     }
 }

@@ -1,7 +1,6 @@
-//! A table as the text of a CSV file.
+//! A table of any kind: its columns, and its rows as the text of a CSV file.
 
 mod parts;
-mod stream;
 
 use std::io::{self, Read};
 use std::sync::Arc;
@@ -9,19 +8,96 @@ use std::sync::Arc;
 use shell_data::escape;
 
 use self::parts::TextOfParts;
-pub use self::stream::{TextSource, TextStream};
 use crate::budget::Unpacked;
 use crate::error::TableError;
-use crate::rows::{Cell, RowBatch, RowStream};
-use crate::table::Table;
+use crate::kind::FileKind;
+use crate::rows::{Cell, RowBatch, RowSource};
+use crate::source::FileSource;
+use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 
-/// Rows as text, one batch after the other.
-struct TextOfRows {
-    rows: Box<dyn RowStream>,
-    batch: RowBatch,
+/// Text that is made piece by piece, as a stream.
+pub struct TextStream<F> {
+    append: F,
+    text: Vec<u8>,
+    at: usize,
+    ended: bool,
+}
+
+impl<F: FnMut(&mut Vec<u8>) -> io::Result<bool>> TextStream<F> {
+    /// The text that `append` makes, after `text`: it appends the next piece, and returns `false` once there is none
+    /// behind it. There is none after an error.
+    pub fn new(text: Vec<u8>, append: F) -> Self {
+        Self { append, text, at: 0, ended: false }
+    }
+}
+
+impl<F: FnMut(&mut Vec<u8>) -> io::Result<bool>> Read for TextStream<F> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        while self.at == self.text.len() && !self.ended {
+            self.text.clear();
+            self.at = 0;
+            // Set until the next piece is there: there is none after an error.
+            self.ended = true;
+            self.ended = !(self.append)(&mut self.text)?;
+        }
+        let count = buffer.len().min(self.text.len() - self.at);
+        buffer[..count].copy_from_slice(&self.text[self.at..][..count]);
+        self.at += count;
+        Ok(count)
+    }
+}
+
+/// A table in a file.
+#[derive(Clone, Debug)]
+pub struct Table {
+    kind: FileKind,
+    names: Option<Vec<String>>,
+    rows: Arc<dyn RowSource>,
 }
 
 impl Table {
+    /// Finds the columns of the table in a file of this kind: of the matrix, group, sheet or topic `part`, or
+    /// of the one that holds a log.
+    ///
+    /// # Errors
+    /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
+    pub fn open(
+        file: impl Into<FileSource>,
+        kind: FileKind,
+        part: Option<&str>,
+    ) -> Result<Self, TableError> {
+        let file = &file.into();
+        let (names, rows) = match kind {
+            FileKind::Hdf5 => hdf5::open(file, part)?,
+            FileKind::Matlab => mat5::open(file, part)?,
+            FileKind::Mcap => mcap::open(file, part)?,
+            FileKind::NumPy => npy::open(file)?,
+            FileKind::Parquet => parquet::open(file)?,
+            FileKind::Xlsx => xlsx::open(file, part)?,
+        };
+        Ok(Self { kind, names, rows })
+    }
+
+    /// What kind of file it is.
+    pub fn kind(&self) -> FileKind {
+        self.kind
+    }
+
+    /// The names of its columns; `None` where they have none, or the rows hold them.
+    pub fn names(&self) -> Option<&[String]> {
+        self.names.as_deref()
+    }
+
+    /// Checks that the values of a column, from 0, are read.
+    ///
+    /// # Errors
+    /// [`TableError::Unsupported`] with its name and what it holds.
+    pub fn check_is_read(&self, column: usize) -> Result<(), TableError> {
+        let Some(what) = self.rows.unread(column) else { return Ok(()) };
+        let name = self.names().and_then(|names| names.get(column)).map_or("", String::as_str);
+        Err(self.kind.unsupported(format!("column `{name}` holds values of type {what}")))
+    }
+
     /// The table as the text of a CSV file: a line of names, if the table has any, and a line for each row.
     /// Numbers have the fewest digits that read back as the same number. Texts lose their line breaks.
     ///
@@ -45,27 +121,20 @@ impl Table {
         }
         let parts = self.rows.parts();
         if threads > 1 && parts > 1 {
-            let rows = TextOfParts::new(Arc::clone(&self.rows), threads);
-            return Ok(Box::new(TextStream::new(text, rows)));
+            let mut parts = TextOfParts::new(Arc::clone(&self.rows), threads);
+            return Ok(Box::new(TextStream::new(text, move |text| {
+                parts.next(text).map_err(to_io)
+            })));
         }
-        let rows = self.rows.rows(0..parts, Unpacked::default())?;
-        Ok(Box::new(TextStream::new(text, TextOfRows { rows, batch: RowBatch::new() })))
-    }
-}
-
-impl TextSource for TextOfRows {
-    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
-        let is_there = self.rows.next(&mut self.batch).map_err(to_io)?;
-        if is_there {
-            write_rows(&self.batch, text);
-        }
-        Ok(is_there)
-    }
-}
-
-impl TextSource for TextOfParts {
-    fn append(&mut self, text: &mut Vec<u8>) -> io::Result<bool> {
-        self.next(text).map_err(to_io)
+        let mut rows = self.rows.rows(0..parts, Unpacked::default())?;
+        let mut batch = RowBatch::new();
+        Ok(Box::new(TextStream::new(text, move |text| {
+            let is_there = rows.next(&mut batch).map_err(to_io)?;
+            if is_there {
+                write_rows(&batch, text);
+            }
+            Ok(is_there)
+        })))
     }
 }
 

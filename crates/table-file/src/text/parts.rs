@@ -126,7 +126,7 @@ mod tests {
     use super::*;
     use crate::kind::FileKind;
     use crate::rows::{Cell, RowStream};
-    use crate::text::TextStream;
+    use crate::text::{TextStream, to_io};
 
     /// Parts of so many batches of a thousand rows each; the last one is damaged, if that is asked.
     #[derive(Debug)]
@@ -177,9 +177,14 @@ mod tests {
         }
     }
 
+    fn stream(numbers: Numbers, threads: usize) -> impl Read {
+        let mut parts = TextOfParts::new(Arc::new(numbers), threads);
+        TextStream::new(Vec::new(), move |text| parts.next(text).map_err(to_io))
+    }
+
     fn text(numbers: Numbers, threads: usize) -> (Vec<u8>, Option<String>) {
         let mut text = Vec::new();
-        let mut stream = TextStream::new(Vec::new(), TextOfParts::new(Arc::new(numbers), threads));
+        let mut stream = stream(numbers, threads);
         let error = stream.read_to_end(&mut text).err().map(|error| error.to_string());
         (text, error)
     }
@@ -207,7 +212,7 @@ mod tests {
         let begun = Arc::new(AtomicUsize::new(0));
         let numbers =
             Numbers { batches: vec![90; 9], is_damaged: false, begun: Arc::clone(&begun) };
-        let mut stream = TextStream::new(Vec::new(), TextOfParts::new(Arc::new(numbers), 3));
+        let mut stream = stream(numbers, 3);
         assert_eq!(begun.load(Ordering::Relaxed), 0);
         stream.read_exact(&mut [0; 100]).unwrap();
         drop(stream);

@@ -1,6 +1,6 @@
 //! Recordings in MCAP, for ROS 2: wrenches, and values beside them as JSON.
 //!
-//! Chunks are made of rows on any thread ([`ChunkBuilder`]) and written in order ([`McapWriter`]), with an
+//! Chunks are made of rows on any thread ([`McapChunk`]) and written in order ([`McapWriter`]), with an
 //! index of their messages and a summary of all at the end.
 
 use std::io::{self, Write};
@@ -143,9 +143,10 @@ fn doubles(message: &mut Vec<u8>, start: usize, values: &[f64]) {
     values.iter().for_each(|value| message.extend(value.to_le_bytes()));
 }
 
-/// Messages that are written together.
+/// Messages that are written together. Nothing is compressed, as ROS 2 records by default: LZ4 takes longer than all
+/// that is done to make the messages.
 #[derive(Debug, Default)]
-pub struct ChunkBuilder {
+pub struct McapChunk {
     records: Vec<u8>,
     index: Vec<MessageIndex>,
     /// The first and last time.
@@ -157,16 +158,6 @@ type MessageIndex = Vec<u8>;
 
 /// What the index of a message takes.
 const INDEX_BYTES: usize = 16;
-
-/// A chunk that is ready to be written. Nothing is compressed, as ROS 2 records by default: LZ4 takes
-/// longer than all that is done to make the messages.
-#[derive(Debug)]
-pub struct McapChunk {
-    records: Vec<u8>,
-    checksum: u32,
-    index: Vec<MessageIndex>,
-    times: (u64, u64),
-}
 
 const SCHEMA: u8 = 0x03;
 const CHANNEL: u8 = 0x04;
@@ -194,7 +185,7 @@ fn with_times(times: Option<(u64, u64)>, others: (u64, u64)) -> (u64, u64) {
     (first.min(others.0), last.max(others.1))
 }
 
-impl ChunkBuilder {
+impl McapChunk {
     /// A chunk with room for so many bytes.
     pub fn with_capacity(bytes: usize) -> Self {
         Self { records: Vec::with_capacity(bytes), ..Self::default() }
@@ -216,25 +207,9 @@ impl ChunkBuilder {
         self.records[start + 1..start + 9].copy_from_slice(&length.to_le_bytes());
     }
 
-    /// What is to be written of them; `None` if there are no messages.
-    pub fn finish(self) -> Option<McapChunk> {
-        let checksum = crc32fast::hash(&self.records);
-        Some(McapChunk { times: self.times?, records: self.records, checksum, index: self.index })
-    }
-}
-
-impl McapChunk {
-    /// The first time.
-    pub fn start_ns(&self) -> u64 {
-        self.times.0
-    }
-
-    /// What stands before the messages.
-    fn head(&self) -> Vec<u8> {
-        let bytes = self.records.len() as u64;
-        let content = ByteWriter::default().u64(self.times.0).u64(self.times.1).u64(bytes);
-        let content = content.u32(self.checksum).text(UNCOMPRESSED).u64(bytes).0;
-        ByteWriter(vec![CHUNK]).u64(content.len() as u64 + bytes).bytes(&content).0
+    /// The first time; `None` without messages.
+    pub fn start_ns(&self) -> Option<u64> {
+        self.times.map(|(first, _)| first)
     }
 }
 
@@ -293,13 +268,16 @@ impl<W: Write> McapWriter<W> {
         self.channels.iter().enumerate().flat_map(channel).collect()
     }
 
-    /// Writes a chunk and the index of its messages.
+    /// Writes a chunk and the index of its messages, if it has any.
     ///
     /// # Errors
     /// What the system says.
     pub fn write(&mut self, chunk: &McapChunk) -> io::Result<()> {
-        let start = self.at;
-        self.bytes(&chunk.head())?;
+        let Some((first, last)) = chunk.times else { return Ok(()) };
+        let (start, bytes) = (self.at, chunk.records.len() as u64);
+        let head = ByteWriter::default().u64(first).u64(last).u64(bytes);
+        let head = head.u32(crc32fast::hash(&chunk.records)).text(UNCOMPRESSED).u64(bytes).0;
+        self.bytes(&ByteWriter(vec![CHUNK]).u64(head.len() as u64 + bytes).bytes(&head).0)?;
         self.bytes(&chunk.records)?;
         let index_start = self.at;
         let mut offsets = ByteWriter::default();
@@ -311,14 +289,12 @@ impl<W: Write> McapWriter<W> {
             self.bytes(&record(MESSAGE_INDEX, content))?;
             self.counts[position] += (messages.len() / INDEX_BYTES) as u64;
         }
-        let (first, last) = chunk.times;
         let content = ByteWriter::default().u64(first).u64(last).u64(start);
         let content = content.u64(index_start - start).block(&offsets.0);
         // Compressed and uncompressed size.
-        let bytes = chunk.records.len() as u64;
         let content = content.u64(self.at - index_start).text(UNCOMPRESSED).u64(bytes).u64(bytes);
         self.chunks.push(record(CHUNK_INDEX, content));
-        self.times = Some(with_times(self.times, chunk.times));
+        self.times = Some(with_times(self.times, (first, last)));
         Ok(())
     }
 

@@ -1,118 +1,132 @@
-//! Tables as files, row after row.
+//! Tables as files, and tables of results as the bytes of CSV and Parquet files.
 //!
-//! MCAP and Parquet are written as the rows come; NumPy and MATLAB, which begin with the number of rows,
-//! are held in memory until then.
+//! MCAP and Parquet are written as the rows come; NumPy and MATLAB, which begin with the number of rows, when all
+//! are there.
 
-mod mat5;
 pub mod mcap;
 mod npy;
 mod parquet;
 
-use std::borrow::Cow;
-use std::io::{self, Write};
+use std::io;
 
-pub use parquet::ParquetWriter;
-pub(crate) use parquet::parquet_file;
+use shell_data::escape;
 
-/// Some rows of a column.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Cells<'a> {
-    /// Names and remarks.
-    Text(Cow<'a, [String]>),
-    /// Numbers, some of which may be missing.
-    Number(Cow<'a, [Option<f64>]>),
-    /// Numbers that are all there.
-    Full(Cow<'a, [f64]>),
-    /// Counts, some of which may be missing.
-    Count(Cow<'a, [Option<u64>]>),
+pub use self::npy::write_numpy;
+pub use self::parquet::ParquetWriter;
+use self::parquet::parquet_file;
+pub use crate::mat5::write_matlab;
+pub use crate::rows::Cells;
+
+/// A table of results: columns of one length, each with a name that carries its unit. Numbers in CSV have the fewest
+/// digits that read back as the same number; missing values are empty, and null in Parquet.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct NamedTable {
+    columns: Vec<(String, Cells<'static>)>,
 }
 
-impl Cells<'_> {
-    pub(crate) fn len(&self) -> usize {
-        match self {
-            Self::Text(values) => values.len(),
-            Self::Number(values) => values.len(),
-            Self::Full(values) => values.len(),
-            Self::Count(values) => values.len(),
-        }
-    }
-}
-
-/// What writes a table: as many columns as it was made with, of the same types.
-pub trait TableWriter {
-    /// Adds rows; to [`HeldTable`] those of columns without missing numbers.
+impl NamedTable {
+    /// A table of these columns.
     ///
-    /// # Errors
-    /// What the system says.
-    fn write(&mut self, columns: &[Cells<'_>]) -> io::Result<()>;
-
-    /// Writes what is left, and the end.
-    ///
-    /// # Errors
-    /// What the system says.
-    fn finish(&mut self) -> io::Result<()>;
-}
-
-/// A table that is held in memory until all rows are there, in a file that begins with their number.
-pub struct HeldTable<W> {
-    out: W,
-    columns: Vec<HeldColumn>,
-    rows: usize,
-    format: Format<W>,
-}
-
-/// Writes so many rows of columns.
-type Format<W> = fn(&mut W, &[HeldColumn], usize) -> io::Result<()>;
-
-/// A column: its values are in the one list or in the other.
-struct HeldColumn {
-    name: String,
-    is_text: bool,
-    numbers: Vec<f64>,
-    texts: Vec<String>,
-}
-
-impl<W: Write> HeldTable<W> {
-    /// An array of NumPy, one record for each row, of these columns; whether each holds texts.
-    pub fn numpy(out: W, columns: &[(String, bool)]) -> Self {
-        Self::new(out, columns, npy::write)
+    /// # Panics
+    /// If they differ in length.
+    pub fn new<'a>(columns: impl IntoIterator<Item = (&'a str, Cells<'static>)>) -> Self {
+        let columns = columns.into_iter().map(|(name, cells)| (name.to_owned(), cells)).collect();
+        let table = Self { columns };
+        assert!(table.columns.iter().all(|(_, cells)| cells.rows() == table.rows()), "one length");
+        table
     }
 
-    /// A MATLAB 5 file, one variable for each of these columns; whether each holds texts. Names become those of
-    /// variables.
-    pub fn matlab(out: W, columns: &[(String, bool)]) -> Self {
-        Self::new(out, columns, mat5::write)
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.columns.first().map_or(0, |(_, cells)| cells.rows())
     }
 
-    fn new(out: W, columns: &[(String, bool)], format: Format<W>) -> Self {
-        let column = |(name, is_text): &(String, bool)| HeldColumn {
-            name: name.clone(),
-            is_text: *is_text,
-            numbers: Vec::new(),
-            texts: Vec::new(),
-        };
-        Self { out, columns: columns.iter().map(column).collect(), rows: 0, format }
-    }
-}
-
-impl<W: Write> TableWriter for HeldTable<W> {
-    fn write(&mut self, columns: &[Cells<'_>]) -> io::Result<()> {
-        self.rows += columns.first().map_or(0, Cells::len);
-        for (held, values) in self.columns.iter_mut().zip(columns) {
-            match values {
-                Cells::Full(values) => held.numbers.extend_from_slice(values),
-                Cells::Text(values) => held.texts.extend_from_slice(values),
-                // These formats cannot store a missing number.
-                Cells::Number(_) | Cells::Count(_) => {
-                    return Err(io::ErrorKind::Unsupported.into());
+    /// The table as CSV, with a line of names.
+    pub fn to_csv(&self) -> Vec<u8> {
+        let mut text = Vec::with_capacity(20 * self.columns.len() * (1 + self.rows()));
+        let names = self.columns.iter().map(|(name, _)| name.as_str());
+        text.extend_from_slice(names.collect::<Vec<_>>().join(",").as_bytes());
+        text.push(b'\n');
+        let mut digits = zmij::Buffer::new();
+        for row in 0..self.rows() {
+            for (position, (_, column)) in self.columns.iter().enumerate() {
+                if position > 0 {
+                    text.push(b',');
+                }
+                match column {
+                    Cells::Text(values) => {
+                        text.extend_from_slice(escape::csv_field(&values[row]).as_bytes())
+                    }
+                    Cells::Full(values) => {
+                        text.extend_from_slice(digits.format(values[row]).as_bytes());
+                    }
+                    Cells::Number(values) => {
+                        let value = values[row].map(|value| digits.format(value));
+                        text.extend_from_slice(value.unwrap_or_default().as_bytes());
+                    }
+                    Cells::Count(values) => {
+                        let value = values[row].map(|value| value.to_string());
+                        text.extend_from_slice(value.unwrap_or_default().as_bytes());
+                    }
                 }
             }
+            text.push(b'\n');
         }
-        Ok(())
+        text
     }
 
-    fn finish(&mut self) -> io::Result<()> {
-        (self.format)(&mut self.out, &self.columns, self.rows)?;
-        self.out.flush()
+    /// The table as a Parquet file.
+    ///
+    /// # Errors
+    /// [`io::Error`] if a page takes more than the 2 GB that it may have.
+    pub fn to_parquet(&self) -> io::Result<Vec<u8>> {
+        parquet_file(&self.columns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::FileKind;
+
+    use super::*;
+
+    fn table() -> NamedTable {
+        NamedTable::new([
+            ("file", Cells::Text(vec!["a, \"b\"".to_owned(), String::new()].into())),
+            ("drag_n", Cells::Number(vec![Some(0.1), None].into())),
+            ("t_s", Cells::Full(vec![1.0, -1e-300].into())),
+            ("rows", Cells::Count(vec![None, Some(7)].into())),
+        ])
+    }
+
+    #[test]
+    fn csv_reads_back_as_what_it_was_made_from() {
+        let text = table().to_csv();
+        let mut reader = csv::Reader::from_reader(&*text);
+        assert_eq!(reader.headers().unwrap(), vec!["file", "drag_n", "t_s", "rows"]);
+        let rows: Vec<_> = reader.records().map(Result::unwrap).collect();
+        assert_eq!(rows[0], vec!["a, \"b\"", "0.1", "1.0", ""]);
+        assert_eq!(rows[1], vec!["", "", "-1e-300", "7"]);
+    }
+    #[test]
+    fn parquet_reads_back_as_what_it_was_made_from() {
+        // More rows than there are in a row group.
+        let many = 70_000;
+        let names = (0..many).map(|row| format!("trial {}", row / 1000));
+        let drag = (0..many).map(|row| (row % 3 > 0).then_some(f64::from(row) / 7.0));
+        let long = NamedTable::new([
+            ("file", Cells::Text(names.collect())),
+            ("drag_n", Cells::Number(drag.collect())),
+        ]);
+        let file = tempfile::NamedTempFile::new().unwrap();
+        for (table, line) in [(table(), 1), (long, 65_537)] {
+            std::fs::write(file.path(), table.to_parquet().unwrap()).unwrap();
+            let read = crate::Table::open(file.path(), FileKind::Parquet, None).unwrap();
+            let text = std::io::read_to_string(read.text().unwrap()).unwrap();
+            // The reader writes whole numbers as such.
+            let expected = String::from_utf8(table.to_csv()).unwrap();
+            let expected = expected.replace(".0,", ",").replace(".0\n", "\n");
+            assert!(text == expected, "{:?}", text.lines().nth(line));
+        }
     }
 }

@@ -2,23 +2,31 @@
 
 use std::io::{self, Write};
 
-use super::HeldColumn;
+use super::Cells;
 
-/// Writes an `.npy` file.
-pub(super) fn write<W: Write>(out: &mut W, columns: &[HeldColumn], rows: usize) -> io::Result<()> {
+/// Writes an `.npy` file of columns of one length.
+///
+/// # Errors
+/// What the system says, and for columns with missing numbers, which the format cannot store.
+pub fn write_numpy(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io::Result<()> {
+    let rows = columns.first().map_or(0, |(_, cells)| cells.rows());
     let mut fields = Vec::new();
     let mut widths = Vec::new();
-    for column in columns {
-        let texts = column.texts.iter();
-        let width = texts.map(|text| text.chars().count()).max().unwrap_or(0).max(1);
-        widths.push(width);
+    for (name, cells) in columns {
         // What would end the name or the line of the header.
         let is_special = |c: char| c.is_control() || matches!(c, '\\' | '\'');
-        let name = column.name.replace(is_special, "_");
-        fields.push(match column.is_text {
-            true => format!("('{name}', '<U{width}')"),
-            false => format!("('{name}', '<f8')"),
-        });
+        let name = name.replace(is_special, "_");
+        let (kind, width) = match cells {
+            Cells::Full(_) => ("f", 8),
+            Cells::Text(texts) => {
+                let widths = texts.iter().map(|text| text.chars().count());
+                ("U", widths.max().unwrap_or(0).max(1))
+            }
+            // There are no missing numbers.
+            Cells::Number(_) | Cells::Count(_) => return Err(io::ErrorKind::Unsupported.into()),
+        };
+        fields.push(format!("('{name}', '<{kind}{width}')"));
+        widths.push(width);
     }
     let fields = fields.join(", ");
     let mut header =
@@ -32,14 +40,16 @@ pub(super) fn write<W: Write>(out: &mut W, columns: &[HeldColumn], rows: usize) 
     out.write_all(&(header.len() as u32).to_le_bytes())?;
     out.write_all(header.as_bytes())?;
     for row in 0..rows {
-        for (column, width) in columns.iter().zip(&widths) {
-            if !column.is_text {
-                out.write_all(&column.numbers[row].to_le_bytes())?;
-                continue;
-            }
-            let characters = column.texts[row].chars().chain(std::iter::repeat('\0'));
-            for character in characters.take(*width) {
-                out.write_all(&u32::from(character).to_le_bytes())?;
+        for ((_, cells), width) in columns.iter().zip(&widths) {
+            match cells {
+                Cells::Full(numbers) => out.write_all(&numbers[row].to_le_bytes())?,
+                Cells::Text(texts) => {
+                    let characters = texts[row].chars().chain(std::iter::repeat('\0'));
+                    for character in characters.take(*width) {
+                        out.write_all(&u32::from(character).to_le_bytes())?;
+                    }
+                }
+                Cells::Number(_) | Cells::Count(_) => {}
             }
         }
     }

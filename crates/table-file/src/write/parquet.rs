@@ -7,7 +7,7 @@
 use std::io::{self, Write};
 use std::ops::Range;
 
-use super::{Cells, TableWriter};
+use super::Cells;
 use crate::bytes::push_varint;
 use crate::thrift::Value::{self, Int, List, Struct, Whole};
 
@@ -34,22 +34,13 @@ const SNAPPY: i32 = 1;
 /// How many rows of a table in memory become one row group.
 const GROUP_ROWS: usize = 1 << 16;
 
-/// What a column is in the schema.
-#[derive(Clone, Copy, Debug)]
-struct ColumnType {
-    physical: i32,
-    repetition: i32,
-}
-
-impl ColumnType {
-    fn new(cells: &Cells<'_>) -> Self {
-        let (physical, repetition) = match cells {
-            Cells::Text(_) => (BYTE_ARRAY, REQUIRED),
-            Cells::Number(_) => (DOUBLE, OPTIONAL),
-            Cells::Full(_) => (DOUBLE, REQUIRED),
-            Cells::Count(_) => (INT64, OPTIONAL),
-        };
-        Self { physical, repetition }
+/// The type of a column, and whether values may be missing.
+fn column_type(cells: &Cells<'_>) -> (i32, i32) {
+    match cells {
+        Cells::Text(_) => (BYTE_ARRAY, REQUIRED),
+        Cells::Number(_) => (DOUBLE, OPTIONAL),
+        Cells::Full(_) => (DOUBLE, REQUIRED),
+        Cells::Count(_) => (INT64, OPTIONAL),
     }
 }
 
@@ -59,12 +50,10 @@ impl ColumnType {
 /// [`io::Error`] if a page takes more than the 2 GB that it may have.
 pub(crate) fn parquet_file(columns: &[(String, Cells<'_>)]) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    let kinds = columns.iter().map(|(name, cells)| (name.clone(), ColumnType::new(cells)));
-    let mut writer = ParquetWriter::from_kinds(&mut bytes, kinds.collect())?;
-    let rows = columns.first().map_or(0, |(_, cells)| cells.len());
+    let mut writer = ParquetWriter::new(&mut bytes, columns)?;
+    let rows = columns.first().map_or(0, |(_, cells)| cells.rows());
     for start in (0..rows).step_by(GROUP_ROWS) {
-        let cells = columns.iter().map(|(_, cells)| cells);
-        writer.group(cells, start..rows.min(start + GROUP_ROWS))?;
+        writer.group(columns, start..rows.min(start + GROUP_ROWS))?;
     }
     writer.finish()?;
     Ok(bytes)
@@ -74,51 +63,49 @@ pub(crate) fn parquet_file(columns: &[(String, Cells<'_>)]) -> io::Result<Vec<u8
 pub struct ParquetWriter<W> {
     out: W,
     at: u64,
-    columns: Vec<(String, ColumnType)>,
+    /// The root of the schema, then its columns.
+    schema: Vec<Value>,
     rows: u64,
     /// What the footer says of each row group.
     groups: Vec<Value>,
 }
 
 impl<W: Write> ParquetWriter<W> {
-    /// A file of these columns; whether each holds texts.
+    /// A file of columns of these names and types; it has no rows yet.
     ///
     /// # Errors
     /// What the system says.
-    pub fn new(out: W, columns: &[(String, bool)]) -> io::Result<Self> {
-        let kind = |(name, is_text): &(String, bool)| {
-            let physical = if *is_text { BYTE_ARRAY } else { DOUBLE };
-            (name.clone(), ColumnType { physical, repetition: REQUIRED })
-        };
-        Self::from_kinds(out, columns.iter().map(kind).collect())
-    }
-
-    fn from_kinds(mut out: W, columns: Vec<(String, ColumnType)>) -> io::Result<Self> {
+    pub fn new(mut out: W, columns: &[(String, Cells<'_>)]) -> io::Result<Self> {
         out.write_all(MAGIC)?;
-        Ok(Self { out, at: MAGIC.len() as u64, columns, rows: 0, groups: Vec::new() })
+        let mut schema = vec![Struct(vec![(4, "schema".into()), (5, Int(columns.len() as i32))])];
+        schema.extend(columns.iter().map(|(name, cells)| {
+            let (physical, repetition) = column_type(cells);
+            let mut element =
+                vec![(1, Int(physical)), (3, Int(repetition)), (4, name.as_str().into())];
+            if physical == BYTE_ARRAY {
+                element.push((6, Int(UTF8)));
+                element.push((10, Struct(vec![(1, Struct(Vec::new()))])));
+            }
+            Struct(element)
+        }));
+        Ok(Self { out, at: MAGIC.len() as u64, schema, rows: 0, groups: Vec::new() })
     }
 
     /// Writes rows as a group.
-    fn group<'a>(
-        &mut self,
-        columns: impl Iterator<Item = &'a Cells<'a>>,
-        range: Range<usize>,
-    ) -> io::Result<()> {
+    fn group(&mut self, columns: &[(String, Cells<'_>)], range: Range<usize>) -> io::Result<()> {
         let (start, rows) = (self.at, range.len() as i64);
-        let mut chunks = Vec::new();
-        for cells in columns {
-            let chunk = EncodedChunk::new(cells, range.clone())?;
-            self.out.write_all(&chunk.bytes)?;
-            chunks.push((self.at as i64, chunk));
-            self.at += chunks.last().map_or(0, |(_, chunk)| chunk.bytes.len() as u64);
+        let (mut chunks, mut unpacked_bytes) = (Vec::new(), 0);
+        for (name, cells) in columns {
+            let at = self.at as i64;
+            let (bytes, unpacked, column) = column_chunk(name, cells, range.clone(), at)?;
+            self.out.write_all(&bytes)?;
+            chunks.push(Struct(vec![(2, Whole(at)), (3, column)]));
+            unpacked_bytes += unpacked;
+            self.at += bytes.len() as u64;
         }
         let bytes = (self.at - start) as i64;
-        let unpacked_bytes: i64 = chunks.iter().map(|(_, chunk)| chunk.unpacked_bytes).sum();
-        let columns = self.columns.iter().zip(&chunks).map(|((name, kind), (at, chunk))| {
-            Struct(vec![(2, Whole(*at)), (3, chunk.describe(name, *kind, *at, rows))])
-        });
         self.groups.push(Struct(vec![
-            (1, List(columns.collect())),
+            (1, List(chunks)),
             (2, Whole(unpacked_bytes)),
             (3, Whole(rows)),
             (5, Whole(start as i64)),
@@ -128,40 +115,31 @@ impl<W: Write> ParquetWriter<W> {
         Ok(())
     }
 
-    fn footer(&mut self) -> Value {
-        // The root of the schema, then its columns.
-        let mut schema =
-            vec![Struct(vec![(4, "schema".into()), (5, Int(self.columns.len() as i32))])];
-        schema.extend(self.columns.iter().map(|(name, kind)| {
-            let mut element =
-                vec![(1, Int(kind.physical)), (3, Int(kind.repetition)), (4, name.as_str().into())];
-            if kind.physical == BYTE_ARRAY {
-                element.push((6, Int(UTF8)));
-                element.push((10, Struct(vec![(1, Struct(Vec::new()))])));
-            }
-            Struct(element)
-        }));
-        Struct(vec![
-            (1, Int(1)),
-            (2, List(schema)),
-            (3, Whole(self.rows as i64)),
-            (4, List(std::mem::take(&mut self.groups))),
-            (6, concat!("shellcal version ", env!("CARGO_PKG_VERSION")).into()),
-        ])
-    }
-}
-
-impl<W: Write> TableWriter for ParquetWriter<W> {
-    fn write(&mut self, columns: &[Cells<'_>]) -> io::Result<()> {
-        match columns.first().map_or(0, Cells::len) {
+    /// Writes rows as a group: as many columns as the file has, of the same types.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn write(&mut self, columns: &[(String, Cells<'_>)]) -> io::Result<()> {
+        match columns.first().map_or(0, |(_, cells)| cells.rows()) {
             0 => Ok(()),
-            rows => self.group(columns.iter(), 0..rows),
+            rows => self.group(columns, 0..rows),
         }
     }
 
-    fn finish(&mut self) -> io::Result<()> {
+    /// Writes the footer.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn finish(&mut self) -> io::Result<()> {
+        let description = Struct(vec![
+            (1, Int(1)),
+            (2, List(std::mem::take(&mut self.schema))),
+            (3, Whole(self.rows as i64)),
+            (4, List(std::mem::take(&mut self.groups))),
+            (6, concat!("shellcal version ", env!("CARGO_PKG_VERSION")).into()),
+        ]);
         let mut footer = Vec::new();
-        self.footer().write(&mut footer);
+        description.write(&mut footer);
         let length = u32::try_from(footer.len())
             .map_err(|_| io::Error::other("the footer of a Parquet file has at most 4 GB"))?;
         self.out.write_all(&footer)?;
@@ -171,78 +149,71 @@ impl<W: Write> TableWriter for ParquetWriter<W> {
     }
 }
 
-/// The page of a column in a row group, with its head.
-struct EncodedChunk {
-    bytes: Vec<u8>,
-    unpacked_bytes: i64,
-    codec: i32,
-    missing: i64,
-}
-
-impl EncodedChunk {
-    fn new(cells: &Cells<'_>, rows: Range<usize>) -> io::Result<Self> {
-        let count = Int(rows.len() as i32);
-        let mut values = Vec::new();
-        let (mut missing, mut codec) = (0, UNCOMPRESSED);
-        match cells {
-            Cells::Full(numbers) => {
-                plain(&mut values, numbers[rows].iter().map(|value| value.to_le_bytes()));
-            }
-            Cells::Number(numbers) => {
-                let numbers = &numbers[rows];
-                missing = levels(&mut values, numbers)?;
-                plain(&mut values, numbers.iter().flatten().map(|value| value.to_le_bytes()));
-            }
-            Cells::Count(counts) => {
-                let counts = &counts[rows];
-                missing = levels(&mut values, counts)?;
-                plain(&mut values, counts.iter().flatten().map(|&count| count.to_le_bytes()));
-            }
-            Cells::Text(texts) => {
-                codec = SNAPPY;
-                for text in &texts[rows] {
-                    let length = u32::try_from(text.len()).map_err(io::Error::other)?;
-                    values.extend(length.to_le_bytes());
-                    values.extend_from_slice(text.as_bytes());
-                }
+/// The page of a column in a row group with its head, as many bytes as that is unpacked, and what the footer says of
+/// it, where it begins `at` a position in the file.
+fn column_chunk(
+    name: &str,
+    cells: &Cells<'_>,
+    rows: Range<usize>,
+    at: i64,
+) -> io::Result<(Vec<u8>, i64, Value)> {
+    let count = rows.len();
+    let mut values = Vec::new();
+    let (mut missing, mut codec) = (0, UNCOMPRESSED);
+    match cells {
+        Cells::Full(numbers) => {
+            plain(&mut values, numbers[rows].iter().map(|value| value.to_le_bytes()));
+        }
+        Cells::Number(numbers) => {
+            let numbers = &numbers[rows];
+            missing = levels(&mut values, numbers)?;
+            plain(&mut values, numbers.iter().flatten().map(|value| value.to_le_bytes()));
+        }
+        Cells::Count(counts) => {
+            let counts = &counts[rows];
+            missing = levels(&mut values, counts)?;
+            plain(&mut values, counts.iter().flatten().map(|&count| count.to_le_bytes()));
+        }
+        Cells::Text(texts) => {
+            codec = SNAPPY;
+            for text in &texts[rows] {
+                let length = u32::try_from(text.len()).map_err(io::Error::other)?;
+                values.extend(length.to_le_bytes());
+                values.extend_from_slice(text.as_bytes());
             }
         }
-        let long = |_| io::Error::other("a page of a Parquet file has at most 2 GB");
-        let unpacked = i32::try_from(values.len()).map_err(long)?;
-        let content = match codec {
-            UNCOMPRESSED => values,
-            _ => snap::raw::Encoder::new().compress_vec(&values).map_err(io::Error::other)?,
-        };
-        let packed = i32::try_from(content.len()).map_err(long)?;
-        let mut bytes = Vec::new();
-        let page = vec![(1, count), (2, Int(PLAIN)), (3, Int(RUNS)), (4, Int(RUNS))];
-        let head = Struct(vec![
-            (1, Int(DATA_PAGE)),
-            (2, Int(unpacked)),
-            (3, Int(packed)),
-            (4, Int(crc32fast::hash(&content) as i32)),
-            (5, Struct(page)),
-        ]);
-        head.write(&mut bytes);
-        let unpacked_bytes = bytes.len() as i64 + i64::from(unpacked);
-        bytes.extend_from_slice(&content);
-        Ok(Self { bytes, unpacked_bytes, codec, missing })
     }
-
-    /// What the footer says of it, where it begins at a position in the file.
-    fn describe(&self, name: &str, kind: ColumnType, at: i64, rows: i64) -> Value {
-        Struct(vec![
-            (1, Int(kind.physical)),
-            (2, List(vec![Int(PLAIN), Int(RUNS)])),
-            (3, List(vec![name.into()])),
-            (4, Int(self.codec)),
-            (5, Whole(rows)),
-            (6, Whole(self.unpacked_bytes)),
-            (7, Whole(self.bytes.len() as i64)),
-            (9, Whole(at)),
-            (12, Struct(vec![(3, Whole(self.missing))])),
-        ])
-    }
+    let long = |_| io::Error::other("a page of a Parquet file has at most 2 GB");
+    let unpacked = i32::try_from(values.len()).map_err(long)?;
+    let content = match codec {
+        UNCOMPRESSED => values,
+        _ => snap::raw::Encoder::new().compress_vec(&values).map_err(io::Error::other)?,
+    };
+    let packed = i32::try_from(content.len()).map_err(long)?;
+    let mut bytes = Vec::new();
+    let page = vec![(1, Int(count as i32)), (2, Int(PLAIN)), (3, Int(RUNS)), (4, Int(RUNS))];
+    let head = Struct(vec![
+        (1, Int(DATA_PAGE)),
+        (2, Int(unpacked)),
+        (3, Int(packed)),
+        (4, Int(crc32fast::hash(&content) as i32)),
+        (5, Struct(page)),
+    ]);
+    head.write(&mut bytes);
+    let unpacked_bytes = bytes.len() as i64 + i64::from(unpacked);
+    bytes.extend_from_slice(&content);
+    let column = Struct(vec![
+        (1, Int(column_type(cells).0)),
+        (2, List(vec![Int(PLAIN), Int(RUNS)])),
+        (3, List(vec![name.into()])),
+        (4, Int(codec)),
+        (5, Whole(count as i64)),
+        (6, Whole(unpacked_bytes)),
+        (7, Whole(bytes.len() as i64)),
+        (9, Whole(at)),
+        (12, Struct(vec![(3, Whole(missing))])),
+    ]);
+    Ok((bytes, unpacked_bytes, column))
 }
 
 fn plain(bytes: &mut Vec<u8>, values: impl Iterator<Item = [u8; 8]>) {

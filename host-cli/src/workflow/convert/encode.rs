@@ -1,11 +1,12 @@
 //! Converted frames as what is written of them, on any thread and then in order.
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 
 use table_file::write::mcap::{
-    ChunkBuilder, McapChannel, McapChunk, McapWriter, static_transform, wrench_stamped,
+    McapChannel, McapChunk, McapWriter, static_transform, wrench_stamped,
 };
-use table_file::write::{Cells, HeldTable, ParquetWriter, TableWriter};
+use table_file::write::{Cells, ParquetWriter, write_matlab, write_numpy};
 
 use super::frames::ConvertedFrames;
 use super::options::{OutputFormat, RecordingFrame};
@@ -29,7 +30,7 @@ pub(super) struct Encoder<'a> {
 pub(super) enum EncodedFrames {
     Text(Vec<u8>),
     Columns(Vec<Cells<'static>>),
-    Chunk(Option<McapChunk>),
+    Chunk(McapChunk),
 }
 
 impl Encoder<'_> {
@@ -51,11 +52,7 @@ impl Encoder<'_> {
         })
     }
 
-    fn chunk(
-        &self,
-        frames: &ConvertedFrames,
-        frame_id: &str,
-    ) -> Result<Option<McapChunk>, WorkflowError> {
+    fn chunk(&self, frames: &ConvertedFrames, frame_id: &str) -> Result<McapChunk, WorkflowError> {
         let numbers = self.table.numbers(frames);
         // The names as they stand in every message, after the brace or comma.
         let key = |(name, _): (String, bool)| Ok(format!("{}:", serde_json::to_string(&name)?));
@@ -67,7 +64,7 @@ impl Encoder<'_> {
         let texts: Vec<_> = of_texts.iter().zip(&frames.texts).collect();
         // Two messages with their heads; numbers have up to 24 digits.
         let names: usize = details.iter().map(|(name, _)| name.len() + 25).sum();
-        let mut chunk = ChunkBuilder::with_capacity(frames.len() * (160 + frame_id.len() + names));
+        let mut chunk = McapChunk::with_capacity(frames.len() * (160 + frame_id.len() + names));
         let mut digits = zmij::Buffer::new();
         for row in 0..frames.len() {
             let time_s = frames.time_s[row];
@@ -102,7 +99,7 @@ impl Encoder<'_> {
                 json.extend_from_slice(b"\"}");
             });
         }
-        Ok(chunk.finish())
+        Ok(chunk)
     }
 
     /// What goes with a wrench, and whether it is text: the readings, and the columns but for time and wrench, which are
@@ -146,20 +143,28 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
 /// Where encoded frames go, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    Table {
-        writer: Box<dyn TableWriter + 'a>,
-        /// Columns of so many rows that are written together.
-        waiting: Vec<Cells<'static>>,
-        rows: usize,
-    },
+    /// With the rows that are not written yet.
+    Table(TableFile<'a>, Vec<(String, Cells<'static>)>),
     /// With the frame whose mount is still to be written.
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
+}
+
+/// A file with columns of numbers and texts.
+pub(super) enum TableFile<'a> {
+    Parquet(ParquetWriter<&'a mut dyn Write>),
+    /// One that begins with the number of rows, and what writes it.
+    Whole(&'a mut dyn Write, fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>),
 }
 
 impl<'a> EncodedOutput<'a> {
     /// Writes what comes before the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
-        let writer: Box<dyn TableWriter + 'a> = match encoder.format {
+        let column = |(name, is_text)| match is_text {
+            true => (name, Cells::Text(Cow::default())),
+            false => (name, Cells::Full(Cow::default())),
+        };
+        let columns: Vec<_> = encoder.table.names().into_iter().map(column).collect();
+        let file = match encoder.format {
             OutputFormat::Csv => {
                 out.write_all(encoder.table.header().as_bytes())?;
                 return Ok(Self::Text(out));
@@ -174,37 +179,37 @@ impl<'a> EncodedOutput<'a> {
                 let writer = McapWriter::new(out, crate::PROGRAM, channels)?;
                 return Ok(Self::Recording(writer, Some(frame.clone())));
             }
-            OutputFormat::Parquet => Box::new(ParquetWriter::new(out, &encoder.table.names())?),
-            OutputFormat::Matlab => Box::new(HeldTable::matlab(out, &encoder.table.names())),
-            OutputFormat::NumPy => Box::new(HeldTable::numpy(out, &encoder.table.names())),
+            OutputFormat::Parquet => TableFile::Parquet(ParquetWriter::new(out, &columns)?),
+            OutputFormat::Matlab => TableFile::Whole(out, write_matlab),
+            OutputFormat::NumPy => TableFile::Whole(out, write_numpy),
         };
-        Ok(Self::Table { writer, waiting: Vec::new(), rows: 0 })
+        Ok(Self::Table(file, columns))
     }
 
     /// Writes so many frames.
     pub(super) fn write(&mut self, count: usize, encoded: EncodedFrames) -> io::Result<()> {
         match (self, encoded) {
             (Self::Text(out), EncodedFrames::Text(text)) => out.write_all(&text),
-            (Self::Recording(writer, frame), EncodedFrames::Chunk(Some(chunk))) => {
-                if let Some(transform) = frame.take().and_then(|it| transform(&it, &chunk)) {
-                    writer.write(&transform)?;
+            (Self::Recording(writer, frame), EncodedFrames::Chunk(chunk)) => {
+                if let Some(time_ns) = chunk.start_ns()
+                    && let Some(frame) = frame.take()
+                {
+                    writer.write(&transform(&frame, time_ns))?;
                 }
                 writer.write(&chunk)
             }
-            (Self::Recording(..), EncodedFrames::Chunk(None)) => Ok(()),
             // Of no frames there are not even all the columns.
-            (Self::Table { .. }, EncodedFrames::Columns(_)) if count == 0 => Ok(()),
-            (Self::Table { writer, waiting, rows }, EncodedFrames::Columns(next)) => {
-                *rows += count;
-                match waiting.is_empty() {
-                    true => *waiting = next,
-                    false => waiting.iter_mut().zip(next).for_each(|(all, next)| append(all, next)),
+            (Self::Table(..), EncodedFrames::Columns(_)) if count == 0 => Ok(()),
+            (Self::Table(file, waiting), EncodedFrames::Columns(next)) => {
+                waiting.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
+                match file {
+                    TableFile::Parquet(writer) if waiting[0].1.rows() >= PART_ROWS => {
+                        writer.write(waiting)?;
+                        waiting.iter_mut().for_each(|(_, cells)| clear(cells));
+                        Ok(())
+                    }
+                    _ => Ok(()),
                 }
-                if *rows >= PART_ROWS {
-                    writer.write(waiting)?;
-                    (*waiting, *rows) = (Vec::new(), 0);
-                }
-                Ok(())
             }
             _ => Err(io::Error::other("frames were encoded for another kind of file")),
         }
@@ -215,25 +220,28 @@ impl<'a> EncodedOutput<'a> {
         match self {
             Self::Text(_) => Ok(()),
             Self::Recording(mut writer, _) => writer.finish(),
-            Self::Table { mut writer, waiting, rows } => {
-                if rows > 0 {
-                    writer.write(&waiting)?;
-                }
+            Self::Table(TableFile::Parquet(mut writer), waiting) => {
+                writer.write(&waiting)?;
                 writer.finish()
+            }
+            Self::Table(TableFile::Whole(out, write), waiting) => {
+                write(out, &waiting)?;
+                out.flush()
             }
         }
     }
 }
 
-/// Where the frame of wrenches is, from the time of their first chunk on.
-fn transform(frame: &RecordingFrame, first: &McapChunk) -> Option<McapChunk> {
-    let mount = frame.mount.as_ref()?;
-    let (mut chunk, time_ns) = (ChunkBuilder::default(), first.start_ns());
-    let frames = [mount.parent.as_str(), frame.id.as_str()];
-    chunk.message(2, time_ns, |message| {
-        static_transform(message, time_ns, frames, mount.position_m, mount.quaternion());
-    });
-    chunk.finish()
+/// Where the frame of wrenches is, if that is known, from a time on.
+fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
+    let mut chunk = McapChunk::default();
+    if let Some(mount) = &frame.mount {
+        let frames = [mount.parent.as_str(), frame.id.as_str()];
+        chunk.message(2, time_ns, |message| {
+            static_transform(message, time_ns, frames, mount.position_m, mount.quaternion());
+        });
+    }
+    chunk
 }
 
 /// Adds the rows that follow to a column of the same kind.
@@ -242,6 +250,14 @@ fn append(column: &mut Cells<'static>, next: Cells<'static>) {
         (Cells::Full(column), Cells::Full(next)) => column.to_mut().extend(next.iter()),
         (Cells::Text(column), Cells::Text(next)) => column.to_mut().extend(next.into_owned()),
         _ => unreachable!("a column keeps its kind"),
+    }
+}
+
+fn clear(column: &mut Cells<'static>) {
+    match column {
+        Cells::Text(column) => column.to_mut().clear(),
+        Cells::Full(column) => column.to_mut().clear(),
+        _ => unreachable!("a frame has numbers and texts"),
     }
 }
 

@@ -29,11 +29,14 @@ fn parse_slowly(lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) 
         let text = line.strip_suffix(b"\r").unwrap_or(line);
         if !text.trim_ascii().is_empty() && !is_comment(text) {
             let fields = text.split(|&byte| byte == plan.separator);
-            let result = plan.parse_fields(fields, &mut parsed);
-            let skip =
-                skip || is_cut(&result, plan.names.len(), offset + line.len() == lines.len());
-            if let Err(error) = finish_row(result, offset, skip, &mut parsed) {
-                return (Err(error), parsed);
+            let is_last = offset + line.len() == lines.len();
+            match plan.parse_fields(fields, &mut parsed) {
+                Ok(()) => parsed.rows += 1,
+                Err(problem) if skip || (is_last && plan.is_short(&problem)) => {
+                    parsed.skipped += 1;
+                    parsed.pass_lines(1);
+                }
+                Err(problem) => return (Err(RowError { offset, problem }), parsed),
             }
         } else if offset < lines.len() {
             parsed.pass_lines(1);

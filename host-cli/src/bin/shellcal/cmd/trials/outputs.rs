@@ -6,7 +6,7 @@ use figures::Format;
 use output_file::OutputError;
 use shellcal::workflow::batch::Batch;
 use shellcal::workflow::figures::{FigureFolder, reduce_trace};
-use table_file::named_table::NamedTable;
+use table_file::write::NamedTable;
 use trial::manifest::{CellPosition, Shard};
 use trial::tables::{conditions_table, strides_table, trace_table, trials_table};
 use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
