@@ -112,6 +112,11 @@ macro_rules! coded {
                     Self::$other(code) => *code,
                 }
             }
+
+            /// The variant of a code; `None` if it has fields.
+            pub fn from_code(code: u8) -> Option<Self> {
+                $crate::field::Reader(&[code]).get()
+            }
         }
 
         impl $crate::field::Field for $name {

@@ -12,7 +12,7 @@
 //! 51 bytes; in a sample a hundred are, of which the two bytes of the CRC rule out one in thirty.
 
 use crate::bytes::Bytes;
-use crate::error::DecodeError;
+use crate::packet::DecodeError;
 
 /// Longest packet in bytes, mask and CRC included: the longest for which a mask always exists.
 pub const MAX_PACKET: usize = 51;

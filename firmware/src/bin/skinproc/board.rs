@@ -3,12 +3,12 @@
 use crate::stm32::converter::{Converter, EndOfBurst};
 use crate::stm32::front_end::{Inputs, Photointerrupters, emitters};
 use crate::stm32::start;
-use crate::stm32::time::Independent;
 use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
 use embassy_stm32::flash::Flash;
 use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::typelevel;
 use embassy_stm32::usart::{self, Uart};
+use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, dma, exti, pac, peripherals, rcc, rng};
 use shared_proto::Board;
 

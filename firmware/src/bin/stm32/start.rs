@@ -5,8 +5,7 @@ use super::front_end::Photointerrupters;
 use super::last_words;
 use super::storage::Area;
 use super::sync_input;
-use super::tasks::{self, Stm32Station};
-use super::time::{EmbassyClock, Independent};
+use super::tasks::{self, EmbassyClock, Stm32Station};
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_stm32::exti::ExtiInput;
@@ -14,14 +13,18 @@ use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::RNG;
+use embassy_stm32::peripherals::{IWDG, RNG};
 use embassy_stm32::rng::Rng;
 use embassy_stm32::usart::{self, Uart};
+use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, interrupt, pac, rcc, uid};
 use embassy_time::{Duration, with_timeout};
 use firmware::{BoardSetup, LastWords, RECORD, Slots, Station, VERSION, baud};
 use shared_proto::{Board, Identity, ResetCause};
 use static_cell::{ConstStaticCell, StaticCell};
+
+/// The watchdog resets the board unless it is fed within this time.
+pub(crate) const WATCHDOG_US: u32 = 1_000_000;
 
 /// How the run before has ended.
 pub(crate) struct Past {
@@ -110,7 +113,9 @@ macro_rules! board {
             past.log();
             // A debugger that halts the core is no reason for a reset.
             pac::DBGMCU.$freeze().modify(|frozen| frozen.set_iwdg(true));
-            let watchdog = Independent::start(p.IWDG);
+            // From now on the firmware has to be quick.
+            let mut watchdog = IndependentWatchdog::new(p.IWDG, start::WATCHDOG_US);
+            watchdog.unleash();
             let run = (past, start::number(rng::Rng::new(p.RNG, Irqs)).await);
 
             let adc = Adc::new(p.ADC1, $($config)?);
@@ -163,7 +168,7 @@ pub(crate) fn tasks(
     spawner: Spawner,
     board: Board,
     (past, start): (Past, u16),
-    watchdog: Independent,
+    watchdog: IndependentWatchdog<'static, IWDG>,
     (front_end, conversion_ns): (Photointerrupters, u32),
     (uart, sync): (Result<Uart<'static, Async>, usart::ConfigError>, ExtiInput<'static, Async>),
     flash: Flash<'static, Blocking>,
