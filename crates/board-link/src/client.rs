@@ -10,7 +10,7 @@ use shared_proto::{
 };
 
 use super::LinkError;
-use super::source::read_port;
+use super::record::read_port;
 use crate::recording::PacketWire;
 
 /// How often a command is sent before the board is taken for deaf.
@@ -151,7 +151,7 @@ impl<P: Read + Write> Client<P> {
                 return Ok(found);
             }
             if let Some(version) = other {
-                return Err(LinkError::OtherVersion { version });
+                return Err(LinkError::OtherVersion(version));
             }
             if Instant::now() >= deadline {
                 return Ok(None);
@@ -166,7 +166,7 @@ impl<P: Read + Write> Client<P> {
     pub fn order(&mut self, command: Command) -> Result<(), LinkError> {
         match self.ask(command)? {
             Answer::Done => Ok(()),
-            _ => Err(LinkError::WrongAnswer { command: name_of(&command) }),
+            _ => Err(LinkError::WrongAnswer(name_of(&command))),
         }
     }
 
@@ -176,7 +176,7 @@ impl<P: Read + Write> Client<P> {
     /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one answers.
     pub fn identify(&mut self) -> Result<Identity, LinkError> {
         let Answer::Identity(identity) = self.ask(Command::Identify)? else {
-            return Err(LinkError::WrongAnswer { command: name_of(&Command::Identify) });
+            return Err(LinkError::WrongAnswer(name_of(&Command::Identify)));
         };
         // Others may answer a little later.
         let heard = std::mem::take(&mut self.serials);
@@ -206,7 +206,7 @@ impl<P: Read + Write> Client<P> {
                 Answer::LastWords { text, .. } if words.len() < usize::from(u16::MAX) => {
                     words.extend_from_slice(&text);
                 }
-                _ => return Err(LinkError::WrongAnswer { command: name_of(&command) }),
+                _ => return Err(LinkError::WrongAnswer(name_of(&command))),
             }
         }
         Ok(String::from_utf8_lossy(&words).into_owned())
@@ -220,7 +220,7 @@ impl<P: Read + Write> Client<P> {
         let command = Command::SelfTest { emitter };
         match self.ask(command)? {
             Answer::SelfTest { emitter: of, rise } if of == emitter => Ok(rise),
-            _ => Err(LinkError::WrongAnswer { command: name_of(&command) }),
+            _ => Err(LinkError::WrongAnswer(name_of(&command))),
         }
     }
 
@@ -231,7 +231,7 @@ impl<P: Read + Write> Client<P> {
     pub fn status(&mut self) -> Result<Status, LinkError> {
         match self.ask(Command::Status)? {
             Answer::Status(status) => Ok(status),
-            _ => Err(LinkError::WrongAnswer { command: name_of(&Command::Status) }),
+            _ => Err(LinkError::WrongAnswer(name_of(&Command::Status))),
         }
     }
 
@@ -246,7 +246,7 @@ impl<P: Read + Write> Client<P> {
         let begin = Command::BeginCalibration { size: bytes.len() as u32, crc32: sent };
         self.order(begin).map_err(|error| match error {
             LinkError::Refused { refusal: Refusal::WrongSize, .. } => {
-                LinkError::UnknownKind { kind: calibration.kind() }
+                LinkError::UnknownKind(calibration.kind())
             }
             error => error,
         })?;

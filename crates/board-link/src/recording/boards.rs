@@ -7,9 +7,52 @@
 use std::time::Duration;
 
 use super::reception::{BoardFrame, Losses, Reception};
-use super::wire::{MOST, PacketWire};
-use shared_proto::xbee::Address;
-use shared_proto::{Decoder, Event, Protocol, skinproc};
+use shared_proto::xbee::{Address, ApiFrame, Deframer};
+use shared_proto::{Decoder, Event, Framing, Protocol, skinproc};
+
+/// Most modules, and most boards, that are told apart: more than a channel has room for.
+const MOST: usize = 256;
+
+/// What cuts bytes into packets.
+#[derive(Clone, Debug)]
+pub(crate) enum PacketWire {
+    Transparent(Box<Decoder>),
+    BaseStation { deframer: Deframer, modules: Vec<(Address, Decoder)> },
+}
+
+impl PacketWire {
+    /// Nothing has arrived.
+    pub(crate) fn new(framing: Framing) -> Self {
+        match framing {
+            Framing::Cobs => Self::Transparent(Box::new(Decoder::new(framing))),
+            Framing::Xbee(mode) => {
+                Self::BaseStation { deframer: Deframer::new(mode), modules: Vec::new() }
+            }
+        }
+    }
+
+    /// Takes bytes, in slices of any size, and calls `sink` with every event, and the address of its module and how
+    /// strongly that was received where a base station says so.
+    pub(crate) fn feed(
+        &mut self,
+        bytes: &[u8],
+        mut sink: impl FnMut(Option<Address>, Option<u8>, Event),
+    ) {
+        match self {
+            Self::Transparent(decoder) => decoder.feed(bytes, |event| sink(None, None, event)),
+            Self::BaseStation { deframer, modules } => deframer.feed(bytes, |frame| {
+                let ApiFrame::Receive { from, rssi, payload } = frame else { return };
+                let known = modules.iter().position(|(address, _)| *address == from);
+                let at = known.unwrap_or_else(|| {
+                    modules.truncate(MOST);
+                    modules.push((from, Decoder::new(Framing::Cobs)));
+                    modules.len() - 1
+                });
+                modules[at].1.feed(payload, |event| sink(Some(from), rssi, event));
+            }),
+        }
+    }
+}
 
 /// What tells a board from others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,16 +121,12 @@ impl Boards {
         match wire {
             Wire::Packets(packets) => packets.feed(bytes, take),
             Wire::Original(decoder) => {
-                let mut index = decoder.scans.cast_signed();
                 let Some(HeardBoard { frames, reception, .. }) =
                     board_of(heard, BoardSource::default())
                 else {
                     return;
                 };
-                decoder.feed(bytes, |scan| {
-                    reception.take_scan(&scan, index, frames);
-                    index += 1;
-                });
+                decoder.feed(bytes, |scan| reception.take_scan(&scan, frames));
             }
         }
     }
@@ -96,8 +135,7 @@ impl Boards {
     /// [`Reception::finish`].
     pub fn finish(&mut self) {
         if let (Wire::Original(decoder), [board]) = (&mut self.wire, &mut self.heard[..]) {
-            let index = decoder.scans.cast_signed();
-            decoder.finish(|scan| board.reception.take_scan(&scan, index, &mut board.frames));
+            decoder.finish(|scan| board.reception.take_scan(&scan, &mut board.frames));
         }
         // One frame is no board where others are heard: it may be damage.
         let is_alone = self.heard.len() == 1;
@@ -187,8 +225,8 @@ impl BoardSource {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_proto::xbee::{ApiFrame, Mode};
-    use shared_proto::{Framing, Packet, PacketOrigin, Sample, Values};
+    use shared_proto::xbee::Mode;
+    use shared_proto::{Packet, PacketOrigin, Sample, Values};
 
     fn bytes_of(board: u16, frames: std::ops::Range<u16>) -> Vec<u8> {
         let packets = frames.map(|sequence| {

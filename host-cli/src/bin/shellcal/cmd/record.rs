@@ -5,9 +5,9 @@ use std::time::Duration;
 use board_link::recording::{PROTOCOLS, protocol_name};
 use board_link::{
     AppendWriter, LogSink, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks,
-    Source, Unwatched, record,
+    Source, record,
 };
-use frame_stream::RowOptions;
+use frame_stream::StreamOptions;
 use shared_proto::Protocol;
 use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
@@ -101,15 +101,18 @@ impl RecordArgs {
                 .map(|file| Box::new(file) as Box<dyn LogSink>)
         };
         let forces = options.forces.clone();
-        let rows = RowOptions { forces, from_log: false, one_time: !self.as_sampled };
         let commands = self.stream.is_given().then(|| streaming::commands(printer, None));
-        let beside = Box::new(Unwatched);
-        let (watcher, streamed) =
-            self.stream.watch(printer, rows, commands.transpose()?, beside)?;
+        let stream = StreamOptions {
+            forces,
+            one_time: !self.as_sampled,
+            commands: commands.transpose()?,
+            ..StreamOptions::default()
+        };
+        let (watcher, streamed) = self.stream.watch(printer, stream, None)?;
         let sinks = Sinks {
             log: self.output.as_ref().map(writer).transpose()?,
             raw: self.raw.as_ref().map(writer).transpose()?,
-            watcher: Some(watcher),
+            watcher,
         };
         let status = printer.status();
         let mut show = |progress: &RecordingProgress| {
@@ -125,7 +128,7 @@ impl RecordArgs {
 
 /// The line that is shown while it runs.
 fn describe(progress: &RecordingProgress, width: usize) -> String {
-    let RecordingProgress { elapsed, rate_hz, frames, bytes, waiting, ref losses, .. } = *progress;
+    let RecordingProgress { elapsed, rate_hz, frames, bytes, ref losses, .. } = *progress;
     let time = clock(elapsed);
     if !progress.connected {
         return format!("{time}  port is gone, waiting for it; {frames} frames so far");
@@ -138,15 +141,13 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
         Some(protocol) => {
             let name = protocol_name(protocol);
             let frames = format!("{frames} frames");
-            let waiting = format!("{waiting} waiting");
             let forces = progress.wrench.as_deref().map(forces_in_words);
             // What matters most is left out last.
             let mut parts = vec![
                 (1, time),
                 (2, format!("{rate_hz:.1} Hz")),
                 (4, frames),
-                (5, waiting),
-                (6, name.to_owned()),
+                (5, name.to_owned()),
                 (3, losses.in_words()),
             ];
             parts.extend(forces.map(|forces| (0, forces)));

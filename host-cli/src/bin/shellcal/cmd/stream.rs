@@ -5,11 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use board_link::recording::PROTOCOLS;
-use board_link::{RecordOptions, Sinks, Source, Unwatched, Watcher, record};
+use board_link::{RecordOptions, Sinks, Source, Watcher, record};
 use clap::builder::TypedValueParser;
-use frame_stream::{
-    Destination, FrameRows, FrameStream, RowOptions, StreamFormat, StreamOptions, StreamWatcher,
-};
+use frame_stream::{Destination, FrameStream, StreamFormat, StreamOptions, StreamWatcher};
 use log_file::Log;
 use shared_proto::Protocol;
 use shellcal::workflow::live::play;
@@ -114,15 +112,16 @@ impl StreamArgs {
         let source = (!from_log).then(|| Source::port(port, self.reconnect)).transpose()?;
         let at_end = self.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
-            rows: FrameRows::new(RowOptions { forces, from_log, one_time: self.one_time })?,
+            forces,
+            from_log,
+            one_time: self.one_time,
             format: self.encoding,
             rate_hz: self.rate,
             commands: Some(streaming::commands(printer, at_end)?),
         };
         let readers = streaming::open(printer, &self.output, self.overwrite)?;
-        let stream = FrameStream::new(options, readers);
-        let (watcher, handle) =
-            StreamWatcher::new(stream, Box::new(Unwatched), Some(Arc::clone(&stop)));
+        let stream = FrameStream::new(options, readers)?;
+        let (watcher, handle) = StreamWatcher::new(stream, None, Some(Arc::clone(&stop)));
         let ended = match (source, &log) {
             (Some(source), _) => self.record(source, Box::new(watcher), &stop, printer),
             (None, Some(log)) => self.play(log, watcher, &stop),

@@ -8,8 +8,8 @@ use std::thread;
 
 use board_link::Watcher;
 use frame_stream::{
-    Destination, FrameRows, FrameStream, Readers, RowOptions, StreamCommand, StreamFormat,
-    StreamHandle, StreamOptions, StreamSummary, StreamWatcher,
+    Destination, FrameStream, Readers, StreamCommand, StreamHandle, StreamOptions, StreamSummary,
+    StreamWatcher,
 };
 
 use crate::printer::Printer;
@@ -32,23 +32,19 @@ impl StreamToArgs {
     pub(crate) fn watch(
         &self,
         printer: &Printer,
-        rows: RowOptions,
-        commands: Option<Receiver<StreamCommand>>,
-        beside: Box<dyn Watcher>,
-    ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
+        options: StreamOptions,
+        beside: Option<Box<dyn Watcher>>,
+    ) -> anyhow::Result<(Option<Box<dyn Watcher>>, Option<StreamHandle>)> {
         if !self.is_given() {
             return Ok((beside, None));
         }
         if self.stream.contains(&Destination::Stdout) {
             anyhow::bail!("only `shellcal stream` writes rows to the standard output");
         }
-        let rows = FrameRows::new(rows)?;
         let readers = open(printer, &self.stream, false)?;
-        let format = StreamFormat::JsonLines;
-        let options = StreamOptions { rows, format, rate_hz: None, commands };
-        let stream = FrameStream::new(options, readers);
+        let stream = FrameStream::new(options, readers)?;
         let (watcher, handle) = StreamWatcher::new(stream, beside, None);
-        Ok((Box::new(watcher), Some(handle)))
+        Ok((Some(Box::new(watcher)), Some(handle)))
     }
 }
 

@@ -16,7 +16,7 @@ use std::time::{Duration, Instant};
 
 use board_link::recording::{LiveForces, PROTOCOLS};
 use board_link::{LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record};
-use frame_stream::RowOptions;
+use frame_stream::StreamOptions;
 use live_view::{Guide, LiveModel};
 use log_file::Log;
 use serde_json::json;
@@ -128,9 +128,11 @@ impl LiveArgs {
         let mut logs = self.logs(is_port)?;
         let guide = self.guide(is_port)?;
         // What cannot work is said before the screen is taken.
-        let stream = RowOptions { forces: forces.clone(), from_log: !is_port, one_time: false };
+        let (forces_of_stream, from_log) = (forces.clone(), !is_port);
+        let stream =
+            StreamOptions { forces: forces_of_stream, from_log, ..StreamOptions::default() };
         let view = Box::new(feed.clone());
-        let (watcher, streamed) = self.stream.watch(printer, stream, None, view)?;
+        let (watcher, streamed) = self.stream.watch(printer, stream, Some(view))?;
         let browser = self.serve.map(browser::start).transpose()?;
         if browser.is_none() {
             view::require_terminal()?;
@@ -205,7 +207,7 @@ impl LiveArgs {
         port: &str,
         forces: Option<LiveForces>,
         log: Option<Box<dyn LogSink>>,
-        watcher: Box<dyn Watcher>,
+        watcher: Option<Box<dyn Watcher>>,
         feed: &Feed,
         done: &Arc<AtomicBool>,
     ) -> anyhow::Result<RunningSource> {
@@ -219,7 +221,7 @@ impl LiveArgs {
         let mut source = Source::port(self.serial.port(port), true)?;
         let feed = feed.clone();
         spawn("record", done, move |done| {
-            let sinks = Sinks { log, raw: None, watcher: Some(watcher) };
+            let sinks = Sinks { log, raw: None, watcher };
             let mut tell = |it: &RecordingProgress| feed.state().progress = Some(it.clone());
             record(&mut source, sinks, &options, done, &mut tell)?;
             Ok(())
@@ -228,7 +230,7 @@ impl LiveArgs {
 
     fn play(
         &self,
-        mut watcher: Box<dyn Watcher>,
+        mut watcher: Option<Box<dyn Watcher>>,
         feed: &Feed,
         done: &Arc<AtomicBool>,
     ) -> anyhow::Result<(RunningSource, Axes)> {
@@ -238,7 +240,7 @@ impl LiveArgs {
         let (feed, speed) = (feed.clone(), self.speed);
         let source = spawn("play", done, move |done| {
             let is_held = || feed.state().is_held;
-            let mut see = |frames: &_| watcher.see(frames);
+            let mut see = |frames: &_| watcher.iter_mut().for_each(|it| it.see(frames));
             play(&log, &read, wants_readings, speed, &is_held, done, &mut see)?;
             Ok(())
         })?;
