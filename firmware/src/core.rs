@@ -45,12 +45,8 @@ pub(crate) struct Core<'a> {
     pub(crate) session: Session<'a>,
     self_test: Option<SelfTest>,
     pub(crate) outbox: Outbox,
-    frames: u32,
-    late: u32,
-    /// Frames that have arrived damaged since the reset.
-    pub(crate) damaged: u16,
-    foreign: u16,
-    longest_frame_us: u16,
+    /// The counts since the reset; what else is in it is that of the session.
+    pub(crate) counts: Status,
     /// When word of the board's health is due; at once after a change.
     health_at_us: u64,
     /// What the host has been told last of the readings' times.
@@ -86,11 +82,7 @@ impl<'a> Core<'a> {
             session: Session::new(setup, record),
             self_test: None,
             outbox,
-            frames: 0,
-            late: 0,
-            damaged: 0,
-            foreign: 0,
-            longest_frame_us: 0,
+            counts: Status { reset_cause: cause, ..Status::default() },
             health_at_us: 0,
             described: None,
         }
@@ -100,7 +92,7 @@ impl<'a> Core<'a> {
     /// are counted as late.
     pub(crate) fn next_slot(&mut self, now_us: u64) -> Option<u64> {
         let (slot_us, skipped) = self.session.schedule.as_mut()?.next(now_us);
-        self.late = self.late.wrapping_add(skipped);
+        self.counts.late = self.counts.late.wrapping_add(skipped);
         Some(slot_us)
     }
 
@@ -141,9 +133,9 @@ impl<'a> Core<'a> {
             let health = Health { sequence: 0, clock_us, timing, vitals, dark };
             self.outbox.push_in_turn(Packet::Health(health));
         }
-        self.frames = self.frames.wrapping_add(1);
+        self.counts.frames = self.counts.frames.wrapping_add(1);
         let duration_us = u16::try_from(end_us.saturating_sub(start_us)).unwrap_or(u16::MAX);
-        self.longest_frame_us = self.longest_frame_us.max(duration_us);
+        self.counts.longest_frame_us = self.counts.longest_frame_us.max(duration_us);
 
         let stream = self.session.settings.stream;
         let converter = self.session.converter.as_mut();
@@ -153,7 +145,7 @@ impl<'a> Core<'a> {
             (Stream::Wrench, Some(wrench)) => Values::Wrench(wrench),
             _ => Values::Readings(frame.readings),
         };
-        let (saturated, dropped) = (frame.saturated, self.late as u8);
+        let (saturated, dropped) = (frame.saturated, self.counts.late as u8);
         let sample = Sample { sequence: 0, clock_us, values, saturated, dropped };
         self.outbox.push_in_turn(Packet::Sample(sample));
     }
@@ -170,7 +162,7 @@ impl<'a> Core<'a> {
     ) {
         let is_ours = to.map_or(command.is_for_all(), |to| to == self.session.setup.identity.id());
         if !is_ours {
-            self.foreign = self.foreign.wrapping_add(1);
+            self.counts.foreign = self.counts.foreign.wrapping_add(1);
             return;
         }
         if let Command::Start = command {
@@ -217,24 +209,20 @@ impl<'a> Core<'a> {
     }
 
     fn status(&self, now_us: u64) -> Status {
-        let settings = &self.session.settings;
+        let session = &self.session;
+        let Settings { stream, period_us, conversions, settling_us } = session.settings;
         Status {
-            streaming: self.session.is_streaming(),
-            calibrated: self.session.converter.is_some(),
-            zeroed: self.session.converter.as_ref().is_some_and(Converter::is_zeroed),
-            stream: settings.stream,
-            reset_cause: self.session.setup.reset_cause,
-            period_us: settings.period_us,
-            conversions: settings.conversions,
-            settling_us: settings.settling_us,
+            streaming: session.is_streaming(),
+            calibrated: session.converter.is_some(),
+            zeroed: session.converter.as_ref().is_some_and(Converter::is_zeroed),
+            stream,
+            period_us,
+            conversions,
+            settling_us,
             uptime_s: (now_us / 1_000_000) as u32,
-            frames: self.frames,
-            late: self.late,
             overflowed: self.outbox.overflowed,
-            damaged: self.damaged,
-            longest_frame_us: self.longest_frame_us,
-            calibration_crc32: self.session.calibration_crc32,
-            foreign: self.foreign,
+            calibration_crc32: session.calibration_crc32,
+            ..self.counts
         }
     }
 }

@@ -226,7 +226,7 @@ mod tests {
             ),
             reading_variance: 1e-4,
             displacement_variance: 0.0,
-            sensors: [PhysicsSensor::NONE; CHANNELS],
+            sensors: [PhysicsSensor::default(); CHANNELS],
         })
     }
 

@@ -34,7 +34,7 @@ coded! {
 
 coded! {
     /// Why the board last started.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     #[non_exhaustive]
     pub enum ResetCause {
         /// Power was switched on, or fell too low.
@@ -46,6 +46,7 @@ coded! {
         /// The watchdog was not fed.
         Watchdog = 4,
         /// The board cannot tell.
+        #[default]
         Unspecified = 5,
         /// The core met something that it cannot execute.
         Fault = 6,
@@ -103,7 +104,7 @@ impl Identity {
 fields!(Identity { board, firmware, serial, min_period_us });
 
 /// How a board does. All counts are since the last reset and wrap.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
     /// Whether it streams.
     pub streaming: bool,

@@ -75,12 +75,6 @@ impl<const N: usize> Deref for Bytes<N> {
     }
 }
 
-impl<const N: usize> AsRef<[u8]> for Bytes<N> {
-    fn as_ref(&self) -> &[u8] {
-        self
-    }
-}
-
 impl<const N: usize> PartialEq for Bytes<N> {
     fn eq(&self, other: &Self) -> bool {
         **self == **other

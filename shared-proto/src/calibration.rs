@@ -4,14 +4,10 @@
 //! begins, or else for what it is at the end.
 
 use crate::bytes::Bytes;
-use crate::field::{Field, Reader};
+use crate::field::{Field, Reader, fields};
 use crate::{AXES, CHANNELS};
 use core::ops::RangeInclusive;
-use core::slice::from_mut;
 use crc::{CRC_32_ISO_HDLC, Crc};
-
-/// The range that a number must be in.
-type Range = RangeInclusive<f32>;
 
 /// CRC-32 of a calibration in bytes (ISO-HDLC, that of zip and PNG).
 ///
@@ -50,46 +46,32 @@ impl Calibration {
     /// The bytes to upload: kind, channels, axes, a zero, and the numbers.
     pub fn to_bytes(&self) -> CalibrationBytes {
         let mut bytes = CalibrationBytes::new();
-        let mut calibration = self.clone();
-        bytes.extend(&head(match self {
-            Self::Cubic(_) => Cubic::KIND,
-            Self::Physics(_) => Physics::KIND,
-        }));
-        // The visitor accepts every number.
-        _ = calibration.each(|number, _| {
-            number.write(&mut bytes);
-            Some(())
-        });
+        match self {
+            Self::Cubic(cubic) => {
+                bytes.extend(&head(Cubic::KIND));
+                cubic.write(&mut bytes);
+            }
+            Self::Physics(physics) => {
+                bytes.extend(&head(Physics::KIND));
+                physics.write(&mut bytes);
+            }
+        }
         bytes
     }
 
     /// A calibration from its bytes; `None` if they are of another kind or a number is not one that
     /// a calibration can have.
-    ///
-    /// The numbers are written where they stay: a copy takes 2 KiB of the board's stack.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let mut rest = Reader(bytes);
-        let kind = rest.array()?;
-        let mut calibration = if kind == head(Cubic::KIND) {
-            Self::Cubic(Cubic::BLANK)
+        let kind: [u8; 4] = rest.get()?;
+        let calibration = if kind == head(Cubic::KIND) {
+            Self::Cubic(rest.get().filter(Cubic::is_usable)?)
         } else if kind == head(Physics::KIND) {
-            Self::Physics(Physics::BLANK)
+            Self::Physics(rest.get().filter(Physics::is_usable)?)
         } else {
             return None;
         };
-        calibration.each(|number, range| {
-            *number = rest.get().filter(|number| range.contains(number))?;
-            Some(())
-        })?;
         rest.end(calibration)
-    }
-
-    /// Calls `number` for each number in its order, with the range that it is in, until one is not taken.
-    fn each(&mut self, number: impl FnMut(&mut f32, &Range) -> Option<()>) -> Option<()> {
-        match self {
-            Self::Cubic(cubic) => cubic.each(number),
-            Self::Physics(physics) => physics.each(number),
-        }
     }
 }
 
@@ -126,25 +108,14 @@ impl Cubic {
     /// Length in bytes.
     const SIZE: usize = 4 + 4 * (2 * CHANNELS + FEATURES * AXES + AXES);
 
-    /// Without numbers.
-    const BLANK: Self = Self {
-        centre: [0.0; CHANNELS],
-        scale: [0.0; CHANNELS],
-        coefficients: [[0.0; AXES]; FEATURES],
-        intercept: [0.0; AXES],
-    };
-
-    /// Calls `number` for each of its numbers in their order, with the range that it is in, until one is not taken.
-    fn each(&mut self, mut number: impl FnMut(&mut f32, &Range) -> Option<()>) -> Option<()> {
-        let parts: [&mut [f32]; 4] = [
-            &mut self.centre,
-            &mut self.scale,
-            self.coefficients.as_flattened_mut(),
-            &mut self.intercept,
-        ];
-        parts.into_iter().flatten().try_for_each(|value| number(value, &(f32::MIN..=f32::MAX)))
+    fn is_usable(&self) -> bool {
+        let Self { centre, scale, coefficients, intercept } = self;
+        let parts = [&centre[..], scale, coefficients.as_flattened(), intercept];
+        parts.into_iter().flatten().all(|value| value.is_finite())
     }
 }
+
+fields!(Cubic { centre, scale, coefficients, intercept });
 
 /// Numbers in the lower triangle of the prior's precision, row by row.
 pub const PRIOR: usize = AXES * (AXES + 1) / 2;
@@ -203,56 +174,53 @@ impl Physics {
     /// Length in bytes.
     const SIZE: usize = 4 + 4 * (AXES + PRIOR + 2 + CHANNELS * PhysicsSensor::NUMBERS);
 
-    /// Without numbers.
-    const BLANK: Self = Self {
-        wrench_scale: [0.0; AXES],
-        prior: [0.0; PRIOR],
-        reading_variance: 0.0,
-        displacement_variance: 0.0,
-        sensors: [PhysicsSensor::NONE; CHANNELS],
-    };
-
-    /// Calls `number` for each of its numbers in their order, with the range that it is in, until one is not taken.
+    /// Whether its numbers are in these ranges.
     ///
-    /// What the board computes with stays finite in single precision while the numbers are within these ranges. They
+    /// What the board computes with stays finite in single precision while they are. They
     /// are far from those of any sensor: the scales of the model make all that it fits of order one.
-    fn each(&mut self, mut number: impl FnMut(&mut f32, &Range) -> Option<()>) -> Option<()> {
-        let mut all = |numbers: &mut [f32], range: Range| {
-            numbers.iter_mut().try_for_each(|value| number(value, &range))
+    fn is_usable(&self) -> bool {
+        let all = |numbers: &[f32], range: RangeInclusive<f32>| {
+            numbers.iter().all(|number| range.contains(number))
         };
-        all(&mut self.wrench_scale, 1e-9..=1e9)?;
-        all(&mut self.prior, -1e12..=1e12)?;
-        all(from_mut(&mut self.reading_variance), 1e-12..=1e6)?;
-        all(from_mut(&mut self.displacement_variance), 0.0..=1e6)?;
-        for sensor in &mut self.sensors {
-            all(from_mut(&mut sensor.least), -1e6..=1e6)?;
-            all(from_mut(&mut sensor.per_count), 0.0..=1.0)?;
-            all(from_mut(&mut sensor.offset), -1e4..=1e4)?;
-            all(&mut sensor.gains, -1e4..=1e4)?;
-            all(from_mut(&mut sensor.low), -1e3..=1e3)?;
-            all(from_mut(&mut sensor.height), 1e-3..=1e3)?;
-            all(from_mut(&mut sensor.shape), 1e-3..=1e3)?;
-            all(&mut sensor.factor, -1e4..=1e4)?;
-        }
-        Some(())
+        all(&self.wrench_scale, 1e-9..=1e9)
+            && all(&self.prior, -1e12..=1e12)
+            && (1e-12..=1e6).contains(&self.reading_variance)
+            && (0.0..=1e6).contains(&self.displacement_variance)
+            && self.sensors.iter().all(|sensor| {
+                (-1e6..=1e6).contains(&sensor.least)
+                    && (0.0..=1.0).contains(&sensor.per_count)
+                    && (-1e4..=1e4).contains(&sensor.offset)
+                    && all(&sensor.gains, -1e4..=1e4)
+                    && (-1e3..=1e3).contains(&sensor.low)
+                    && (1e-3..=1e3).contains(&sensor.height)
+                    && (1e-3..=1e3).contains(&sensor.shape)
+                    && all(&sensor.factor, -1e4..=1e4)
+            })
     }
 }
+
+fields!(Physics { wrench_scale, prior, reading_variance, displacement_variance, sensors });
+fields!(PhysicsSensor { least, per_count, offset, gains, low, height, shape, factor });
 
 impl PhysicsSensor {
     /// Numbers of a sensor.
     const NUMBERS: usize = 2 + PARAMETERS + FACTOR;
+}
 
-    /// A channel that is left out.
-    pub const NONE: Self = Self {
-        least: 0.0,
-        per_count: 0.0,
-        offset: 0.0,
-        gains: [0.0; AXES],
-        low: 0.0,
-        height: 1.0,
-        shape: 1.0,
-        factor: [0.0; FACTOR],
-    };
+/// A channel that is left out.
+impl Default for PhysicsSensor {
+    fn default() -> Self {
+        Self {
+            least: 0.0,
+            per_count: 0.0,
+            offset: 0.0,
+            gains: [0.0; AXES],
+            low: 0.0,
+            height: 1.0,
+            shape: 1.0,
+            factor: [0.0; FACTOR],
+        }
+    }
 }
 
 #[cfg(test)]

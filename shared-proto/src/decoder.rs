@@ -164,7 +164,6 @@ fn last_packet(piece: &[u8]) -> Option<ReceivedPacket> {
     let tail = &piece[piece.len().saturating_sub(MAX_FRAME)..];
     (0..tail.len())
         .filter_map(|start| tail.get(start..))
-        .filter(|frame| Packet::has_known_header(frame))
         .find_map(|frame| Packet::decode(frame).ok())
 }
 

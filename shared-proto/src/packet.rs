@@ -237,14 +237,6 @@ impl Packet {
         let to = BoardId::from_code(body.get()?);
         Some(Self::Command { number, to, command: Command::read_all(body)? })
     }
-
-    /// Whether a header is one of a version that is read.
-    pub(crate) fn has_known_header(frame: &[u8]) -> bool {
-        frame::header(frame).is_some_and(|header| {
-            matches!(header >> 4, VERSION | VERSION_2)
-                && matches!(header & 0xF, SAMPLE_READINGS..=BOOT)
-        })
-    }
 }
 
 fields!(PacketOrigin { board, start });

@@ -106,16 +106,12 @@ impl<P: Read + Write> Client<P> {
             }
             if let Some(answer) = self.wait(WAIT, &mut silent)? {
                 return match answer {
-                    Answer::Refused(refusal) => {
-                        let fits = what_fits(&command, refusal);
-                        Err(LinkError::Refused { command: name_of(&command), refusal, fits })
-                    }
+                    Answer::Refused(refusal) => Err(LinkError::Refused { command, refusal }),
                     answer => Ok(answer),
                 };
             }
         }
-        let (port, command) = (self.name.clone(), name_of(&command));
-        Err(LinkError::NoAnswer { port, command, silent })
+        Err(LinkError::NoAnswer { port: self.name.clone(), command, silent })
     }
 
     /// The answer with the number of the last command, `None` if it does not come in time.
@@ -166,7 +162,7 @@ impl<P: Read + Write> Client<P> {
     pub fn order(&mut self, command: Command) -> Result<(), LinkError> {
         match self.ask(command)? {
             Answer::Done => Ok(()),
-            _ => Err(LinkError::WrongAnswer(name_of(&command))),
+            _ => Err(LinkError::WrongAnswer(command)),
         }
     }
 
@@ -176,7 +172,7 @@ impl<P: Read + Write> Client<P> {
     /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one answers.
     pub fn identify(&mut self) -> Result<Identity, LinkError> {
         let Answer::Identity(identity) = self.ask(Command::Identify)? else {
-            return Err(LinkError::WrongAnswer(name_of(&Command::Identify)));
+            return Err(LinkError::WrongAnswer(Command::Identify));
         };
         // Others may answer a little later.
         let heard = std::mem::take(&mut self.serials);
@@ -206,7 +202,7 @@ impl<P: Read + Write> Client<P> {
                 Answer::LastWords { text, .. } if words.len() < usize::from(u16::MAX) => {
                     words.extend_from_slice(&text);
                 }
-                _ => return Err(LinkError::WrongAnswer(name_of(&command))),
+                _ => return Err(LinkError::WrongAnswer(command)),
             }
         }
         Ok(String::from_utf8_lossy(&words).into_owned())
@@ -220,7 +216,7 @@ impl<P: Read + Write> Client<P> {
         let command = Command::SelfTest { emitter };
         match self.ask(command)? {
             Answer::SelfTest { emitter: of, rise } if of == emitter => Ok(rise),
-            _ => Err(LinkError::WrongAnswer(name_of(&command))),
+            _ => Err(LinkError::WrongAnswer(command)),
         }
     }
 
@@ -231,7 +227,7 @@ impl<P: Read + Write> Client<P> {
     pub fn status(&mut self) -> Result<Status, LinkError> {
         match self.ask(Command::Status)? {
             Answer::Status(status) => Ok(status),
-            _ => Err(LinkError::WrongAnswer(name_of(&Command::Status))),
+            _ => Err(LinkError::WrongAnswer(Command::Status)),
         }
     }
 
@@ -271,7 +267,7 @@ impl<P: Read + Write> Client<P> {
 }
 
 /// What a command that is refused for its range could have asked for; nothing where that is not known.
-fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
+pub(crate) fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
     match (refusal, command) {
         (Refusal::OutOfRange, Command::SetPeriod { .. }) => "; 0.1 to 1000 Hz would do",
         (Refusal::OutOfRange, Command::SetOversampling { .. }) => "; 1 to 64 conversions would do",
@@ -285,7 +281,7 @@ fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
     }
 }
 
-fn name_of(command: &Command) -> String {
+pub(crate) fn name_of(command: &Command) -> String {
     match command {
         Command::Identify => "identify".to_owned(),
         Command::Status => "status".to_owned(),

@@ -28,11 +28,11 @@ pub use port::{Connection, FlowControl, PortInfo, PortOptions, PortState, TCP, p
 pub use record::{Source, record};
 pub use record_options::{RecordError, RecordOptions};
 pub use recorder::{Recorded, Recorder, Sinks};
-pub use self_test::{EmitterFault, judge};
+pub use self_test::judge;
 pub use upload::{NotForBoard, for_board};
 pub use watcher::{RecordCommand, RecordingProgress, Watcher};
 
-use shared_proto::{Board, Refusal};
+use shared_proto::{Board, Command, Refusal};
 use shell_data::hint::Hint;
 
 /// What can go wrong between a board and the host.
@@ -76,26 +76,27 @@ pub enum LinkError {
     },
     /// No answer to a command, however often it was sent.
     #[error(
-        "no answer to `{command}` on `{port}` ({} attempts, {} ms each{})",
-        client::ATTEMPTS, client::WAIT.as_millis(), if *silent { ", not a byte" } else { "" }
+        "no answer to `{}` on `{port}` ({} attempts, {} ms each{})",
+        client::name_of(command), client::ATTEMPTS, client::WAIT.as_millis(), if *silent { ", not a byte" } else { "" }
     )]
     NoAnswer {
         /// The port.
         port: String,
         /// What was asked.
-        command: String,
+        command: Command,
         /// Whether nothing at all arrived.
         silent: bool,
     },
     /// The board does not do what it was asked.
-    #[error("the board refuses `{command}`: {}{fits}", refusal_text(*refusal))]
+    #[error(
+        "the board refuses `{}`: {}{}",
+        client::name_of(command), refusal_text(*refusal), client::what_fits(command, *refusal)
+    )]
     Refused {
         /// What was asked.
-        command: String,
+        command: Command,
         /// Why not.
         refusal: Refusal,
-        /// What it would do, in words, where that is known.
-        fits: &'static str,
     },
     /// The board speaks another version of the protocol.
     #[error(
@@ -104,7 +105,7 @@ pub enum LinkError {
     )]
     OtherVersion(u8),
     /// A command that only one board is to do reaches several.
-    #[error("{} boards answer on `{port}`: {}", serials.len(), serial_texts(serials))]
+    #[error("{} boards answer on `{port}`: {}", serials.len(), serials.iter().map(serial_text).collect::<Vec<_>>().join(", "))]
     SeveralBoards {
         /// The port.
         port: String,
@@ -112,8 +113,8 @@ pub enum LinkError {
         serials: Vec<[u8; 12]>,
     },
     /// An answer of the wrong kind.
-    #[error("the board's answer to `{0}` is not one to it")]
-    WrongAnswer(String),
+    #[error("the board's answer to `{}` is not one to it", client::name_of(_0))]
+    WrongAnswer(Command),
     /// The board has firmware from before calibrations of this kind.
     #[error("the board's firmware does not know calibrations of kind `{0}`")]
     UnknownKind(&'static str),
@@ -225,8 +226,4 @@ pub fn board_text(board: Board) -> String {
         Board::NucleoG491re => "nucleo-g491re".to_owned(),
         board => format!("{board:?}").to_lowercase(),
     }
-}
-
-fn serial_texts(serials: &[[u8; 12]]) -> String {
-    serials.iter().map(serial_text).collect::<Vec<_>>().join(", ")
 }

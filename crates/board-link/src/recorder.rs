@@ -9,7 +9,7 @@ use shared_proto::{Boot, Command, Identity, Protocol};
 use super::LogSink;
 use super::board_log::{BoardLog, RecordedBoard};
 use super::record_options::{RecordError, RecordOptions};
-use super::resume::StartedBoards;
+use super::resume::{StartedBoards, commands};
 use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use crate::recording::{
     Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, protocol_name,
@@ -108,7 +108,7 @@ impl Recorder {
     /// What to send at `arrival`, so that every board streams, if they are to be started: see [`RecordingProgress::commands`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
-        self.started.commands(uplink, heard(&self.receiving), arrival.unwrap_or_default())
+        commands(&mut self.started, uplink, heard(&self.receiving), arrival.unwrap_or_default())
     }
 
     /// What to send at the end, so that boards that were started stop.

@@ -97,7 +97,7 @@ fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
 /// converter. The board solves for the wrench alone: factors that the sensors share are noise of each.
 fn physics(model: &PhysicsModel) -> Physics {
     let model = model.without_factors();
-    let mut sensors = [PhysicsSensor::NONE; CHANNELS];
+    let mut sensors = [PhysicsSensor::default(); CHANNELS];
     for sensor in &model.sensors {
         if let Some(slot) = sensors.get_mut(sensor.channel) {
             *slot = one_for_board(sensor);

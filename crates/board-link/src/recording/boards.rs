@@ -15,20 +15,21 @@ const MOST: usize = 256;
 
 /// What cuts bytes into packets.
 #[derive(Clone, Debug)]
-pub(crate) enum PacketWire {
-    Transparent(Box<Decoder>),
-    BaseStation { deframer: Deframer, modules: Vec<(Address, Decoder)> },
+pub(crate) struct PacketWire {
+    /// Of a base station in API mode.
+    deframer: Option<Deframer>,
+    /// Each module behind that; without it, the one decoder of a wire or a transparent radio.
+    modules: Vec<(Option<Address>, Decoder)>,
 }
 
 impl PacketWire {
     /// Nothing has arrived.
     pub(crate) fn new(framing: Framing) -> Self {
-        match framing {
-            Framing::Cobs => Self::Transparent(Box::new(Decoder::new(framing))),
-            Framing::Xbee(mode) => {
-                Self::BaseStation { deframer: Deframer::new(mode), modules: Vec::new() }
-            }
-        }
+        let deframer = match framing {
+            Framing::Cobs => None,
+            Framing::Xbee(mode) => Some(Deframer::new(mode)),
+        };
+        Self { deframer, modules: Vec::new() }
     }
 
     /// Takes bytes, in slices of any size, and calls `sink` with every event, and the address of its module and how
@@ -38,17 +39,22 @@ impl PacketWire {
         bytes: &[u8],
         mut sink: impl FnMut(Option<Address>, Option<u8>, Event),
     ) {
-        match self {
-            Self::Transparent(decoder) => decoder.feed(bytes, |event| sink(None, None, event)),
-            Self::BaseStation { deframer, modules } => deframer.feed(bytes, |frame| {
-                let ApiFrame::Receive { from, rssi, payload } = frame else { return };
-                let known = modules.iter().position(|(address, _)| *address == from);
-                let at = known.unwrap_or_else(|| {
-                    modules.truncate(MOST);
-                    modules.push((from, Decoder::new(Framing::Cobs)));
-                    modules.len() - 1
-                });
-                modules[at].1.feed(payload, |event| sink(Some(from), rssi, event));
+        let modules = &mut self.modules;
+        let mut feed = |address, rssi, payload: &[u8]| {
+            let known = modules.iter().position(|(known, _)| *known == address);
+            let at = known.unwrap_or_else(|| {
+                modules.truncate(MOST);
+                modules.push((address, Decoder::new(Framing::Cobs)));
+                modules.len() - 1
+            });
+            modules[at].1.feed(payload, |event| sink(address, rssi, event));
+        };
+        match &mut self.deframer {
+            None => feed(None, None, bytes),
+            Some(deframer) => deframer.feed(bytes, |frame| {
+                if let ApiFrame::Receive { from, rssi, payload } = frame {
+                    feed(Some(from), rssi, payload);
+                }
             }),
         }
     }
@@ -160,10 +166,8 @@ impl Boards {
     pub fn losses_of(&self, sender: BoardSource) -> Losses {
         let board = self.heard.iter().find(|board| board.sender == sender);
         let mut losses = board.map(|board| board.reception.losses()).unwrap_or_default();
-        if let (Wire::Packets(PacketWire::BaseStation { modules, .. }), Some(address)) =
-            (&self.wire, sender.address)
-        {
-            let module = modules.iter().find(|(module, _)| *module == address);
+        if let (Wire::Packets(packets), Some(_)) = (&self.wire, sender.address) {
+            let module = packets.modules.iter().find(|(module, _)| *module == sender.address);
             module.into_iter().for_each(|(_, decoder)| losses += damage(decoder));
         }
         losses
@@ -174,9 +178,8 @@ impl Boards {
         let mut losses = Losses { unknown: self.beyond, ..Losses::default() };
         self.heard.iter().for_each(|board| losses += board.reception.losses());
         match &self.wire {
-            Wire::Packets(PacketWire::Transparent(decoder)) => losses += damage(decoder),
-            Wire::Packets(PacketWire::BaseStation { deframer, modules }) => {
-                losses.damaged += deframer.damaged;
+            Wire::Packets(PacketWire { deframer, modules }) => {
+                losses.damaged += deframer.as_ref().map_or(0, |deframer| deframer.damaged);
                 modules.iter().for_each(|(_, decoder)| losses += damage(decoder));
             }
             Wire::Original(decoder) => {

@@ -14,7 +14,7 @@ use shared_proto::{
 const FULL_SCALE: u16 = 4095;
 
 /// One frame that arrived.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct BoardFrame {
     /// The board's clock since its first reset in this recording, µs, unwrapped.
     pub time_us: i64,
@@ -47,6 +47,12 @@ pub enum Measured {
     Readings([f64; CHANNELS]),
     /// Fx, Fy, Fz in N, Mx, My, Mz in N·m, converted on the board.
     Wrench([f64; AXES]),
+}
+
+impl Default for Measured {
+    fn default() -> Self {
+        Self::Readings([0.0; CHANNELS])
+    }
 }
 
 impl Measured {
@@ -324,19 +330,7 @@ impl Reception {
 impl BoardFrame {
     /// A frame of which nothing else is known.
     pub fn new(time_us: i64, index: i64, measured: Measured) -> Self {
-        Self {
-            time_us,
-            index,
-            measured,
-            saturated: 0,
-            dropped: 0,
-            restarted: false,
-            timing: None,
-            health: None,
-            edge: None,
-            skewed: false,
-            rssi_dbm: None,
-        }
+        Self { time_us, index, measured, ..Self::default() }
     }
 
     fn from_sample(sample: &Sample) -> Self {
@@ -347,7 +341,7 @@ impl BoardFrame {
             Values::Wrench(wrench) => Measured::Wrench(wrench.map(f64::from)),
         };
         let (saturated, dropped) = (sample.saturated, sample.dropped);
-        Self { saturated, dropped, ..Self::new(0, 0, measured) }
+        Self { measured, saturated, dropped, ..Self::default() }
     }
 
     fn from_scan(scan: &skinproc::Scan) -> Self {
@@ -355,6 +349,6 @@ impl BoardFrame {
             .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
             .fold(0, |mask, channel| mask | 1 << channel);
         let measured = Measured::Readings(scan.readings.map(f64::from));
-        Self { saturated, ..Self::new(0, 0, measured) }
+        Self { measured, saturated, ..Self::default() }
     }
 }

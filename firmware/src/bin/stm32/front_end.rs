@@ -2,9 +2,7 @@
 #![expect(unsafe_code, reason = "two codes are read from the system memory")]
 
 use super::converter::{Converter, light};
-use embassy_stm32::Peri;
-use embassy_stm32::adc::AnyAdcChannel;
-use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
+use embassy_stm32::adc::AdcChannel;
 use embassy_stm32::pac;
 use embassy_stm32::peripherals::ADC1;
 use firmware::{Factory, FrontEnd};
@@ -20,19 +18,9 @@ pub(crate) struct Inputs {
     pub(crate) thermometer: u8,
 }
 
-impl Inputs {
-    pub(crate) fn new(
-        channels: [AnyAdcChannel<'static, ADC1>; CHANNELS],
-        reference: AnyAdcChannel<'static, ADC1>,
-        thermometer: AnyAdcChannel<'static, ADC1>,
-    ) -> Self {
-        let number = |input: AnyAdcChannel<'static, ADC1>| input.get_hw_channel();
-        Self {
-            channels: channels.map(number),
-            reference: number(reference),
-            thermometer: number(thermometer),
-        }
-    }
+/// The number of an input that is ready to be converted.
+pub(crate) fn input_number(input: impl AdcChannel<ADC1>) -> u8 {
+    input.degrade_adc().get_hw_channel()
 }
 
 /// Photointerrupters on ADC1.
@@ -47,11 +35,6 @@ impl Photointerrupters {
     pub(crate) fn new(converter: Converter, inputs: Inputs) -> Self {
         Self { converter, inputs, factory: factory_codes() }
     }
-}
-
-/// Emitters at these pins, which are off.
-pub(crate) fn emitters(pins: [Peri<'static, AnyPin>; CHANNELS]) -> [Output<'static>; CHANNELS] {
-    pins.map(|pin| Output::new(pin, Level::Low, Speed::Low))
 }
 
 impl FrontEnd for Photointerrupters {

@@ -12,9 +12,7 @@ use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::pac;
 use embassy_stm32::pac::flash::regs::Eccr;
-use embedded_storage::nor_flash::{
-    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
-};
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
 /// Bytes in a page, the least that can be erased (RM0394, table "Flash module organization").
 const PAGE: usize = 2 * 1024;
@@ -34,35 +32,25 @@ impl Area {
     }
 
     /// The address of `len` bytes in the flash.
-    fn locate(&self, offset: u32, len: usize) -> Result<u32, Failed> {
+    fn locate(&self, offset: u32, len: usize) -> Result<u32, NorFlashErrorKind> {
         let inside = offset as usize + len <= self.range.len();
-        if inside { Ok(self.range.start + offset) } else { Err(Failed) }
-    }
-}
-
-/// The flash did not do it.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Failed;
-
-impl NorFlashError for Failed {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
+        inside.then_some(self.range.start + offset).ok_or(NorFlashErrorKind::OutOfBounds)
     }
 }
 
 impl ErrorType for Area {
-    type Error = Failed;
+    type Error = NorFlashErrorKind;
 }
 
 impl ReadNorFlash for Area {
     const READ_SIZE: usize = 1;
 
     /// A double word with two wrong bits, as a loss of power leaves them, is an error.
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         let start = self.locate(offset, bytes.len())?;
         FAILED.store(false, Ordering::SeqCst);
-        self.flash.blocking_read(start, bytes).map_err(|_| Failed)?;
-        if has_failed() { Err(Failed) } else { Ok(()) }
+        self.flash.blocking_read(start, bytes).map_err(|_| NorFlashErrorKind::Other)?;
+        if has_failed() { Err(NorFlashErrorKind::Other) } else { Ok(()) }
     }
 
     fn capacity(&self) -> usize {
@@ -74,17 +62,17 @@ impl NorFlash for Area {
     const WRITE_SIZE: usize = 8;
     const ERASE_SIZE: usize = PAGE;
 
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
-        let len = to.checked_sub(from).ok_or(Failed)?;
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        let len = to.checked_sub(from).ok_or(NorFlashErrorKind::OutOfBounds)?;
         let start = self.locate(from, len as usize)?;
         let erased = self.flash.blocking_erase(start, start + len);
         forget_cached();
-        erased.map_err(|_| Failed)
+        erased.map_err(|_| NorFlashErrorKind::Other)
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let start = self.locate(offset, bytes.len())?;
-        self.flash.blocking_write(start, bytes).map_err(|_| Failed)
+        self.flash.blocking_write(start, bytes).map_err(|_| NorFlashErrorKind::Other)
     }
 }
 
