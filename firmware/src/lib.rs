@@ -18,7 +18,6 @@ mod factory;
 mod last_words;
 mod line;
 mod outbox;
-mod schedule;
 mod session;
 mod settings;
 mod slots;

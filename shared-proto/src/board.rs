@@ -1,8 +1,7 @@
 //! A board: its identity, stream and status.
 
-use crate::bytes::Bytes;
 use crate::calibration::crc32;
-use crate::field::{Field, Reader, coded, fields};
+use crate::field::{Bytes, Field, Reader, coded, fields};
 
 coded! {
     /// Where the firmware runs.

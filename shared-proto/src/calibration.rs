@@ -3,8 +3,7 @@
 //! The first byte is the kind. A board that does not know a kind refuses it: for its size when an upload
 //! begins, or else for what it is at the end.
 
-use crate::bytes::Bytes;
-use crate::field::{Field, Reader, fields};
+use crate::field::{Bytes, Field, Reader, fields};
 use crate::{AXES, CHANNELS};
 use core::ops::RangeInclusive;
 use crc::{CRC_32_ISO_HDLC, Crc};

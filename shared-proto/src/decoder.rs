@@ -1,6 +1,6 @@
 //! Bytes to packets, whatever the bytes, and finding out which protocol they speak.
 
-use crate::bytes::Bytes;
+use crate::field::Bytes;
 use crate::frame::MAX_FRAME;
 use crate::packet::{self, DecodeError, Packet, ReceivedPacket};
 use crate::skinproc;

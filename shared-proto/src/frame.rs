@@ -11,7 +11,7 @@
 //! at most (those that turn it into one of the four, or into zero), so one is left for packets of up to
 //! 51 bytes; in a sample a hundred are, of which the two bytes of the CRC rule out one in thirty.
 
-use crate::bytes::Bytes;
+use crate::field::Bytes;
 use crate::packet::DecodeError;
 
 /// Longest packet in bytes, mask and CRC included: the longest for which a mask always exists.

@@ -36,7 +36,6 @@
 #![warn(missing_docs)]
 
 mod board;
-mod bytes;
 mod calibration;
 mod command;
 mod decoder;
@@ -47,12 +46,12 @@ pub mod skinproc;
 pub mod xbee;
 
 pub use board::{Board, BoardId, Identity, ResetCause, Status, Stream};
-pub use bytes::Bytes;
 pub use calibration::{
     Calibration, CalibrationBytes, Cubic, FACTOR, FEATURES, PRIOR, Physics, PhysicsSensor, crc32,
 };
 pub use command::{Answer, Command, MAX_PIECE, Piece, Refusal};
 pub use decoder::{Counters, Decoder, Event, Framing, Protocol, detect};
+pub use field::Bytes;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
 pub use packet::{
     Boot, COUNTS_PER_LSB, DecodeError, Edge, Health, Packet, PacketOrigin, READINGS_FRAME,

@@ -1,9 +1,8 @@
 //! The packets: what each kind holds and where.
 
 use crate::board::{Board, BoardId, ResetCause};
-use crate::bytes::Bytes;
 use crate::command::{Answer, Command};
-use crate::field::{Field, Reader, fields};
+use crate::field::{Bytes, Field, Reader, fields};
 use crate::frame::{self, Frame, Plain};
 use crate::{AXES, CHANNELS};
 use crc::{CRC_16_M17, Crc};

@@ -16,19 +16,17 @@ mod record_options;
 mod recorder;
 pub mod recording;
 mod resume;
-mod self_test;
 mod upload;
 mod watcher;
 
 pub use append_writer::{AppendWriter, LogSink, open_growing};
 pub use board_log::RecordedBoard;
-pub use client::{Client, Uplink};
+pub use client::{Client, Uplink, judge};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, PortState, TCP, ports};
 pub use record::{Source, record};
 pub use record_options::{RecordError, RecordOptions};
 pub use recorder::{Recorded, Recorder, Sinks};
-pub use self_test::judge;
 pub use upload::{NotForBoard, for_board};
 pub use watcher::{RecordCommand, RecordingProgress, Watcher};
 

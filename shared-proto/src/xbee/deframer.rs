@@ -1,7 +1,7 @@
 //! Finding API frames in a byte stream.
 
 use super::{ApiFrame, ESCAPE, ESCAPED_BY, Mode, START};
-use crate::bytes::Bytes;
+use crate::field::Bytes;
 
 /// Most bytes of a frame between length and checksum that are followed. The longest with a payload
 /// has 14 bytes of header; room is left for other kinds.

@@ -9,8 +9,7 @@
 
 mod deframer;
 
-use crate::bytes::Bytes;
-use crate::field::Reader;
+use crate::field::{Bytes, Reader};
 use crate::frame::is_escaped;
 pub use deframer::Deframer;
 
