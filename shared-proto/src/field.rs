@@ -141,6 +141,8 @@ impl<F: Field + Copy + Default, const K: usize> Field for [F; K] {
         self.iter().for_each(|field| field.write(out));
     }
 
+    // Loops over the numbers of a calibration are not unrolled into a board's flash.
+    #[cfg_attr(target_os = "none", inline(never))]
     fn read(body: &mut Reader<'_>) -> Option<Self> {
         let mut fields = [F::default(); K];
         for field in &mut fields {

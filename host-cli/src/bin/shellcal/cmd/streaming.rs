@@ -14,6 +14,9 @@ use frame_stream::{
 
 use crate::printer::Printer;
 
+/// Who looks on at a recording, and the end of a stream that is among them.
+type WatchedStream = (Option<Box<dyn Watcher>>, Option<StreamHandle>);
+
 /// Where rows go beside a log or a view, as JSON lines
 #[derive(Debug, clap::Args)]
 pub(crate) struct StreamToArgs {
@@ -34,7 +37,7 @@ impl StreamToArgs {
         printer: &Printer,
         options: StreamOptions,
         beside: Option<Box<dyn Watcher>>,
-    ) -> anyhow::Result<(Option<Box<dyn Watcher>>, Option<StreamHandle>)> {
+    ) -> anyhow::Result<WatchedStream> {
         if !self.is_given() {
             return Ok((beside, None));
         }
