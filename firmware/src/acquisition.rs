@@ -59,7 +59,7 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
     let (mut first_us, mut last_us) = (start_us, start_us);
     let readings = frame.readings.iter_mut().zip(&mut frame.dark).enumerate();
     for (channel, (reading, dark_reading)) in readings {
-        let sums = front_end.expose(clock, settling_us, channel, conversions).await;
+        let sums = front_end.expose(settling_us, channel, conversions).await;
         let [before, lit, after] = sums;
         last_us = clock.now_us().saturating_sub(ago_us);
         if channel == 0 {
@@ -99,9 +99,8 @@ fn is_saturated(dark: u32, lit: u32, conversions: u8) -> bool {
 
 /// Lights one emitter and no other for each channel in turn: by how much it raises them, in steps of the
 /// converter. The emitters are off before and after.
-pub async fn illuminate<F: FrontEnd, C: Clock>(
+pub async fn illuminate<F: FrontEnd>(
     front_end: &mut F,
-    clock: &C,
     settings: &Settings,
     emitter: usize,
 ) -> [i16; CHANNELS] {
@@ -109,9 +108,9 @@ pub async fn illuminate<F: FrontEnd, C: Clock>(
     let settling_us = settings.settling_us;
     let mut rise = [0; CHANNELS];
     for (channel, rise) in rise.iter_mut().enumerate() {
-        let dark = front_end.settle_and_sum(clock, settling_us, channel, conversions).await;
+        let dark = front_end.sum(settling_us, channel, conversions).await;
         front_end.light(Some(emitter));
-        let lit = front_end.settle_and_sum(clock, settling_us, channel, conversions).await;
+        let lit = front_end.sum(settling_us, channel, conversions).await;
         front_end.light(None);
         // At most 4,095 steps either way; there is at least one conversion.
         let steps = (lit.cast_signed() - dark.cast_signed()) / i32::from(conversions).max(1);

@@ -9,38 +9,19 @@ pub trait FrontEnd {
     /// Lights the emitter of one channel and no other, or none.
     fn light(&mut self, channel: Option<usize>);
 
-    /// The sum of so many conversions of a channel, 12 bits each, one right after the other: exact, so that
-    /// converters that sum by themselves and those that do not give the same readings. At least one, at
-    /// most [`MAX_CONVERSIONS`](crate::acquisition::MAX_CONVERSIONS).
-    async fn sum(&mut self, channel: usize, conversions: u8) -> u32;
-
-    /// As [`sum`](Self::sum), the first conversion `settling_us` from now. As it is here, for a board without
-    /// a timer of its own for that.
-    async fn settle_and_sum<C: Clock>(
-        &mut self,
-        clock: &C,
-        settling_us: u16,
-        channel: usize,
-        conversions: u8,
-    ) -> u32 {
-        clock.wait_until_us(clock.now_us() + u64::from(settling_us)).await;
-        self.sum(channel, conversions).await
-    }
+    /// The sum of so many conversions of a channel, 12 bits each, one right after the other, the first `settling_us` from
+    /// now: exact, so that converters that sum by themselves and those that do not give the same readings. At least one,
+    /// at most [`MAX_CONVERSIONS`](crate::acquisition::MAX_CONVERSIONS).
+    async fn sum(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32;
 
     /// The sums of so many conversions of a channel with its emitter off, on after `settling_us`, and off again
     /// after as long; no emitter is lit before and after. As it is here, for a board that does not do it by itself.
-    async fn expose<C: Clock>(
-        &mut self,
-        clock: &C,
-        settling_us: u16,
-        channel: usize,
-        conversions: u8,
-    ) -> [u32; 3] {
-        let before = self.sum(channel, conversions).await;
+    async fn expose(&mut self, settling_us: u16, channel: usize, conversions: u8) -> [u32; 3] {
+        let before = self.sum(0, channel, conversions).await;
         self.light(Some(channel));
-        let lit = self.settle_and_sum(clock, settling_us, channel, conversions).await;
+        let lit = self.sum(settling_us, channel, conversions).await;
         self.light(None);
-        [before, lit, self.settle_and_sum(clock, settling_us, channel, conversions).await]
+        [before, lit, self.sum(settling_us, channel, conversions).await]
     }
 
     /// Measures temperature and supply, within [`VITALS_US`]. As it is here, for a board that cannot.
@@ -107,9 +88,3 @@ pub trait Chip<W> {
 pub struct NoChip;
 
 impl<W> Chip<W> for NoChip {}
-
-/// Resets the board unless fed at least once a second.
-pub trait Watchdog {
-    /// All is well.
-    fn feed(&mut self);
-}

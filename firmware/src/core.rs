@@ -4,15 +4,15 @@ use crate::acquisition::Frame;
 use crate::baud::Baud;
 use crate::board::{Storage, VITALS_US};
 use crate::last_words::LastWords;
-use crate::limits::Limits;
-use crate::line::{Change, LineState};
+use crate::line::Change;
 use crate::outbox::Outbox;
 use crate::session::Session;
 use crate::settings::Settings;
 use crate::upload::Record;
+use crate::wrench::Converter;
 use shared_proto::{
-    Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Health, Identity, PacketOrigin,
-    Refusal, ResetCause, Sample, Status, Stream, Values, Vitals,
+    Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Health, Identity, Packet,
+    PacketOrigin, Refusal, ResetCause, Sample, Status, Stream, Values, Vitals,
 };
 
 /// Time between two words of the board's health, in µs.
@@ -42,19 +42,11 @@ pub struct BoardSetup {
 /// Session, outbox and counts.
 #[derive(Debug)]
 pub(crate) struct Core<'a> {
-    identity: Identity,
-    reset_cause: ResetCause,
     pub(crate) session: Session<'a>,
     self_test: Option<SelfTest>,
-    pub(crate) line: LineState,
     pub(crate) outbox: Outbox,
-    frames: u32,
-    late: u32,
-    /// Frames that have arrived damaged since the reset.
-    pub(crate) damaged: u16,
-    foreign: u16,
-    last_words: LastWords,
-    longest_frame_us: u16,
+    /// The counts since the reset; what else is in it is that of the session.
+    pub(crate) counts: Status,
     /// When word of the board's health is due; at once after a change.
     health_at_us: u64,
     /// What the host has been told last of the readings' times.
@@ -78,43 +70,19 @@ pub(crate) enum OnLine {
     Change(Change),
 }
 
-/// How the board's health is to be told.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum HealthDue {
-    /// There is time to measure it.
-    Measured,
-    /// The next frame comes first.
-    InHaste,
-}
-
 impl<'a> Core<'a> {
     /// The state after a reset, with word of it in the outbox. `record` is where uploads are put
     /// together.
     pub(crate) fn new(setup: BoardSetup, record: &'a mut Record) -> Self {
-        let BoardSetup { identity, start, reset_cause, last_words, rate, .. } = setup;
-        let limits = Limits {
-            min_period_us: identity.min_period_us,
-            conversion_ns: setup.conversion_ns,
-            bytes_per_s: rate.map(Baud::bytes_per_s),
-            rates: setup.rates,
-            has_bootloader: setup.has_bootloader,
-        };
+        let BoardSetup { identity, start, reset_cause: cause, .. } = setup;
         let mut outbox = Outbox::new(PacketOrigin { board: identity.id().short(), start });
         let Identity { board, firmware, .. } = identity;
-        outbox.push_boot(Boot { board, firmware, cause: reset_cause });
+        outbox.push_now(Packet::Boot(Boot { board, firmware, cause }));
         Self {
-            identity,
-            reset_cause,
-            session: Session::new(limits, record),
+            session: Session::new(setup, record),
             self_test: None,
-            line: LineState::new(rate),
             outbox,
-            frames: 0,
-            late: 0,
-            damaged: 0,
-            foreign: 0,
-            last_words,
-            longest_frame_us: 0,
+            counts: Status { reset_cause: cause, ..Status::default() },
             health_at_us: 0,
             described: None,
         }
@@ -124,7 +92,7 @@ impl<'a> Core<'a> {
     /// are counted as late.
     pub(crate) fn next_slot(&mut self, now_us: u64) -> Option<u64> {
         let (slot_us, skipped) = self.session.schedule.as_mut()?.next(now_us);
-        self.late = self.late.wrapping_add(skipped);
+        self.counts.late = self.counts.late.wrapping_add(skipped);
         Some(slot_us)
     }
 
@@ -136,17 +104,15 @@ impl<'a> Core<'a> {
         self.session.settings
     }
 
-    /// Whether word of the board's health goes before the sample of the frame that has just ended.
-    pub(crate) fn health_due(&mut self, now_us: u64) -> Option<HealthDue> {
+    /// If word of the board's health goes before the sample of the frame that has just ended: whether there is time
+    /// to measure it before the next.
+    pub(crate) fn health_due(&mut self, now_us: u64) -> Option<bool> {
         let is_described = self.described == Some(self.session.settings);
         if is_described && now_us < self.health_at_us {
             return None;
         }
         let next_us = self.next_slot(now_us).unwrap_or(u64::MAX);
-        Some(match next_us.saturating_sub(now_us) >= VITALS_US {
-            true => HealthDue::Measured,
-            false => HealthDue::InHaste,
-        })
+        Some(next_us.saturating_sub(now_us) >= VITALS_US)
     }
 
     /// A frame was taken from `start_us` to `end_us`: puts a sample of it into the outbox, and before
@@ -164,11 +130,12 @@ impl<'a> Core<'a> {
             self.health_at_us = end_us + HEALTH_US;
             self.described = Some(self.session.settings);
             let Frame { timing, dark, .. } = *frame;
-            self.outbox.push_health(Health { sequence: 0, clock_us, timing, vitals, dark });
+            let health = Health { sequence: 0, clock_us, timing, vitals, dark };
+            self.outbox.push_in_turn(Packet::Health(health));
         }
-        self.frames = self.frames.wrapping_add(1);
+        self.counts.frames = self.counts.frames.wrapping_add(1);
         let duration_us = u16::try_from(end_us.saturating_sub(start_us)).unwrap_or(u16::MAX);
-        self.longest_frame_us = self.longest_frame_us.max(duration_us);
+        self.counts.longest_frame_us = self.counts.longest_frame_us.max(duration_us);
 
         let stream = self.session.settings.stream;
         let converter = self.session.converter.as_mut();
@@ -178,8 +145,9 @@ impl<'a> Core<'a> {
             (Stream::Wrench, Some(wrench)) => Values::Wrench(wrench),
             _ => Values::Readings(frame.readings),
         };
-        let (saturated, dropped) = (frame.saturated, self.late as u8);
-        self.outbox.push_sample(Sample { sequence: 0, clock_us, values, saturated, dropped });
+        let (saturated, dropped) = (frame.saturated, self.counts.late as u8);
+        let sample = Sample { sequence: 0, clock_us, values, saturated, dropped };
+        self.outbox.push_in_turn(Packet::Sample(sample));
     }
 
     /// Does what a command asks and puts the answer into the outbox. Commands for another board are
@@ -192,44 +160,36 @@ impl<'a> Core<'a> {
         now_us: u64,
         storage: &mut S,
     ) {
-        let is_ours = to.map_or(command.is_for_all(), |to| to == self.identity.id());
+        let is_ours = to.map_or(command.is_for_all(), |to| to == self.session.setup.identity.id());
         if !is_ours {
-            self.foreign = self.foreign.wrapping_add(1);
+            self.counts.foreign = self.counts.foreign.wrapping_add(1);
             return;
         }
         if let Command::Start = command {
             self.described = None; // whoever asks wants to know
         }
-        let answer = match self.session.execute(command, now_us, storage) {
-            Err(refusal) => Answer::Refused(refusal),
-            Ok(()) => match command {
-                Command::Identify => Answer::Identity(self.identity),
-                Command::Status => Answer::Status(self.status(now_us)),
-                Command::LastWords { offset } => self.last_words.answer(*offset),
-                Command::SelfTest { emitter } => {
-                    self.self_test = Some(SelfTest { emitter: *emitter, number });
-                    return; // the answer comes when it is done
-                }
-                Command::SetBaud { baud } => {
-                    let rate = self.session.rate_called(*baud);
-                    rate.into_iter().for_each(|rate| self.line.want(Change::Rate(rate)));
-                    Answer::Done
-                }
-                Command::Bootloader => {
-                    self.line.want(Change::Bootloader);
-                    Answer::Done
-                }
-                _ => Answer::Done,
-            },
+        let answer = match *command {
+            Command::Identify => Ok(Answer::Identity(self.session.setup.identity)),
+            Command::Status => Ok(Answer::Status(self.status(now_us))),
+            Command::LastWords { offset } => Ok(self.session.setup.last_words.answer(offset)),
+            Command::SelfTest { emitter } if usize::from(emitter) >= CHANNELS => {
+                Err(Refusal::OutOfRange)
+            }
+            Command::SelfTest { .. } if self.session.is_streaming() => Err(Refusal::Streaming),
+            Command::SelfTest { emitter } => {
+                self.self_test = Some(SelfTest { emitter, number });
+                return; // the answer comes when it is done
+            }
+            _ => self.session.execute(command, now_us, storage).map(|()| Answer::Done),
         };
-        self.outbox.push_answer(number, answer);
+        self.outbox.answer(number, answer.unwrap_or_else(Answer::Refused));
     }
 
     /// The self-test that was asked for, unless the board streams by now.
     pub(crate) fn take_self_test(&mut self) -> Option<SelfTest> {
         let test = self.self_test.take()?;
         if self.session.is_streaming() {
-            self.outbox.push_answer(test.number, Answer::Refused(Refusal::Streaming));
+            self.outbox.answer(test.number, Answer::Refused(Refusal::Streaming));
             return None;
         }
         Some(test)
@@ -238,42 +198,31 @@ impl<'a> Core<'a> {
     /// A self-test is done: by how much its emitter raises each channel, in steps.
     pub(crate) fn finish_self_test(&mut self, test: &SelfTest, rise: [i16; CHANNELS]) {
         let answer = Answer::SelfTest { emitter: test.emitter, rise };
-        self.outbox.push_answer(test.number, answer);
-    }
-
-    /// Whether the rate of before is to be set again, for nothing was heard at the new one.
-    pub(crate) fn gives_up_rate(&mut self, now_us: u64) -> bool {
-        let old = self.line.give_up(now_us);
-        old.into_iter().for_each(|old| self.session.use_rate(old));
-        old.is_some()
+        self.outbox.answer(test.number, answer);
     }
 
     /// The next action on the serial line, if there is one.
     pub(crate) fn next_on_line(&mut self) -> Option<OnLine> {
         let answer = self.outbox.pop_answer().map(OnLine::Frame);
-        let answer = answer.or_else(|| self.line.take().map(OnLine::Change));
+        let answer = answer.or_else(|| self.session.line.take().map(OnLine::Change));
         answer.or_else(|| self.outbox.pop().map(OnLine::Frame))
     }
 
     fn status(&self, now_us: u64) -> Status {
-        let settings = &self.session.settings;
+        let session = &self.session;
+        let Settings { stream, period_us, conversions, settling_us } = session.settings;
         Status {
-            streaming: self.session.is_streaming(),
-            calibrated: self.session.is_calibrated(),
-            zeroed: self.session.is_zeroed(),
-            stream: settings.stream,
-            reset_cause: self.reset_cause,
-            period_us: settings.period_us,
-            conversions: settings.conversions,
-            settling_us: settings.settling_us,
+            streaming: session.is_streaming(),
+            calibrated: session.converter.is_some(),
+            zeroed: session.converter.as_ref().is_some_and(Converter::is_zeroed),
+            stream,
+            period_us,
+            conversions,
+            settling_us,
             uptime_s: (now_us / 1_000_000) as u32,
-            frames: self.frames,
-            late: self.late,
-            overflowed: self.outbox.overflowed(),
-            damaged: self.damaged,
-            longest_frame_us: self.longest_frame_us,
-            calibration_crc32: self.session.calibration_crc32,
-            foreign: self.foreign,
+            overflowed: self.outbox.overflowed,
+            calibration_crc32: session.calibration_crc32,
+            ..self.counts
         }
     }
 }

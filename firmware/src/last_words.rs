@@ -32,13 +32,7 @@ impl LastWords {
 
     /// The text, as far as it is one.
     pub fn as_str(&self) -> &str {
-        match core::str::from_utf8(&self.0) {
-            Ok(text) => text,
-            Err(error) => {
-                let valid = self.0.get(..error.valid_up_to()).unwrap_or_default();
-                core::str::from_utf8(valid).unwrap_or_default()
-            }
-        }
+        self.0.utf8_chunks().next().map_or("", |chunk| chunk.valid())
     }
 
     fn push(&mut self, bytes: &[u8]) {

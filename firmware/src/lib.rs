@@ -16,10 +16,8 @@ pub mod board;
 mod core;
 mod factory;
 mod last_words;
-mod limits;
 mod line;
 mod outbox;
-mod schedule;
 mod session;
 mod settings;
 mod slots;
@@ -30,7 +28,7 @@ mod wrench;
 pub use crate::core::BoardSetup;
 pub use baud::Baud;
 pub use board::{
-    Chip, Clock, FrontEnd, NoChip, SeenEdge, Storage, StorageError, SyncInput, VITALS_US, Watchdog,
+    Chip, Clock, FrontEnd, NoChip, SeenEdge, Storage, StorageError, SyncInput, VITALS_US,
 };
 pub use factory::Factory;
 pub use last_words::LastWords;

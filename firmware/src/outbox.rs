@@ -2,7 +2,7 @@
 
 use crate::board::SeenEdge;
 use heapless::Deque;
-use shared_proto::{Answer, Boot, Edge, Frame, Health, Packet, PacketOrigin, Sample};
+use shared_proto::{Answer, Edge, Frame, Health, Packet, PacketOrigin, Sample};
 
 /// Samples that can wait: 160 ms at 100 Hz. Word of the board's health takes the place of one.
 pub(crate) const SAMPLES: usize = 16;
@@ -12,13 +12,6 @@ const ANSWERS: usize = 4;
 
 /// Edges that can wait.
 pub(crate) const EDGES: usize = 8;
-
-/// What waits behind the samples before it.
-#[derive(Clone, Copy, Debug)]
-enum Waiting {
-    Sample(Sample),
-    Health(Health),
-}
 
 /// Frames on their way out, answers before samples and samples before edges.
 ///
@@ -32,12 +25,14 @@ pub(crate) struct Outbox {
     /// What all packets say where they come from.
     origin: PacketOrigin,
     answers: Deque<Frame, ANSWERS>,
-    stream: Deque<Waiting, SAMPLES>,
+    /// Samples and health.
+    stream: Deque<Packet, SAMPLES>,
     edges: Deque<Edge, EDGES>,
     /// Edges so far.
     seen_edges: u16,
     sequence: u16,
-    overflowed: u32,
+    /// Samples dropped so far; wraps.
+    pub(crate) overflowed: u32,
 }
 
 impl Outbox {
@@ -46,20 +41,16 @@ impl Outbox {
         Self { origin, ..Self::default() }
     }
 
-    /// Samples dropped so far; wraps.
-    pub(crate) fn overflowed(&self) -> u32 {
-        self.overflowed
-    }
-
-    /// A sample for the host, with the frames that were not taken so far for those that were dropped. It gets its number
-    /// when it goes out.
-    pub(crate) fn push_sample(&mut self, sample: Sample) {
-        self.push(Waiting::Sample(sample));
-    }
-
-    /// How the board is, before the samples that are pushed after it. It gets its number when it goes out.
-    pub(crate) fn push_health(&mut self, health: Health) {
-        self.push(Waiting::Health(health));
+    /// A sample for the host, with the frames that were not taken so far for those that were dropped; or how the board
+    /// is, before the samples that are pushed after it. It gets its number when it goes out.
+    pub(crate) fn push_in_turn(&mut self, packet: Packet) {
+        if self.stream.is_full() {
+            let dropped = self.stream.pop_front();
+            let is_sample = matches!(dropped, Some(Packet::Sample(_)));
+            self.overflowed = self.overflowed.wrapping_add(u32::from(is_sample));
+        }
+        // There is room now.
+        _ = self.stream.push_back(packet);
     }
 
     /// An edge at the sync input.
@@ -70,24 +61,14 @@ impl Outbox {
         _ = self.edges.push_back(Edge { number, clock_us: seen.at_us as u32 });
     }
 
-    fn push(&mut self, waiting: Waiting) {
-        if self.stream.is_full() {
-            let dropped = self.stream.pop_front();
-            let is_sample = matches!(dropped, Some(Waiting::Sample(_)));
-            self.overflowed = self.overflowed.wrapping_add(u32::from(is_sample));
-        }
-        // There is room now.
-        _ = self.stream.push_back(waiting);
+    /// An answer for the host.
+    pub(crate) fn answer(&mut self, number: u16, answer: Answer) {
+        self.push_now(Packet::Answer { number, answer });
     }
 
-    /// An answer for the host. If too many wait it is lost, and the host will ask again.
-    pub(crate) fn push_answer(&mut self, number: u16, answer: Answer) {
-        _ = self.answers.push_back(Packet::Answer { number, answer }.encode_from(self.origin));
-    }
-
-    /// Word that the board has started.
-    pub(crate) fn push_boot(&mut self, boot: Boot) {
-        _ = self.answers.push_back(Packet::Boot(boot).encode_from(self.origin));
+    /// What goes before all samples. If too much waits it is lost, and the host will ask again.
+    pub(crate) fn push_now(&mut self, packet: Packet) {
+        _ = self.answers.push_back(packet.encode_from(self.origin));
     }
 
     /// The answer that goes out next.
@@ -105,13 +86,14 @@ impl Outbox {
     fn pop_stream(&mut self) -> Option<Frame> {
         let sequence = self.sequence;
         let packet = match self.stream.pop_front()? {
-            Waiting::Health(health) => Packet::Health(Health { sequence, ..health }),
-            Waiting::Sample(sample) => {
+            Packet::Health(health) => Packet::Health(Health { sequence, ..health }),
+            Packet::Sample(sample) => {
                 self.sequence = sequence.wrapping_add(1);
                 // All that were dropped are older than those that wait.
                 let dropped = sample.dropped.wrapping_add(self.overflowed as u8);
                 Packet::Sample(Sample { sequence, dropped, ..sample })
             }
+            other => other,
         };
         Some(packet.encode_from(self.origin))
     }
@@ -141,7 +123,8 @@ mod tests {
         for i in 0..count {
             let (clock_us, values) = (u32::from(i), Values::Readings([i; 8]));
             let dropped = late as u8;
-            outbox.push_sample(Sample { sequence: 0, clock_us, values, saturated: 0, dropped });
+            let sample = Sample { sequence: 0, clock_us, values, saturated: 0, dropped };
+            outbox.push_in_turn(Packet::Sample(sample));
         }
     }
 
@@ -158,7 +141,7 @@ mod tests {
     fn the_oldest_is_dropped_and_counted_and_leaves_no_gap_in_the_sequence() {
         let mut outbox = Outbox::new(ORIGIN);
         push(&mut outbox, SAMPLES as u16 + 3, 0);
-        assert_eq!(outbox.overflowed(), 3);
+        assert_eq!(outbox.overflowed, 3);
         let expected: Vec<_> = (0..SAMPLES as u16).map(|i| (i, u32::from(i) + 3, 3)).collect();
         assert_eq!(samples(&sent(&mut outbox)), expected);
         push(&mut outbox, 1, 2);
@@ -180,16 +163,16 @@ mod tests {
         let vitals = Vitals { temperature_cdeg: Some(2_512), ..Vitals::default() };
         let timing = Timing { first_us: 300, step_us: 500 };
         let health = Health { sequence: 0, clock_us: 7, timing, vitals, dark: [9; 8] };
-        outbox.push_health(health);
+        outbox.push_in_turn(Packet::Health(health));
         push(&mut outbox, 1, 0);
         let health = Health { sequence: 2, ..health };
         let out = sent(&mut outbox);
         assert_eq!(out[2], Packet::Health(health));
         assert!(matches!(out[3], Packet::Sample(Sample { sequence: 2, .. })));
         // One that is dropped is no sample that was.
-        outbox.push_health(Health { clock_us: 8, ..health });
+        outbox.push_in_turn(Packet::Health(Health { clock_us: 8, ..health }));
         push(&mut outbox, SAMPLES as u16, 0);
-        assert_eq!(outbox.overflowed(), 0);
+        assert_eq!(outbox.overflowed, 0);
     }
 
     #[test]
@@ -218,7 +201,7 @@ mod tests {
     fn answers_go_before_samples_and_are_not_kept_out_by_them() {
         let mut outbox = Outbox::new(ORIGIN);
         push(&mut outbox, SAMPLES as u16, 0);
-        outbox.push_answer(9, Answer::Done);
+        outbox.answer(9, Answer::Done);
         assert_eq!(sent(&mut outbox)[0], Packet::Answer { number: 9, answer: Answer::Done });
     }
 }

@@ -1,18 +1,20 @@
-//! Commands to the board: (session, command) → (session, answer).
+//! Commands to the board: (session, command) → (session, answer); and when frames are taken.
 
-use crate::baud::Baud;
 use crate::board::Storage;
-use crate::limits::Limits;
-use crate::schedule::Schedule;
+use crate::core::BoardSetup;
+use crate::line::{Change, LineState};
 use crate::settings::Settings;
 use crate::upload::{self, Record, Upload};
 use crate::wrench::Converter;
-use shared_proto::{CHANNELS, Command, Refusal, Stream};
+use core::num::{NonZeroU32, NonZeroU64};
+use shared_proto::{Command, Refusal, Stream};
 
 /// Settings, schedule and calibration. Every command leaves all as it was or does all it asks.
 #[derive(Debug)]
 pub(crate) struct Session<'a> {
-    limits: Limits,
+    /// What the board is, with the rate that its line is going to have.
+    pub(crate) setup: BoardSetup,
+    pub(crate) line: LineState,
     /// How frames are taken.
     pub(crate) settings: Settings,
     /// When frames are to be taken, `None` when not streaming.
@@ -28,9 +30,10 @@ pub(crate) struct Session<'a> {
 
 impl<'a> Session<'a> {
     /// The session after a reset, without a calibration.
-    pub(crate) fn new(limits: Limits, record: &'a mut Record) -> Self {
+    pub(crate) fn new(setup: BoardSetup, record: &'a mut Record) -> Self {
         Self {
-            limits,
+            line: LineState::new(setup.rate),
+            setup,
             settings: Settings::DEFAULT,
             schedule: None,
             converter: None,
@@ -53,17 +56,7 @@ impl<'a> Session<'a> {
         self.schedule.is_some()
     }
 
-    /// Whether there is a calibration.
-    pub(crate) fn is_calibrated(&self) -> bool {
-        self.converter.is_some()
-    }
-
-    /// Whether the wrench has a zero.
-    pub(crate) fn is_zeroed(&self) -> bool {
-        self.converter.as_ref().is_some_and(Converter::is_zeroed)
-    }
-
-    /// Does what a command asks; those that ask for an answer of their own need nothing done.
+    /// Does what a command asks that has no answer of its own.
     ///
     /// # Errors
     /// Why it is not done, and then nothing has changed.
@@ -75,19 +68,17 @@ impl<'a> Session<'a> {
     ) -> Result<(), Refusal> {
         match *command {
             Command::SetBaud { baud } => self.set_baud(baud),
-            Command::Bootloader if !self.limits.has_bootloader => Err(Refusal::NotOnThisBoard),
-            Command::SelfTest { emitter } if usize::from(emitter) >= CHANNELS => {
-                Err(Refusal::OutOfRange)
-            }
-            Command::SelfTest { .. } if self.is_streaming() => Err(Refusal::Streaming),
-            Command::Identify | Command::Status => Ok(()),
-            Command::LastWords { .. } | Command::SelfTest { .. } => Ok(()),
-            Command::Start => {
-                let schedule = self.schedule_from(now_us, &self.settings);
-                self.schedule.get_or_insert(schedule);
+            Command::Bootloader if !self.setup.has_bootloader => Err(Refusal::NotOnThisBoard),
+            Command::Bootloader => {
+                self.line.want(Change::Bootloader);
+                self.schedule = None;
                 Ok(())
             }
-            Command::Stop | Command::Bootloader => {
+            Command::Start => {
+                self.schedule.get_or_insert(Schedule::new(now_us, self.settings.period_us));
+                Ok(())
+            }
+            Command::Stop => {
                 self.schedule = None;
                 Ok(())
             }
@@ -100,7 +91,7 @@ impl<'a> Session<'a> {
             Command::SetSettling { settling_us } => {
                 self.change(Settings { settling_us, ..self.settings }, now_us)
             }
-            Command::SetStream(Stream::Wrench) if !self.is_calibrated() => {
+            Command::SetStream(Stream::Wrench) if self.converter.is_none() => {
                 Err(Refusal::NoCalibration)
             }
             Command::SetStream(stream @ (Stream::Raw | Stream::Wrench)) => {
@@ -124,46 +115,40 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// The rate of the line that has this name.
-    pub(crate) fn rate_called(&self, name: u32) -> Option<Baud> {
-        self.limits.rates.iter().copied().find(|rate| rate.name == name)
-    }
-
-    /// The line has this rate.
-    pub(crate) fn use_rate(&mut self, rate: Baud) {
-        self.limits = self.limits.with_rate(rate);
+    /// Whether the rate of before is to be set again, for nothing was heard at the new one.
+    pub(crate) fn gives_up_rate(&mut self, now_us: u64) -> bool {
+        let old = self.line.give_up(now_us);
+        self.setup.rate = old.or(self.setup.rate);
+        old.is_some()
     }
 
     /// Frames have to fit on the line as it will be.
     fn set_baud(&mut self, name: u32) -> Result<(), Refusal> {
-        let rate = self.rate_called(name).ok_or(match self.limits.rates {
+        let rate = self.setup.rates.iter().find(|rate| rate.name == name);
+        let rate = *rate.ok_or(match self.setup.rates {
             [] => Refusal::NotOnThisBoard,
             _ => Refusal::OutOfRange,
         })?;
-        let limits = self.limits.with_rate(rate);
-        limits.check(&self.settings)?;
-        self.limits = limits;
+        self.setup.check(&self.settings, Some(rate))?;
+        self.setup.rate = Some(rate);
+        self.line.want(Change::Rate(rate));
         Ok(())
     }
 
     fn change(&mut self, settings: Settings, now_us: u64) -> Result<(), Refusal> {
-        self.limits.check(&settings)?;
+        self.setup.check(&settings, self.setup.rate)?;
         if self.is_streaming() && settings.period_us != self.settings.period_us {
             let first_us = now_us + u64::from(settings.period_us);
-            self.schedule = Some(self.schedule_from(first_us, &settings));
+            self.schedule = Some(Schedule::new(first_us, settings.period_us));
         }
         self.settings = settings;
         Ok(())
     }
 
-    fn schedule_from(&self, first_us: u64, settings: &Settings) -> Schedule {
-        Schedule::new(first_us, settings.period_us)
-    }
-
     /// The upload is kept, so that a commit whose answer was lost can be sent again.
     fn commit<S: Storage>(&mut self, storage: &mut S) -> Result<(), Refusal> {
         let crc = self.upload.ok_or(Refusal::NoUpload)?.finish(self.record)?;
-        let in_use = self.is_calibrated() && self.calibration_crc32 == crc;
+        let in_use = self.converter.is_some() && self.calibration_crc32 == crc;
         if !in_use {
             storage.store(self.record).map_err(|_| Refusal::StorageFailed)?;
             self.use_record(crc);
@@ -180,15 +165,54 @@ impl<'a> Session<'a> {
     }
 }
 
+/// How late a frame may start, in µs; a slot that cannot be kept so well is skipped. It is a hundredth of the 10 ms
+/// period.
+const TOLERANCE_US: u64 = 100;
+
+/// Slots at a fixed distance from the first: the error of one does not carry over to the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Schedule {
+    next_us: u64,
+    period_us: NonZeroU32,
+}
+
+impl Schedule {
+    /// The first slot is at `first_us`, the others every `period_us`, which is at least 1.
+    pub(crate) fn new(first_us: u64, period_us: u32) -> Self {
+        let period_us = NonZeroU32::new(period_us).unwrap_or(NonZeroU32::MIN);
+        Self { next_us: first_us, period_us }
+    }
+
+    /// Time of the next slot that can still be kept, and how many before it cannot.
+    pub(crate) fn next(&mut self, now_us: u64) -> (u64, u32) {
+        let latest_us = self.next_us.saturating_add(TOLERANCE_US);
+        let late_us = now_us.saturating_sub(latest_us);
+        if late_us == 0 {
+            return (self.next_us, 0); // nearly always, and without a 64-bit division
+        }
+        let period_us = NonZeroU64::from(self.period_us);
+        let skipped = late_us.div_ceil(period_us.get());
+        self.next_us = self.next_us.saturating_add(skipped * period_us.get());
+        (self.next_us, u32::try_from(skipped).unwrap_or(u32::MAX))
+    }
+
+    /// The slot that [`Schedule::next`] gave is used.
+    pub(crate) fn advance(&mut self) {
+        self.next_us = self.next_us.saturating_add(u64::from(self.period_us.get()));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     extern crate std;
 
     use super::*;
     use crate::board::StorageError;
+    use crate::settings::tests::setup;
     use crate::slots::Slots;
     use crate::slots::tests::fake_flash::{CutOutcome, FakeFlash};
     use crate::upload::RECORD;
+    use proptest::prelude::*;
     use shared_proto::{
         AXES, CHANNELS, Calibration, Cubic, FEATURES, MAX_PIECE, Physics, PhysicsSensor, Piece,
     };
@@ -215,14 +239,6 @@ mod tests {
         }
     }
 
-    const LIMITS: Limits = Limits {
-        min_period_us: 1_000,
-        conversion_ns: 1_500,
-        bytes_per_s: None,
-        rates: &[],
-        has_bootloader: false,
-    };
-
     fn erased() -> Memory {
         Memory { record: [0xFF; RECORD], works: true, stored: 0 }
     }
@@ -248,7 +264,7 @@ mod tests {
             ),
             reading_variance: 1e-4,
             displacement_variance: 0.0,
-            sensors: [PhysicsSensor::NONE; CHANNELS],
+            sensors: [PhysicsSensor::default(); CHANNELS],
         })
     }
 
@@ -275,7 +291,7 @@ mod tests {
     /// The session after a reset.
     fn started<S: Storage>(storage: &mut S) -> Session<'static> {
         let record = std::boxed::Box::leak(std::boxed::Box::new([0; RECORD]));
-        let mut session = Session::new(LIMITS, record);
+        let mut session = Session::new(setup(1_000, 1_500), record);
         session.load(storage);
         session
     }
@@ -343,14 +359,13 @@ mod tests {
     #[test]
     fn a_calibration_is_kept_across_a_reset() {
         let mut bench = Bench::new();
-        assert!(!bench.session.is_calibrated());
+        assert!(bench.session.converter.is_none());
         assert_eq!(bench.run_all(&good_upload()), Ok(()));
         let crc = shared_proto::crc32(&calibration().to_bytes());
         assert_eq!(bench.session.calibration_crc32, crc);
 
         let after = started(&mut bench.memory);
-        assert_eq!((after.is_calibrated(), after.calibration_crc32), (true, crc));
-        assert!(after.converter.is_some());
+        assert_eq!((after.converter.is_some(), after.calibration_crc32), (true, crc));
     }
 
     #[test]
@@ -374,7 +389,7 @@ mod tests {
         assert_eq!(bench.run(commit), Err(Refusal::Streaming));
         assert_eq!(bench.memory.stored, 0);
         bench.run_all(&[Command::Stop, *commit]).unwrap();
-        assert!(bench.session.is_calibrated());
+        assert!(bench.session.converter.is_some());
     }
 
     #[test]
@@ -382,7 +397,7 @@ mod tests {
         let mut bench = Bench::new();
         bench.run_all(&good_upload()).unwrap();
         bench.memory.record[100] ^= 1;
-        assert!(!started(&mut bench.memory).is_calibrated());
+        assert!(started(&mut bench.memory).converter.is_none());
     }
 
     #[test]
@@ -471,5 +486,46 @@ mod tests {
         assert_eq!(bench.run_all(&commands), Ok(()));
         assert_eq!(bench.session.settings.stream, Stream::Wrench);
         assert!(bench.session.converter.unwrap().is_taring());
+    }
+
+    #[test]
+    fn slots_do_not_drift_with_the_time_that_frames_take() {
+        let mut schedule = Schedule::new(1_000, 10_000);
+        for slot in 0..1_000_000 {
+            let at = 1_000 + slot * 10_000;
+            assert_eq!(schedule.next(at + slot % 100), (at, 0));
+            schedule.advance();
+        }
+    }
+
+    #[test]
+    fn slots_that_have_passed_are_skipped_and_counted() {
+        let mut schedule = Schedule::new(0, 10_000);
+        schedule.advance();
+        assert_eq!(schedule.next(10_100), (10_000, 0));
+        assert_eq!(schedule.next(10_101), (20_000, 1));
+        assert_eq!(schedule.next(54_321), (60_000, 4));
+        schedule.advance();
+        assert_eq!(schedule.next(60_500), (70_000, 0));
+    }
+
+    proptest! {
+        #[test]
+        fn every_slot_is_used_or_skipped_once(
+            period_us in 1..20_000_u32,
+            frames in prop::collection::vec(0..60_000_u64, 1..200),
+        ) {
+            let mut schedule = Schedule::new(7, period_us);
+            let (mut now, mut slots) = (0, 0_u64);
+            for frame_us in frames {
+                let (at, skipped) = schedule.next(now);
+                slots += u64::from(skipped);
+                prop_assert_eq!(at, 7 + slots * u64::from(period_us));
+                prop_assert!(now <= at + 100);
+                slots += 1;
+                schedule.advance();
+                now = now.max(at) + frame_us;
+            }
+        }
     }
 }

@@ -10,8 +10,8 @@
 //! wake each other by signals.
 
 use crate::acquisition::{acquire, illuminate};
-use crate::board::{Chip, Clock, FrontEnd, Storage, SyncInput, Watchdog};
-use crate::core::{BoardSetup, Core, HealthDue, OnLine};
+use crate::board::{Chip, Clock, FrontEnd, Storage, SyncInput};
+use crate::core::{BoardSetup, Core, OnLine};
 use crate::line::Change;
 use crate::upload::Record;
 use core::cell::RefCell;
@@ -63,7 +63,7 @@ impl<'a, C: Clock> Station<'a, C> {
             if let Some(test) = test {
                 let settings = self.core.borrow().session.settings;
                 let emitter = usize::from(test.emitter);
-                let rise = illuminate(&mut front_end, &self.clock, &settings, emitter).await;
+                let rise = illuminate(&mut front_end, &settings, emitter).await;
                 self.core.borrow_mut().finish_self_test(&test, rise);
                 self.outgoing.signal(());
             } else if self.next_slot().await {
@@ -75,7 +75,7 @@ impl<'a, C: Clock> Station<'a, C> {
     /// Waits for the next slot, at most until a sign of life is due; whether it is time for a frame.
     async fn next_slot(&self) -> bool {
         let now_us = self.clock.now_us();
-        if self.core.borrow_mut().gives_up_rate(now_us) {
+        if self.core.borrow_mut().session.gives_up_rate(now_us) {
             self.outgoing.signal(());
         }
         let slot_us = self.core.borrow_mut().next_slot(now_us);
@@ -97,8 +97,8 @@ impl<'a, C: Clock> Station<'a, C> {
         let end_us = self.clock.now_us();
         let health = self.core.borrow_mut().health_due(end_us);
         let vitals = match health {
-            Some(HealthDue::Measured) => Some(front_end.vitals().await),
-            Some(HealthDue::InHaste) => Some(Vitals::default()),
+            Some(true) => Some(front_end.vitals().await),
+            Some(false) => Some(Vitals::default()),
             None => None,
         };
         self.core.borrow_mut().finish_frame(&frame, start_us, end_us, vitals);
@@ -118,7 +118,7 @@ impl<'a, C: Clock> Station<'a, C> {
                         Change::Rate(rate) => chip.set_baud(&mut sender, rate).await,
                         Change::Bootloader => chip.start_bootloader().await,
                     }
-                    self.core.borrow_mut().line.done(self.clock.now_us());
+                    self.core.borrow_mut().session.line.done(self.clock.now_us());
                 }
                 None => self.outgoing.wait().await,
             }
@@ -144,17 +144,17 @@ impl<'a, C: Clock> Station<'a, C> {
                     packet: Packet::Command { number, to, command },
                     ..
                 }) => {
-                    core.line.heard();
+                    core.session.line.heard();
                     core.command(number, to, &command, self.clock.now_us(), &mut storage);
                 }
                 Event::OtherVersion { command: true, .. } => {
                     // Its number cannot be known.
-                    core.outbox.push_answer(0, Answer::Refused(Refusal::OtherVersion));
+                    core.outbox.answer(0, Answer::Refused(Refusal::OtherVersion));
                 }
                 _ => {}
             });
             let counters = decoder.counters();
-            core.damaged = (counters.bad_crc + counters.malformed) as u16;
+            core.counts.damaged = (counters.bad_crc + counters.malformed) as u16;
             self.changed.signal(());
             self.outgoing.signal(());
         }
@@ -169,10 +169,10 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// Feeds the watchdog at every sign of life.
-    pub async fn watch<D: Watchdog>(&self, mut watchdog: D) {
+    /// Feeds the watchdog at every sign of life; it resets the board unless fed at least once a second.
+    pub async fn watch(&self, mut feed: impl FnMut()) {
         loop {
-            watchdog.feed();
+            feed();
             self.alive.wait().await;
         }
     }
@@ -184,14 +184,14 @@ impl<'a, C: Clock> Station<'a, C> {
         (sender, chip): (W, H),
         (receiver, storage): (R, S),
         sync_input: impl SyncInput,
-        watchdog: impl Watchdog,
+        feed_watchdog: impl FnMut(),
     ) {
         join5(
             self.acquire(front_end),
             self.send(sender, chip),
             self.receive(receiver, storage),
             self.listen(sync_input),
-            self.watch(watchdog),
+            self.watch(feed_watchdog),
         )
         .await;
     }

@@ -1,35 +1,9 @@
 //! A board: its identity, stream and status.
 
-use crate::bytes::Bytes;
 use crate::calibration::crc32;
-use crate::field::{Field, Reader, coded, fields};
+use crate::field::{Bytes, Field, Reader, coded, fields};
 
-/// [`coded`] for enums without fields: adds the variant `Other` and a constant function `from_code`.
-macro_rules! codes {
-    ($(#[$of_enum:meta])* pub enum $name:ident {
-        $($(#[$of_variant:meta])* $variant:ident = $code:literal,)+
-    }) => {
-        coded! {
-            $(#[$of_enum])*
-            pub enum $name {
-                $($(#[$of_variant])* $variant = $code,)+
-                _ = Other,
-            }
-        }
-
-        impl $name {
-            /// The variant of a code.
-            pub const fn from_code(code: u8) -> Self {
-                match code {
-                    $($code => Self::$variant,)+
-                    _ => Self::Other(code),
-                }
-            }
-        }
-    };
-}
-
-codes! {
+coded! {
     /// Where the firmware runs.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
@@ -40,10 +14,11 @@ codes! {
         Simulated = 3,
         /// The Nucleo-G491RE: STM32G491RE.
         NucleoG491re = 4,
+        _ = Other,
     }
 }
 
-codes! {
+coded! {
     /// What the samples of the stream hold.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub enum Stream {
@@ -52,12 +27,13 @@ codes! {
         Raw = 0,
         /// Wrenches, converted on the board.
         Wrench = 1,
+        _ = Other,
     }
 }
 
-codes! {
+coded! {
     /// Why the board last started.
-    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     #[non_exhaustive]
     pub enum ResetCause {
         /// Power was switched on, or fell too low.
@@ -69,9 +45,11 @@ codes! {
         /// The watchdog was not fed.
         Watchdog = 4,
         /// The board cannot tell.
+        #[default]
         Unspecified = 5,
         /// The core met something that it cannot execute.
         Fault = 6,
+        _ = Other,
     }
 }
 
@@ -125,7 +103,7 @@ impl Identity {
 fields!(Identity { board, firmware, serial, min_period_us });
 
 /// How a board does. All counts are since the last reset and wrap.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
     /// Whether it streams.
     pub streaming: bool,
@@ -184,7 +162,7 @@ impl Field for Status {
             streaming: flags & 1 != 0,
             calibrated: flags & 2 != 0,
             zeroed: flags & 4 != 0,
-            stream: Stream::from_code(flags >> 3),
+            stream: Stream::from_code(flags >> 3)?,
             reset_cause: body.get()?,
             period_us: body.get()?,
             conversions: body.get()?,

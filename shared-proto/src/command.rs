@@ -5,8 +5,7 @@
 
 use crate::CHANNELS;
 use crate::board::{Identity, Status, Stream};
-use crate::bytes::Bytes;
-use crate::field::{Reader, coded};
+use crate::field::{Bytes, Reader, coded};
 
 /// Most bytes of a calibration in one command, or of last words in one answer.
 pub const MAX_PIECE: usize = 32;

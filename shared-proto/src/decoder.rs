@@ -1,10 +1,10 @@
-//! Bytes to packets, whatever the bytes.
+//! Bytes to packets, whatever the bytes, and finding out which protocol they speak.
 
-use crate::bytes::Bytes;
-use crate::error::DecodeError;
+use crate::field::Bytes;
 use crate::frame::MAX_FRAME;
-use crate::packet::{self, Packet, ReceivedPacket};
-use crate::xbee::{ApiFrame, Deframer, Mode, TransmitStatus};
+use crate::packet::{self, DecodeError, Packet, ReceivedPacket};
+use crate::skinproc;
+use crate::xbee::{ApiFrame, Deframer, Mode};
 
 /// How frames travel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,8 +27,6 @@ impl Framing {
 pub enum Event {
     /// A good packet.
     Packet(ReceivedPacket),
-    /// The module at this end says what became of a transmission.
-    TransmitStatus(TransmitStatus),
     /// A good packet of a version of the protocol that is not read.
     OtherVersion {
         /// The version.
@@ -80,10 +78,10 @@ impl Decoder {
         let Self { deframer: Some(deframer), stream } = self else {
             return self.stream.feed(bytes, &mut sink);
         };
-        deframer.feed(bytes, |frame| match frame {
-            ApiFrame::Receive { payload, .. } => stream.feed(payload, &mut sink),
-            ApiFrame::TransmitStatus(status) => sink(Event::TransmitStatus(status)),
-            ApiFrame::Transmit { .. } | ApiFrame::Other { .. } => {}
+        deframer.feed(bytes, |frame| {
+            if let ApiFrame::Receive { payload, .. } = frame {
+                stream.feed(payload, &mut sink);
+            }
         });
     }
 
@@ -108,15 +106,10 @@ struct ByteStream {
 impl ByteStream {
     fn feed(&mut self, mut bytes: &[u8], sink: &mut impl FnMut(Event)) {
         while let Some(end) = bytes.iter().position(|&byte| byte == 0) {
-            let (frame, rest) = (&bytes[..end], &bytes[end + 1..]);
-            bytes = rest;
-            if self.partial.is_empty() {
-                self.take(frame, sink);
-            } else {
-                self.keep(frame);
-                let frame = core::mem::take(&mut self.partial);
-                self.take(&frame, sink);
-            }
+            self.keep(&bytes[..end]);
+            bytes = &bytes[end + 1..];
+            let frame = core::mem::take(&mut self.partial);
+            self.take(&frame, sink);
             self.synchronised = true;
         }
         self.keep(bytes);
@@ -171,6 +164,57 @@ fn last_packet(piece: &[u8]) -> Option<ReceivedPacket> {
     let tail = &piece[piece.len().saturating_sub(MAX_FRAME)..];
     (0..tail.len())
         .filter_map(|start| tail.get(start..))
-        .filter(|frame| Packet::has_known_header(frame))
         .find_map(|frame| Packet::decode(frame).ok())
+}
+
+/// What a board can speak.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Protocol {
+    /// The packets of this crate.
+    Packets(Framing),
+    /// That of the original SkinProc board.
+    Original,
+}
+
+impl Protocol {
+    /// The framing of packets, `None` for the original board.
+    pub fn framing(self) -> Option<Framing> {
+        match self {
+            Self::Packets(framing) => Some(framing),
+            Self::Original => None,
+        }
+    }
+
+    /// How many frames of this protocol are in `bytes`, and how much in them is damage.
+    pub fn frames_in(self, bytes: &[u8]) -> (u64, u64) {
+        match self {
+            Self::Packets(framing) => {
+                let mut decoder = Decoder::new(framing);
+                decoder.feed(bytes, |_| {});
+                let counters = decoder.counters();
+                let damaged = counters.bad_crc + counters.malformed + counters.bad_api_frames;
+                (counters.packets + counters.unknown_version, damaged)
+            }
+            Self::Original => {
+                let mut decoder = skinproc::Decoder::new();
+                decoder.feed(bytes, |_| {});
+                (decoder.scans, decoder.skipped / skinproc::SCAN_LEN as u64)
+            }
+        }
+    }
+}
+
+/// The protocol that makes the most of `bytes`, `None` if none finds anything in them.
+///
+/// Frames inside API frames look like COBS with damage between, so damage counts against what is
+/// found; of equals the simpler is taken, for escapes may not have occurred yet. A second of a
+/// stream is plenty.
+pub fn detect(bytes: &[u8]) -> Option<Protocol> {
+    let protocols = Framing::ALL.into_iter().map(Protocol::Packets).chain([Protocol::Original]);
+    protocols
+        .map(|protocol| (protocol, protocol.frames_in(bytes)))
+        .filter(|&(_, (found, _))| found > 0)
+        .map(|(protocol, (found, damaged))| (protocol, found.cast_signed() - damaged.cast_signed()))
+        .reduce(|best, next| if next.1 > best.1 { next } else { best })
+        .map(|(protocol, _)| protocol)
 }

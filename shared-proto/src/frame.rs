@@ -11,8 +11,8 @@
 //! at most (those that turn it into one of the four, or into zero), so one is left for packets of up to
 //! 51 bytes; in a sample a hundred are, of which the two bytes of the CRC rule out one in thirty.
 
-use crate::bytes::Bytes;
-use crate::error::DecodeError;
+use crate::field::Bytes;
+use crate::packet::DecodeError;
 
 /// Longest packet in bytes, mask and CRC included: the longest for which a mask always exists.
 pub const MAX_PACKET: usize = 51;
@@ -99,17 +99,6 @@ pub(crate) fn decode(frame: &[u8]) -> Result<Plain, DecodeError> {
     Ok(packet)
 }
 
-/// The header byte that a frame has if it is one and its header is not zero, found without
-/// decoding it.
-pub(crate) fn header(frame: &[u8]) -> Option<u8> {
-    let &[code, first, second, ..] = frame else { return None };
-    Some(match code {
-        1 => second,         // the mask is zero
-        2 => first,          // the masked header is zero, so it equals the mask
-        _ => first ^ second, // mask and masked header
-    })
-}
-
 #[cfg(test)]
 mod tests {
     extern crate std;
@@ -143,15 +132,6 @@ mod tests {
             prop_assert_eq!(crc(sent).to_le_bytes(), *check);
             let unmasked: Vec<u8> = sent.iter().map(|byte| byte ^ sent[0]).collect();
             prop_assert_eq!(&unmasked[..], &packet[..]);
-        }
-
-        #[test]
-        fn the_header_is_found_without_decoding(
-            header in 1_u8..,
-            content in prop::collection::vec(any::<u8>(), 2..30),
-        ) {
-            let frame = encode(plain(&[&[header][..], &content].concat()), crc);
-            prop_assert_eq!(super::header(&frame), Some(header));
         }
 
         // The cobs crate is an independent implementation.

@@ -36,33 +36,26 @@
 #![warn(missing_docs)]
 
 mod board;
-mod bytes;
 mod calibration;
 mod command;
 mod decoder;
-mod detect;
-mod error;
 mod field;
 mod frame;
-mod health;
 mod packet;
 pub mod skinproc;
 pub mod xbee;
 
 pub use board::{Board, BoardId, Identity, ResetCause, Status, Stream};
-pub use bytes::Bytes;
 pub use calibration::{
     Calibration, CalibrationBytes, Cubic, FACTOR, FEATURES, PRIOR, Physics, PhysicsSensor, crc32,
 };
 pub use command::{Answer, Command, MAX_PIECE, Piece, Refusal};
-pub use decoder::{Counters, Decoder, Event, Framing};
-pub use detect::{Protocol, detect};
-pub use error::DecodeError;
+pub use decoder::{Counters, Decoder, Event, Framing, Protocol, detect};
+pub use field::Bytes;
 pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
-pub use health::{Health, Timing, Vitals};
 pub use packet::{
-    Boot, COUNTS_PER_LSB, Edge, Packet, PacketOrigin, READINGS_FRAME, ReceivedPacket, Sample,
-    VERSION, Values, WRENCH_FRAME,
+    Boot, COUNTS_PER_LSB, DecodeError, Edge, Health, Packet, PacketOrigin, READINGS_FRAME,
+    ReceivedPacket, Sample, Timing, VERSION, Values, Vitals, WRENCH_FRAME,
 };
 
 /// Photointerrupters on the board.

@@ -2,10 +2,8 @@
 
 use crate::board::{Board, BoardId, ResetCause};
 use crate::command::{Answer, Command};
-use crate::error::DecodeError;
-use crate::field::{Field, Reader, fields};
+use crate::field::{Bytes, Field, Reader, fields};
 use crate::frame::{self, Frame, Plain};
-use crate::health::Health;
 use crate::{AXES, CHANNELS};
 use crc::{CRC_16_M17, Crc};
 
@@ -238,14 +236,6 @@ impl Packet {
         let to = BoardId::from_code(body.get()?);
         Some(Self::Command { number, to, command: Command::read_all(body)? })
     }
-
-    /// Whether a header is one of a version that is read.
-    pub(crate) fn has_known_header(frame: &[u8]) -> bool {
-        frame::header(frame).is_some_and(|header| {
-            matches!(header >> 4, VERSION | VERSION_2)
-                && matches!(header & 0xF, SAMPLE_READINGS..=BOOT)
-        })
-    }
 }
 
 fields!(PacketOrigin { board, start });
@@ -271,4 +261,100 @@ impl Sample {
         let (saturated, dropped) = (body.get()?, body.get()?);
         body.end(Self { sequence, clock_us, values, saturated, dropped })
     }
+}
+
+/// When the readings of a frame are taken, after the time that its sample says.
+///
+/// A board has one converter, so its channels are read one after the other. A reading is the light at
+/// the middle of its lit conversions.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Timing {
+    /// From the start of the frame to the reading of the first channel, in µs.
+    pub first_us: u16,
+    /// From the reading of one channel to that of the next, in µs.
+    pub step_us: u16,
+}
+
+/// Temperature and supply of a board, as far as it can measure them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Vitals {
+    /// Temperature of the chip in hundredths of a degree Celsius.
+    pub temperature_cdeg: Option<i16>,
+    /// Supply of the converter in mV.
+    pub supply_mv: Option<u16>,
+    /// Reading of the chip's voltage reference, in counts.
+    pub reference: Option<u16>,
+}
+
+/// Sent before the first sample of a stream, before the first with other settings, and once a second.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Health {
+    /// Number of the sample that follows.
+    pub sequence: u16,
+    /// The board's clock, as in samples.
+    pub clock_us: u32,
+    /// When readings are taken, from the sample that follows on.
+    pub timing: Timing,
+    /// Temperature and supply.
+    pub vitals: Vitals,
+    /// What the channels read with their emitters off, in counts.
+    pub dark: [u16; CHANNELS],
+}
+
+fields!(Timing { first_us, step_us });
+
+/// For a temperature that is not known.
+const NO_TEMPERATURE: i16 = i16::MIN;
+
+impl Field for Vitals {
+    fn write<const N: usize>(&self, out: &mut Bytes<N>) {
+        self.temperature_cdeg.unwrap_or(NO_TEMPERATURE).write(out);
+        [self.supply_mv, self.reference].map(Option::unwrap_or_default).write(out);
+    }
+
+    fn read(body: &mut Reader<'_>) -> Option<Self> {
+        let temperature = body.get()?;
+        let [supply, reference] = body.get()?;
+        Some(Self {
+            temperature_cdeg: (temperature != NO_TEMPERATURE).then_some(temperature),
+            supply_mv: (supply != 0).then_some(supply),
+            reference: (reference != 0).then_some(reference),
+        })
+    }
+}
+
+impl Health {
+    fn write(&self, out: &mut Plain) {
+        self.clock_us.write(out);
+        self.timing.write(out);
+        self.vitals.write(out);
+        self.dark.write(out);
+    }
+
+    /// What a newer board adds is not looked at.
+    fn read(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
+        let (clock_us, timing) = (body.get()?, body.get()?);
+        Some(Self { sequence, clock_us, timing, vitals: body.get()?, dark: body.get()? })
+    }
+}
+
+/// Why bytes are not a packet of this version.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum DecodeError {
+    /// The bytes are not COBS, or too short or too long for any packet.
+    Framing,
+    /// The CRC does not match.
+    Crc,
+    /// The CRC matches, the version is another one.
+    UnknownVersion {
+        /// The version.
+        version: u8,
+        /// The kind, by that version's count; a command has the same in all.
+        kind: u8,
+    },
+    /// The CRC matches, the version too, but it has no such kind.
+    UnknownKind(u8),
+    /// The CRC matches and the kind is known, but the body is not one of that kind.
+    Body,
 }

@@ -7,8 +7,7 @@
 //! follows.
 
 use crate::CHANNELS;
-use crate::bytes::Bytes;
-use crate::field::Reader;
+use crate::field::{Bytes, Reader};
 
 /// Length of a scan in bytes, letter and length included.
 pub const SCAN_LEN: usize = 22;

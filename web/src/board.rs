@@ -107,9 +107,9 @@ impl BoardSession {
         if let Some(action) = turn.order.as_deref().and_then(LiveAction::named) {
             self.session.obey(action);
         }
-        if let Some(due) = self.recorder.tend(elapsed, Some(arrival))? {
-            self.feed.state().progress = Some(due.progress);
-            commands = due.commands;
+        if let Some(progress) = self.recorder.tend(elapsed, Some(arrival))? {
+            commands.clone_from(&progress.commands);
+            self.feed.state().progress = Some(progress);
         }
         if turn.ends {
             commands.extend(self.recorder.last_commands());
@@ -211,7 +211,6 @@ struct PageState {
 #[derive(Debug)]
 struct PageLog {
     path: PathBuf,
-    pending: Vec<u8>,
     is_empty: bool,
     logs: PageLogs,
 }
@@ -219,7 +218,7 @@ struct PageLog {
 impl PageLogs {
     fn log(&self, name: String) -> Box<dyn LogSink> {
         let (path, logs) = (PathBuf::from(name), self.clone());
-        Box::new(PageLog { path, pending: Vec::new(), is_empty: true, logs })
+        Box::new(PageLog { path, is_empty: true, logs })
     }
 }
 
@@ -233,21 +232,16 @@ impl LogMaker for PageLogs {
 }
 
 impl LogSink for PageLog {
-    fn pending(&mut self) -> &mut Vec<u8> {
-        &mut self.pending
-    }
-
-    fn flush(&mut self) -> Result<(), OutputError> {
-        if !self.pending.is_empty() {
+    fn append(&mut self, piece: &[u8]) -> Result<(), OutputError> {
+        if !piece.is_empty() {
             self.is_empty = false;
-            let piece = (self.path.display().to_string(), std::mem::take(&mut self.pending));
+            let piece = (self.path.display().to_string(), piece.to_vec());
             lock(&self.logs.state).pieces.push(piece);
         }
         Ok(())
     }
 
-    fn close(mut self: Box<Self>) -> Result<(), OutputError> {
-        self.flush()?;
+    fn close(self: Box<Self>) -> Result<(), OutputError> {
         if !self.is_empty {
             lock(&self.logs.state).ended.push(self.path.display().to_string());
         }

@@ -1,4 +1,4 @@
-//! A file that grows while a recording runs.
+//! Where a recording is kept: as a rule a file that grows while it runs.
 //!
 //! All other results appear whole or not at all ([`output_file`]). A recording is the exception:
 //! it cannot be made again, so what has arrived goes to the file within half a second, and stays
@@ -6,13 +6,36 @@
 //! is cut back to the end of the last piece that fits. Only a kill in the middle of a write may leave a
 //! part of a line, which a reader of logs leaves out.
 
+use std::fmt::Debug;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use output_file::OutputError;
 
-use super::LogSink;
+/// Where a log or the bytes of a port are kept while they grow: a file, or the memory of a page.
+pub trait LogSink: Debug + Send {
+    /// Adds a piece, whole or not at all.
+    ///
+    /// # Errors
+    /// [`OutputError`] if there is no room for it.
+    fn append(&mut self, piece: &[u8]) -> Result<(), OutputError>;
+
+    /// Ends it.
+    ///
+    /// # Errors
+    /// [`OutputError`] if not all of it is kept.
+    fn close(self: Box<Self>) -> Result<(), OutputError>;
+
+    /// Its name.
+    fn path(&self) -> &Path;
+
+    /// One for a further board, which its name names.
+    ///
+    /// # Errors
+    /// [`OutputError`] if it cannot be made.
+    fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError>;
+}
 
 /// A growing file.
 #[derive(Debug)]
@@ -20,7 +43,6 @@ pub struct AppendWriter {
     path: PathBuf,
     file: File,
     length: u64,
-    pending: Vec<u8>,
     regular: bool,
     /// After an error nothing more is written: a hole would be taken for a loss on the way.
     failed: bool,
@@ -36,8 +58,7 @@ impl AppendWriter {
             return Err(OutputError::Stdout);
         }
         let (file, regular) = open_growing(path, overwrite)?;
-        let (path, pending) = (path.to_path_buf(), Vec::new());
-        Ok(Self { path, file, length: 0, pending, regular, failed: false })
+        Ok(Self { path: path.to_path_buf(), file, length: 0, regular, failed: false })
     }
 
     /// Whether the file still has a name: where it was removed while it grew, all in it is lost. Elsewhere than on Unix
@@ -61,45 +82,30 @@ impl AppendWriter {
 }
 
 impl LogSink for AppendWriter {
-    fn pending(&mut self) -> &mut Vec<u8> {
-        &mut self.pending
-    }
-
-    fn flush(&mut self) -> Result<(), OutputError> {
+    fn append(&mut self, piece: &[u8]) -> Result<(), OutputError> {
         if self.failed {
-            self.pending.clear();
-        }
-        if self.pending.is_empty() {
             return Ok(());
         }
-        let result = self.file.write_all(&self.pending);
-        let written = self.pending.len() as u64;
-        self.pending.clear();
-        match result {
-            Ok(()) => {
-                self.length += written;
-                Ok(())
-            }
-            Err(source) => {
-                self.failed = true;
-                // If even that fails, a part of a line stays at the end; nothing else can be done.
-                let _ = self.cut();
-                Err(OutputError::failed(&self.path, source))
-            }
+        if let Err(source) = self.file.write_all(piece) {
+            self.failed = true;
+            // If even that fails, a part of a line stays at the end; nothing else can be done.
+            let _ = self.cut();
+            return Err(OutputError::failed(&self.path, source));
         }
+        self.length += piece.len() as u64;
+        Ok(())
     }
 
     /// Ends the file: on the disk if it holds anything, gone if it does not.
-    fn close(mut self: Box<Self>) -> Result<(), OutputError> {
-        let flushed = self.flush();
+    fn close(self: Box<Self>) -> Result<(), OutputError> {
         if !self.regular {
-            return flushed;
+            return Ok(());
         }
         let closed = match self.length {
             0 => fs::remove_file(&self.path),
             _ => self.file.sync_all().and_then(|()| self.check_there()),
         };
-        flushed.and(closed.map_err(|source| OutputError::failed(self.path, source)))
+        closed.map_err(|source| OutputError::failed(self.path, source))
     }
 
     fn path(&self) -> &Path {

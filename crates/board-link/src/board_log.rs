@@ -5,10 +5,8 @@ use std::path::PathBuf;
 use serde::Serialize;
 
 use super::LogSink;
-use super::record_error::RecordError;
-use super::record_options::RecordOptions;
+use super::record_options::{RecordError, RecordOptions};
 use crate::recording::{Annotations, BoardFrame, BoardSource, Losses, RowWriter};
-use shell_data::wrench::AxisValues;
 
 /// The most frames that wait for a label: 82 s at 100 Hz, in case the view has stopped to settle them.
 pub(super) const MOST_WAITING: usize = 8192;
@@ -33,29 +31,20 @@ pub(super) struct BoardLog {
     pub(super) sender: BoardSource,
     pub(super) log: Option<Box<dyn LogSink>>,
     /// Made for the first frame, which tells the columns.
-    rows: Option<RowWriter>,
+    pub(super) rows: Option<RowWriter>,
     pub(super) annotations: Annotations,
     /// Frames that wait for a label.
-    waiting: Vec<BoardFrame>,
+    pub(super) waiting: Vec<BoardFrame>,
     /// Whether frames wait until they are settled.
-    waits: bool,
-    /// Frames that logs before this one had no columns for.
-    other_content: u64,
+    pub(super) waits: bool,
+    /// Frames that its logs have no columns for.
+    pub(super) other_content: u64,
     pub(super) frames: u64,
     /// Earliest and latest time of a frame.
-    extent_us: Option<(i64, i64)>,
+    pub(super) extent_us: Option<(i64, i64)>,
 }
 
 impl BoardLog {
-    pub(super) fn new(
-        sender: BoardSource,
-        log: Option<Box<dyn LogSink>>,
-        waits: bool,
-        annotations: Annotations,
-    ) -> Self {
-        Self { sender, log, waits, annotations, ..Self::default() }
-    }
-
     /// Writes frames, and empties them; those that may be labelled wait.
     pub(super) fn write(
         &mut self,
@@ -73,35 +62,31 @@ impl BoardLog {
         if self.rows.is_none() {
             let (forces, as_sampled) = (options.forces.clone(), options.as_sampled);
             let rows = RowWriter::new(first, numbered, forces, as_sampled, options.labels)?;
-            log.pending().extend_from_slice(rows.header().as_bytes());
+            log.append(rows.header().as_bytes())?;
             self.rows = Some(rows);
         }
-        match self.waits {
-            false => self.write_rows(frames, false),
-            true => {
-                self.waiting.append(frames);
-                // By position: the indices of a board that starts anew begin again.
-                let is_first = |frame: &BoardFrame| Some(frame.index) == self.annotations.settled;
-                let settled = self.waiting.iter().rposition(is_first).unwrap_or(0);
-                let due = settled.max(self.waiting.len().saturating_sub(MOST_WAITING));
-                let mut due: Vec<_> = self.waiting.drain(..due).collect();
-                self.write_rows(&mut due, false)
-            }
+        if self.waits {
+            self.waiting.append(frames);
+            // By position: the indices of a board that starts anew begin again.
+            let is_first = |frame: &BoardFrame| Some(frame.index) == self.annotations.settled;
+            let settled = self.waiting.iter().rposition(is_first).unwrap_or(0);
+            let due = settled.max(self.waiting.len().saturating_sub(MOST_WAITING));
+            frames.extend(self.waiting.drain(..due));
         }
+        self.write_rows(frames, false)
     }
 
     /// Writes frames to the log, if there are both.
     fn write_rows(&mut self, frames: &mut Vec<BoardFrame>, ended: bool) -> Result<(), RecordError> {
         let (Some(rows), Some(log)) = (&mut self.rows, &mut self.log) else { return Ok(()) };
-        rows.write(frames, ended, &mut self.annotations, log.pending())?;
-        log.flush()?;
-        Ok(())
+        let mut text = Vec::new();
+        self.other_content += rows.write(frames, ended, &mut self.annotations, &mut text)?;
+        Ok(log.append(&text)?)
     }
 
     /// Ends the log, which may be followed by another.
     pub(super) fn close(&mut self) -> Result<(), RecordError> {
         self.finish()?;
-        self.other_content = self.other_content();
         if self.rows.take().is_some() {
             self.forget_annotations();
         }
@@ -131,14 +116,6 @@ impl BoardLog {
     /// The board's time from the first frame to the last.
     pub(super) fn board_time_us(&self) -> i64 {
         self.extent_us.map_or(0, |(first, last)| last - first)
-    }
-
-    pub(super) fn other_content(&self) -> u64 {
-        self.other_content + self.rows.as_ref().map_or(0, |rows| rows.other_content)
-    }
-
-    pub(super) fn newest_wrench(&self) -> Option<AxisValues<f64>> {
-        self.rows.as_ref().and_then(RowWriter::newest_wrench)
     }
 
     /// What came of it, with the books of its board.

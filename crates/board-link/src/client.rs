@@ -10,7 +10,7 @@ use shared_proto::{
 };
 
 use super::LinkError;
-use super::source::read_port;
+use super::record::read_port;
 use crate::recording::PacketWire;
 
 /// How often a command is sent before the board is taken for deaf.
@@ -106,16 +106,12 @@ impl<P: Read + Write> Client<P> {
             }
             if let Some(answer) = self.wait(WAIT, &mut silent)? {
                 return match answer {
-                    Answer::Refused(refusal) => {
-                        let fits = what_fits(&command, refusal);
-                        Err(LinkError::Refused { command: name_of(&command), refusal, fits })
-                    }
+                    Answer::Refused(refusal) => Err(LinkError::Refused { command, refusal }),
                     answer => Ok(answer),
                 };
             }
         }
-        let (port, command) = (self.name.clone(), name_of(&command));
-        Err(LinkError::NoAnswer { port, command, silent })
+        Err(LinkError::NoAnswer { port: self.name.clone(), command, silent })
     }
 
     /// The answer with the number of the last command, `None` if it does not come in time.
@@ -151,7 +147,7 @@ impl<P: Read + Write> Client<P> {
                 return Ok(found);
             }
             if let Some(version) = other {
-                return Err(LinkError::OtherVersion { version });
+                return Err(LinkError::OtherVersion(version));
             }
             if Instant::now() >= deadline {
                 return Ok(None);
@@ -166,7 +162,7 @@ impl<P: Read + Write> Client<P> {
     pub fn order(&mut self, command: Command) -> Result<(), LinkError> {
         match self.ask(command)? {
             Answer::Done => Ok(()),
-            _ => Err(LinkError::WrongAnswer { command: name_of(&command) }),
+            _ => Err(LinkError::WrongAnswer(command)),
         }
     }
 
@@ -176,7 +172,7 @@ impl<P: Read + Write> Client<P> {
     /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one answers.
     pub fn identify(&mut self) -> Result<Identity, LinkError> {
         let Answer::Identity(identity) = self.ask(Command::Identify)? else {
-            return Err(LinkError::WrongAnswer { command: name_of(&Command::Identify) });
+            return Err(LinkError::WrongAnswer(Command::Identify));
         };
         // Others may answer a little later.
         let heard = std::mem::take(&mut self.serials);
@@ -206,7 +202,7 @@ impl<P: Read + Write> Client<P> {
                 Answer::LastWords { text, .. } if words.len() < usize::from(u16::MAX) => {
                     words.extend_from_slice(&text);
                 }
-                _ => return Err(LinkError::WrongAnswer { command: name_of(&command) }),
+                _ => return Err(LinkError::WrongAnswer(command)),
             }
         }
         Ok(String::from_utf8_lossy(&words).into_owned())
@@ -220,7 +216,7 @@ impl<P: Read + Write> Client<P> {
         let command = Command::SelfTest { emitter };
         match self.ask(command)? {
             Answer::SelfTest { emitter: of, rise } if of == emitter => Ok(rise),
-            _ => Err(LinkError::WrongAnswer { command: name_of(&command) }),
+            _ => Err(LinkError::WrongAnswer(command)),
         }
     }
 
@@ -231,7 +227,7 @@ impl<P: Read + Write> Client<P> {
     pub fn status(&mut self) -> Result<Status, LinkError> {
         match self.ask(Command::Status)? {
             Answer::Status(status) => Ok(status),
-            _ => Err(LinkError::WrongAnswer { command: name_of(&Command::Status) }),
+            _ => Err(LinkError::WrongAnswer(Command::Status)),
         }
     }
 
@@ -246,7 +242,7 @@ impl<P: Read + Write> Client<P> {
         let begin = Command::BeginCalibration { size: bytes.len() as u32, crc32: sent };
         self.order(begin).map_err(|error| match error {
             LinkError::Refused { refusal: Refusal::WrongSize, .. } => {
-                LinkError::UnknownKind { kind: calibration.kind() }
+                LinkError::UnknownKind(calibration.kind())
             }
             error => error,
         })?;
@@ -271,7 +267,7 @@ impl<P: Read + Write> Client<P> {
 }
 
 /// What a command that is refused for its range could have asked for; nothing where that is not known.
-fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
+pub(crate) fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
     match (refusal, command) {
         (Refusal::OutOfRange, Command::SetPeriod { .. }) => "; 0.1 to 1000 Hz would do",
         (Refusal::OutOfRange, Command::SetOversampling { .. }) => "; 1 to 64 conversions would do",
@@ -285,7 +281,7 @@ fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
     }
 }
 
-fn name_of(command: &Command) -> String {
+pub(crate) fn name_of(command: &Command) -> String {
     match command {
         Command::Identify => "identify".to_owned(),
         Command::Status => "status".to_owned(),
@@ -304,5 +300,73 @@ fn name_of(command: &Command) -> String {
         Command::SetBaud { baud } => format!("baud {baud}"),
         Command::Bootloader => "bootloader".to_owned(),
         other => format!("command 0x{:02x}", other.code()),
+    }
+}
+
+/// What an emitter raises its own channel by at least, in steps of the converter; a photointerrupter
+/// over a reflector gives a thousand.
+const LEAST_RISE: i16 = 100;
+
+/// What an emitter raises another channel by at most, as a share of its own; light that leaks under a
+/// shell stays below.
+const MOST_LEAK: f64 = 0.05;
+
+/// Rise that is noise whatever the emitter, in steps.
+const NOISE: f64 = 8.0;
+
+/// Judges what an emitter raises each channel by.
+///
+/// # Errors
+/// Unless it raises its own channel and no other: what is wrong, in words, in which channels count from 1.
+pub fn judge(emitter: usize, rise: &[i16; CHANNELS]) -> Result<(), String> {
+    let number = emitter + 1;
+    let own = rise.get(emitter).copied().unwrap_or(0);
+    let most = (0..CHANNELS).max_by_key(|&channel| rise[channel]).unwrap_or(emitter);
+    if own < LEAST_RISE {
+        return Err(match rise[most] >= LEAST_RISE {
+            true => {
+                format!(
+                    "emitter {number} raises channel {} instead of its own: wires are exchanged",
+                    most + 1
+                )
+            }
+            false => {
+                format!(
+                    "emitter {number} raises no channel: is it wired, with a reflector above it?"
+                )
+            }
+        });
+    }
+    let limit = (MOST_LEAK * f64::from(own)).max(NOISE);
+    let others = (0..CHANNELS).filter(|&channel| channel != emitter);
+    let channels = others.filter(|&it| f64::from(rise[it]) > limit);
+    let channels: Vec<String> = channels.map(|channel| (channel + 1).to_string()).collect();
+    match channels.join(" and ").as_str() {
+        "" => Ok(()),
+        others => Err(format!(
+            "emitter {number} raises channel {others} besides its own: a bridge, or light that leaks"
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_emitter_is_to_raise_its_own_channel_and_no_other() {
+        let good = [3, -2, 1_200, 0, 40, 0, 7, -8];
+        assert_eq!(judge(2, &good), Ok(()));
+        let said = |emitter, rise| judge(emitter, &rise).unwrap_err();
+        assert!(said(1, good).contains("emitter 2 raises channel 3 instead"));
+        assert!(said(0, [5; 8]).contains("emitter 1 raises no channel"));
+        let leaks = said(2, [0, 61, 1_200, 0, 0, 0, 900, 0]);
+        assert!(leaks.contains("emitter 3 raises channel 2 and 7 besides"), "{leaks}");
+    }
+
+    #[test]
+    fn noise_is_no_leak_of_a_weak_emitter() {
+        assert_eq!(judge(0, &[LEAST_RISE, 8, -9, 7, 0, 0, 0, 0]), Ok(()));
+        assert!(judge(0, &[LEAST_RISE, 9, 0, 0, 0, 0, 0, 0]).is_err());
     }
 }

@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use shared_proto::{Command, Framing, Identity, Protocol, ResetCause, Status, detect};
 
-use super::source::read_port;
+use super::record::read_port;
 use super::{
     Client, Connection, LinkError, PortOptions, RecordError, RecordOptions, Recorded, Sinks,
     Source, Uplink, Watcher, record,

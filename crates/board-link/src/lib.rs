@@ -10,37 +10,27 @@ mod append_writer;
 mod board_log;
 mod client;
 mod handshake;
-mod log_sink;
 mod port;
-mod port_state;
 mod record;
-mod record_error;
 mod record_options;
 mod recorder;
 pub mod recording;
 mod resume;
-mod self_test;
-mod source;
 mod upload;
 mod watcher;
 
-pub use append_writer::{AppendWriter, open_growing};
+pub use append_writer::{AppendWriter, LogSink, open_growing};
 pub use board_log::RecordedBoard;
-pub use client::{Client, Uplink};
+pub use client::{Client, Uplink, judge};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
-pub use log_sink::LogSink;
-pub use port::{Connection, FlowControl, PortInfo, PortOptions, TCP, ports};
-pub use port_state::PortState;
-pub use record::record;
-pub use record_error::RecordError;
-pub use record_options::RecordOptions;
-pub use recorder::{Due, Recorded, Recorder, Sinks};
-pub use self_test::{EmitterFault, judge};
-pub use source::Source;
+pub use port::{Connection, FlowControl, PortInfo, PortOptions, PortState, TCP, ports};
+pub use record::{Source, record};
+pub use record_options::{RecordError, RecordOptions};
+pub use recorder::{Recorded, Recorder, Sinks};
 pub use upload::{NotForBoard, for_board};
-pub use watcher::{RecordCommand, RecordingProgress, Unwatched, Watcher};
+pub use watcher::{RecordCommand, RecordingProgress, Watcher};
 
-use shared_proto::{Board, Refusal};
+use shared_proto::{Board, Command, Refusal};
 use shell_data::hint::Hint;
 
 /// What can go wrong between a board and the host.
@@ -50,23 +40,14 @@ use shell_data::hint::Hint;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {
     /// There is no such port.
-    #[error("there is no port `{port}`")]
-    Missing {
-        /// The port.
-        port: String,
-    },
+    #[error("there is no port `{0}`")]
+    Missing(String),
     /// Another program has the port.
-    #[error("port `{port}` is in use by another program")]
-    Busy {
-        /// The port.
-        port: String,
-    },
+    #[error("port `{0}` is in use by another program")]
+    Busy(String),
     /// The user may not open the port.
-    #[error("no permission to open port `{port}`")]
-    Denied {
-        /// The port.
-        port: String,
-    },
+    #[error("no permission to open port `{0}`")]
+    Denied(String),
     /// The port cannot be opened for another reason.
     #[error("cannot open port `{port}`: {reason}")]
     Open {
@@ -93,38 +74,36 @@ pub enum LinkError {
     },
     /// No answer to a command, however often it was sent.
     #[error(
-        "no answer to `{command}` on `{port}` ({} attempts, {} ms each{})",
-        client::ATTEMPTS, client::WAIT.as_millis(), if *silent { ", not a byte" } else { "" }
+        "no answer to `{}` on `{port}` ({} attempts, {} ms each{})",
+        client::name_of(command), client::ATTEMPTS, client::WAIT.as_millis(), if *silent { ", not a byte" } else { "" }
     )]
     NoAnswer {
         /// The port.
         port: String,
         /// What was asked.
-        command: String,
+        command: Command,
         /// Whether nothing at all arrived.
         silent: bool,
     },
     /// The board does not do what it was asked.
-    #[error("the board refuses `{command}`: {}{fits}", refusal_text(*refusal))]
+    #[error(
+        "the board refuses `{}`: {}{}",
+        client::name_of(command), refusal_text(*refusal), client::what_fits(command, *refusal)
+    )]
     Refused {
         /// What was asked.
-        command: String,
+        command: Command,
         /// Why not.
         refusal: Refusal,
-        /// What it would do, in words, where that is known.
-        fits: &'static str,
     },
     /// The board speaks another version of the protocol.
     #[error(
-        "the board speaks version `{version}` of the protocol, this program version `{}`",
-        shared_proto::VERSION
+        "the board speaks version `{0}` of the protocol, this program version `{VERSION}`",
+        VERSION = shared_proto::VERSION
     )]
-    OtherVersion {
-        /// The board's version.
-        version: u8,
-    },
+    OtherVersion(u8),
     /// A command that only one board is to do reaches several.
-    #[error("{} boards answer on `{port}`: {}", serials.len(), serial_texts(serials))]
+    #[error("{} boards answer on `{port}`: {}", serials.len(), serials.iter().map(serial_text).collect::<Vec<_>>().join(", "))]
     SeveralBoards {
         /// The port.
         port: String,
@@ -132,17 +111,11 @@ pub enum LinkError {
         serials: Vec<[u8; 12]>,
     },
     /// An answer of the wrong kind.
-    #[error("the board's answer to `{command}` is not one to it")]
-    WrongAnswer {
-        /// What was asked.
-        command: String,
-    },
+    #[error("the board's answer to `{}` is not one to it", client::name_of(_0))]
+    WrongAnswer(Command),
     /// The board has firmware from before calibrations of this kind.
-    #[error("the board's firmware does not know calibrations of kind `{kind}`")]
-    UnknownKind {
-        /// The kind.
-        kind: &'static str,
-    },
+    #[error("the board's firmware does not know calibrations of kind `{0}`")]
+    UnknownKind(&'static str),
     /// After an upload the board does not have the calibration that it was sent.
     #[error("after the upload the board has calibration {found:#010x}, sent was {sent:#010x}")]
     NotKept {
@@ -251,8 +224,4 @@ pub fn board_text(board: Board) -> String {
         Board::NucleoG491re => "nucleo-g491re".to_owned(),
         board => format!("{board:?}").to_lowercase(),
     }
-}
-
-fn serial_texts(serials: &[[u8; 12]]) -> String {
-    serials.iter().map(serial_text).collect::<Vec<_>>().join(", ")
 }

@@ -1,9 +1,13 @@
-//! Serial ports: which there are, and opening one; or a connection over TCP in place of one.
+//! Serial ports: which there are, opening one, and what the system says of one before anything is sent: who may open
+//! it, who has it open, and how long its adapter keeps bytes back. Or a connection over TCP in place of one.
+//!
+//! Linux tells all of that in files; elsewhere only whether the port can be opened is known.
 
-use std::fmt;
 use std::io::{Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
+use std::path::{Path, PathBuf};
 use std::time::Duration;
+use std::{fmt, fs};
 
 use serde::Serialize;
 pub use serialport::FlowControl;
@@ -105,12 +109,12 @@ impl PortOptions {
         use std::io::ErrorKind as Io;
         let port = self.port.clone();
         match error.kind() {
-            ErrorKind::Io(Io::NotFound) => LinkError::Missing { port },
-            ErrorKind::Io(Io::PermissionDenied) => LinkError::Denied { port },
+            ErrorKind::Io(Io::NotFound) => LinkError::Missing(port),
+            ErrorKind::Io(Io::PermissionDenied) => LinkError::Denied(port),
             // What the library reports of a port that is locked, and Windows of one that is not
             // there.
-            ErrorKind::NoDevice if cfg!(unix) => LinkError::Busy { port },
-            ErrorKind::NoDevice => LinkError::Missing { port },
+            ErrorKind::NoDevice if cfg!(unix) => LinkError::Busy(port),
+            ErrorKind::NoDevice => LinkError::Missing(port),
             _ => LinkError::Open { port, reason: error.to_string() },
         }
     }
@@ -133,4 +137,136 @@ fn connect(address: &str) -> Result<TcpStream, String> {
         }
     }
     Err(reason)
+}
+
+/// What is known of a port.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct PortState {
+    /// The port as it was named.
+    pub port: String,
+    /// Why it cannot be opened, if it cannot.
+    pub refusal: Option<LinkError>,
+    /// The group that may open it.
+    pub group: Option<String>,
+    /// Whether the user of this process is in that group.
+    pub in_group: Option<bool>,
+    /// A process that has it open: its name and number.
+    pub holder: Option<(String, u32)>,
+    /// How long the USB adapter waits for more bytes before it passes a few on, in ms.
+    pub latency_ms: Option<u32>,
+    /// The file that holds that time.
+    pub latency_file: Option<PathBuf>,
+}
+
+impl PortState {
+    /// Looks at a port, and opens it for a moment. The system's files are in the folder `root`: `/`, but for a test.
+    pub fn new(options: &PortOptions, root: &Path) -> Self {
+        let path = fs::canonicalize(&options.port).unwrap_or_else(|_| PathBuf::from(&options.port));
+        let latency_file = latency_file(&path, root);
+        let latency_ms = latency_file.as_deref().and_then(|file| {
+            fs::read_to_string(file).ok().and_then(|text| text.trim().parse().ok())
+        });
+        let refusal = options.open().err();
+        // Whose it is only matters where we are kept out.
+        let holder = match refusal {
+            Some(LinkError::Busy { .. }) => holder(&path, root),
+            _ => None,
+        };
+        let (group, in_group) = group(&path, root);
+        Self {
+            port: options.port.clone(),
+            refusal,
+            group,
+            in_group,
+            holder,
+            latency_ms,
+            latency_file,
+        }
+    }
+}
+
+/// The file with the latency timer of an FTDI adapter.
+fn latency_file(port: &Path, root: &Path) -> Option<PathBuf> {
+    let name = port.file_name()?;
+    let file = root.join("sys/bus/usb-serial/devices").join(name).join("latency_timer");
+    file.exists().then_some(file)
+}
+
+/// A process that has the port open, as far as its files may be looked at.
+fn holder(port: &Path, root: &Path) -> Option<(String, u32)> {
+    for entry in fs::read_dir(root.join("proc")).ok()?.flatten() {
+        let Some(id) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else {
+            continue;
+        };
+        if id == std::process::id() {
+            continue;
+        }
+        let Ok(files) = fs::read_dir(entry.path().join("fd")) else { continue };
+        let is_open = |file: fs::DirEntry| fs::read_link(file.path()).is_ok_and(|to| to == port);
+        if files.flatten().any(is_open) {
+            let name = fs::read_to_string(entry.path().join("comm")).unwrap_or_default();
+            return Some((name.trim().to_owned(), id));
+        }
+    }
+    None
+}
+
+/// The group of the port, and whether this process is in it.
+#[cfg(unix)]
+fn group(port: &Path, root: &Path) -> (Option<String>, Option<bool>) {
+    use std::os::unix::fs::MetadataExt;
+    let Ok(metadata) = fs::metadata(port) else { return (None, None) };
+    let number = metadata.gid().to_string();
+    let groups = fs::read_to_string(root.join("etc/group")).unwrap_or_default();
+    let name = groups.lines().find_map(|line| {
+        let mut fields = line.split(':');
+        let name = fields.next()?;
+        (fields.nth(1)? == number).then(|| name.to_owned())
+    });
+    let status = fs::read_to_string(root.join("proc/self/status")).unwrap_or_default();
+    let ours = status.lines().find_map(|line| line.strip_prefix("Groups:"));
+    let in_group = ours.map(|ours| ours.split_whitespace().any(|group| group == number));
+    (name, in_group)
+}
+
+#[cfg(not(unix))]
+fn group(_: &Path, _: &Path) -> (Option<String>, Option<bool>) {
+    (None, None)
+}
+
+#[cfg(unix)]
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::{MetadataExt, symlink};
+
+    /// A system whose files say what the test wants.
+    #[test]
+    fn adapter_holder_and_group_are_read_from_the_files_of_the_system() {
+        let dir = tempfile::tempdir().unwrap();
+        let at = |path: &str| dir.path().join(path);
+        let write = |path: &str, text: &str| {
+            fs::create_dir_all(at(path).parent().unwrap()).unwrap();
+            fs::write(at(path), text).unwrap();
+        };
+        write("dev/ttyUSB7", "");
+        write("sys/bus/usb-serial/devices/ttyUSB7/latency_timer", "16\n");
+        write("proc/4242/comm", "minicom\n");
+        fs::create_dir_all(at("proc/4242/fd")).unwrap();
+        symlink(fs::canonicalize(at("dev/ttyUSB7")).unwrap(), at("proc/4242/fd/3")).unwrap();
+        let gid = fs::metadata(at("dev/ttyUSB7")).unwrap().gid();
+        write("etc/group", &format!("root:x:{}:\ndialout:x:{gid}:\n", gid + 1));
+        write("proc/self/status", &format!("Name:\tx\nGroups:\t{} \n", gid + 1));
+        symlink(at("dev/ttyUSB7"), at("adapter")).unwrap();
+        let port = at("adapter").display().to_string();
+        let options = PortOptions { port, baud: 57_600, flow_control: FlowControl::None };
+        let state = PortState::new(&options, dir.path());
+        assert_eq!(state.latency_ms, Some(16));
+        assert_eq!((state.group.as_deref(), state.in_group), (Some("dialout"), Some(false)));
+        // A file is no port.
+        assert!(matches!(state.refusal, Some(LinkError::Open { .. })), "{state:?}");
+        let canonical = fs::canonicalize(at("adapter")).unwrap();
+        assert_eq!(holder(&canonical, dir.path()), Some(("minicom".to_owned(), 4242)));
+        assert_eq!(holder(Path::new("/dev/other"), dir.path()), None);
+    }
 }

@@ -1,13 +1,133 @@
-//! Recording: bytes from a source into a log and a raw file.
+//! Recording: bytes from a port, or from a file of bytes that were recorded before, into a log and a raw file.
 
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::Duration;
+use std::time::{Duration, Instant, SystemTime};
 
-use super::Source;
-use super::record_error::RecordError;
-use super::record_options::RecordOptions;
-use super::recorder::{Due, Recorded, Recorder, Sinks};
+use super::record_options::{RecordError, RecordOptions};
+use super::recorder::{Recorded, Recorder, Sinks};
 use super::watcher::RecordingProgress;
+use super::{Connection, LinkError, PortOptions};
+
+/// Time between two attempts to open a port that is gone.
+const RETRY: Duration = Duration::from_millis(500);
+
+/// Time between two reads of a port that has bytes, at least. What arrives faster, three frames at 1 kHz, is taken together:
+/// to wake for each takes thrice the processor time.
+const PACE: Duration = Duration::from_millis(3);
+
+/// A stream of bytes.
+#[derive(Debug)]
+pub struct Source {
+    name: String,
+    /// The port or file; `None` while a port is gone.
+    connection: Option<Box<dyn Connection>>,
+    /// `None` of a file.
+    port: Option<PortOptions>,
+    /// Whether a port that goes away is waited for.
+    reconnect: bool,
+    /// When it was tried last to open it again.
+    tried_at: Instant,
+    /// When bytes were read last.
+    read_at: Instant,
+    started: Instant,
+    wall: SystemTime,
+    /// Times that a port that was gone has come back.
+    pub reconnections: u64,
+}
+
+impl Source {
+    /// Opens a port. With `reconnect`, one that goes away is waited for.
+    ///
+    /// # Errors
+    /// [`LinkError`] if it cannot be opened now.
+    pub fn port(options: PortOptions, reconnect: bool) -> Result<Self, LinkError> {
+        let (name, connection) = (options.port.clone(), options.open()?);
+        Ok(Self { port: Some(options), reconnect, ..Self::new(name, connection) })
+    }
+
+    /// Opens a file of raw bytes.
+    ///
+    /// # Errors
+    /// [`LinkError::Replay`] if it cannot be opened.
+    pub fn replay(path: &Path) -> Result<Self, LinkError> {
+        let refused = |error: io::Error| replay_error(path.display(), &error);
+        // Before it is opened: whoever opens a pipe waits for its writer.
+        if !std::fs::metadata(path).map_err(refused)?.is_file() {
+            return Err(refused(io::Error::other("it is not a regular file")));
+        }
+        let file = File::open(path).map_err(refused)?;
+        Ok(Self::new(path.display().to_string(), Box::new(file)))
+    }
+
+    fn new(name: String, connection: Box<dyn Connection>) -> Self {
+        let now = Instant::now();
+        Self {
+            name,
+            connection: Some(connection),
+            port: None,
+            reconnect: false,
+            tried_at: now,
+            read_at: now,
+            started: now,
+            wall: SystemTime::now(),
+            reconnections: 0,
+        }
+    }
+
+    /// Time since the start; a replay takes none.
+    fn elapsed(&self) -> Duration {
+        self.port.as_ref().map_or(Duration::ZERO, |_| self.started.elapsed())
+    }
+
+    /// When bytes that are read now were sent, or so, since the start; of a replay nobody knows.
+    fn arrival(&self) -> Option<Duration> {
+        // While a computer sleeps, only the clock on its wall goes on.
+        let on_the_wall = self.wall.elapsed().unwrap_or_default();
+        self.port.as_ref().map(|_| self.started.elapsed().max(on_the_wall))
+    }
+
+    /// Reads bytes into `buffer` and waits briefly for the first. Returns their number, or `None` at the end.
+    fn read(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, LinkError> {
+        let Some(connection) = &mut self.connection else {
+            std::thread::sleep(Duration::from_millis(20));
+            if self.tried_at.elapsed() >= RETRY {
+                self.tried_at = Instant::now();
+                self.connection = self.port.as_ref().and_then(|port| port.open().ok());
+                self.reconnections += u64::from(self.connection.is_some());
+            }
+            return Ok(Some(0));
+        };
+        if self.port.is_some() {
+            std::thread::sleep(PACE.saturating_sub(self.read_at.elapsed()));
+        }
+        match read_port(&mut **connection, buffer) {
+            Ok(count) => {
+                if count > 0 {
+                    self.read_at = Instant::now();
+                }
+                Ok(Some(count))
+            }
+            Err(_) if self.reconnect => {
+                self.connection = None;
+                Ok(Some(0))
+            }
+            Err(error) if self.port.is_some() => Err(LinkError::lost(&self.name, &error)),
+            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
+            Err(error) => Err(replay_error(&self.name, &error)),
+        }
+    }
+
+    /// Sends bytes to the board; a replay has none. What cannot be sent is lost: the caller repeats
+    /// it until the board has heard.
+    fn send(&mut self, bytes: &[u8]) {
+        if let (Some(connection), Some(_)) = (&mut self.connection, &self.port) {
+            let _ = connection.write_all(bytes);
+        }
+    }
+}
 
 /// Records until the source ends, the time is over or `stop` is set; `observe` is told about twice
 /// a second how it goes.
@@ -23,7 +143,7 @@ pub fn record(
     stop: &AtomicBool,
     observe: &mut dyn FnMut(&RecordingProgress),
 ) -> Result<Recorded, RecordError> {
-    let mut recorder = Recorder::new(source.name(), sinks, options.clone());
+    let mut recorder = Recorder::new(&source.name, sinks, options.clone());
     let ran = run(&mut recorder, source, options.duration, stop, observe);
     source.send(&recorder.last_commands());
     // Whatever has happened: what has arrived is kept.
@@ -61,10 +181,28 @@ fn run(
         let Some(count) = source.read(&mut buffer)? else { return Ok(()) };
         let (now, arrival) = (source.elapsed(), source.arrival());
         recorder.take(&buffer[..count], now, arrival)?;
-        if let Some(Due { mut progress, commands }) = recorder.tend(now, arrival)? {
-            source.send(&commands);
-            progress.connected = source.is_connected();
+        if let Some(mut progress) = recorder.tend(now, arrival)? {
+            source.send(&progress.commands);
+            progress.connected = source.connection.is_some();
             observe(&progress);
         }
     }
+}
+
+/// Reads what a port or file has ready, which may be zero bytes.
+pub(super) fn read_port(port: &mut (impl Read + ?Sized), buffer: &mut [u8]) -> io::Result<usize> {
+    match port.read(buffer) {
+        Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),
+        Ok(count) => Ok(count),
+        Err(error) => match error.kind() {
+            io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted => {
+                Ok(0)
+            }
+            _ => Err(error),
+        },
+    }
+}
+
+fn replay_error(path: impl ToString, error: &io::Error) -> LinkError {
+    LinkError::Replay { path: path.to_string(), reason: error.to_string() }
 }

@@ -8,9 +8,8 @@ use shared_proto::{Boot, Command, Identity, Protocol};
 
 use super::LogSink;
 use super::board_log::{BoardLog, RecordedBoard};
-use super::record_error::RecordError;
-use super::record_options::RecordOptions;
-use super::resume::StartedBoards;
+use super::record_options::{RecordError, RecordOptions};
+use super::resume::{StartedBoards, commands};
 use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use crate::recording::{
     Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, protocol_name,
@@ -87,15 +86,6 @@ pub struct Recorder {
     observed: u64,
 }
 
-/// What is due about twice a second.
-#[derive(Debug)]
-pub struct Due {
-    /// How it goes.
-    pub progress: RecordingProgress,
-    /// What to send, so that boards stream as they did; nothing as a rule.
-    pub commands: Vec<u8>,
-}
-
 impl Recorder {
     /// Of a port or file of this name.
     pub fn new(name: &str, sinks: Sinks, options: RecordOptions) -> Self {
@@ -115,10 +105,10 @@ impl Recorder {
         }
     }
 
-    /// What to send at `arrival`, so that every board streams, if they are to be started: see [`Due::commands`].
+    /// What to send at `arrival`, so that every board streams, if they are to be started: see [`RecordingProgress::commands`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
-        self.started.commands(uplink, heard(&self.receiving), arrival.unwrap_or_default())
+        commands(&mut self.started, uplink, heard(&self.receiving), arrival.unwrap_or_default())
     }
 
     /// What to send at the end, so that boards that were started stop.
@@ -141,10 +131,10 @@ impl Recorder {
         &mut self,
         now: Duration,
         arrival: Option<Duration>,
-    ) -> Result<Option<Due>, RecordError> {
+    ) -> Result<Option<RecordingProgress>, RecordError> {
         let since = now.saturating_sub(self.flushed_at);
         if since < FLUSH {
-            if self.waiting() >= BATCH || self.raw_waiting() >= 1 << 20 {
+            if self.waiting() >= BATCH {
                 self.flush()?;
             }
             return Ok(None);
@@ -155,12 +145,19 @@ impl Recorder {
         let frames = self.frames();
         let rate_hz = (frames - self.observed) as f64 / since.as_secs_f64();
         self.observed = frames;
-        let commands = self.commands(arrival);
-        Ok(Some(Due { progress: self.progress(now, rate_hz), commands }))
-    }
-
-    fn raw_waiting(&mut self) -> usize {
-        self.sinks.raw.as_mut().map_or(0, |raw| raw.pending().len())
+        let (protocol, losses) = self.state();
+        let rows = self.logs.first().and_then(|log| log.rows.as_ref());
+        Ok(Some(RecordingProgress {
+            elapsed: now,
+            rate_hz,
+            frames,
+            bytes: self.bytes,
+            losses: losses.unwrap_or_default(),
+            protocol,
+            connected: true,
+            wrench: rows.and_then(|rows| rows.forces.as_ref()?.newest()),
+            commands: self.commands(arrival),
+        }))
     }
 
     /// Takes bytes that arrived `now`, a time since the start; `arrival` is when they were sent, or so, where that is known.
@@ -174,31 +171,32 @@ impl Recorder {
         arrival: Option<Duration>,
     ) -> Result<(), RecordError> {
         self.bytes += bytes.len() as u64;
-        if let Some(raw) = &mut self.sinks.raw {
-            raw.pending().extend_from_slice(bytes);
-        }
-        let Some((_, boards)) = &mut self.receiving else {
+        let kept = self.sinks.raw.as_mut().map_or(Ok(()), |raw| raw.append(bytes));
+        if let Some((_, boards)) = &mut self.receiving {
+            boards.feed(bytes, arrival);
+            self.show();
+        } else {
             let recognised = self.recognition.feed(bytes, now);
-            return self.recognised(recognised);
-        };
-        boards.feed(bytes, arrival);
-        self.show();
-        Ok(())
+            self.recognised(recognised)?;
+        }
+        Ok(kept?)
     }
 
     fn recognised(
         &mut self,
         recognised: Result<Option<(Protocol, Vec<u8>)>, NoFrame>,
     ) -> Result<(), RecordError> {
-        let recognised = recognised
-            .map_err(|problem| RecordError::NoFrame { source_name: self.name.clone(), problem })?;
-        if let Some((protocol, bytes)) = recognised {
+        if let Some((protocol, bytes)) = recognised.map_err(|problem| self.no_frame(problem))? {
             let mut boards = Boards::new(protocol);
             boards.feed(&bytes, None);
             self.receiving = Some((protocol, boards));
             self.show();
         }
         Ok(())
+    }
+
+    fn no_frame(&self, problem: NoFrame) -> RecordError {
+        RecordError::NoFrame { source_name: self.name.clone(), problem }
     }
 
     /// Shows the watcher what has arrived of the first board.
@@ -219,25 +217,21 @@ impl Recorder {
 
     /// Writes what waits.
     fn flush(&mut self) -> Result<(), RecordError> {
-        if let Some(raw) = &mut self.sinks.raw {
-            raw.flush()?;
-        }
         self.show();
         self.shown = 0;
         let Some((protocol, boards)) = &mut self.receiving else { return Ok(()) };
         let numbered = matches!(protocol, Protocol::Packets(_));
         for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
-            let found = self.logs.iter().position(|log| log.sender == board.sender);
-            let at = match found {
-                Some(at) => at,
-                None => {
-                    let log = log_of(&mut self.sinks.log, &self.logs, board.sender)?;
-                    let waits = self.options.labels && self.logs.is_empty();
-                    let annotations = std::mem::take(&mut self.annotations);
-                    self.logs.push(BoardLog::new(board.sender, log, waits, annotations));
-                    self.logs.len() - 1
-                }
-            };
+            let sender = board.sender;
+            let known = self.logs.iter().position(|log| log.sender == sender);
+            let at = known.unwrap_or(self.logs.len());
+            if known.is_none() {
+                let log = log_of(&mut self.sinks.log, &self.logs, sender)?;
+                let waits = self.options.labels && self.logs.is_empty();
+                let annotations = std::mem::take(&mut self.annotations);
+                let new = BoardLog { sender, log, waits, annotations, ..BoardLog::default() };
+                self.logs.push(new);
+            }
             self.logs[at].write(&mut board.frames, numbered, &self.options)?;
         }
         Ok(())
@@ -296,10 +290,9 @@ impl Recorder {
         self.logs.iter_mut().try_for_each(BoardLog::finish)?;
         followed?;
         recognised?;
-        let source_name = || self.name.clone();
         match (self.bytes, self.frames()) {
-            (0, _) => Err(RecordError::Silence { source_name: source_name() }),
-            (_, 0) => Err(RecordError::NotStreaming { source_name: source_name() }),
+            (0, _) => Err(self.no_frame(NoFrame::Silence)),
+            (_, 0) => Err(self.no_frame(NoFrame::NotStreaming)),
             _ => Ok(()),
         }
     }
@@ -311,21 +304,6 @@ impl Recorder {
 
     fn waiting(&self) -> usize {
         heard(&self.receiving).iter().map(|board| board.frames.len()).sum()
-    }
-
-    fn progress(&self, elapsed: Duration, rate_hz: f64) -> RecordingProgress {
-        let (protocol, losses) = self.state();
-        RecordingProgress {
-            elapsed,
-            rate_hz,
-            frames: self.frames(),
-            bytes: self.bytes,
-            waiting: self.waiting(),
-            losses: losses.unwrap_or_default(),
-            protocol,
-            connected: true,
-            wrench: self.logs.first().and_then(BoardLog::newest_wrench),
-        }
     }
 
     fn state(&self) -> (Option<Protocol>, Option<Losses>) {
@@ -343,7 +321,7 @@ impl Recorder {
             board_time_s: longest_us as f64 / 1e6,
             elapsed_s: elapsed.as_secs_f64(),
             losses: losses.unwrap_or_default(),
-            other_content: self.logs.iter().map(BoardLog::other_content).sum(),
+            other_content: self.logs.iter().map(|log| log.other_content).sum(),
             reconnections: 0,
             boot: heard(&self.receiving).iter().find_map(|board| board.reception.boot),
             boards: match (&self.logs[..], &self.receiving) {

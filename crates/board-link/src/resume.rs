@@ -11,56 +11,51 @@ use crate::recording::{BoardSource, HeardBoard};
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// What the boards of a recording were started with.
-#[derive(Debug, Default)]
-pub(super) struct StartedBoards {
-    started: Vec<(BoardSource, Status)>,
-}
+pub(super) type StartedBoards = Vec<(BoardSource, Status)>;
 
-impl StartedBoards {
-    /// What has to be sent now so that every board streams as it did at first; nothing as a rule.
-    pub(super) fn commands(
-        &mut self,
-        uplink: &Uplink,
-        heard: &[HeardBoard],
-        now: Duration,
-    ) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        if heard.is_empty() {
-            bytes.extend(to_all(uplink, &[Command::Start]));
-        }
-        for board in heard {
-            let reception = &board.reception;
-            let (identity, status) = (reception.identity, reception.status);
-            let known = self.started.iter().find(|(sender, _)| *sender == board.sender);
-            match (known, identity, status) {
-                (None, Some(_), Some(status)) if status.streaming => {
-                    self.started.push((board.sender, status));
-                }
-                // Version 2 says neither.
-                (None, ..) if reception.start.is_some() => {
-                    let commands = [Command::Identify, Command::Start, Command::Status];
-                    bytes.extend(to_all(uplink, &commands));
-                }
-                (None, ..) if !reception.has_begun() => {
-                    bytes.extend(to_all(uplink, &[Command::Start]));
-                }
-                (Some((_, wanted)), Some(identity), status)
-                    if status.is_none_or(|status| !is_as(wanted, &status)) =>
-                {
-                    bytes.extend(restart(uplink, &identity, wanted));
-                }
-                (Some((_, wanted)), Some(identity), _) => {
-                    let patience = SILENCE + 3 * Duration::from_micros(wanted.period_us.into());
-                    let is_silent = board.heard_at.is_some_and(|at| now > at + patience);
-                    if is_silent {
-                        bytes.extend(uplink.encode(0, Some(identity.id()), Command::Status));
-                    }
-                }
-                _ => {}
-            }
-        }
-        bytes
+/// What has to be sent now so that every board streams as it did at first; nothing as a rule.
+pub(super) fn commands(
+    started: &mut StartedBoards,
+    uplink: &Uplink,
+    heard: &[HeardBoard],
+    now: Duration,
+) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    if heard.is_empty() {
+        bytes.extend(to_all(uplink, &[Command::Start]));
     }
+    for board in heard {
+        let reception = &board.reception;
+        let (identity, status) = (reception.identity, reception.status);
+        let known = started.iter().find(|(sender, _)| *sender == board.sender);
+        match (known, identity, status) {
+            (None, Some(_), Some(status)) if status.streaming => {
+                started.push((board.sender, status));
+            }
+            // Version 2 says neither.
+            (None, ..) if reception.start.is_some() => {
+                let commands = [Command::Identify, Command::Start, Command::Status];
+                bytes.extend(to_all(uplink, &commands));
+            }
+            (None, ..) if !reception.has_begun() => {
+                bytes.extend(to_all(uplink, &[Command::Start]));
+            }
+            (Some((_, wanted)), Some(identity), status)
+                if status.is_none_or(|status| !is_as(wanted, &status)) =>
+            {
+                bytes.extend(restart(uplink, &identity, wanted));
+            }
+            (Some((_, wanted)), Some(identity), _) => {
+                let patience = SILENCE + 3 * Duration::from_micros(wanted.period_us.into());
+                let is_silent = board.heard_at.is_some_and(|at| now > at + patience);
+                if is_silent {
+                    bytes.extend(uplink.encode(0, Some(identity.id()), Command::Status));
+                }
+            }
+            _ => {}
+        }
+    }
+    bytes
 }
 
 fn to_all(uplink: &Uplink, commands: &[Command]) -> Vec<u8> {

@@ -20,14 +20,6 @@ pub trait Watcher: std::fmt::Debug + Send {
     }
 }
 
-/// Nobody looks on.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Unwatched;
-
-impl Watcher for Unwatched {
-    fn see(&mut self, _: &[BoardFrame]) {}
-}
-
 /// What a watcher wants.
 #[derive(Debug)]
 pub enum RecordCommand {
@@ -48,7 +40,7 @@ pub enum RecordCommand {
     Settled(i64),
 }
 
-/// How a recording is going.
+/// How a recording is going, about twice a second.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingProgress {
     /// Time since its start.
@@ -59,8 +51,6 @@ pub struct RecordingProgress {
     pub frames: u64,
     /// Bytes so far.
     pub bytes: u64,
-    /// Frames that wait to be written.
-    pub waiting: usize,
     /// What was lost so far.
     pub losses: Losses,
     /// The protocol, once it is known.
@@ -69,4 +59,6 @@ pub struct RecordingProgress {
     pub connected: bool,
     /// The newest wrench in N and N·m, where forces are wanted.
     pub wrench: Option<AxisValues<f64>>,
+    /// What to send, so that boards stream as they did; nothing as a rule.
+    pub commands: Vec<u8>,
 }

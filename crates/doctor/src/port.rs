@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn who_is_kept_out_is_told_how_to_get_in() {
-        let denied = port(Some(LinkError::Denied { port: named() }));
+        let denied = port(Some(LinkError::Denied(named())));
         let denied = PortState { group: Some("uucp".to_owned()), in_group: Some(false), ..denied };
         let [finding] = &check_port(&denied)[..] else { panic!("{denied:?}") };
         assert_eq!((finding.check, finding.severity), ("port-permission", FindingSeverity::Fault));
@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn who_has_the_port_is_named() {
-        let busy = port(Some(LinkError::Busy { port: named() }));
+        let busy = port(Some(LinkError::Busy(named())));
         let busy = PortState { holder: Some(("ModemManager".to_owned(), 812)), ..busy };
         let finding = &check_port(&busy)[0];
         assert_eq!(finding.check, "port-in-use");

@@ -4,7 +4,7 @@
 //! BoardFrame ─ FrameRows ─▶ StreamRow ─ Decimator ─▶ RowEncoder ─▶ Readers (a pipe, a file, UDP, TCP)
 //! ```
 //!
-//! [`FrameRows`] makes forces by the [pipeline](forces) of all commands, so a row has the bits that a log has;
+//! `FrameRows` makes forces by the [pipeline](forces) of all commands, so a row has the bits that a log has;
 //! [`Decimator`] lowers the rate without aliasing. [`Readers`] never wait: a reader that is too slow loses rows,
 //! every row says how many it has lost, and no other reader notices. [`FrameStream`] joins them, as a
 //! [`Watcher`](board_link::Watcher) of a recording.
@@ -20,7 +20,6 @@ mod decimation;
 mod destination;
 mod encoding;
 mod latency;
-mod pipe;
 mod readers;
 mod rows;
 mod stream;
@@ -31,5 +30,5 @@ pub use destination::{BadDestination, Destination};
 pub use encoding::{RowEncoder, StreamFormat};
 pub use latency::{Latency, LatencySummary};
 pub use readers::{ReaderSummary, Readers};
-pub use rows::{FrameRows, RowOptions, StreamError, StreamRow};
+pub use rows::StreamRow;
 pub use stream::{FrameStream, StreamHandle, StreamOptions, StreamSummary, StreamWatcher};

@@ -1,9 +1,10 @@
 //! Frames as rows, with forces where there is a calibration.
 
+use board_link::RecordError;
 use board_link::recording::{
     BoardFrame, LiveForces, Measured, RunningForces, Simultaneous, UnsuitableCalibration, row_flags,
 };
-use forces::{ForceError, RunningTare};
+use forces::RunningTare;
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, PerAxis};
 
@@ -26,20 +27,9 @@ pub struct StreamRow {
     pub flags: String,
 }
 
-/// How rows are made.
-#[derive(Clone, Debug, Default)]
-pub struct RowOptions {
-    /// For forces beside the readings.
-    pub forces: Option<LiveForces>,
-    /// Frames come from a log: their times and readings are as they are to be.
-    pub from_log: bool,
-    /// Channels are brought to one time, as `record` does; every frame waits for three after it.
-    pub one_time: bool,
-}
-
 /// Turns frames into rows.
 #[derive(Clone, Debug)]
-pub struct FrameRows {
+pub(crate) struct FrameRows {
     simultaneous: Option<Simultaneous>,
     forces: Option<RunningForces>,
     /// The axes of the wrenches.
@@ -52,13 +42,17 @@ pub struct FrameRows {
 }
 
 impl FrameRows {
-    /// Nothing has come yet.
+    /// Nothing has come yet; see [`StreamOptions`](crate::StreamOptions).
     ///
     /// # Errors
     /// [`UnsuitableCalibration`] if it is for another number of channels.
-    pub fn new(options: RowOptions) -> Result<Self, UnsuitableCalibration> {
-        let forces = options.forces.map(RunningForces::new).transpose()?;
-        let simultaneous = match (options.from_log, options.one_time) {
+    pub(crate) fn new(
+        forces: Option<LiveForces>,
+        from_log: bool,
+        one_time: bool,
+    ) -> Result<Self, UnsuitableCalibration> {
+        let forces = forces.map(RunningForces::new).transpose()?;
+        let simultaneous = match (from_log, one_time) {
             (true, _) => None,
             (false, true) => Some(Simultaneous::new(false)),
             (false, false) => Some(Simultaneous::immediate()),
@@ -69,7 +63,7 @@ impl FrameRows {
     }
 
     /// Flags the next row with a mark; its number, from 1.
-    pub fn mark(&mut self) -> u32 {
+    pub(crate) fn mark(&mut self) -> u32 {
         self.marks = (self.marks.0 + 1, self.marks.1 + 1);
         self.marks.0
     }
@@ -78,12 +72,12 @@ impl FrameRows {
     /// earlier frames.
     ///
     /// # Errors
-    /// [`StreamError`].
-    pub fn of(
+    /// [`RecordError`].
+    pub(crate) fn of(
         &mut self,
         frames: &[BoardFrame],
         host_us: i64,
-    ) -> Result<Vec<StreamRow>, StreamError> {
+    ) -> Result<Vec<StreamRow>, RecordError> {
         let frames = match &mut self.simultaneous {
             Some(simultaneous) => simultaneous.take(frames.iter().cloned(), false),
             None => frames.to_vec(),
@@ -133,15 +127,4 @@ impl FrameRows {
         let zero = self.tare.zero;
         std::array::from_fn(|axis| wrench[axis] - zero[axis])
     }
-}
-
-/// Why a stream ends before its time.
-#[derive(Debug, thiserror::Error)]
-pub enum StreamError {
-    /// The calibration.
-    #[error(transparent)]
-    Calibration(#[from] UnsuitableCalibration),
-    /// The low-pass of the forces.
-    #[error(transparent)]
-    Forces(#[from] ForceError),
 }

@@ -5,21 +5,23 @@ use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use board_link::recording::BoardFrame;
-use board_link::{RecordCommand, Watcher};
+use board_link::recording::{BoardFrame, LiveForces, UnsuitableCalibration};
+use board_link::{RecordCommand, RecordError, Watcher};
 
 use crate::command::StreamCommand;
 use crate::decimation::Decimator;
 use crate::encoding::{RowEncoder, StreamFormat};
 use crate::latency::{Latency, LatencySummary};
 use crate::readers::{ReaderSummary, Readers};
-use crate::rows::{FrameRows, StreamError, StreamRow};
+use crate::rows::{FrameRows, StreamRow};
 use shell_data::lock::lock;
 
 /// What passes frames on.
 #[derive(Debug)]
 pub struct FrameStream {
-    options: StreamOptions,
+    rows: FrameRows,
+    format: StreamFormat,
+    commands: Option<Receiver<StreamCommand>>,
     decimator: Option<Decimator>,
     encoder: Option<RowEncoder>,
     readers: Readers,
@@ -30,11 +32,15 @@ pub struct FrameStream {
 }
 
 /// How a stream is made.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct StreamOptions {
-    /// What makes rows.
-    pub rows: FrameRows,
-    /// How they are written.
+    /// For forces beside the readings.
+    pub forces: Option<LiveForces>,
+    /// Frames come from a log: their times and readings are as they are to be.
+    pub from_log: bool,
+    /// Channels are brought to one time, as `record` does; every frame waits for three after it.
+    pub one_time: bool,
+    /// How rows are written.
     pub format: StreamFormat,
     /// Rows per second, at most.
     pub rate_hz: Option<f64>,
@@ -57,17 +63,22 @@ pub struct StreamSummary {
 
 impl FrameStream {
     /// Nothing has come yet.
-    pub fn new(options: StreamOptions, readers: Readers) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// [`UnsuitableCalibration`] if it is for another number of channels.
+    pub fn new(options: StreamOptions, readers: Readers) -> Result<Self, UnsuitableCalibration> {
+        Ok(Self {
+            rows: FrameRows::new(options.forces, options.from_log, options.one_time)?,
+            format: options.format,
+            commands: options.commands,
             decimator: options.rate_hz.map(Decimator::new),
-            options,
             encoder: None,
             readers,
             latency: Latency::default(),
             frames: 0,
             sent: 0,
             newest: None,
-        }
+        })
     }
 
     /// Whether all readers are gone and none can connect.
@@ -78,15 +89,15 @@ impl FrameStream {
     /// Passes frames on that have just arrived. Marks that were asked for are added to `marks`.
     ///
     /// # Errors
-    /// [`StreamError`]: nothing can be passed on.
+    /// [`RecordError`]: nothing can be passed on.
     pub fn push(
         &mut self,
         frames: &[BoardFrame],
         marks: &mut Vec<RecordCommand>,
-    ) -> Result<(), StreamError> {
+    ) -> Result<(), RecordError> {
         self.frames += frames.len() as u64;
         self.obey(frames, marks);
-        let mut rows = self.options.rows.of(frames, now_us())?;
+        let mut rows = self.rows.of(frames, now_us())?;
         if let Some(decimator) = &mut self.decimator {
             rows = decimator.push(rows);
         }
@@ -98,7 +109,7 @@ impl FrameStream {
     }
 
     fn send(&mut self, row: &StreamRow, is_first: bool) {
-        let (format, axes) = (self.options.format, self.options.rows.axes);
+        let (format, axes) = (self.format, self.rows.axes);
         let encoder = self.encoder.get_or_insert_with(|| RowEncoder::new(format, axes, row));
         self.readers.send(&encoder.begin(row), encoder);
         self.sent += 1;
@@ -110,13 +121,13 @@ impl FrameStream {
     }
 
     fn obey(&mut self, frames: &[BoardFrame], marks: &mut Vec<RecordCommand>) {
-        while let Some(Ok(command)) = self.options.commands.as_ref().map(Receiver::try_recv) {
+        while let Some(Ok(command)) = self.commands.as_ref().map(Receiver::try_recv) {
             match command {
-                StreamCommand::Tare => self.options.rows.tare.begin(),
-                StreamCommand::Untare => self.options.rows.tare = Default::default(),
+                StreamCommand::Tare => self.rows.tare.begin(),
+                StreamCommand::Untare => self.rows.tare = Default::default(),
                 StreamCommand::Rate(rate_hz) => self.decimator = rate_hz.map(Decimator::new),
                 StreamCommand::Mark => {
-                    let number = self.options.rows.mark();
+                    let number = self.rows.mark();
                     let index = frames.first().map_or(0, |frame| frame.index);
                     marks.push(RecordCommand::Mark { index, number });
                 }
@@ -146,12 +157,12 @@ fn now_us() -> i64 {
 pub struct StreamWatcher {
     state: Arc<Mutex<StreamState>>,
     stop: Option<Arc<AtomicBool>>,
-    beside: Box<dyn Watcher>,
+    beside: Option<Box<dyn Watcher>>,
     marks: Vec<RecordCommand>,
 }
 
 /// A running stream, or the error that ended it; `None` once that has been taken.
-type StreamState = Option<Result<Box<FrameStream>, StreamError>>;
+type StreamState = Option<Result<Box<FrameStream>, RecordError>>;
 
 /// The end of a stream that its maker keeps.
 #[derive(Clone, Debug)]
@@ -162,7 +173,7 @@ impl StreamWatcher {
     /// end the recording.
     pub fn new(
         stream: FrameStream,
-        beside: Box<dyn Watcher>,
+        beside: Option<Box<dyn Watcher>>,
         stop: Option<Arc<AtomicBool>>,
     ) -> (Self, StreamHandle) {
         let state = Arc::new(Mutex::new(Some(Ok(Box::new(stream)))));
@@ -188,11 +199,11 @@ impl Watcher for StreamWatcher {
             }
         }
         drop(state);
-        self.beside.see(frames);
+        self.beside.iter_mut().for_each(|beside| beside.see(frames));
     }
 
     fn next_command(&mut self) -> Option<RecordCommand> {
-        self.marks.pop().or_else(|| self.beside.next_command())
+        self.marks.pop().or_else(|| self.beside.as_mut()?.next_command())
     }
 }
 
@@ -200,8 +211,8 @@ impl StreamHandle {
     /// Ends the stream: what it was; `None` if that is known already.
     ///
     /// # Errors
-    /// [`StreamError`]: why it has ended before.
-    pub fn finish(&self) -> Result<Option<StreamSummary>, StreamError> {
+    /// [`RecordError`]: why it has ended before.
+    pub fn finish(&self) -> Result<Option<StreamSummary>, RecordError> {
         let stream = lock(&self.0).take().transpose()?;
         Ok(stream.map(|stream| stream.finish()))
     }

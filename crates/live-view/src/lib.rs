@@ -14,12 +14,9 @@
 mod guide;
 mod history;
 mod model;
-mod picture;
-mod scale;
 #[allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "serves a page")]
 pub mod web;
 
 pub use guide::{Guide, GuidePhase, GuideView, GuidedLoad, HOLD_S};
 pub use history::{History, LiveRow};
-pub use model::{ChannelState, ChannelView, LiveModel, Mark, TraceView};
-pub use picture::Picture;
+pub use model::{ChannelState, ChannelView, LiveModel, Mark, Picture, TraceView};

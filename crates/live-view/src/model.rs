@@ -7,7 +7,6 @@ use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis};
 
 use super::history::{History, LONGEST_S, LiveRow};
-use super::scale::{nice_bound, nice_range};
 
 /// The spans of time that can be shown, s.
 pub(crate) const WINDOWS_S: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, LONGEST_S];
@@ -22,6 +21,13 @@ const RECENT_S: f64 = 1.0;
 const LEAST_FORCE: f64 = 0.05;
 const LEAST_MOMENT: f64 = 0.001;
 const LEAST_COUNTS: f64 = 20.0;
+
+/// Columns of a trace: what a screen of 1,400 points has room for at three points each.
+const COLUMNS: usize = 400;
+
+/// Steps of a trace from its lower to its upper edge: finer than the points that a trace is high, and shorter to
+/// write than the values.
+const LEVELS: f64 = 1000.0;
 
 /// A moment that the user has marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,6 +78,27 @@ pub struct TraceView<T = f64> {
     pub range: (f64, f64),
     /// The least and the greatest value in each column, the newest on the right.
     pub columns: Vec<Option<[T; 2]>>,
+}
+
+/// A live view at one moment, as a browser is told it.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Picture {
+    /// The time of the newest row, s.
+    pub time_s: Option<f64>,
+    /// The span of time that is shown, s.
+    pub window_s: f64,
+    /// Whether it stands still.
+    pub is_paused: bool,
+    /// Whether a tare is being taken.
+    pub is_taring: bool,
+    /// The traces; their columns are in thousandths of the range.
+    pub traces: Vec<TraceView<u16>>,
+    /// Numbers of marks, and where they stand, 0 on the left to 1.
+    pub marks: Vec<(u32, f64)>,
+    /// The channels; none where the board streams wrenches.
+    pub channels: Vec<ChannelView>,
+    /// The newest force along x, y and z, and the length of an arrow that reaches the edge, N.
+    pub force: Option<([f64; 3], f64)>,
 }
 
 /// The state of a live view.
@@ -257,6 +284,20 @@ impl LiveModel {
         Some((force, reach))
     }
 
+    /// What is shown now.
+    pub fn picture(&self) -> Picture {
+        Picture {
+            time_s: self.time_s(),
+            window_s: self.window_s(),
+            is_paused: self.is_paused(),
+            is_taring: self.tare.is_pending(),
+            traces: self.traces(COLUMNS).into_iter().map(levels).collect(),
+            marks: self.marks_shown(),
+            channels: self.channels(),
+            force: self.force(),
+        }
+    }
+
     fn shown(&self) -> &History {
         self.frozen.as_deref().unwrap_or(&self.history)
     }
@@ -266,6 +307,42 @@ impl LiveModel {
 fn largest(columns: &[Option<[f64; 2]>]) -> f64 {
     let ends = columns.iter().flatten().flatten();
     ends.fold(0.0, |largest, value| largest.max(value.abs()))
+}
+
+/// A trace with its columns in levels of its range.
+fn levels(view: TraceView) -> TraceView<u16> {
+    let TraceView { name, unit, value, noise, range, columns } = view;
+    let (low, high) = range;
+    let level = |value: f64| (LEVELS * (value - low) / (high - low)).round() as u16;
+    let columns = columns.into_iter().map(|ends| ends.map(|ends| ends.map(level))).collect();
+    TraceView { name, unit, value, noise, range, columns }
+}
+
+/// The least of 1, 2 and 5 times a power of ten that is not below `largest`, and at least `least`.
+fn nice_bound(largest: f64, least: f64) -> f64 {
+    let largest = largest.abs().max(least);
+    if !largest.is_finite() || largest <= 0.0 {
+        return least.max(f64::MIN_POSITIVE);
+    }
+    let decade = 10_f64.powf(largest.log10().floor());
+    // A rounding error in the logarithm must not put the signal outside.
+    let steps = [1.0, 2.0, 5.0, 10.0, 20.0].map(|step| step * decade);
+    steps.into_iter().find(|&bound| bound >= largest * (1.0 - 1e-12)).unwrap_or(largest)
+}
+
+/// A range of round numbers about `low` to `high`, at least `least` long.
+fn nice_range(low: f64, high: f64, least: f64) -> (f64, f64) {
+    if !(low.is_finite() && high.is_finite() && low <= high) {
+        return (0.0, least);
+    }
+    let length = nice_bound((high - low).max(least), least);
+    let step = length / 10.0;
+    let start = ((low + high - length) / 2.0 / step).round() * step;
+    // Rounding moves by up to half a step at either end.
+    match start <= low && high <= start + length {
+        true => (start, start + length),
+        false => (start - step, start + length + step),
+    }
 }
 
 #[cfg(test)]
@@ -375,5 +452,51 @@ mod tests {
         assert_eq!((traces.len(), traces[7].name.as_str()), (8, "s8"));
         assert!(traces[0].range.0 <= 2000.0 && 2000.0 <= traces[0].range.1);
         assert_eq!(model.force(), None);
+    }
+
+    #[test]
+    fn levels_are_thousandths_of_the_range() {
+        let mut model = LiveModel::new(None, 1.0, Axes::ALL);
+        for index in 0..=100 {
+            let fx = if index == 50 { -1.5 } else { 1.0 };
+            let wrench = Some([fx, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            model.push(LiveRow { time_s: f64::from(index) / 100.0, wrench, ..LiveRow::default() });
+        }
+        let picture = model.picture();
+        let fx = &picture.traces[0];
+        assert_eq!((fx.range, fx.columns.len()), ((-2.0, 2.0), COLUMNS));
+        // By hand: (1 + 2) / 4 and (-1.5 + 2) / 4.
+        let found: Vec<_> = fx.columns.iter().flatten().collect();
+        assert_eq!(found.iter().filter(|ends| ***ends == [125, 125]).count(), 1);
+        assert!(found.iter().all(|ends| **ends == [750, 750] || **ends == [125, 125]));
+        assert_eq!(fx.columns.last(), Some(&Some([750, 750])));
+        let text = serde_json::to_string(&picture).unwrap();
+        assert!(text.contains(r#""name":"Fx","unit":"N","value":1.0"#), "{text}");
+        // One event is one line.
+        assert!(!text.contains('\n'));
+    }
+
+    #[test]
+    fn bounds_are_round_and_hold_what_they_are_for() {
+        let cases = [(0.0, 0.1), (0.03, 0.1), (0.11, 0.2), (0.2, 0.2), (3.1, 5.0), (70.0, 100.0)];
+        for (largest, expected) in cases {
+            let bound = nice_bound(largest, 0.1);
+            // A power of ten is right to a rounding error.
+            assert!((bound - expected).abs() < 1e-12 * expected, "{largest}: {bound}");
+        }
+        assert_eq!(nice_bound(f64::NAN, 0.1), 0.1);
+        assert!(nice_bound(1e-300, 1e-3) >= 1e-3);
+    }
+
+    #[test]
+    fn ranges_hold_their_values_and_are_not_much_longer() {
+        for (low, high) in
+            [(1980.0, 2011.0), (0.0, 4095.0), (5.0, 5.0), (-3.0, 40.0), (99.9, 100.1)]
+        {
+            let (start, end) = nice_range(low, high, 20.0);
+            assert!(start <= low && high <= end, "{low} {high}: {start} {end}");
+            assert!(end - start <= 3.0 * (high - low).max(20.0), "{low} {high}: {start} {end}");
+        }
+        assert_eq!(nice_range(f64::NAN, 1.0, 20.0), (0.0, 20.0));
     }
 }

@@ -1,10 +1,9 @@
 //! From readings to a wrench, on the board.
 
-mod cubic;
 mod physics;
 
-use nalgebra::SVector;
-use shared_proto::{AXES, CHANNELS, Calibration};
+use nalgebra::{SMatrixView, SVector};
+use shared_proto::{AXES, CHANNELS, Calibration, Cubic, FEATURES};
 
 type Wrench = SVector<f32, AXES>;
 
@@ -36,7 +35,7 @@ impl Converter {
     /// While a zero is taken, the frame goes into it.
     pub fn convert(&mut self, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
         let wrench = match &self.calibration {
-            Calibration::Cubic(cubic) => cubic::wrench(cubic, readings),
+            Calibration::Cubic(cubic) => cubic_wrench(cubic, readings),
             Calibration::Physics(model) => physics::invert(model, readings, saturated).into(),
         };
         self.tare(wrench);
@@ -70,6 +69,26 @@ impl Converter {
             self.taring = None;
         }
     }
+}
+
+/// The wrench of a frame of readings in counts by a cubic calibration.
+///
+/// `w = C·φ(z) + c` in single precision, with `z = (r − centre) · scale` and the features
+/// φ = (z1, z1², z1³, z2, …). Readings are 16-bit integers, exact in an `f32`, and z is of order
+/// one, so what is lost is of the order of 25 roundings of the largest term: 3e-6 of it.
+fn cubic_wrench(calibration: &Cubic, readings: &[u16; CHANNELS]) -> Wrench {
+    let Cubic { centre, scale, coefficients, intercept } = calibration;
+    // Six numbers per feature, one feature after another: columns of a 6 × 24 matrix.
+    let coefficients = coefficients.as_flattened();
+    let coefficients = SMatrixView::<f32, AXES, FEATURES>::from_slice(coefficients);
+    let mut features = SVector::<f32, FEATURES>::zeros();
+    let columns = features.as_mut_slice().as_chunks_mut().0.iter_mut();
+    let channels = readings.iter().zip(centre).zip(scale);
+    for (powers, ((&reading, centre), scale)) in columns.zip(channels) {
+        let z = (f32::from(reading) - centre) * scale;
+        *powers = [z, z * z, z * z * z];
+    }
+    coefficients * features + Wrench::from_column_slice(intercept)
 }
 
 #[cfg(test)]

@@ -187,9 +187,9 @@ fn an_announced_restart_is_certain() {
     let mut reception = Reception::default();
     let mut frames = Vec::new();
     let boot = Boot {
-        board: shared_proto::Board::from_code(1),
+        board: shared_proto::Board::from_code(1).unwrap(),
         firmware: [0, 1, 0],
-        cause: shared_proto::ResetCause::from_code(0),
+        cause: shared_proto::ResetCause::from_code(0).unwrap(),
     };
     for start in 0..3 {
         reception.take(from(start, Packet::Boot(boot)), None, &mut frames);

@@ -354,10 +354,10 @@ fn the_live_line_names_its_axes_and_fits_the_terminal() {
         (
             200,
             "cal.json",
-            &["Hz", "frames", "waiting", "Fx", "Fy", "Fz", "N  Mx", "Mz", "N·m"][..],
+            &["Hz", "frames", "cobs", "Fx", "Fy", "Fz", "N  Mx", "Mz", "N·m"][..],
             &[][..],
         ),
-        (80, "cal.json", &["Fx", "Fy", "Fz", "Mx", "My", "Mz", "N·m"], &["waiting"]),
+        (80, "cal.json", &["Fx", "Fy", "Fz", "Mx", "My", "Mz", "N·m"], &["cobs"]),
         (80, "two.json", &["Hz", "Fz", "N  Mx"], &["Fx", "Fy", "My"]),
         (30, "two.json", &["Fz", "Mx"], &["frames"]),
     ] {

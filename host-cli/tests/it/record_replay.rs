@@ -284,7 +284,7 @@ fn bytes_without_a_frame_are_an_error_that_says_so() {
 
     fs::write(dir.path().join("raw"), b"").unwrap();
     let error = refused(dir.path(), "record --replay raw -o log.csv");
-    assert!(error.contains("nothing arrived from `raw`"), "{error}");
+    assert!(error.contains("`raw`: nothing arrived"), "{error}");
     assert!(!dir.path().join("log.csv").exists());
 }
 

@@ -4,13 +4,12 @@
 //! of data and checksum 0xFF. With escapes (AP=2) 0x7E, 0x7D, 0x11 and 0x13 after the start are
 //! sent as 0x7D and the byte exclusive-or 0x20, so that 0x7E always starts a frame; without (AP=1)
 //! it can stand anywhere. Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982,
-//! chapter "API operation"; for 0x10, 0x8B and 0x90 the "XBee/XBee-PRO S2C Zigbee User Guide",
+//! chapter "API operation"; for 0x10 and 0x90 the "XBee/XBee-PRO S2C Zigbee User Guide",
 //! 90002002.
 
 mod deframer;
 
-use crate::bytes::Bytes;
-use crate::field::Reader;
+use crate::field::{Bytes, Reader};
 use crate::frame::is_escaped;
 pub use deframer::Deframer;
 
@@ -71,61 +70,36 @@ pub enum ApiFrame<'a> {
         /// The data.
         payload: &'a [u8],
     },
-    /// What became of a transmission: 0x89 or 0x8B.
-    TransmitStatus(TransmitStatus),
-    /// Any other kind.
-    Other {
-        /// The first byte.
-        kind: u8,
-    },
-}
-
-/// What became of a transmission.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TransmitStatus {
-    /// That of the transmission.
-    pub id: u8,
-    /// 0 if it arrived, else the module's reason.
-    pub status: u8,
 }
 
 impl<'a> ApiFrame<'a> {
-    /// The frame whose data, between length and checksum, this is; `None` if it is too short.
+    /// The frame whose data, between length and checksum, this is; `None` if it is of another kind or too short.
     pub fn parse(data: &'a [u8]) -> Option<Self> {
         let mut rest = Reader(data);
         let kind: u8 = rest.get()?;
-        Some(match kind {
+        match kind {
             0x00 | 0x01 | 0x10 => {
                 let (id, to) = (rest.get()?, Address::read(kind, &mut rest)?);
                 let _options: u8 = rest.get()?;
                 if kind == 0x10 {
                     let _radius: u8 = rest.get()?;
                 }
-                Self::Transmit { id, to, payload: rest.0 }
+                Some(Self::Transmit { id, to, payload: rest.0 })
             }
             0x80 | 0x81 | 0x90 => {
                 let from = Address::read(kind, &mut rest)?;
                 let rssi = if kind == 0x90 { None } else { Some(rest.get()?) };
                 let _options: u8 = rest.get()?;
-                Self::Receive { from, rssi, payload: rest.0 }
+                Some(Self::Receive { from, rssi, payload: rest.0 })
             }
-            0x89 => {
-                let (id, status) = (rest.get()?, rest.get()?);
-                Self::TransmitStatus(TransmitStatus { id, status })
-            }
-            0x8B => {
-                let [id, _short_high, _short_low, _retries, status]: [u8; 5] = rest.get()?;
-                Self::TransmitStatus(TransmitStatus { id, status })
-            }
-            _ => Self::Other { kind },
-        })
+            _ => None,
+        }
     }
 
-    /// The frame as it goes over the serial line; `None` if the payload is too long or the kind is
-    /// one that only a module would send and that carries nothing ([`ApiFrame::Other`]).
+    /// The frame as it goes over the serial line; `None` if the payload is too long.
     pub fn encode(&self, mode: Mode) -> Option<Encoded> {
         let mut header = Bytes::<14>::new();
-        let payload: &[u8] = match *self {
+        let payload = match *self {
             Self::Transmit { id, to, payload } => {
                 header.push(to.kinds().0);
                 header.push(id);
@@ -145,11 +119,6 @@ impl<'a> ApiFrame<'a> {
                 header.push(0);
                 payload
             }
-            Self::TransmitStatus(TransmitStatus { id, status }) => {
-                header.extend(&[0x89, id, status]);
-                &[]
-            }
-            Self::Other { .. } => return None,
         };
         if payload.len() > MAX_PAYLOAD {
             return None;
@@ -249,12 +218,14 @@ mod tests {
     }
 
     #[test]
-    fn status_frames_tell_what_became_of_a_transmission() {
-        let status = |id, status| Some(ApiFrame::TransmitStatus(TransmitStatus { id, status }));
-        assert_eq!(ApiFrame::parse(&[0x89, 5, 0]), status(5, 0));
-        assert_eq!(ApiFrame::parse(&[0x8B, 0x47, 0xFF, 0xFE, 0, 0x24, 2]), status(0x47, 0x24));
-        assert_eq!(ApiFrame::parse(&[0x89, 5]), None);
-        assert_eq!(ApiFrame::parse(&[0x8A, 6]), Some(ApiFrame::Other { kind: 0x8A }));
+    fn frames_without_data_of_the_other_side_are_passed_over() {
+        assert_eq!(ApiFrame::parse(&[0x8A, 6]), None);
+        assert_eq!(ApiFrame::parse(&[0x81, 0x20, 0x52, 40]), None);
+        // The status of a transmission.
+        let status = [START, 0, 3, 0x89, 5, 0, 0x71];
+        let data = receive(b"data");
+        let stream = [&status[..], &data.encode(Mode::Plain).unwrap()].concat();
+        assert_eq!(frames(Mode::Plain, &stream, 7), ([text(&data)].into(), 0));
     }
 
     #[test]
@@ -285,7 +256,6 @@ mod tests {
             let sent = [
                 ApiFrame::Transmit { id, to: address, payload: &payload },
                 ApiFrame::Receive { from: address, rssi, payload: &payload },
-                ApiFrame::TransmitStatus(TransmitStatus { id, status: 1 }),
             ];
             let mut stream: Vec<u8> =
                 sent.iter().flat_map(|frame| frame.encode(mode).unwrap().to_vec()).collect();

@@ -69,7 +69,7 @@ fn any_command() -> impl Strategy<Value = Command> {
 }
 
 fn any_stream() -> impl Strategy<Value = Stream> {
-    (0..32_u8).prop_map(Stream::from_code)
+    (0..32_u8).prop_map(|code| Stream::from_code(code).expect("it has no fields"))
 }
 
 fn any_answer() -> impl Strategy<Value = Answer> {
@@ -114,11 +114,11 @@ fn any_answer() -> impl Strategy<Value = Answer> {
 }
 
 fn any_board() -> impl Strategy<Value = Board> {
-    any::<u8>().prop_map(Board::from_code)
+    any::<u8>().prop_map(|code| Board::from_code(code).expect("it has no fields"))
 }
 
 fn any_cause() -> impl Strategy<Value = ResetCause> {
-    any::<u8>().prop_map(ResetCause::from_code)
+    any::<u8>().prop_map(|code| ResetCause::from_code(code).expect("it has no fields"))
 }
 
 fn any_refusal() -> impl Strategy<Value = Refusal> {

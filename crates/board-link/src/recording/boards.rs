@@ -7,9 +7,58 @@
 use std::time::Duration;
 
 use super::reception::{BoardFrame, Losses, Reception};
-use super::wire::{MOST, PacketWire};
-use shared_proto::xbee::Address;
-use shared_proto::{Decoder, Event, Protocol, skinproc};
+use shared_proto::xbee::{Address, ApiFrame, Deframer};
+use shared_proto::{Decoder, Event, Framing, Protocol, skinproc};
+
+/// Most modules, and most boards, that are told apart: more than a channel has room for.
+const MOST: usize = 256;
+
+/// What cuts bytes into packets.
+#[derive(Clone, Debug)]
+pub(crate) struct PacketWire {
+    /// Of a base station in API mode.
+    deframer: Option<Deframer>,
+    /// Each module behind that; without it, the one decoder of a wire or a transparent radio.
+    modules: Vec<(Option<Address>, Decoder)>,
+}
+
+impl PacketWire {
+    /// Nothing has arrived.
+    pub(crate) fn new(framing: Framing) -> Self {
+        let deframer = match framing {
+            Framing::Cobs => None,
+            Framing::Xbee(mode) => Some(Deframer::new(mode)),
+        };
+        Self { deframer, modules: Vec::new() }
+    }
+
+    /// Takes bytes, in slices of any size, and calls `sink` with every event, and the address of its module and how
+    /// strongly that was received where a base station says so.
+    pub(crate) fn feed(
+        &mut self,
+        bytes: &[u8],
+        mut sink: impl FnMut(Option<Address>, Option<u8>, Event),
+    ) {
+        let modules = &mut self.modules;
+        let mut feed = |address, rssi, payload: &[u8]| {
+            let known = modules.iter().position(|(known, _)| *known == address);
+            let at = known.unwrap_or_else(|| {
+                modules.truncate(MOST);
+                modules.push((address, Decoder::new(Framing::Cobs)));
+                modules.len() - 1
+            });
+            modules[at].1.feed(payload, |event| sink(address, rssi, event));
+        };
+        match &mut self.deframer {
+            None => feed(None, None, bytes),
+            Some(deframer) => deframer.feed(bytes, |frame| {
+                if let ApiFrame::Receive { from, rssi, payload } = frame {
+                    feed(Some(from), rssi, payload);
+                }
+            }),
+        }
+    }
+}
 
 /// What tells a board from others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -78,16 +127,12 @@ impl Boards {
         match wire {
             Wire::Packets(packets) => packets.feed(bytes, take),
             Wire::Original(decoder) => {
-                let mut index = decoder.scans.cast_signed();
                 let Some(HeardBoard { frames, reception, .. }) =
                     board_of(heard, BoardSource::default())
                 else {
                     return;
                 };
-                decoder.feed(bytes, |scan| {
-                    reception.take_scan(&scan, index, frames);
-                    index += 1;
-                });
+                decoder.feed(bytes, |scan| reception.take_scan(&scan, frames));
             }
         }
     }
@@ -96,8 +141,7 @@ impl Boards {
     /// [`Reception::finish`].
     pub fn finish(&mut self) {
         if let (Wire::Original(decoder), [board]) = (&mut self.wire, &mut self.heard[..]) {
-            let index = decoder.scans.cast_signed();
-            decoder.finish(|scan| board.reception.take_scan(&scan, index, &mut board.frames));
+            decoder.finish(|scan| board.reception.take_scan(&scan, &mut board.frames));
         }
         // One frame is no board where others are heard: it may be damage.
         let is_alone = self.heard.len() == 1;
@@ -122,10 +166,8 @@ impl Boards {
     pub fn losses_of(&self, sender: BoardSource) -> Losses {
         let board = self.heard.iter().find(|board| board.sender == sender);
         let mut losses = board.map(|board| board.reception.losses()).unwrap_or_default();
-        if let (Wire::Packets(PacketWire::BaseStation { modules, .. }), Some(address)) =
-            (&self.wire, sender.address)
-        {
-            let module = modules.iter().find(|(module, _)| *module == address);
+        if let (Wire::Packets(packets), Some(_)) = (&self.wire, sender.address) {
+            let module = packets.modules.iter().find(|(module, _)| *module == sender.address);
             module.into_iter().for_each(|(_, decoder)| losses += damage(decoder));
         }
         losses
@@ -136,9 +178,8 @@ impl Boards {
         let mut losses = Losses { unknown: self.beyond, ..Losses::default() };
         self.heard.iter().for_each(|board| losses += board.reception.losses());
         match &self.wire {
-            Wire::Packets(PacketWire::Transparent(decoder)) => losses += damage(decoder),
-            Wire::Packets(PacketWire::BaseStation { deframer, modules }) => {
-                losses.damaged += deframer.damaged;
+            Wire::Packets(PacketWire { deframer, modules }) => {
+                losses.damaged += deframer.as_ref().map_or(0, |deframer| deframer.damaged);
                 modules.iter().for_each(|(_, decoder)| losses += damage(decoder));
             }
             Wire::Original(decoder) => {
@@ -187,8 +228,8 @@ impl BoardSource {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shared_proto::xbee::{ApiFrame, Mode};
-    use shared_proto::{Framing, Packet, PacketOrigin, Sample, Values};
+    use shared_proto::xbee::Mode;
+    use shared_proto::{Packet, PacketOrigin, Sample, Values};
 
     fn bytes_of(board: u16, frames: std::ops::Range<u16>) -> Vec<u8> {
         let packets = frames.map(|sequence| {

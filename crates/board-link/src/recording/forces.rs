@@ -12,11 +12,8 @@ use shell_data::wrench::{Axes, Axis, AxisValues, PerAxis};
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UnsuitableCalibration {
     /// It is for another number of channels.
-    #[error("the calibration is for {found} channels, a board has {CHANNELS}")]
-    Channels {
-        /// The calibration's channels.
-        found: usize,
-    },
+    #[error("the calibration is for {0} channels, a board has {CHANNELS}")]
+    Channels(usize),
     /// The board converts itself.
     #[error("the board streams wrenches, so there are no readings to apply a calibration to")]
     Wrenches,
@@ -76,9 +73,9 @@ impl RunningForces {
     /// # Errors
     /// [`UnsuitableCalibration`] if the calibration is for another number of channels.
     pub fn new(live: LiveForces) -> Result<Self, UnsuitableCalibration> {
-        let found = live.calibration.channels();
-        if found != CHANNELS {
-            return Err(UnsuitableCalibration::Channels { found });
+        let channels = live.calibration.channels();
+        if channels != CHANNELS {
+            return Err(UnsuitableCalibration::Channels(channels));
         }
         let options = live.options.with_delay(true);
         let rests = options.tare.follows_rests().then(StationaryFinder::default);

@@ -17,7 +17,6 @@
 //! No files, ports or clocks here: see [`crate`].
 
 mod boards;
-mod edges;
 mod forces;
 mod reception;
 mod recognition;
@@ -25,14 +24,13 @@ mod rows;
 mod sequence;
 mod simultaneous;
 mod timeline;
-mod wire;
 
+pub(crate) use boards::PacketWire;
 pub use boards::{BoardSource, Boards, HeardBoard};
-pub use edges::BoardEdge;
 pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
 pub use reception::{BoardFrame, Losses, Measured, Reception};
 pub use recognition::{NoFrame, PROTOCOLS, Recognition, protocol_name};
 pub(crate) use rows::{Annotations, RowWriter};
 pub use rows::{row_flags, write_time};
+pub use sequence::BoardEdge;
 pub use simultaneous::Simultaneous;
-pub(crate) use wire::PacketWire;

@@ -2,8 +2,7 @@
 
 use std::time::Duration;
 
-use super::edges::{BoardEdge, EdgeTracker};
-use super::sequence::Arrival;
+use super::sequence::{Arrival, BoardEdge, EdgeTracker};
 use super::timeline::{FramePosition, Stamp, Timeline};
 use serde::Serialize;
 use shared_proto::{
@@ -15,7 +14,7 @@ use shared_proto::{
 const FULL_SCALE: u16 = 4095;
 
 /// One frame that arrived.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct BoardFrame {
     /// The board's clock since its first reset in this recording, µs, unwrapped.
     pub time_us: i64,
@@ -48,6 +47,12 @@ pub enum Measured {
     Readings([f64; CHANNELS]),
     /// Fx, Fy, Fz in N, Mx, My, Mz in N·m, converted on the board.
     Wrench([f64; AXES]),
+}
+
+impl Default for Measured {
+    fn default() -> Self {
+        Self::Readings([0.0; CHANNELS])
+    }
 }
 
 impl Measured {
@@ -95,21 +100,29 @@ pub struct Losses {
 }
 
 impl Losses {
+    /// All counts, and what they are called where losses are told in words.
+    fn counts(&mut self) -> [(&mut u64, &'static str); 13] {
+        [
+            (&mut self.missing, "missing"),
+            (&mut self.dropped_on_board, "dropped on the board"),
+            (&mut self.bad_crc, "bad CRC"),
+            (&mut self.damaged, "damaged"),
+            (&mut self.duplicates, "duplicates"),
+            (&mut self.reordered, "reordered"),
+            (&mut self.unknown, "unknown"),
+            (&mut self.skipped_bytes, "bytes skipped"),
+            (&mut self.restarts, "restarts"),
+            (&mut self.missing_edges, "sync edges missing"),
+            (&mut self.gaps, ""),
+            (&mut self.edges_left_out, ""),
+            (&mut self.uncertain, ""),
+        ]
+    }
+
     /// What was lost, in words.
-    pub fn in_words(&self) -> String {
-        let counts = [
-            (self.missing, "missing"),
-            (self.dropped_on_board, "dropped on the board"),
-            (self.bad_crc, "bad CRC"),
-            (self.damaged, "damaged"),
-            (self.duplicates, "duplicates"),
-            (self.reordered, "reordered"),
-            (self.unknown, "unknown"),
-            (self.skipped_bytes, "bytes skipped"),
-            (self.restarts, "restarts"),
-            (self.missing_edges, "sync edges missing"),
-        ];
-        let lost = counts.iter().filter(|(count, _)| *count > 0);
+    pub fn in_words(mut self) -> String {
+        let lost =
+            self.counts().into_iter().filter(|(count, what)| **count > 0 && !what.is_empty());
         let mut lost: Vec<String> = lost.map(|(count, what)| format!("{count} {what}")).collect();
         // Nobody can tell what was sent before an unannounced restart and did not arrive.
         if self.uncertain > 0 {
@@ -126,22 +139,10 @@ impl Losses {
 }
 
 impl std::ops::AddAssign for Losses {
-    fn add_assign(&mut self, other: Self) {
-        *self = Self {
-            missing: self.missing + other.missing,
-            gaps: self.gaps + other.gaps,
-            duplicates: self.duplicates + other.duplicates,
-            reordered: self.reordered + other.reordered,
-            bad_crc: self.bad_crc + other.bad_crc,
-            damaged: self.damaged + other.damaged,
-            skipped_bytes: self.skipped_bytes + other.skipped_bytes,
-            unknown: self.unknown + other.unknown,
-            dropped_on_board: self.dropped_on_board + other.dropped_on_board,
-            restarts: self.restarts + other.restarts,
-            missing_edges: self.missing_edges + other.missing_edges,
-            edges_left_out: self.edges_left_out + other.edges_left_out,
-            uncertain: self.uncertain + other.uncertain,
-        };
+    fn add_assign(&mut self, mut other: Self) {
+        for ((sum, _), (count, _)) in self.counts().into_iter().zip(other.counts()) {
+            *sum += *count;
+        }
     }
 }
 
@@ -172,6 +173,8 @@ pub struct Reception {
     health: Option<Health>,
     edges: EdgeTracker,
     host_us: Option<u64>,
+    /// Scans of the original board so far.
+    scans: i64,
 }
 
 impl Reception {
@@ -278,13 +281,9 @@ impl Reception {
     }
 
     /// Takes a scan of the original board, which has no numbers; its clock went back where it has restarted.
-    pub(crate) fn take_scan(
-        &mut self,
-        scan: &skinproc::Scan,
-        index: i64,
-        frames: &mut Vec<BoardFrame>,
-    ) {
-        let sequence = index as u16;
+    pub(crate) fn take_scan(&mut self, scan: &skinproc::Scan, frames: &mut Vec<BoardFrame>) {
+        let (index, sequence) = (self.scans, self.scans as u16);
+        self.scans += 1;
         let stamp = Stamp { sequence, clock_us: scan.clock_us, ..Stamp::default() };
         let FramePosition { time_us, restarted, .. } = match self.timeline.is_forward(&stamp) {
             true => self.timeline.follow(stamp),
@@ -331,19 +330,7 @@ impl Reception {
 impl BoardFrame {
     /// A frame of which nothing else is known.
     pub fn new(time_us: i64, index: i64, measured: Measured) -> Self {
-        Self {
-            time_us,
-            index,
-            measured,
-            saturated: 0,
-            dropped: 0,
-            restarted: false,
-            timing: None,
-            health: None,
-            edge: None,
-            skewed: false,
-            rssi_dbm: None,
-        }
+        Self { time_us, index, measured, ..Self::default() }
     }
 
     fn from_sample(sample: &Sample) -> Self {
@@ -354,7 +341,7 @@ impl BoardFrame {
             Values::Wrench(wrench) => Measured::Wrench(wrench.map(f64::from)),
         };
         let (saturated, dropped) = (sample.saturated, sample.dropped);
-        Self { saturated, dropped, ..Self::new(0, 0, measured) }
+        Self { measured, saturated, dropped, ..Self::default() }
     }
 
     fn from_scan(scan: &skinproc::Scan) -> Self {
@@ -362,6 +349,6 @@ impl BoardFrame {
             .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
             .fold(0, |mask, channel| mask | 1 << channel);
         let measured = Measured::Readings(scan.readings.map(f64::from));
-        Self { saturated, ..Self::new(0, 0, measured) }
+        Self { measured, saturated, ..Self::default() }
     }
 }

@@ -44,15 +44,18 @@ pub struct Recognition {
     first_at: Option<Duration>,
 }
 
-/// Bytes in which there is no frame of the protocol wanted.
+/// Why there is no frame of the protocol wanted.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoFrame {
-    /// No protocol has frames in these bytes.
-    #[error("bytes arrive ({bytes} so far) but no valid frame")]
-    Any {
-        /// How many bytes were looked at.
-        bytes: usize,
-    },
+    /// Not a single byte has come.
+    #[error("nothing arrived")]
+    Silence,
+    /// Packets, but none with readings or forces.
+    #[error("the board is there, but sends no frames")]
+    NotStreaming,
+    /// No protocol has frames in so many bytes.
+    #[error("bytes arrive ({0} so far) but no valid frame")]
+    Any(usize),
     /// Frames of another protocol than the one asked for.
     #[error(
         "no valid frame of framing `{}` in {bytes} bytes; they are framed `{}`",
@@ -68,13 +71,10 @@ pub enum NoFrame {
     },
     /// Good packets, but of a version that this program does not know.
     #[error(
-        "the board speaks version `{version}` of the protocol, this program version `{}`",
-        shared_proto::VERSION
+        "the board speaks version `{0}` of the protocol, this program version `{VERSION}`",
+        VERSION = shared_proto::VERSION
     )]
-    OtherVersion {
-        /// The board's version.
-        version: u8,
-    },
+    OtherVersion(u8),
 }
 
 impl Recognition {
@@ -129,7 +129,7 @@ impl Recognition {
         };
         let Some(protocol) = found else { return Ok(None) };
         if let Some(version) = other_version(protocol, &self.bytes) {
-            return Err(NoFrame::OtherVersion { version });
+            return Err(NoFrame::OtherVersion(version));
         }
         Ok(Some((protocol, std::mem::take(&mut self.bytes))))
     }
@@ -138,7 +138,7 @@ impl Recognition {
         let bytes = self.bytes.len();
         match (self.asked_for, detect(&self.bytes)) {
             (Some(asked_for), Some(found)) => NoFrame::OtherProtocol { bytes, asked_for, found },
-            _ => NoFrame::Any { bytes },
+            _ => NoFrame::Any(bytes),
         }
     }
 }

@@ -27,14 +27,14 @@
 
 use std::collections::VecDeque;
 
-use super::edges::BoardEdge;
 use super::forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
 use super::reception::{BoardFrame, Measured};
+use super::sequence::BoardEdge;
 use super::simultaneous::Simultaneous;
 use forces::ForceError;
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
 use shell_data::block::FrameLabel;
-use shell_data::wrench::{Axes, AxisValues};
+use shell_data::wrench::Axes;
 
 /// Marks and labels for frames that have not been written.
 #[derive(Clone, Debug, Default)]
@@ -54,7 +54,7 @@ pub(crate) struct RowWriter {
     holds_readings: bool,
     /// Whether frames have sequence numbers: all but those of the original board.
     is_numbered: bool,
-    forces: Option<RunningForces>,
+    pub(crate) forces: Option<RunningForces>,
     last_index: Option<i64>,
     /// Whether there is a column for labels.
     has_labels: bool,
@@ -62,8 +62,6 @@ pub(crate) struct RowWriter {
     has_rssi: bool,
     /// What the board has said last, °C.
     temperature_c: Option<f64>,
-    /// Frames that hold something else than the columns.
-    pub(crate) other_content: u64,
 }
 
 impl RowWriter {
@@ -92,7 +90,6 @@ impl RowWriter {
             has_rssi: first.rssi_dbm.is_some(),
             simultaneous: Simultaneous::new(as_sampled),
             has_labels,
-            other_content: 0,
             temperature_c: None,
         })
     }
@@ -130,7 +127,8 @@ impl RowWriter {
     }
 
     /// Appends the rows of a batch of frames, in the order of their indices, and empties it. The last
-    /// frames may wait for those after them, until `ended`.
+    /// frames may wait for those after them, until `ended`. Returns how many were left out, for they hold something else
+    /// than the columns.
     ///
     /// # Errors
     /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
@@ -140,11 +138,11 @@ impl RowWriter {
         ended: bool,
         annotations: &mut Annotations,
         text: &mut Vec<u8>,
-    ) -> Result<(), ForceError> {
+    ) -> Result<u64, ForceError> {
         frames.sort_by_key(|frame| frame.index);
         let before = frames.len();
         frames.retain(|frame| frame.measured.readings().is_some() == self.holds_readings);
-        self.other_content += (before - frames.len()) as u64;
+        let other_content = (before - frames.len()) as u64;
         let frames = match self.is_numbered {
             true => self.simultaneous.take(frames.drain(..), ended),
             false => std::mem::take(frames),
@@ -195,12 +193,7 @@ impl RowWriter {
             text.extend_from_slice(flags.join(" ").as_bytes());
             text.push(b'\n');
         }
-        Ok(())
-    }
-
-    /// The newest wrench, where there are forces.
-    pub(crate) fn newest_wrench(&self) -> Option<AxisValues<f64>> {
-        self.forces.as_ref().and_then(RunningForces::newest)
+        Ok(other_content)
     }
 }
 

@@ -1,4 +1,8 @@
-//! Putting numbered samples back in order: what is missing, double or late.
+//! Putting numbered samples back in order: what is missing, double or late; and edges at the sync input on their time.
+
+use std::collections::VecDeque;
+
+use shared_proto::Edge;
 
 /// How far behind the newest sample one may arrive and still be distinguished from a repeat.
 ///
@@ -8,11 +12,8 @@ pub(super) const WINDOW: u32 = u128::BITS;
 /// How a sample arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Arrival {
-    /// Newer than any before.
-    InOrder {
-        /// Samples between it and the newest before that have not arrived (yet).
-        missing: u64,
-    },
+    /// Newer than any before; samples between them have not arrived (yet).
+    InOrder,
     /// After a newer one; it was counted as missing until now.
     Late,
     /// Arrived before.
@@ -72,7 +73,7 @@ impl Tracker {
         self.arrived = 1;
         self.distinct += 1;
         self.gaps += u64::from(sent > 1);
-        (index, Arrival::InOrder { missing: sent.saturating_sub(1) })
+        (index, Arrival::InOrder)
     }
 
     /// The index of a sample, which does not wrap, and how it arrived.
@@ -85,7 +86,7 @@ impl Tracker {
             self.offset = first - i64::from(sequence);
             (self.newest, self.oldest) = (Some(first), first);
             (self.arrived, self.distinct) = (1, 1);
-            return (first, Arrival::InOrder { missing: 0 });
+            return (first, Arrival::InOrder);
         };
         let step = sequence.wrapping_sub((newest - self.offset) as u16) as i16;
         let index = newest + i64::from(step);
@@ -95,7 +96,7 @@ impl Tracker {
             self.newest = Some(index);
             self.distinct += 1;
             self.gaps += u64::from(step > 1);
-            return (index, Arrival::InOrder { missing: u64::from(step - 1) });
+            return (index, Arrival::InOrder);
         }
         let back = u32::from(step.unsigned_abs());
         if back >= WINDOW {
@@ -115,6 +116,67 @@ impl Tracker {
     }
 }
 
+/// Most edges that wait for a row. A board sends at most some hundred in a second, and has a row in ten.
+const MOST_WAITING: usize = 4096;
+
+/// An edge at the board's sync input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BoardEdge {
+    /// The edges that the board had seen before, unwrapped.
+    pub number: i64,
+    /// When it was, on the clock of the frames, µs.
+    pub time_us: i64,
+}
+
+/// Edges that have arrived, until a frame takes them: every frame takes one.
+#[derive(Clone, Debug, Default)]
+pub(super) struct EdgeTracker {
+    tracker: Tracker,
+    /// Number, unwrapped, and the board's clock.
+    waiting: VecDeque<(i64, u32)>,
+    /// Edges that no frame has taken and none will.
+    left_out: u64,
+}
+
+impl EdgeTracker {
+    /// An edge has arrived.
+    pub(super) fn take(&mut self, edge: Edge) {
+        let (number, arrival) = self.tracker.position(edge.number);
+        if arrival == Arrival::Duplicate {
+            return;
+        }
+        if self.waiting.len() >= MOST_WAITING {
+            self.waiting.pop_front();
+            self.left_out += 1;
+        }
+        self.waiting.push_back((number, edge.clock_us));
+    }
+
+    /// The board has started: its numbers begin anew, and what it has said before has no frame after it.
+    pub(super) fn restart(&mut self) {
+        self.tracker.restart(0);
+        self.left_out += self.waiting.drain(..).count() as u64;
+    }
+
+    /// The edge for a frame with this clock and time. The clock wraps around every 71.6 min; an edge is within
+    /// half of that of the frame that takes it.
+    pub(super) fn give(&mut self, clock_us: u32, time_us: i64) -> Option<BoardEdge> {
+        let (number, at_us) = self.waiting.pop_front()?;
+        let since_us = i64::from(at_us.wrapping_sub(clock_us).cast_signed());
+        Some(BoardEdge { number, time_us: time_us + since_us })
+    }
+
+    /// Edges that the board has seen and that are not here, nor will be.
+    pub(super) fn missing(&self) -> u64 {
+        self.tracker.missing()
+    }
+
+    /// Edges that have arrived and that no frame has taken.
+    pub(super) fn left_out(&self) -> u64 {
+        self.left_out + self.waiting.len() as u64
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -127,7 +189,7 @@ mod tests {
         (tracker, placed)
     }
 
-    const NEXT: Arrival = Arrival::InOrder { missing: 0 };
+    const NEXT: Arrival = Arrival::InOrder;
 
     #[test]
     fn numbers_in_order_have_no_losses_across_the_wrap() {
@@ -138,15 +200,12 @@ mod tests {
 
     #[test]
     fn a_late_sample_fills_its_gap_and_a_second_one_is_a_duplicate() {
+        let (tracker, _) = placed(&[10, 13]);
+        assert_eq!((tracker.missing(), tracker.gaps), (2, 1));
         let (tracker, placed) = placed(&[10, 13, 11, 11, 14]);
         assert_eq!(
             placed[1..],
-            [
-                (13, Arrival::InOrder { missing: 2 }),
-                (11, Arrival::Late),
-                (11, Arrival::Duplicate),
-                (14, NEXT)
-            ]
+            [(13, NEXT), (11, Arrival::Late), (11, Arrival::Duplicate), (14, NEXT)]
         );
         assert_eq!((tracker.missing(), tracker.gaps), (1, 1));
         assert_eq!((tracker.duplicates, tracker.reordered), (1, 1));
@@ -172,8 +231,25 @@ mod tests {
         tracker.position(40_000);
         tracker.restart(0);
         assert_eq!(tracker.position(3), (40_001, NEXT));
-        assert_eq!(tracker.position(5), (40_003, Arrival::InOrder { missing: 1 }));
+        assert_eq!(tracker.position(5), (40_003, NEXT));
         assert_eq!((tracker.restarts, tracker.missing()), (1, 1));
+    }
+
+    #[test]
+    fn edges_are_given_out_once_with_their_times_across_the_wrap_of_the_clock() {
+        let mut edges = EdgeTracker::default();
+        for (number, clock_us) in [(65_535, u32::MAX - 9), (65_535, u32::MAX - 9), (0, 20)] {
+            edges.take(Edge { number, clock_us });
+        }
+        // A frame at clock 10, which is 5 s on the time of the recording.
+        let at = |number, time_us| Some(BoardEdge { number, time_us });
+        assert_eq!(edges.give(10, 5_000_000), at(65_535, 4_999_980));
+        assert_eq!(edges.give(110, 5_000_100), at(65_536, 5_000_010));
+        assert_eq!(edges.give(210, 5_000_200), None);
+        edges.take(Edge { number: 3, clock_us: 250 });
+        assert_eq!((edges.missing(), edges.left_out()), (2, 1));
+        edges.restart();
+        assert_eq!((edges.give(0, 0), edges.left_out()), (None, 1));
     }
 
     proptest! {

@@ -127,7 +127,7 @@ impl Timeline {
         let time_us = self.newest.map_or(i64::from(stamp.clock_us), |(newest, newest_us)| {
             newest_us + i64::from(newest.step_to(&stamp).clock_us.cast_signed())
         });
-        if matches!(arrival, Arrival::InOrder { .. }) {
+        if arrival == Arrival::InOrder {
             if let Some((newest, _)) = self.newest {
                 self.period.observe(&newest.step_to(&stamp));
             }

@@ -11,10 +11,9 @@
 //!
 //! Plain HTTP 1.1, one request for each connection, and nothing of it that this does not need: no bodies, no
 //! files, no cookies. Every request has to carry the token of the server, and a `Host` that no other site
-//! can have (`access`). It knows nothing of what is shown; docs/adr/0009-live-in-a-browser.md says why it is
+//! can have (`request`). It knows nothing of what is shown; docs/adr/0009-live-in-a-browser.md says why it is
 //! own code, and why it is no WebSocket.
 
-mod access;
 mod request;
 mod server;
 

@@ -1,4 +1,7 @@
-//! The head of a request, and what may be wrong with it.
+//! The head of a request, what may be wrong with it, and who may ask.
+
+use std::hint::black_box;
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 
 /// The longest head of a request, bytes: that of a browser has about one thousand.
 pub(super) const LONGEST: usize = 8192;
@@ -46,11 +49,9 @@ pub(super) struct Request<'a> {
     pub(super) host: &'a str,
 }
 
-/// Where the head of a request ends, its empty line included; bytes before `from` were looked at.
-pub(super) fn end_of_head(bytes: &[u8], from: usize) -> Option<usize> {
-    let from = from.saturating_sub(3).min(bytes.len());
-    let position = bytes[from..].windows(4).position(|window| window == b"\r\n\r\n")?;
-    Some(from + position + 4)
+/// Where the head of a request ends, its empty line included.
+pub(super) fn end_of_head(bytes: &[u8]) -> Option<usize> {
+    bytes.windows(4).position(|window| window == b"\r\n\r\n").map(|position| position + 4)
 }
 
 /// Reads a whole head.
@@ -92,6 +93,26 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
     Ok(Request { method, path, token, host: host.ok_or(HttpRefusal::MALFORMED)? })
+}
+
+/// Whether two secrets are the same, in a time that does not tell where they differ.
+pub(super) fn is_same(given: &str, secret: &str) -> bool {
+    let pairs = given.bytes().zip(secret.bytes());
+    let difference = pairs.fold(0, |difference, (a, b)| black_box(difference | (a ^ b)));
+    given.len() == secret.len() && difference == 0
+}
+
+/// Whether a `Host` is one that no other site can have: an address, or `localhost`.
+///
+/// A page of another site could let its own name point to this machine ("DNS rebinding"), and would then
+/// be taken for ours by the browser. It has to send that name.
+pub(super) fn is_host_ours(host: &str) -> bool {
+    let bare = host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
+    let (name, port) = host.split_once(':').unwrap_or((host, "0"));
+    host.parse::<SocketAddr>().is_ok()
+        || host.parse::<Ipv4Addr>().is_ok()
+        || bare.is_some_and(|address| address.parse::<Ipv6Addr>().is_ok())
+        || name.eq_ignore_ascii_case("localhost") && port.parse::<u16>().is_ok()
 }
 
 #[cfg(test)]
@@ -148,11 +169,31 @@ mod tests {
     fn the_end_of_a_head_is_found_however_it_arrives() {
         let head = b"GET / HTTP/1.1\r\nHost: a\r\n\r\nrest";
         let end = head.len() - 4;
-        assert_eq!(end_of_head(head, 0), Some(end));
-        for looked_at in 0..end {
-            assert_eq!(end_of_head(&head[..looked_at], 0), None);
-            assert_eq!(end_of_head(head, looked_at), Some(end), "{looked_at}");
+        assert_eq!(end_of_head(head), Some(end));
+        (0..end).for_each(|arrived| assert_eq!(end_of_head(&head[..arrived]), None, "{arrived}"));
+    }
+
+    #[test]
+    fn only_the_whole_secret_is_the_secret() {
+        assert!(is_same("0123abcd", "0123abcd"));
+        for other in ["", "0123abc", "0123abcd0", "0123abce", "1123abcd", "0123ABCD"] {
+            assert!(!is_same(other, "0123abcd"), "{other}");
         }
-        assert_eq!(end_of_head(b"", 7), None);
+    }
+
+    #[test]
+    fn addresses_are_ours_and_names_are_not() {
+        let ours =
+            ["127.0.0.1:80", "127.0.0.1", "localhost", "LocalHost:8080", "[::1]:9", "[fe80::1]"];
+        for host in ours.into_iter().chain(["192.168.1.7:5000"]) {
+            assert!(is_host_ours(host), "{host}");
+        }
+        let others =
+            ["", "evil.example", "evil.example:80", "127.0.0.1.evil.example", "localhost."];
+        let damaged = ["::1", "[::1", "[::1]x", "[127.0.0.1]", "127.0.0.1:", "127.0.0.1:x", "[]:1"];
+        let more = ["127.0.0.1:70000", "127.0.0.1@evil.example", "localhost:80:80", " localhost"];
+        for host in others.into_iter().chain(damaged).chain(more) {
+            assert!(!is_host_ours(host), "{host}");
+        }
     }
 }

@@ -7,8 +7,9 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::access::{is_host_ours, is_same};
-use super::request::{HttpRefusal, LONGEST, RequestMethod, end_of_head, parse};
+use super::request::{
+    HttpRefusal, LONGEST, RequestMethod, end_of_head, is_host_ours, is_same, parse,
+};
 use shell_data::lock::lock;
 
 /// Connections that may see something, at a time; a page needs one, and a second for a moment.
@@ -308,7 +309,6 @@ fn read_head<'a>(
             return Err(Some(HttpRefusal::TOO_SLOW));
         }
         stream.set_read_timeout(Some(left)).map_err(|_| None)?;
-        let looked_at = length;
         match stream.read(&mut buffer[length..]) {
             Ok(0) if length == 0 => return Err(None),
             Ok(0) => return Err(Some(HttpRefusal::MALFORMED)),
@@ -321,7 +321,7 @@ fn read_head<'a>(
                 _ => return Err(None),
             },
         }
-        if let Some(end) = end_of_head(&buffer[..length], looked_at) {
+        if let Some(end) = end_of_head(&buffer[..length]) {
             return Ok(&buffer[..end]);
         }
         if length == buffer.len() {

@@ -79,7 +79,8 @@ impl FrontEnd for SimulatedInstrument {
         self.lit = channel;
     }
 
-    async fn sum(&mut self, channel: usize, conversions: u8) -> u32 {
+    async fn sum(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32 {
+        self.clock.wait_until_us(self.clock.now_us() + u64::from(settling_us)).await;
         let now_us = self.clock.now_us();
         let burst_us = (u64::from(conversions) * u64::from(CONVERSION_NS)).div_ceil(1000);
         let seen = match self.lit {

@@ -25,7 +25,6 @@ use std::thread;
 
 use firmware::{
     BoardSetup, LastWords, NoChip, RECORD, Record, Station, Storage, StorageError, VERSION,
-    Watchdog,
 };
 use shared_proto::{Board, Identity, ResetCause};
 
@@ -127,7 +126,8 @@ impl SimulatedBoard {
             let from_host = (receiver, SlotMemory(None));
             let mut record = [0; RECORD];
             let station = Station::new(setup(unit_seed), clock.clone(), &mut record);
-            clock.run(station.run(front_end, to_host, from_host, sync_input, NoWatchdog));
+            // A stopped process is not a board that hangs: there is no watchdog.
+            clock.run(station.run(front_end, to_host, from_host, sync_input, || {}));
         });
         Ok(Self { port, radios })
     }
@@ -185,11 +185,4 @@ impl Storage for SlotMemory {
         self.0 = Some(*record);
         Ok(())
     }
-}
-
-/// A stopped process is not a board that hangs.
-struct NoWatchdog;
-
-impl Watchdog for NoWatchdog {
-    fn feed(&mut self) {}
 }

@@ -1,15 +1,8 @@
 //! Pins, clocks and interrupts of the Nucleo-G491RE.
 
-use crate::stm32::converter::{Converter, EndOfBurst};
-use crate::stm32::front_end::{Inputs, Photointerrupters, emitters};
 use crate::stm32::start;
-use crate::stm32::time::Independent;
-use embassy_stm32::adc::{Adc, AdcChannel, AdcConfig, SampleTime};
-use embassy_stm32::flash::Flash;
-use embassy_stm32::gpio::Pull;
-use embassy_stm32::interrupt::typelevel;
-use embassy_stm32::usart::{self, Uart};
-use embassy_stm32::{Config, dma, exti, pac, peripherals, rcc, rng};
+use embassy_stm32::adc::{AdcConfig, SampleTime};
+use embassy_stm32::{Config, pac, rcc};
 use shared_proto::Board;
 
 /// 2.3 µs, for Δ of the flicker to be that of the SkinProc board. A source of 10 kΩ into the converter's 5 pF and

@@ -1,15 +1,8 @@
 //! Pins, clocks and interrupts of the SkinProc board.
 
-use crate::stm32::converter::{Converter, EndOfBurst};
-use crate::stm32::front_end::{Inputs, Photointerrupters, emitters};
 use crate::stm32::start;
-use crate::stm32::time::Independent;
-use embassy_stm32::adc::{Adc, AdcChannel, SampleTime};
-use embassy_stm32::flash::Flash;
-use embassy_stm32::gpio::Pull;
-use embassy_stm32::interrupt::typelevel;
-use embassy_stm32::usart::{self, Uart};
-use embassy_stm32::{Config, dma, exti, pac, peripherals, rcc, rng};
+use embassy_stm32::adc::SampleTime;
+use embassy_stm32::{Config, pac, rcc};
 use shared_proto::Board;
 
 /// Longer than the converter needs for a source of 10 kΩ (DS11451, table "Maximum ADC RAIN").

@@ -12,14 +12,16 @@ use core::future::poll_fn;
 use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, compiler_fence};
 use core::task::Poll;
 
-use super::settling::{self, SettlingTimer};
 use embassy_stm32::Peri;
 use embassy_stm32::adc::Adc;
 use embassy_stm32::gpio::Output;
 use embassy_stm32::interrupt::typelevel::{Binding, Handler, Interrupt};
 use embassy_stm32::pac;
 use embassy_stm32::pac::adc::regs::{Cfgr2, Sqr1};
+use embassy_stm32::pac::timer::vals::{Mms, Urs};
 use embassy_stm32::peripherals::{ADC1, TIM6};
+use embassy_stm32::time::Hertz;
+use embassy_stm32::timer::low_level::Timer;
 use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::waitqueue::AtomicWaker;
@@ -129,7 +131,7 @@ impl ConverterState {
         let trigger = self.trigger.load(Ordering::Relaxed);
         pac::ADC1.cfgr().modify(|config| config.0 |= trigger);
         start_burst(); // at the trigger
-        settling::start();
+        start_settling();
     }
 }
 
@@ -259,4 +261,35 @@ impl Converter {
         .await;
         self.last_us = Some(Instant::now().as_micros());
     }
+}
+
+/// TIM6: the time in which an emitter settles (RM0394, chapter 29; RM0440, chapter 30).
+///
+/// It counts µs once, and its update is the trigger output, at which the converter starts.
+struct SettlingTimer(Timer<'static, TIM6>);
+
+impl SettlingTimer {
+    fn new(timer: Peri<'static, TIM6>) -> Self {
+        let mut timer = Timer::new(timer);
+        timer.set_tick_freq(Hertz::mhz(1));
+        // One pulse; only the end of the count is an update.
+        timer.regs_core().cr1().modify(|control| {
+            control.set_opm(true);
+            control.set_urs(Urs::COUNTER_ONLY);
+        });
+        timer.regs_basic().cr2().modify(|control| control.set_mms(Mms::UPDATE));
+        Self(timer)
+    }
+
+    /// From now on it counts so many µs, at least two: it does not count to zero.
+    fn set(&self, us: u16) {
+        let timer = self.0.regs_core();
+        timer.arr().write(|reload| reload.set_arr(us.saturating_sub(1).max(1)));
+        timer.cnt().write(|count| count.set_cnt(0));
+    }
+}
+
+/// Lets the timer count. For the converter's interrupt, while the task that has the timer waits for that.
+fn start_settling() {
+    pac::TIM6.cr1().modify(|control| control.set_cen(true));
 }

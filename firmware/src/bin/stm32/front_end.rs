@@ -1,12 +1,11 @@
 //! Eight emitters, and the inputs of the converter that look at them.
+#![expect(unsafe_code, reason = "two codes are read from the system memory")]
 
 use super::converter::{Converter, light};
-use super::factory;
-use embassy_stm32::Peri;
-use embassy_stm32::adc::AnyAdcChannel;
-use embassy_stm32::gpio::{AnyPin, Level, Output, Speed};
+use embassy_stm32::adc::AdcChannel;
+use embassy_stm32::pac;
 use embassy_stm32::peripherals::ADC1;
-use firmware::{Clock, Factory, FrontEnd};
+use firmware::{Factory, FrontEnd};
 use shared_proto::{CHANNELS, Vitals};
 
 /// Conversions of reference and of thermometer, which together take less than [`firmware::VITALS_US`].
@@ -19,19 +18,9 @@ pub(crate) struct Inputs {
     pub(crate) thermometer: u8,
 }
 
-impl Inputs {
-    pub(crate) fn new(
-        channels: [AnyAdcChannel<'static, ADC1>; CHANNELS],
-        reference: AnyAdcChannel<'static, ADC1>,
-        thermometer: AnyAdcChannel<'static, ADC1>,
-    ) -> Self {
-        let number = |input: AnyAdcChannel<'static, ADC1>| input.get_hw_channel();
-        Self {
-            channels: channels.map(number),
-            reference: number(reference),
-            thermometer: number(thermometer),
-        }
-    }
+/// The number of an input that is ready to be converted.
+pub(crate) fn input_number(input: impl AdcChannel<ADC1>) -> u8 {
+    input.degrade_adc().get_hw_channel()
 }
 
 /// Photointerrupters on ADC1.
@@ -44,20 +33,8 @@ pub(crate) struct Photointerrupters {
 impl Photointerrupters {
     /// With emitters that are off.
     pub(crate) fn new(converter: Converter, inputs: Inputs) -> Self {
-        Self { converter, inputs, factory: factory::codes() }
+        Self { converter, inputs, factory: factory_codes() }
     }
-
-    async fn sum_after(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32 {
-        match self.inputs.channels.get(channel) {
-            Some(&input) => self.converter.sum(input, conversions, settling_us).await,
-            None => 0,
-        }
-    }
-}
-
-/// Emitters at these pins, which are off.
-pub(crate) fn emitters(pins: [Peri<'static, AnyPin>; CHANNELS]) -> [Output<'static>; CHANNELS] {
-    pins.map(|pin| Output::new(pin, Level::Low, Speed::Low))
 }
 
 impl FrontEnd for Photointerrupters {
@@ -65,27 +42,14 @@ impl FrontEnd for Photointerrupters {
         (0..CHANNELS).for_each(|emitter| light(emitter as u8, channel == Some(emitter)));
     }
 
-    async fn sum(&mut self, channel: usize, conversions: u8) -> u32 {
-        self.sum_after(0, channel, conversions).await
+    async fn sum(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32 {
+        match self.inputs.channels.get(channel) {
+            Some(&input) => self.converter.sum(input, conversions, settling_us).await,
+            None => 0,
+        }
     }
 
-    async fn settle_and_sum<C: Clock>(
-        &mut self,
-        _clock: &C,
-        settling_us: u16,
-        channel: usize,
-        conversions: u8,
-    ) -> u32 {
-        self.sum_after(settling_us, channel, conversions).await
-    }
-
-    async fn expose<C: Clock>(
-        &mut self,
-        _clock: &C,
-        settling_us: u16,
-        channel: usize,
-        conversions: u8,
-    ) -> [u32; 3] {
+    async fn expose(&mut self, settling_us: u16, channel: usize, conversions: u8) -> [u32; 3] {
         let input = self.inputs.channels.get(channel).copied().zip(u8::try_from(channel).ok());
         let Some((input, emitter)) = input else { return [0; 3] };
         self.converter.expose(input, emitter, conversions, settling_us).await
@@ -98,4 +62,16 @@ impl FrontEnd for Photointerrupters {
         let thermometer = self.converter.sum(thermometer, VITAL_CONVERSIONS, 0).await;
         self.factory.vitals(reference, thermometer, VITAL_CONVERSIONS)
     }
+}
+
+/// Codes of the thermometer at 30 °C and at 130 °C (DS11451, table "Temperature sensor calibration
+/// values").
+const COLD: *const u16 = 0x1FFF_75A8 as *const u16;
+const HOT: *const u16 = 0x1FFF_75CA as *const u16;
+
+/// What the factory has written into the chip about its thermometer and its reference.
+fn factory_codes() -> Factory {
+    // SAFETY: both addresses are in the system memory of this chip, which can always be read.
+    let (cold, hot) = unsafe { (COLD.read_volatile(), HOT.read_volatile()) };
+    Factory { reference: pac::VREFINTCAL.data().read(), cold, hot }
 }

@@ -1,11 +1,17 @@
-//! What the firmware says when it cannot go on, kept in RAM across the reset that follows.
-#![expect(unsafe_code, reason = "RAM that start-up does not clear is reached by a pointer")]
+//! What the firmware says when it cannot go on, kept in RAM across the reset that follows: the message of a panic, or what
+//! the core says of an instruction that it cannot execute, or of a stack that is too deep.
+//!
+//! There is no memory below the stack (memory/stm32.x). One that grows out of it is a fault, and what
+//! the core would keep of it on the stack is lost with it: the handler begins with a stack of its own.
+#![expect(unsafe_code, reason = "RAM that start-up does not clear, and a handler in assembly")]
 
+use core::arch::global_asm;
 use core::fmt::{self, Write};
 use core::mem::MaybeUninit;
 use core::panic::PanicInfo;
 use core::ptr::addr_of_mut;
 
+use cortex_m_rt::ExceptionFrame;
 use firmware::LastWords;
 use shared_proto::ResetCause;
 
@@ -35,11 +41,9 @@ pub(crate) fn take() -> Option<(ResetCause, LastWords)> {
         addr_of_mut!((*words).mark).write_volatile(0);
         read
     };
-    let cause = ResetCause::from_code(mark as u8);
-    let is_marked = mark == MARK | u32::from(cause.code());
-    let is_end = is_marked && matches!(cause, ResetCause::Panic | ResetCause::Fault);
-    let text = text.get(..len).filter(|_| is_end)?;
-    Some((cause, LastWords::from_bytes(text)))
+    let ends = [ResetCause::Panic, ResetCause::Fault];
+    let cause = ends.into_iter().find(|cause| mark == MARK | u32::from(cause.code()))?;
+    Some((cause, LastWords::from_bytes(text.get(..len)?)))
 }
 
 /// Keeps the words and resets the board, for this cause.
@@ -60,4 +64,47 @@ pub(crate) fn leave(cause: ResetCause, said: fmt::Arguments<'_>) -> ! {
 #[panic_handler]
 fn panic(info: &PanicInfo<'_>) -> ! {
     leave(ResetCause::Panic, format_args!("{info}"))
+}
+
+/// Configurable fault status register: what was wrong (Arm DDI0403, B3.2.15).
+const CFSR: *const u32 = 0xE000_ED28 as *const u32;
+
+// SAFETY: defined by memory/stm32.x. It has an address only, which is taken below.
+unsafe extern "C" {
+    safe static _stack_end: u8;
+}
+
+// Takes the place of the handler of cortex-m-rt, which would push onto the stack that there is.
+global_asm!(
+    ".section .HardFault.guarded, \"ax\", %progbits",
+    ".global HardFault",
+    ".type HardFault, %function",
+    ".thumb_func",
+    "HardFault:",
+    "mrs r0, MSP",
+    "ldr r1, =_stack_end",
+    "cmp r0, r1",
+    "bhs 1f",
+    "ldr r1, =_stack_start",
+    "msr MSP, r1",
+    "1:",
+    "b {on_fault}",
+    ".ltorg",
+    ".size HardFault, . - HardFault",
+    on_fault = sym on_fault,
+);
+
+/// Keeps what is known: `frame` is where the stack pointer was.
+extern "C" fn on_fault(frame: *const ExceptionFrame) -> ! {
+    // SAFETY: a register of every Cortex-M4, aligned, and reading it has no effect.
+    let status = unsafe { CFSR.read_volatile() };
+    if frame.addr() < (&raw const _stack_end).addr() {
+        let words = format_args!("stack overflow, down to {frame:p}, CFSR {status:#010x}");
+        leave(ResetCause::Fault, words)
+    }
+    // SAFETY: the stack pointer is in the stack, so the core has pushed a frame there.
+    let frame = unsafe { &*frame };
+    let (pc, lr) = (frame.pc(), frame.lr());
+    let words = format_args!("fault at {pc:#010x}, called from {lr:#010x}, CFSR {status:#010x}");
+    leave(ResetCause::Fault, words)
 }

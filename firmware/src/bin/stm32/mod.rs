@@ -6,16 +6,9 @@
 
 mod bootloader;
 pub(crate) mod converter;
-mod ecc;
-mod factory;
-mod faults;
 pub(crate) mod front_end;
 mod last_words;
-mod line;
-mod pages;
-mod settling;
 pub(crate) mod start;
 mod storage;
 mod sync_input;
 mod tasks;
-pub(crate) mod time;

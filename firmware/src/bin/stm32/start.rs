@@ -5,8 +5,7 @@ use super::front_end::Photointerrupters;
 use super::last_words;
 use super::storage::Area;
 use super::sync_input;
-use super::tasks::{self, Stm32Station};
-use super::time::{EmbassyClock, Independent};
+use super::tasks::{self, EmbassyClock, Stm32Station};
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
 use embassy_stm32::exti::ExtiInput;
@@ -14,35 +13,33 @@ use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::gpio::Pull;
 use embassy_stm32::interrupt::{InterruptExt, Priority};
 use embassy_stm32::mode::Async;
-use embassy_stm32::peripherals::RNG;
+use embassy_stm32::peripherals::{IWDG, RNG};
 use embassy_stm32::rng::Rng;
 use embassy_stm32::usart::{self, Uart};
+use embassy_stm32::wdg::IndependentWatchdog;
 use embassy_stm32::{Config, interrupt, pac, rcc, uid};
 use embassy_time::{Duration, with_timeout};
 use firmware::{BoardSetup, LastWords, RECORD, Slots, Station, VERSION, baud};
 use shared_proto::{Board, Identity, ResetCause};
 use static_cell::{ConstStaticCell, StaticCell};
 
-/// How the run before has ended.
-pub(crate) struct Past {
-    cause: ResetCause,
-    last_words: Option<LastWords>,
+/// The watchdog resets the board unless it is fed within this time.
+pub(crate) const WATCHDOG_US: u32 = 1_000_000;
+
+/// How the run before has ended: the cause of the reset, and what was said before it.
+///
+/// To be called once, first of all: what is left of the past is forgotten.
+pub(crate) fn past() -> (ResetCause, Option<LastWords>) {
+    let (end, last_words) = last_words::take().unzip();
+    let cause = reset_cause();
+    (end.unwrap_or(cause), last_words)
 }
 
-impl Past {
-    /// To be called once, first of all: what is left of the past is forgotten.
-    pub(crate) fn take() -> Self {
-        let (end, last_words) = last_words::take().unzip();
-        let cause = reset_cause();
-        Self { cause: end.unwrap_or(cause), last_words }
-    }
-
-    /// Says so to a debug probe. The clocks have to be set.
-    pub(crate) fn log(&self) {
-        defmt::info!("firmware {}, reset cause {}", VERSION, self.cause.code());
-        if let Some(words) = &self.last_words {
-            defmt::error!("before the reset: {=str}", words.as_str());
-        }
+/// Says so to a debug probe. The clocks have to be set.
+pub(crate) fn log((cause, last_words): &(ResetCause, Option<LastWords>)) {
+    defmt::info!("firmware {}, reset cause {}", VERSION, cause.code());
+    if let Some(words) = last_words {
+        defmt::error!("before the reset: {=str}", words.as_str());
     }
 }
 
@@ -94,6 +91,16 @@ macro_rules! board {
         inputs: $($input:ident)+,
         emitters: $($emitter:ident)+,
     ) => {
+        use embassy_stm32::adc::Adc;
+        use embassy_stm32::flash::Flash;
+        use embassy_stm32::gpio::{Level, Output, Pull, Speed};
+        use embassy_stm32::interrupt::typelevel;
+        use embassy_stm32::usart::{self, Uart};
+        use embassy_stm32::wdg::IndependentWatchdog;
+        use embassy_stm32::{dma, exti, peripherals, rng};
+        use $crate::stm32::converter::{Converter, EndOfBurst};
+        use $crate::stm32::front_end::{Inputs, Photointerrupters, input_number};
+
         embassy_stm32::bind_interrupts!(struct Irqs {
             USART1 => usart::InterruptHandler<peripherals::USART1>;
             DMA1_CHANNEL4 => dma::InterruptHandler<peripherals::DMA1_CH4>;
@@ -105,22 +112,26 @@ macro_rules! board {
 
         #[embassy_executor::main]
         async fn main(spawner: embassy_executor::Spawner) {
-            let past = start::Past::take();
+            let past = start::past();
             let p = embassy_stm32::init(clocks());
-            past.log();
+            start::log(&past);
             // A debugger that halts the core is no reason for a reset.
             pac::DBGMCU.$freeze().modify(|frozen| frozen.set_iwdg(true));
-            let watchdog = Independent::start(p.IWDG);
+            // From now on the firmware has to be quick.
+            let mut watchdog = IndependentWatchdog::new(p.IWDG, start::WATCHDOG_US);
+            watchdog.unleash();
             let run = (past, start::number(rng::Rng::new(p.RNG, Irqs)).await);
 
             let adc = Adc::new(p.ADC1, $($config)?);
-            let reference = adc.enable_vrefint().degrade_adc();
-            let thermometer = adc.enable_temperature().degrade_adc();
-            let inputs = Inputs::new([$(p.$input.degrade_adc()),+], reference, thermometer);
+            let inputs = Inputs {
+                channels: [$(input_number(p.$input)),+],
+                reference: input_number(adc.enable_vrefint()),
+                thermometer: input_number(adc.enable_temperature()),
+            };
             inputs.channels.iter().for_each(|&input| set_sample_time(input, SAMPLE_TIME));
             set_sample_time(inputs.reference, SLOW_SAMPLE_TIME);
             set_sample_time(inputs.thermometer, SLOW_SAMPLE_TIME);
-            let emitters = emitters([$(p.$emitter.into()),+]);
+            let emitters = [$(Output::new(p.$emitter, Level::Low, Speed::Low)),+];
             let converter =
                 Converter::new::<typelevel::$interrupt>(adc, p.TIM6, TRIGGER, emitters, Irqs);
             let front_end = (Photointerrupters::new(converter, inputs), CONVERSION_NS);
@@ -162,8 +173,8 @@ unsafe fn TIM7() {
 pub(crate) fn tasks(
     spawner: Spawner,
     board: Board,
-    (past, start): (Past, u16),
-    watchdog: Independent,
+    ((reset_cause, last_words), start): ((ResetCause, Option<LastWords>), u16),
+    watchdog: IndependentWatchdog<'static, IWDG>,
     (front_end, conversion_ns): (Photointerrupters, u32),
     (uart, sync): (Result<Uart<'static, Async>, usart::ConfigError>, ExtiInput<'static, Async>),
     flash: Flash<'static, Blocking>,
@@ -175,8 +186,8 @@ pub(crate) fn tasks(
     let setup = BoardSetup {
         identity: Identity { board, firmware: VERSION, serial: uid::uid(), min_period_us: 1_000 },
         start,
-        reset_cause: past.cause,
-        last_words: past.last_words.unwrap_or_default(),
+        reset_cause,
+        last_words: last_words.unwrap_or_default(),
         conversion_ns,
         rate: Some(baud::FIRST),
         rates: &baud::RATES,

@@ -1,13 +1,18 @@
 //! The calibration's pages of the flash as a memory that slots are kept in.
+//!
+//! Each double word has a check code that corrects one wrong bit. Two are reported by the
+//! non-maskable interrupt and go on being so at every reading (RM0394, section 3.3.2). A loss of
+//! power while the calibration is written leaves such a double word in its pages, which is no reason
+//! not to start.
+#![expect(unsafe_code, reason = "an exception is handled, and the linker's symbols are declared")]
 
 use core::ops::Range;
+use core::sync::atomic::{AtomicBool, Ordering};
 
-use super::{ecc, pages};
 use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::pac;
-use embedded_storage::nor_flash::{
-    ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
-};
+use embassy_stm32::pac::flash::regs::Eccr;
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
 /// Bytes in a page, the least that can be erased (RM0394, table "Flash module organization").
 const PAGE: usize = 2 * 1024;
@@ -23,39 +28,29 @@ pub(crate) struct Area {
 
 impl Area {
     pub(crate) fn new(flash: Flash<'static, Blocking>) -> Self {
-        Self { flash, range: pages::range() }
+        Self { flash, range: range() }
     }
 
     /// The address of `len` bytes in the flash.
-    fn locate(&self, offset: u32, len: usize) -> Result<u32, Failed> {
+    fn locate(&self, offset: u32, len: usize) -> Result<u32, NorFlashErrorKind> {
         let inside = offset as usize + len <= self.range.len();
-        if inside { Ok(self.range.start + offset) } else { Err(Failed) }
-    }
-}
-
-/// The flash did not do it.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Failed;
-
-impl NorFlashError for Failed {
-    fn kind(&self) -> NorFlashErrorKind {
-        NorFlashErrorKind::Other
+        inside.then_some(self.range.start + offset).ok_or(NorFlashErrorKind::OutOfBounds)
     }
 }
 
 impl ErrorType for Area {
-    type Error = Failed;
+    type Error = NorFlashErrorKind;
 }
 
 impl ReadNorFlash for Area {
     const READ_SIZE: usize = 1;
 
     /// A double word with two wrong bits, as a loss of power leaves them, is an error.
-    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Failed> {
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         let start = self.locate(offset, bytes.len())?;
-        ecc::forget();
-        self.flash.blocking_read(start, bytes).map_err(|_| Failed)?;
-        if ecc::has_failed() { Err(Failed) } else { Ok(()) }
+        FAILED.store(false, Ordering::SeqCst);
+        self.flash.blocking_read(start, bytes).map_err(|_| NorFlashErrorKind::Other)?;
+        if has_failed() { Err(NorFlashErrorKind::Other) } else { Ok(()) }
     }
 
     fn capacity(&self) -> usize {
@@ -67,17 +62,17 @@ impl NorFlash for Area {
     const WRITE_SIZE: usize = 8;
     const ERASE_SIZE: usize = PAGE;
 
-    fn erase(&mut self, from: u32, to: u32) -> Result<(), Failed> {
-        let len = to.checked_sub(from).ok_or(Failed)?;
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), NorFlashErrorKind> {
+        let len = to.checked_sub(from).ok_or(NorFlashErrorKind::OutOfBounds)?;
         let start = self.locate(from, len as usize)?;
         let erased = self.flash.blocking_erase(start, start + len);
         forget_cached();
-        erased.map_err(|_| Failed)
+        erased.map_err(|_| NorFlashErrorKind::Other)
     }
 
-    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), NorFlashErrorKind> {
         let start = self.locate(offset, bytes.len())?;
-        self.flash.blocking_write(start, bytes).map_err(|_| Failed)
+        self.flash.blocking_write(start, bytes).map_err(|_| NorFlashErrorKind::Other)
     }
 }
 
@@ -89,4 +84,46 @@ fn forget_cached() {
     acr.modify(|acr| acr.set_dcrst(true));
     acr.modify(|acr| acr.set_dcrst(false));
     acr.modify(|acr| acr.set_dcen(true));
+}
+
+/// A double word of the calibration's pages could not be read.
+static FAILED: AtomicBool = AtomicBool::new(false);
+
+/// Whether a double word of the calibration's pages could not be read since.
+fn has_failed() -> bool {
+    // The interrupt is taken before what comes after the barriers (Arm DDI0403, B1.5.14).
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
+    FAILED.load(Ordering::SeqCst)
+}
+
+// SAFETY: only an atomic and a register that nobody else writes are touched.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() {
+    let eccr = pac::FLASH.eccr().read();
+    let is_ours = range().contains(&eccr.addr_ecc()) && !eccr.sysf_ecc();
+    if eccr.eccd() && is_ours {
+        let mut clear = Eccr::default();
+        clear.set_eccd(true); // cleared by writing a one
+        pac::FLASH.eccr().write_value(clear);
+        FAILED.store(true, Ordering::SeqCst);
+        return;
+    }
+    // The code itself is damaged, or the clock has failed.
+    panic!("NMI, flash ECC register {:#010x}", eccr.0);
+}
+
+/// The first byte of the flash in the core's memory (RM0394, table "Flash module organization").
+const FLASH: usize = 0x0800_0000;
+
+// SAFETY: both are defined by memory/stm32.x. They have addresses only, which are taken below.
+unsafe extern "C" {
+    safe static __calibration_start: u8;
+    safe static __calibration_end: u8;
+}
+
+/// Where the pages are, in bytes from the start of the flash.
+fn range() -> Range<u32> {
+    let offset = |symbol: *const u8| symbol.addr().wrapping_sub(FLASH) as u32;
+    offset(&raw const __calibration_start)..offset(&raw const __calibration_end)
 }

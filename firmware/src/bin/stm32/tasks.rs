@@ -1,13 +1,41 @@
-//! A task for each concern, as the library has them.
+//! A task for each concern, as the library has them, with the clock and the line that they are given.
 
+use super::bootloader;
 use super::front_end::Photointerrupters;
-use super::line::Stm32;
 use super::storage::Area;
 use super::sync_input::StampedEdges;
-use super::time::{EmbassyClock, Independent};
 use embassy_stm32::mode::Async;
+use embassy_stm32::peripherals::IWDG;
 use embassy_stm32::usart::{RingBufferedUartRx, UartTx};
-use firmware::{Slots, Station};
+use embassy_stm32::wdg::IndependentWatchdog;
+use embassy_time::{Instant, Timer};
+use firmware::{Baud, Chip, Clock, Slots, Station};
+
+pub(crate) struct EmbassyClock;
+
+impl Clock for EmbassyClock {
+    fn now_us(&self) -> u64 {
+        Instant::now().as_micros()
+    }
+
+    async fn wait_until_us(&self, at_us: u64) {
+        Timer::at(Instant::from_micros(at_us)).await;
+    }
+}
+
+/// The chip. Its bootloader listens on USART1 at PA9 and PA10, as the firmware does (AN2606, "STM32L43xxx/44xxx").
+struct Stm32;
+
+impl Chip<UartTx<'static, Async>> for Stm32 {
+    async fn set_baud(&mut self, sender: &mut UartTx<'static, Async>, rate: Baud) {
+        // The receiver has the same divider. All rates of the table can be made.
+        _ = sender.set_baudrate(rate.actual);
+    }
+
+    async fn start_bootloader(&mut self) {
+        bootloader::enter()
+    }
+}
 
 /// What the tasks share.
 pub(crate) type Stm32Station = Station<'static, EmbassyClock>;
@@ -37,6 +65,9 @@ pub(crate) async fn listen(station: &'static Stm32Station) {
 }
 
 #[embassy_executor::task]
-pub(crate) async fn watch(station: &'static Stm32Station, watchdog: Independent) {
-    station.watch(watchdog).await;
+pub(crate) async fn watch(
+    station: &'static Stm32Station,
+    mut watchdog: IndependentWatchdog<'static, IWDG>,
+) {
+    station.watch(|| watchdog.pet()).await;
 }

@@ -75,7 +75,7 @@ mod tests {
     use super::*;
 
     fn sensor(shape: f32) -> PhysicsSensor {
-        PhysicsSensor { low: -0.2, height: 1.3, shape, ..PhysicsSensor::NONE }
+        PhysicsSensor { low: -0.2, height: 1.3, shape, ..PhysicsSensor::default() }
     }
 
     #[test]

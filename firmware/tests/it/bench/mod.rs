@@ -4,7 +4,7 @@
 
 use firmware::{
     Baud, BoardSetup, Chip, Clock, FrontEnd, LastWords, RECORD, Record, SeenEdge, Station, Storage,
-    StorageError, SyncInput, Watchdog, baud,
+    StorageError, SyncInput, baud,
 };
 use shared_proto::{
     Answer, Board, BoardId, Calibration, Command, Decoder, Event, Framing, Health, Identity,
@@ -89,8 +89,9 @@ impl FrontEnd for Shared {
         self.0.lit.set((channel, self.0.now_us.get()));
     }
 
-    async fn sum(&mut self, channel: usize, conversions: u8) -> u32 {
+    async fn sum(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32 {
         let world = &self.0;
+        world.wait(world.now_us.get() + u64::from(settling_us)).await;
         let (lit, since_us) = world.lit.get();
         let now_us = world.now_us.get();
         if lit.is_some_and(|lit| lit != channel) && !world.tests_itself.get() {
@@ -194,8 +195,8 @@ impl Storage for Shared {
     }
 }
 
-impl Watchdog for Shared {
-    fn feed(&mut self) {
+impl Shared {
+    fn feed_watchdog(&self) {
         let now_us = self.0.now_us.get();
         let unfed_us = now_us - self.0.last_fed_us.replace(now_us);
         self.0.longest_unfed_us.set(self.0.longest_unfed_us.get().max(unfed_us));
@@ -260,8 +261,10 @@ impl Bench {
         let board = Box::pin(async move {
             let mut record = [0; RECORD];
             let station = Station::new(setup, shared(), &mut record);
+            let watched = shared();
+            let feed_watchdog = || watched.feed_watchdog();
             station
-                .run(shared(), (shared(), shared()), (shared(), shared()), shared(), shared())
+                .run(shared(), (shared(), shared()), (shared(), shared()), shared(), feed_watchdog)
                 .await;
         });
         let decoder = Decoder::new(Framing::Cobs);

@@ -224,7 +224,7 @@ fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outc
     for emitter in 0..CHANNELS {
         let rise = client.self_test(emitter as u8)?;
         let (number, steps) = (emitter + 1, rise[emitter]);
-        let fault = judge(emitter, &rise).err().map(|fault| fault.to_string());
+        let fault = judge(emitter, &rise).err();
         if !printer.json() {
             let passes = || {
                 format!("emitter {number} raises channel {number} by {steps} steps and no other")

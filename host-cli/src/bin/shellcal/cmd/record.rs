@@ -3,9 +3,9 @@
 use board_link::recording::protocol_name;
 use board_link::{
     AppendWriter, LogSink, RecordOptions, Recorded, RecordedBoard, RecordingProgress, Sinks,
-    Source, Unwatched, record,
+    Source, record,
 };
-use frame_stream::RowOptions;
+use frame_stream::StreamOptions;
 use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
 
@@ -81,15 +81,18 @@ impl RecordArgs {
                 .map(|file| Box::new(file) as Box<dyn LogSink>)
         };
         let forces = options.forces.clone();
-        let rows = RowOptions { forces, from_log: false, one_time: !self.as_sampled };
         let commands = self.stream.is_given().then(|| stream::commands(printer, None));
-        let beside = Box::new(Unwatched);
-        let (watcher, streamed) =
-            self.stream.watch(printer, rows, commands.transpose()?, beside)?;
+        let stream = StreamOptions {
+            forces,
+            one_time: !self.as_sampled,
+            commands: commands.transpose()?,
+            ..StreamOptions::default()
+        };
+        let (watcher, streamed) = self.stream.watch(printer, stream, None)?;
         let sinks = Sinks {
             log: self.output.as_ref().map(writer).transpose()?,
             raw: self.raw.as_ref().map(writer).transpose()?,
-            watcher: Some(watcher),
+            watcher,
         };
         let status = printer.status();
         let mut show = |progress: &RecordingProgress| {
@@ -108,7 +111,7 @@ impl RecordArgs {
 
 /// The line that is shown while it runs.
 fn describe(progress: &RecordingProgress, width: usize) -> String {
-    let RecordingProgress { elapsed, rate_hz, frames, bytes, waiting, ref losses, .. } = *progress;
+    let RecordingProgress { elapsed, rate_hz, frames, bytes, ref losses, .. } = *progress;
     let time = clock(elapsed);
     if !progress.connected {
         return format!("{time}  port is gone, waiting for it; {frames} frames so far");
@@ -122,8 +125,7 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
             // What matters least is last, and left out where there is no room.
             let mut parts = Vec::from_iter(progress.wrench.as_deref().map(forces_in_words));
             parts.extend([time, format!("{rate_hz:.1} Hz"), losses.in_words()]);
-            parts.extend([format!("{frames} frames"), format!("{waiting} waiting")]);
-            parts.push(protocol_name(protocol).to_owned());
+            parts.extend([format!("{frames} frames"), protocol_name(protocol).to_owned()]);
             while parts.len() > 1 && parts.join("  ").chars().count() > width {
                 parts.pop();
             }

@@ -8,11 +8,11 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::Instant;
 
-use board_link::{Sinks, Source, Unwatched, Watcher, record};
+use board_link::{Sinks, Source, Watcher, record};
 use clap::builder::TypedValueParser;
 use frame_stream::{
-    Destination, FrameRows, FrameStream, Readers, RowOptions, StreamCommand, StreamFormat,
-    StreamHandle, StreamOptions, StreamSummary, StreamWatcher,
+    Destination, FrameStream, Readers, StreamCommand, StreamFormat, StreamHandle, StreamOptions,
+    StreamSummary, StreamWatcher,
 };
 use log_file::Log;
 use shellcal::workflow::live::play;
@@ -104,15 +104,16 @@ impl StreamArgs {
         let source = (!from_log).then(|| Source::port(port, self.reconnect)).transpose()?;
         let at_end = self.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
-            rows: FrameRows::new(RowOptions { forces, from_log, one_time: self.one_time })?,
+            forces,
+            from_log,
+            one_time: self.one_time,
             format: self.encoding,
             rate_hz: self.rate,
             commands: Some(stream::commands(printer, at_end)?),
         };
         let readers = stream::open(printer, &self.output, self.overwrite)?;
-        let stream = FrameStream::new(options, readers);
-        let (watcher, handle) =
-            StreamWatcher::new(stream, Box::new(Unwatched), Some(Arc::clone(&stop)));
+        let stream = FrameStream::new(options, readers)?;
+        let (watcher, handle) = StreamWatcher::new(stream, None, Some(Arc::clone(&stop)));
         let ended = match (source, &log) {
             (Some(source), _) => self.record(source, Box::new(watcher), &stop, printer),
             (None, Some(log)) => self.play(log, watcher, &stop),
@@ -157,6 +158,9 @@ pub(super) fn speed() -> impl TypedValueParser<Value = f64> {
     number_within(0.001..=1000.0, ["a factor, such as 4", "a factor from 0.001 to 1000"])
 }
 
+/// Who looks on at a recording, and the end of a stream that is among them.
+type WatchedStream = (Option<Box<dyn Watcher>>, Option<StreamHandle>);
+
 /// Where rows go beside a log or a view, as JSON lines
 #[derive(Debug, clap::Args)]
 pub(crate) struct StreamToArgs {
@@ -175,10 +179,9 @@ impl StreamToArgs {
     pub(crate) fn watch(
         &self,
         printer: &Printer,
-        rows: RowOptions,
-        commands: Option<Receiver<StreamCommand>>,
-        beside: Box<dyn Watcher>,
-    ) -> anyhow::Result<(Box<dyn Watcher>, Option<StreamHandle>)> {
+        options: StreamOptions,
+        beside: Option<Box<dyn Watcher>>,
+    ) -> anyhow::Result<WatchedStream> {
         if !self.is_given() {
             return Ok((beside, None));
         }
@@ -186,13 +189,10 @@ impl StreamToArgs {
             !self.stream.contains(&Destination::Stdout),
             "only `shellcal stream` writes rows to the standard output"
         );
-        let rows = FrameRows::new(rows)?;
         let readers = open(printer, &self.stream, false)?;
-        let format = StreamFormat::JsonLines;
-        let options = StreamOptions { rows, format, rate_hz: None, commands };
-        let stream = FrameStream::new(options, readers);
+        let stream = FrameStream::new(options, readers)?;
         let (watcher, handle) = StreamWatcher::new(stream, beside, None);
-        Ok((Box::new(watcher), Some(handle)))
+        Ok((Some(Box::new(watcher)), Some(handle)))
     }
 }
 

@@ -18,7 +18,7 @@ use board_link::recording::{LiveForces, RunningForces};
 use board_link::{
     AppendWriter, LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record,
 };
-use frame_stream::RowOptions;
+use frame_stream::StreamOptions;
 use live_view::LiveModel;
 use log_file::Log;
 use output_file::OutputError;
@@ -116,9 +116,11 @@ impl LiveArgs {
         let table = self.plan.as_ref().map(read_table).transpose()?;
         let guide = table.as_ref().map(guide_through);
         // What cannot work is said before the screen is taken.
-        let stream = RowOptions { forces: forces.clone(), from_log: !is_port, one_time: false };
+        let (forces_of_stream, from_log) = (forces.clone(), !is_port);
+        let stream =
+            StreamOptions { forces: forces_of_stream, from_log, ..StreamOptions::default() };
         let view = Box::new(feed.clone());
-        let (watcher, streamed) = self.stream.watch(printer, stream, None, view)?;
+        let (watcher, streamed) = self.stream.watch(printer, stream, Some(view))?;
         let browser = self.serve.map(view::serve).transpose()?;
         ensure!(
             browser.is_some() || io::stdout().is_terminal() && io::stdin().is_terminal(),
@@ -176,7 +178,7 @@ impl LiveArgs {
         port: &str,
         forces: Option<LiveForces>,
         log: Option<Box<dyn LogSink>>,
-        watcher: Box<dyn Watcher>,
+        watcher: Option<Box<dyn Watcher>>,
         feed: Feed,
     ) -> anyhow::Result<FrameSource> {
         let labels = self.plan.is_some();
@@ -184,7 +186,7 @@ impl LiveArgs {
         let options = RecordOptions { forces, labels, duration: None, ..self.source.options()? };
         let mut source = Source::port(self.source.serial.port(port), true)?;
         Ok(Box::new(move |done| {
-            let sinks = Sinks { log, raw: None, watcher: Some(watcher) };
+            let sinks = Sinks { log, raw: None, watcher };
             let mut tell = |it: &RecordingProgress| feed.state().progress = Some(it.clone());
             record(&mut source, sinks, &options, done, &mut tell)?;
             Ok(())
@@ -192,13 +194,17 @@ impl LiveArgs {
     }
 
     /// Plays a log; which axes it has.
-    fn play(&self, mut to: Box<dyn Watcher>, feed: Feed) -> anyhow::Result<(FrameSource, Axes)> {
+    fn play(
+        &self,
+        mut watcher: Option<Box<dyn Watcher>>,
+        feed: Feed,
+    ) -> anyhow::Result<(FrameSource, Axes)> {
         let log = Log::open(&self.name, &self.mapping.mapping())?;
         let (wants_readings, axes) = (self.forces.is_given(), log.axes());
         let (read, speed) = (self.mapping.read_options(), self.speed);
         let source: FrameSource = Box::new(move |done| {
             let is_held = || feed.state().is_held;
-            let mut see = |frames: &_| to.see(frames);
+            let mut see = |frames: &_| watcher.iter_mut().for_each(|it| it.see(frames));
             play(&log, &read, wants_readings, speed, &is_held, done, &mut see)?;
             Ok(())
         });

@@ -3,20 +3,10 @@
 //! The first byte is the kind. A board that does not know a kind refuses it: for its size when an upload
 //! begins, or else for what it is at the end.
 
-mod cubic;
-mod physics;
-
-pub use self::cubic::{Cubic, FEATURES};
-pub use self::physics::{FACTOR, PRIOR, Physics, PhysicsSensor};
-
-use crate::bytes::Bytes;
-use crate::field::{Field, Reader};
+use crate::field::{Bytes, Field, Reader, fields};
 use crate::{AXES, CHANNELS};
 use core::ops::RangeInclusive;
 use crc::{CRC_32_ISO_HDLC, Crc};
-
-/// The range that a number must be in.
-type Range = RangeInclusive<f32>;
 
 /// CRC-32 of a calibration in bytes (ISO-HDLC, that of zip and PNG).
 ///
@@ -55,46 +45,32 @@ impl Calibration {
     /// The bytes to upload: kind, channels, axes, a zero, and the numbers.
     pub fn to_bytes(&self) -> CalibrationBytes {
         let mut bytes = CalibrationBytes::new();
-        let mut calibration = self.clone();
-        bytes.extend(&head(match self {
-            Self::Cubic(_) => Cubic::KIND,
-            Self::Physics(_) => Physics::KIND,
-        }));
-        // The visitor accepts every number.
-        _ = calibration.each(|number, _| {
-            number.write(&mut bytes);
-            Some(())
-        });
+        match self {
+            Self::Cubic(cubic) => {
+                bytes.extend(&head(Cubic::KIND));
+                cubic.write(&mut bytes);
+            }
+            Self::Physics(physics) => {
+                bytes.extend(&head(Physics::KIND));
+                physics.write(&mut bytes);
+            }
+        }
         bytes
     }
 
     /// A calibration from its bytes; `None` if they are of another kind or a number is not one that
     /// a calibration can have.
-    ///
-    /// The numbers are written where they stay: a copy takes 2 KiB of the board's stack.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let mut rest = Reader(bytes);
-        let kind = rest.array()?;
-        let mut calibration = if kind == head(Cubic::KIND) {
-            Self::Cubic(Cubic::BLANK)
+        let kind: [u8; 4] = rest.get()?;
+        let calibration = if kind == head(Cubic::KIND) {
+            Self::Cubic(rest.get().filter(Cubic::is_usable)?)
         } else if kind == head(Physics::KIND) {
-            Self::Physics(Physics::BLANK)
+            Self::Physics(rest.get().filter(Physics::is_usable)?)
         } else {
             return None;
         };
-        calibration.each(|number, range| {
-            *number = rest.get().filter(|number| range.contains(number))?;
-            Some(())
-        })?;
         rest.end(calibration)
-    }
-
-    /// Calls `number` for each number in its order, with the range that it is in, until one is not taken.
-    fn each(&mut self, number: impl FnMut(&mut f32, &Range) -> Option<()>) -> Option<()> {
-        match self {
-            Self::Cubic(cubic) => cubic.each(number),
-            Self::Physics(physics) => physics.each(number),
-        }
     }
 }
 
@@ -104,6 +80,147 @@ fn head(kind: u8) -> [u8; 4] {
 
 /// The bytes of a calibration.
 pub type CalibrationBytes = Bytes<{ Calibration::MAX_SIZE }>;
+
+/// Features of the model: z, z², z³ of each channel, channel by channel.
+pub const FEATURES: usize = 3 * CHANNELS;
+
+/// Powers of the readings.
+///
+/// Every reading r is made `z = (r - centre) · scale`, and the wrench is the sum of z, z², z³ of each channel
+/// times their coefficients, plus the intercept.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cubic {
+    /// Centre of each channel, in counts of a sample's readings.
+    pub centre: [f32; CHANNELS],
+    /// One over the spread of each channel, in 1/count.
+    pub scale: [f32; CHANNELS],
+    /// Per feature (z1, z1², z1³, z2, …), the coefficients of Fx, Fy, Fz in N, Mx, My, Mz in N·m.
+    pub coefficients: [[f32; AXES]; FEATURES],
+    /// What is added to each axis, in N and N·m.
+    pub intercept: [f32; AXES],
+}
+
+impl Cubic {
+    /// Its kind, the first byte.
+    const KIND: u8 = 1;
+
+    /// Length in bytes.
+    const SIZE: usize = 4 + 4 * (2 * CHANNELS + FEATURES * AXES + AXES);
+
+    fn is_usable(&self) -> bool {
+        let Self { centre, scale, coefficients, intercept } = self;
+        let parts = [&centre[..], scale, coefficients.as_flattened(), intercept];
+        parts.into_iter().flatten().all(|value| value.is_finite())
+    }
+}
+
+fields!(Cubic { centre, scale, coefficients, intercept });
+
+/// Numbers in the lower triangle of the prior's precision, row by row.
+pub const PRIOR: usize = AXES * (AXES + 1) / 2;
+
+/// Parameters of a sensor: b, a (six), lo, ln h, ln ν.
+const PARAMETERS: usize = AXES + 4;
+
+/// Numbers in the lower triangle of a factor of their covariance, row by row.
+pub const FACTOR: usize = PARAMETERS * (PARAMETERS + 1) / 2;
+
+/// Curves of the sensors.
+///
+/// A sensor answers `y = low + height·σ(offset + gains·x)^shape` with `σ(q) = 1/(1 + e⁻ᵠ)`, where
+/// `y = (r − least) · per_count` is its reading and `x` the wrench in units of `wrench_scale`. The wrench of a
+/// frame minimises `Σ (y − f(x))²/v + xᵀPx` with `P` of `prior` and `v = reading_variance +
+/// displacement_variance·(df/dq)² + |Lᵀg|²`, `g = df/d(b, a, lo, ln h, ln ν)`, `L` of `factor`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Physics {
+    /// What a wrench is divided by, in N and N·m.
+    pub wrench_scale: [f32; AXES],
+    /// The precision of the prior of the wrench in these scales: lower triangle, row by row.
+    pub prior: [f32; PRIOR],
+    /// Variance of an answer `y`.
+    pub reading_variance: f32,
+    /// Variance of the displacement `offset + gains·x`.
+    pub displacement_variance: f32,
+    /// The sensor of each channel.
+    pub sensors: [PhysicsSensor; CHANNELS],
+}
+
+/// One sensor of a [`Physics`]. One whose `per_count` is zero is left out.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PhysicsSensor {
+    /// The reading that is zero in the scale of the curve, in counts of a sample's readings.
+    pub least: f32,
+    /// What a count is in that scale.
+    pub per_count: f32,
+    /// b: the displacement without a load.
+    pub offset: f32,
+    /// a: by how much a unit of each axis displaces.
+    pub gains: [f32; AXES],
+    /// The lower plateau.
+    pub low: f32,
+    /// h: the upper plateau above it.
+    pub height: f32,
+    /// ν: how unlike the curve is at its ends.
+    pub shape: f32,
+    /// `L` of the parameters' covariance `L·Lᵀ`: lower triangle, row by row.
+    pub factor: [f32; FACTOR],
+}
+
+impl Physics {
+    /// Its kind, the first byte.
+    const KIND: u8 = 2;
+
+    /// Length in bytes.
+    const SIZE: usize = 4 + 4 * (AXES + PRIOR + 2 + CHANNELS * PhysicsSensor::NUMBERS);
+
+    /// Whether its numbers are in these ranges.
+    ///
+    /// What the board computes with stays finite in single precision while they are. They
+    /// are far from those of any sensor: the scales of the model make all that it fits of order one.
+    fn is_usable(&self) -> bool {
+        let all = |numbers: &[f32], range: RangeInclusive<f32>| {
+            numbers.iter().all(|number| range.contains(number))
+        };
+        all(&self.wrench_scale, 1e-9..=1e9)
+            && all(&self.prior, -1e12..=1e12)
+            && (1e-12..=1e6).contains(&self.reading_variance)
+            && (0.0..=1e6).contains(&self.displacement_variance)
+            && self.sensors.iter().all(|sensor| {
+                (-1e6..=1e6).contains(&sensor.least)
+                    && (0.0..=1.0).contains(&sensor.per_count)
+                    && (-1e4..=1e4).contains(&sensor.offset)
+                    && all(&sensor.gains, -1e4..=1e4)
+                    && (-1e3..=1e3).contains(&sensor.low)
+                    && (1e-3..=1e3).contains(&sensor.height)
+                    && (1e-3..=1e3).contains(&sensor.shape)
+                    && all(&sensor.factor, -1e4..=1e4)
+            })
+    }
+}
+
+fields!(Physics { wrench_scale, prior, reading_variance, displacement_variance, sensors });
+fields!(PhysicsSensor { least, per_count, offset, gains, low, height, shape, factor });
+
+impl PhysicsSensor {
+    /// Numbers of a sensor.
+    const NUMBERS: usize = 2 + PARAMETERS + FACTOR;
+}
+
+/// A channel that is left out.
+impl Default for PhysicsSensor {
+    fn default() -> Self {
+        Self {
+            least: 0.0,
+            per_count: 0.0,
+            offset: 0.0,
+            gains: [0.0; AXES],
+            low: 0.0,
+            height: 1.0,
+            shape: 1.0,
+            factor: [0.0; FACTOR],
+        }
+    }
+}
 
 #[cfg(test)]
 mod tests {

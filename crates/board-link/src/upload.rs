@@ -1,10 +1,11 @@
 //! A calibration of the host as one for the board.
 
-mod physics;
-
-use shared_proto::{AXES, CHANNELS, COUNTS_PER_LSB, Cubic, FEATURES};
+use shared_proto::{
+    AXES, CHANNELS, COUNTS_PER_LSB, Cubic, FACTOR, FEATURES, PRIOR, Physics, PhysicsSensor,
+};
 use shell_data::hint::Hint;
 
+use calibration::physics::{PhysicsModel, Sensor};
 use calibration::{Basis, Calibration, Kind, Polynomial};
 use shell_data::wrench::Axes;
 
@@ -12,28 +13,17 @@ use shell_data::wrench::Axes;
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotForBoard {
     /// It is of a kind that the board does not compute.
-    #[error(
-        "the board computes models `linear`, `cubic` and `physics`, this calibration is `{basis}`"
-    )]
-    Basis {
-        /// Its basis.
-        basis: &'static str,
-    },
+    #[error("the board computes models `linear`, `cubic` and `physics`, this calibration is `{0}`")]
+    Basis(&'static str),
     /// It is for another number of channels.
-    #[error("the board has {CHANNELS} channels, this calibration is for {channels}")]
-    Channels {
-        /// Its channels.
-        channels: usize,
-    },
+    #[error("the board has {CHANNELS} channels, this calibration is for {0}")]
+    Channels(usize),
     /// It gives fewer axes than the board sends.
     #[error(
-        "the board sends all six axes of a wrench, this calibration gives {axes}: stream readings, and \
+        "the board sends all six axes of a wrench, this calibration gives {0}: stream readings, and \
          convert them on the host"
     )]
-    Axes {
-        /// Its axes.
-        axes: Axes,
-    },
+    Axes(Axes),
     /// The board keeps no memory of past readings.
     #[error("the board computes no memory terms: stream readings, and convert them on the host")]
     MemoryTerms,
@@ -57,19 +47,17 @@ impl Hint for NotForBoard {
 pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration, NotForBoard> {
     let channels = calibration.channels();
     if channels != CHANNELS {
-        return Err(NotForBoard::Channels { channels });
+        return Err(NotForBoard::Channels(channels));
     }
     if !calibration.axes.are_all() {
-        return Err(NotForBoard::Axes { axes: calibration.axes });
+        return Err(NotForBoard::Axes(calibration.axes));
     }
     if calibration.memory.is_some() {
         return Err(NotForBoard::MemoryTerms);
     }
     let board = match calibration.kind() {
         Kind::Polynomial(polynomial) => shared_proto::Calibration::Cubic(cubic(polynomial)?),
-        Kind::Physics(model) => {
-            shared_proto::Calibration::Physics(physics::for_board(model.model()))
-        }
+        Kind::Physics(model) => shared_proto::Calibration::Physics(physics(model.model())),
     };
     // The board says no to numbers that it could not compute with.
     match shared_proto::Calibration::from_bytes(&board.to_bytes()) {
@@ -82,7 +70,7 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
 fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
     let model = polynomial.model();
     if !matches!(model.basis, Basis::Linear | Basis::Cubic) {
-        return Err(NotForBoard::Basis { basis: model.basis.name() });
+        return Err(NotForBoard::Basis(model.basis.name()));
     }
     let scaling = polynomial.scaling();
     let counts = f64::from(COUNTS_PER_LSB);
@@ -103,6 +91,67 @@ fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
         }
     }
     Ok(board)
+}
+
+/// The same model in single precision, for readings in counts of which [`COUNTS_PER_LSB`] are a step of the
+/// converter. The board solves for the wrench alone: factors that the sensors share are noise of each.
+fn physics(model: &PhysicsModel) -> Physics {
+    let model = model.without_factors();
+    let mut sensors = [PhysicsSensor::default(); CHANNELS];
+    for sensor in &model.sensors {
+        if let Some(slot) = sensors.get_mut(sensor.channel) {
+            *slot = one_for_board(sensor);
+        }
+    }
+    let mut prior = [0.0; PRIOR];
+    pack(&mut prior, |i, j| model.lambda * model.load_precision[i][j], AXES);
+    Physics {
+        wrench_scale: model.wrench_scale.map(|scale| scale as f32),
+        prior,
+        reading_variance: model.noise.reading as f32,
+        displacement_variance: model.noise.displacement as f32,
+        sensors,
+    }
+}
+
+fn one_for_board(sensor: &Sensor) -> PhysicsSensor {
+    let [offset, fx, fy, fz, mx, my, mz, low, ln_height, ln_shape] = sensor.parameters;
+    let counts = f64::from(COUNTS_PER_LSB);
+    let factor = factor(&sensor.covariance);
+    let mut packed = [0.0; FACTOR];
+    pack(&mut packed, |i, j| factor[i][j], factor.len());
+    PhysicsSensor {
+        least: (sensor.least * counts) as f32,
+        per_count: (sensor.range * counts).recip() as f32,
+        offset: offset as f32,
+        gains: [fx, fy, fz, mx, my, mz].map(|gain| gain as f32),
+        low: low as f32,
+        height: ln_height.exp() as f32,
+        shape: ln_shape.exp() as f32,
+        factor: packed,
+    }
+}
+
+/// The lower triangle of a matrix, row by row.
+fn pack(packed: &mut [f32], at: impl Fn(usize, usize) -> f64, rows: usize) {
+    let positions = (0..rows).flat_map(|i| (0..=i).map(move |j| (i, j)));
+    packed.iter_mut().zip(positions).for_each(|(value, (i, j))| *value = at(i, j) as f32);
+}
+
+/// The lower factor of a covariance `L·Lᵀ` (Golub & Van Loan, 4th ed., §4.2.8). A direction of which rounding has
+/// left no variance has none.
+fn factor<const N: usize>(covariance: &[[f64; N]; N]) -> [[f64; N]; N] {
+    let mut l = [[0.0; N]; N];
+    for j in 0..N {
+        let known = |l: &[[f64; N]; N], i: usize| (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
+        let pivot = (covariance[j][j] - known(&l, j)).max(0.0).sqrt();
+        l[j][j] = pivot;
+        for i in j + 1..N {
+            let rest = covariance[i][j] - known(&l, i);
+            l[i][j] = if pivot > 0.0 { rest / pivot } else { 0.0 };
+        }
+    }
+    l
 }
 
 #[cfg(test)]
@@ -163,16 +212,35 @@ mod tests {
     fn models_that_the_board_cannot_compute_are_refused() {
         for basis in [Basis::Quadratic, Basis::Poly3] {
             let refused = for_board(&calibration(basis, true)).unwrap_err();
-            assert_eq!(refused, NotForBoard::Basis { basis: basis.name() });
+            assert_eq!(refused, NotForBoard::Basis(basis.name()));
         }
         let model = Model { basis: Basis::Linear, intercept: false, channels: 7, memory: 0 };
         let seven = Calibration::new(model, Scaling::identity(7), vec![[1.0; 6]; 7]);
-        assert_eq!(for_board(&seven), Err(NotForBoard::Channels { channels: 7 }));
+        assert_eq!(for_board(&seven), Err(NotForBoard::Channels(7)));
         let mut flat = calibration(Basis::Linear, true);
         flat.axes = [Axis::Fx, Axis::Fy].into_iter().collect();
-        assert_eq!(for_board(&flat), Err(NotForBoard::Axes { axes: flat.axes }));
+        assert_eq!(for_board(&flat), Err(NotForBoard::Axes(flat.axes)));
         let model = Model { channels: 8, ..model };
         let huge = Calibration::new(model, Scaling::identity(8), vec![[1e39; 6]; 8]);
         assert_eq!(for_board(&huge), Err(NotForBoard::Overflow));
+    }
+
+    #[test]
+    fn the_factor_squared_is_the_covariance() {
+        // Of rank three, with no variance in the second direction.
+        let covariance = [
+            [4.0, 0.0, 2.0, -1.0],
+            [0.0, 0.0, 0.0, 0.0],
+            [2.0, 0.0, 10.0, 1.0],
+            [-1.0, 0.0, 1.0, 3.0],
+        ];
+        let l = factor(&covariance);
+        for i in 0..4 {
+            for j in 0..4 {
+                let product: f64 = (0..4).map(|k| l[i][k] * l[j][k]).sum();
+                assert!((product - covariance[i][j]).abs() < 1e-14, "{i} {j}");
+                assert!(j <= i || l[i][j] == 0.0);
+            }
+        }
     }
 }
