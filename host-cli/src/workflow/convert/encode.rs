@@ -149,11 +149,13 @@ pub(super) enum EncodedOutput<'a> {
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
 }
 
+type WriteWhole = fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>;
+
 /// A file with columns of numbers and texts.
 pub(super) enum TableFile<'a> {
     Parquet(ParquetWriter<&'a mut dyn Write>),
     /// One that begins with the number of rows, and what writes it.
-    Whole(&'a mut dyn Write, fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>),
+    Whole(&'a mut dyn Write, WriteWhole),
 }
 
 impl<'a> EncodedOutput<'a> {
