@@ -1,43 +1,21 @@
 //! The state of the board, apart from everything that waits.
 
 use crate::acquisition::Frame;
-use crate::baud::Baud;
 use crate::board::{Storage, VITALS_US};
-use crate::last_words::LastWords;
 use crate::line::Change;
 use crate::outbox::Outbox;
 use crate::session::Session;
 use crate::settings::Settings;
+use crate::setup::BoardSetup;
 use crate::upload::Record;
 use crate::wrench::Converter;
 use shared_proto::{
     Answer, BoardId, Boot, CHANNELS, Command, Frame as WireFrame, Health, Identity, Packet,
-    PacketOrigin, Refusal, ResetCause, Sample, Status, Stream, Values, Vitals,
+    PacketOrigin, Refusal, Sample, Status, Stream, Values, Vitals,
 };
 
 /// Time between two words of the board's health, in µs.
 const HEALTH_US: u64 = 1_000_000;
-
-/// What a board is and how it has started.
-#[derive(Clone, Debug)]
-pub struct BoardSetup {
-    /// What the board says it is.
-    pub identity: Identity,
-    /// A number that is new at every start.
-    pub start: u16,
-    /// Why it has started.
-    pub reset_cause: ResetCause,
-    /// What it said before, if that is why.
-    pub last_words: LastWords,
-    /// Time of one conversion in ns, rounded up: what the host is told fits into a period.
-    pub conversion_ns: u32,
-    /// The rate of the serial line; `None` if it has none and is never the bottleneck.
-    pub rate: Option<Baud>,
-    /// Rates that the line to the host can be set to.
-    pub rates: &'static [Baud],
-    /// Whether the chip has a bootloader of its own that listens on that line.
-    pub has_bootloader: bool,
-}
 
 /// Session, outbox and counts.
 #[derive(Debug)]

@@ -20,12 +20,13 @@ mod line;
 mod outbox;
 mod session;
 mod settings;
+mod setup;
 mod slots;
 mod station;
 mod upload;
 mod wrench;
 
-pub use crate::core::BoardSetup;
+pub use crate::setup::BoardSetup;
 pub use baud::Baud;
 pub use board::{
     Chip, Clock, FrontEnd, NoChip, SeenEdge, Storage, StorageError, SyncInput, VITALS_US,

@@ -1,9 +1,9 @@
 //! Commands to the board: (session, command) → (session, answer); and when frames are taken.
 
 use crate::board::Storage;
-use crate::core::BoardSetup;
 use crate::line::{Change, LineState};
 use crate::settings::Settings;
+use crate::setup::BoardSetup;
 use crate::upload::{self, Record, Upload};
 use crate::wrench::Converter;
 use core::num::{NonZeroU32, NonZeroU64};
@@ -208,7 +208,7 @@ mod tests {
 
     use super::*;
     use crate::board::StorageError;
-    use crate::settings::tests::setup;
+    use crate::setup::tests::setup;
     use crate::slots::Slots;
     use crate::slots::tests::fake_flash::{CutOutcome, FakeFlash};
     use crate::upload::RECORD;

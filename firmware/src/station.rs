@@ -11,8 +11,9 @@
 
 use crate::acquisition::{acquire, illuminate};
 use crate::board::{Chip, Clock, FrontEnd, Storage, SyncInput};
-use crate::core::{BoardSetup, Core, OnLine};
+use crate::core::{Core, OnLine};
 use crate::line::Change;
+use crate::setup::BoardSetup;
 use crate::upload::Record;
 use core::cell::RefCell;
 use embassy_futures::join::join5;

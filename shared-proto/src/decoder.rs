@@ -1,8 +1,8 @@
 //! Bytes to packets, whatever the bytes, and finding out which protocol they speak.
 
 use crate::field::Bytes;
-use crate::frame::MAX_FRAME;
-use crate::packet::{self, DecodeError, Packet, ReceivedPacket};
+use crate::frame::{DecodeError, MAX_FRAME};
+use crate::packet::{self, Packet, ReceivedPacket};
 use crate::skinproc;
 use crate::xbee::{ApiFrame, Deframer, Mode};
 

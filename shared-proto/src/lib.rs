@@ -52,10 +52,10 @@ pub use calibration::{
 pub use command::{Answer, Command, MAX_PIECE, Piece, Refusal};
 pub use decoder::{Counters, Decoder, Event, Framing, Protocol, detect};
 pub use field::Bytes;
-pub use frame::{Frame, MAX_FRAME, MAX_PACKET};
+pub use frame::{DecodeError, Frame, MAX_FRAME, MAX_PACKET};
 pub use packet::{
-    Boot, COUNTS_PER_LSB, DecodeError, Edge, Health, Packet, PacketOrigin, READINGS_FRAME,
-    ReceivedPacket, Sample, Timing, VERSION, Values, Vitals, WRENCH_FRAME,
+    Boot, COUNTS_PER_LSB, Edge, Health, Packet, PacketOrigin, READINGS_FRAME, ReceivedPacket,
+    Sample, Timing, VERSION, Values, Vitals, WRENCH_FRAME,
 };
 
 /// Photointerrupters on the board.

@@ -6,6 +6,7 @@ mod check;
 mod compiler;
 mod dependencies;
 mod emulate;
+mod equipment;
 mod firmware;
 mod flash;
 mod image;

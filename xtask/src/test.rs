@@ -19,7 +19,7 @@ use crate::need::Need;
 use crate::steps::{
     self, BUILD, EndedJob, Job, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens,
 };
-use crate::{compiler, firmware, python, setup, web};
+use crate::{compiler, equipment, firmware, python, web};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct TestArgs {
@@ -47,9 +47,9 @@ impl Part {
     fn needs(self) -> &'static [Need] {
         match self {
             Self::Board => &[compiler::BOARD_NEED, python::NEED],
-            Self::Browser => &[setup::BROWSER],
+            Self::Browser => &[equipment::BROWSER],
             Self::Python => &[python::NEED],
-            Self::Shells => &[setup::SHELLS],
+            Self::Shells => &[equipment::SHELLS],
         }
     }
 }
@@ -161,7 +161,7 @@ impl TestEquipment {
                 Ok(()) => self.give("needs Chromium and the page", PAGE, web::build()?),
                 Err(reason) => eprintln!("{reason:#}: the page that fits is not tested"),
             }
-            match setup::axe() {
+            match equipment::axe() {
                 Ok(file) => self.variables.push((AXE, file.into())),
                 Err(reason) => eprintln!("{reason:#}: pages are not held against axe-core"),
             }

@@ -11,8 +11,9 @@
 
 use std::sync::Arc;
 
-use super::block_sums::{ROWS, Scratch, sum_block};
+use super::block_sums::{Scratch, sum_block};
 use super::layout::MomentLayout;
+use super::limbs::ROWS;
 use super::limbs::{BinaryPlaces, FeatureLimbs, Limbs, SQUARE_WIDTH};
 use super::plan::{MOST_BLOCKS, OpenSums, SummationPlan};
 use super::readings::{count, scan_column};

@@ -9,6 +9,7 @@ use pulp::Simd;
 use super::integers::power_of_two;
 use super::layout::MomentLayout;
 use super::limbs::Limbs;
+use super::limbs::ROWS;
 use super::plan::{LimbColumn, OpenSums, SummationPlan};
 use crate::features::fill_columns;
 use shell_data::vectorised;
@@ -124,10 +125,6 @@ fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
         Limbs::from_integers(plan.features.left.width, parts.len()).cut(whole, now);
     }
 }
-
-/// Rows of a block: enough that adding up the lanes of a vector costs little beside the products,
-/// and few enough that the 164 features of degree three stay in a cache of 512 kB.
-pub(crate) const ROWS: usize = 256;
 
 /// `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the right; those
 /// on the left are some of `columns`. Takes what it fills off `out`.

@@ -13,9 +13,12 @@
 
 use num_traits::Float;
 
-use super::block_sums::ROWS;
 use super::integers::power_of_two;
 use super::layout::MomentLayout;
+
+/// Rows of a block: enough that adding up the lanes of a vector costs little beside the products,
+/// and few enough that the 164 features of degree three stay in a cache of 512 kB.
+pub(crate) const ROWS: usize = 256;
 
 /// Bits of an exact sum, less those that a block of rows takes.
 const BITS: u32 = f64::MANTISSA_DIGITS - ROWS.ilog2();

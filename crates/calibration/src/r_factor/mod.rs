@@ -19,9 +19,8 @@
 mod factor;
 mod householder;
 
-pub use self::factor::RFactor;
 pub(crate) use self::factor::{equilibrated, extreme_singular_values, rank_deficient};
-pub use self::householder::Workspace;
+pub use self::householder::{RFactor, Workspace};
 
 use faer::Mat;
 

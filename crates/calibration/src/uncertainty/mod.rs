@@ -26,6 +26,7 @@
 //! (Bester, Conley & Hansen, J. Econometrics 165, 2011; Cameron & Miller, J. Human Resources 50, 2015, §VI).
 //! With a ridge, `F` and `T` include it, which leaves out the bias that the ridge brings.
 
+mod clipped_groups;
 mod covariance;
 mod interval;
 mod new_groups;
