@@ -151,7 +151,7 @@ impl PolynomialDocument {
     }
 }
 
-/// Has zeros for the axes that there are not, in the shape of those that there are.
+/// Fills the axes that were not calibrated with zeros, in the shape of the others.
 fn set_absent_to_zero(covariance: &mut Covariance, axes: Axes, terms: usize) {
     for axis in Axes::ALL.without(axes).iter().map(Axis::index) {
         if let CoefficientCovariance::Groups { factors, .. } = &mut covariance.coefficients {

@@ -1,4 +1,4 @@
-//! Values by axis in documents, which hold those of the [axes that there are](Axes) alone.
+//! Values per axis in JSON documents. A document holds the calibrated [`Axes`] only.
 //!
 //! serde writes a field so by `#[serde(with = "by_axis")]`, a matrix by `by_axis::matrix`, and what may be missing
 //! by `by_axis::option`. A document names its axes once, for all of its fields, and serde has no way to hand them
@@ -15,7 +15,7 @@ thread_local! {
     static AXES: Cell<Axes> = const { Cell::new(Axes::ALL) };
 }
 
-/// Reads or writes a document of these axes, on this thread; without it there are all six.
+/// Reads or writes a document of these axes on this thread. Outside of it a document has all six axes.
 pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
     let outside = AXES.replace(axes);
     let done = act();
@@ -23,7 +23,7 @@ pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
     done
 }
 
-/// The axes of the document that is read or written.
+/// The axes of the document that this thread reads or writes.
 pub fn axes() -> Axes {
     AXES.get()
 }
@@ -51,7 +51,7 @@ impl<'de> Deserialize<'de> for Axes {
     }
 }
 
-/// What is written of these axes alone.
+/// A value that is serialized for these axes only.
 #[derive(Clone, Copy, Debug)]
 pub struct Among<T>(pub Axes, pub T);
 
@@ -61,7 +61,7 @@ impl<T: Serialize> Serialize for Among<T> {
     }
 }
 
-/// One value for each axis; where there is none, the default.
+/// One value per axis; axes that the document lacks have the default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Row<T>(pub PerAxis<T>);
 
@@ -94,18 +94,18 @@ pub fn serialize<T: Serialize, S: Serializer>(
 /// Reads one value for each axis.
 ///
 /// # Errors
-/// Those of the deserializer, or there are not as many values as axes.
+/// Those of the deserializer, or the number of values is not the number of axes.
 pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<PerAxis<T>, D::Error> {
     Row::deserialize(deserializer).map(|row| row.0)
 }
 
-/// A row and a column for each axis.
+/// A matrix with a row and a column per axis.
 pub mod matrix {
     use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
 
-    /// Writes them.
+    /// Writes it.
     pub fn serialize<S: Serializer>(
         rows: &PerAxis<PerAxis<f64>>,
         serializer: S,
@@ -113,7 +113,7 @@ pub mod matrix {
         Row(rows.map(Row)).serialize(serializer)
     }
 
-    /// Reads them.
+    /// Reads it.
     pub fn deserialize<'de, D: Deserializer<'de>>(
         deserializer: D,
     ) -> Result<PerAxis<PerAxis<f64>>, D::Error> {
@@ -125,7 +125,7 @@ pub mod matrix {
 pub mod option {
     use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
 
-    /// Writes them.
+    /// Writes it.
     pub fn serialize<T: Serialize, S: Serializer>(
         values: &Option<PerAxis<T>>,
         serializer: S,
@@ -133,7 +133,7 @@ pub mod option {
         values.as_ref().map(|values| Row(values.each_ref())).serialize(serializer)
     }
 
-    /// Reads them.
+    /// Reads it.
     pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
         deserializer: D,
     ) -> Result<Option<PerAxis<T>>, D::Error> {

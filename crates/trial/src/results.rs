@@ -102,7 +102,7 @@ pub struct StrideRow {
     pub measures: RunMeasures,
 }
 
-/// What a trial or a stride was like.
+/// The measures of a trial or a stride.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct RunMeasures {
     /// Mean drag, −Fx, N.

@@ -34,7 +34,7 @@ const MOST_GROUPS: usize = 1000;
 /// So many loads are drawn of the training rows, and as many of the test rows.
 const LOADS: u64 = 600;
 
-/// A fit, and what is said of it beside what is in it.
+/// A fit, and what its report says beside it.
 #[derive(Clone, Debug)]
 pub struct CalibrationReport<'a> {
     /// The fit.

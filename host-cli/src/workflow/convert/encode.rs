@@ -143,7 +143,7 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
 /// Where encoded frames go, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    /// With the rows that are not written yet.
+    /// With its columns, which hold the rows that are not written yet.
     Table(TableFile<'a>, Vec<(String, Cells<'static>)>),
     /// With the frame whose mount is still to be written.
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
@@ -200,7 +200,7 @@ impl<'a> EncodedOutput<'a> {
                 }
                 writer.write(&chunk)
             }
-            // Of no frames there are not even all the columns.
+            // An empty piece may lack columns.
             (Self::Table(..), EncodedFrames::Columns(_)) if count == 0 => Ok(()),
             (Self::Table(file, waiting), EncodedFrames::Columns(next)) => {
                 waiting.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
@@ -234,7 +234,7 @@ impl<'a> EncodedOutput<'a> {
     }
 }
 
-/// Where the frame of wrenches is, if that is known, from a time on.
+/// The static transform of the wrench's frame from this time on; empty if its mount is unknown.
 fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
     let mut chunk = McapChunk::default();
     if let Some(mount) = &frame.mount {

@@ -123,7 +123,7 @@ pub struct FrameMount {
     pub angles_rad: [f64; 3],
 }
 
-/// What is said of a text that names no mount.
+/// The error for a text that is not a mount.
 const BAD_MOUNT: &str = "expected `NAME` or `NAME:X,Y,Z,ROLL,PITCH,YAW` in m and rad";
 
 impl Default for RecordingFrame {

@@ -169,7 +169,7 @@ impl<'a> ScannedLog<'a> {
         ]
     }
 
-    /// What is said of it above the table of its columns.
+    /// The lines above the table of columns.
     fn lines(&self) -> Vec<String> {
         let (log, rows) = (self.log, self.summary.rows);
         let packed = log.compression().map_or_else(String::new, |name| format!(", {name}"));

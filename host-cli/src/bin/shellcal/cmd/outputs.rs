@@ -89,7 +89,7 @@ impl FigureArgs {
         self.plot.as_ref().map(|path| self.figure_size.open(path, printer)).transpose()
     }
 
-    /// The same for a figure of one log.
+    /// As `create`, for a figure of one log.
     pub(super) fn create_of_one(
         &self,
         logs: &[InputPath],

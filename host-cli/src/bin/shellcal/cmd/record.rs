@@ -122,7 +122,7 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
         }
         None => format!("{time}  {bytes} bytes, no frame so far"),
         Some(protocol) => {
-            // What matters least is last, and left out where there is no room.
+            // In order of importance: the last parts are left out on a narrow terminal.
             let mut parts = Vec::from_iter(progress.wrench.as_deref().map(forces_in_words));
             parts.extend([time, format!("{rate_hz:.1} Hz"), losses.in_words()]);
             parts.extend([format!("{frames} frames"), protocol_name(protocol).to_owned()]);

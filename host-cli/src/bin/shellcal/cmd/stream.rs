@@ -158,7 +158,7 @@ pub(super) fn speed() -> impl TypedValueParser<Value = f64> {
     number_within(0.001..=1000.0, ["a factor, such as 4", "a factor from 0.001 to 1000"])
 }
 
-/// Who looks on at a recording, and the end of a stream that is among them.
+/// The watcher of a recording, and the handle of its stream if there is one.
 type WatchedStream = (Option<Box<dyn Watcher>>, Option<StreamHandle>);
 
 /// Where rows go beside a log or a view, as JSON lines

@@ -1,4 +1,4 @@
-//! A live view in the terminal: draw, obey keys; and in browsers: a page, and pictures to whoever has opened it.
+//! A live view in the terminal, which draws and obeys keys; and in browsers, which are sent a page and pictures.
 
 use std::io::{self, Write};
 use std::net::{IpAddr, SocketAddr, UdpSocket};
@@ -18,7 +18,7 @@ use shellcal::workflow::live::{LiveAction, LiveSession, PERIOD};
 use super::cells::CellGrid;
 use super::screen::LiveScreen;
 
-/// Takes the frames that have come; whether the view goes on, for whoever runs it, its time and its source.
+/// Takes the frames that have arrived, and says whether the view goes on.
 pub(super) type Advance<'a> = &'a dyn Fn(&mut LiveSession) -> anyhow::Result<bool>;
 
 /// The screen of a terminal that does not tell its size, as VT100 had it.

@@ -1,4 +1,4 @@
-//! What is said of channels.
+//! What `shellcal simulate` says of a channel: tables and warnings.
 
 use beam_channel::Model;
 use simulation::channel_study::{BeamRow, ChannelSummary, DrawStatistics, MonteCarlo, beam_rows};
