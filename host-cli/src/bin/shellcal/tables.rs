@@ -2,6 +2,7 @@
 
 use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 use shell_data::escape::csv_field;
+use shell_data::wrench::Axis;
 
 /// As papers set them: a rule below the header and no other lines.
 const PLAIN: TableStyle =
@@ -17,6 +18,21 @@ pub(crate) enum TableForm {
     Markdown,
     /// CSV alone: all other lines go to the standard error
     Csv,
+}
+
+/// How many decimals forces in N and moments in N·m are shown with.
+pub(crate) fn decimals(axis: Axis) -> usize {
+    if axis.is_moment() { 6 } else { 4 }
+}
+
+/// The row of an axis: its name and unit, then its values.
+pub(crate) fn axis_row(axis: Axis, values: [f64; 3]) -> Vec<String> {
+    number_row(format!("{} ({})", axis.name(), axis.unit()), values, decimals(axis))
+}
+
+/// A row with a label, then values with so many decimals.
+pub(crate) fn number_row(label: String, values: [f64; 3], decimals: usize) -> Vec<String> {
+    [label].into_iter().chain(values.map(|value| format!("{value:.decimals$}"))).collect()
 }
 
 /// The lines of a table: the first column is a label, the others are numbers.

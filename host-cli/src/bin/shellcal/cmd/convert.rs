@@ -12,8 +12,8 @@ use forces::RowRule;
 use log_file::{ColumnRef, Log, Meaning, parse_columns};
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
-    AxisSummary, Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, FrameMount,
-    OutputFormat, OutputPlan, RecordingFrame, TableColumns, convert, table_name,
+    Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, FrameMount, OutputFormat,
+    OutputPlan, RecordingFrame, TableColumns, convert, table_name,
 };
 
 use super::choices::number_in;
@@ -23,6 +23,7 @@ use super::outputs::{FigureArgs, OpenOutput};
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::printer::Printer;
+use crate::tables::axis_row;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -254,13 +255,7 @@ impl ConvertArgs {
 }
 
 fn print_axes(printer: &Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
-    let row = |(axis, value): &(Axis, AxisSummary)| {
-        let decimals = if axis.is_moment() { 6 } else { 4 };
-        let [min, mean, max] =
-            [value.min, value.mean, value.max].map(|v| format!("{v:.decimals$}"));
-        vec![format!("{} ({})", axis.name(), axis.unit()), min, mean, max]
-    };
-    let rows = summary.axes.iter().map(row);
+    let rows = summary.axes.iter().map(|(axis, of)| axis_row(*axis, [of.min, of.mean, of.max]));
     printer.table(&["axis", "min", "mean", "max"], rows)
 }
 

@@ -16,6 +16,7 @@ use super::mapping::{EditedArg, MappingArgs};
 use super::outputs::FigureArgs;
 use crate::files::InputPath;
 use crate::printer::Printer;
+use crate::tables::{axis_row, decimals, number_row};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -85,9 +86,11 @@ impl DriftArgs {
 
 /// The quantities, each with its name, its unit and how many decimals it is shown with.
 fn quantities(summary: &DriftSummary) -> Vec<(String, &'static str, usize, &Drift)> {
-    let axes = summary.axes.iter().flatten().map(|(axis, drift)| {
-        (axis.name().to_owned(), axis.unit(), if axis.is_moment() { 6 } else { 4 }, drift)
-    });
+    let axes = summary
+        .axes
+        .iter()
+        .flatten()
+        .map(|(axis, drift)| (axis.name().to_owned(), axis.unit(), decimals(*axis), drift));
     let channels = summary.channels.iter().enumerate();
     axes.chain(channels.map(|(i, drift)| (format!("s{}", i + 1), "counts", 2, drift))).collect()
 }
@@ -229,16 +232,10 @@ impl NoiseArgs {
 
 fn print_noise(printer: &Printer, log: &Path, summary: &NoiseSummary) -> anyhow::Result<()> {
     printer.line(format!("{}: noise of {} frames", log.display(), summary.frames))?;
-    let axes = summary.axes.iter().map(|(axis, scatter)| {
-        let decimals = if axis.is_moment() { 6 } else { 4 };
-        row(format!("{} ({})", axis.name(), axis.unit()), scatter, decimals)
-    });
+    let values = |scatter: &Scatter| [scatter.rms, scatter.peak_to_peak, scatter.mean];
+    let axes = summary.axes.iter().map(|(axis, scatter)| axis_row(*axis, values(scatter)));
     let channels = summary.channels.iter().enumerate();
-    let channels = channels.map(|(i, scatter)| row(format!("s{} (counts)", i + 1), scatter, 2));
+    let channels =
+        channels.map(|(i, scatter)| number_row(format!("s{} (counts)", i + 1), values(scatter), 2));
     printer.table(&["quantity", "RMS", "peak to peak", "mean"], axes.chain(channels))
-}
-
-fn row(name: String, scatter: &Scatter, decimals: usize) -> Vec<String> {
-    let figures = [scatter.rms, scatter.peak_to_peak, scatter.mean];
-    [name].into_iter().chain(figures.map(|value| format!("{value:.decimals$}"))).collect()
 }
