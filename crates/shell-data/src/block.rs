@@ -94,16 +94,13 @@ impl Block {
     /// A repeat in a log that runs faster than its sensor is not a new frame. The first row of a
     /// log is always fresh.
     pub fn fresh_rows(&self) -> Vec<bool> {
-        let mut fresh = vec![false; self.rows];
-        let Some((first, others)) = fresh.split_first_mut() else { return fresh };
-        let firsts = self.channels().iter().filter_map(|column| column.first());
-        *first = self.readings_before.as_ref().is_none_or(|before| !firsts.eq(before));
-        for column in self.channels() {
-            for ((fresh, before), reading) in others.iter_mut().zip(column).zip(&column[1..]) {
-                *fresh |= reading != before;
-            }
-        }
-        fresh
+        let channels = self.channels();
+        let firsts = channels.iter().filter_map(|column| column.first());
+        let is_new = |before: &Vec<f64>| !firsts.eq(before);
+        let first = self.readings_before.as_ref().is_none_or(is_new);
+        // Nearly every row of a sensor that runs as fast as its log differs in the first channel.
+        let differs = |row: usize| channels.iter().any(|column| column[row] != column[row - 1]);
+        (0..self.rows).map(|row| if row == 0 { first } else { differs(row) }).collect()
     }
 
     /// The number of rows that are not fresh, see [`Block::fresh_rows`]; 0 without readings.

@@ -245,7 +245,8 @@ impl Accumulator {
         }
         let expected = &self.expected.channels;
         let centre: Vec<i64> = expected.iter().map(ChannelRange::middle).collect();
-        let features = FeatureLimbs::new(distance(expected, &centre), &self.layout);
+        let places = &self.expected.places;
+        let features = FeatureLimbs::new(distance(expected, &centre), &self.layout, places);
         let limbs = |width: u32| -> Result<Vec<Limbs>, ExactError> {
             let of_axis = |axis: Axis| {
                 let limbs = self.expected.places[axis.index()].limbs(width);

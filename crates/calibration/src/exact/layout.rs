@@ -153,17 +153,20 @@ impl MomentLayout {
         }
     }
 
+    /// The same for sums of one and the features with something else.
+    pub(crate) fn move_features(&self, sums: &mut [i128], by: &[i64]) {
+        for ((_, steps), &by) in self.steps.iter().zip(by) {
+            shift(sums, steps, by);
+        }
+    }
+
     /// Sums of one and the features with something else, the origin of every channel moved by `by`, below 2¹⁶.
     ///
     /// Digits are moved each alone: that multiplies them by less than `(1 + 2¹⁶)³`, so that they need no carry on the
     /// way.
     pub(crate) fn moved_features(&self, sums: &[BigInt], by: &[i64]) -> DigitPlanes {
         let mut planes = digit_planes(sums);
-        for plane in &mut planes {
-            for ((_, steps), &by) in self.steps.iter().zip(by) {
-                shift(plane, steps, by);
-            }
-        }
+        planes.iter_mut().for_each(|plane| self.move_features(plane, by));
         DigitPlanes(planes)
     }
 }

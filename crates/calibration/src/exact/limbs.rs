@@ -48,16 +48,16 @@ pub(crate) struct FeatureLimbs {
 }
 
 impl FeatureLimbs {
-    /// The cheapest way for distances up to `distance`, with room for a quarter more where that
-    /// costs nothing.
-    pub(crate) fn new(distance: u32, layout: &MomentLayout) -> Self {
+    /// The cheapest way for distances up to `distance` and a wrench of these places, with room for a quarter more
+    /// where that costs nothing.
+    pub(crate) fn new(distance: u32, layout: &MomentLayout, wrench: &[BinaryPlaces]) -> Self {
         let cheapest = |distance: u32| {
             let distance = distance.clamp(1, MAX_DISTANCE);
             let degrees = layout.features.iter().map(|term| term.factors().len() as u32);
             let degree = degrees.max().unwrap_or(1);
             let ways = [Self::whole_on_the_right(distance, degree), Some(Self::even(distance))];
             let ways = ways.into_iter().flatten();
-            let costs = ways.map(|way| (way.cost(layout), way));
+            let costs = ways.map(|way| (way.cost(layout, wrench), way));
             costs.min_by_key(|&(cost, _)| cost).expect("one way is always possible")
         };
         let (cost, exact) = cheapest(distance);
@@ -97,10 +97,10 @@ impl FeatureLimbs {
         (BITS - self.right_bits + 1).min(SQUARE_WIDTH)
     }
 
-    /// About how many products there are for a row.
-    fn cost(&self, layout: &MomentLayout) -> usize {
-        /// What the wrench usually has: the bits of an `f64` and a range of 2⁹.
-        const PLACES: u32 = 62;
+    /// About how many products there are for a row, and what cutting takes as long as.
+    fn cost(&self, layout: &MomentLayout, wrench: &[BinaryPlaces]) -> usize {
+        /// Products that take as long as cutting off one limb.
+        const CUT: usize = 5;
         let count = |cut: &Cut, f: usize| cut.counts[layout.features[f].factors().len()];
         let products = layout.groups.iter().map(|group| {
             let left: usize = group.left.iter().map(|&f| count(&self.left, f)).sum();
@@ -108,8 +108,12 @@ impl FeatureLimbs {
             left * right
         });
         let rights: usize = (0..layout.features.len()).map(|f| count(&self.right, f)).sum();
-        let limbs = 6 * PLACES.div_ceil(self.cross_width()) as usize;
-        products.sum::<usize>() + (limbs + 1) * rights
+        let width = self.cross_width();
+        let limbs: usize =
+            wrench.iter().filter_map(|axis| axis.limbs(width)).map(|limbs| limbs.count).sum();
+        // Limbs of the usual width are there for the squares of the wrench anyway.
+        let cut = if width == SQUARE_WIDTH { 0 } else { limbs };
+        products.sum::<usize>() + (limbs + 1) * rights + CUT * cut
     }
 }
 
@@ -161,8 +165,9 @@ impl BinaryPlaces {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// Limbs of the given width that cover these places, with a few places to spare at either end
-    /// where that takes no further limb. `None` if the places are too many.
+    /// Limbs of the given width that cover these places, with a few places to spare where that takes no further limb:
+    /// one or two above, for larger loads; all others below, for a number that happens to be near zero has its last
+    /// place far below those of others. `None` if the places are too many.
     pub(crate) fn limbs(self, width: u32) -> Option<Limbs> {
         /// More would be slower than other solvers and need more exponents than `f64` has.
         const MOST_PLACES: i32 = 256;
@@ -173,7 +178,7 @@ impl BinaryPlaces {
         let places = self.high - self.low + 1;
         let count = (places as u32).div_ceil(width);
         let spare = (count * width) as i32 - places;
-        let unit = self.low - spare / 2;
+        let unit = self.low - (spare - spare.min(2));
         (places <= MOST_PLACES && unit >= LOWEST_UNIT).then_some(Limbs {
             unit,
             width,
@@ -206,17 +211,16 @@ impl Limbs {
         let Limbs { unit, width, count } = self;
         let top = power_of_two(i32::try_from(count).expect("few limbs") * width as i32 - 1);
         let scale = power_of_two(-unit);
-        let mut exact = true;
         // Enough rows at once to hide the latency of one chain of additions.
         const TOGETHER: usize = 32;
+        let (mut largest, mut left) = ([0.0_f64; TOGETHER], [0.0; TOGETHER]);
         let (column, _) = column.as_chunks::<TOGETHER>();
         for (block, numbers) in column.iter().enumerate() {
             // Loops over lanes: closures may stay calls, and sums and maxima wait for each other.
             let mut rest = *numbers;
-            let mut is_over = [false; TOGETHER];
             for i in 0..TOGETHER {
                 rest[i] *= scale;
-                is_over[i] = rest[i].abs() > top;
+                largest[i] = if rest[i].abs() > largest[i] { rest[i].abs() } else { largest[i] };
             }
             for limb in (0..count).rev() {
                 // Adding and taking away 1.5·2^(52 + e) rounds to a multiple of 2^e, exactly.
@@ -231,10 +235,10 @@ impl Limbs {
                 }
             }
             for i in 0..TOGETHER {
-                exact &= !is_over[i] & (rest[i] == 0.0);
+                left[i] += rest[i].abs();
             }
         }
-        exact
+        largest.iter().all(|&largest| largest <= top) && left.iter().all(|&left| left == 0.0)
     }
 }
 
@@ -247,10 +251,11 @@ mod tests {
 
     #[test]
     fn sums_of_a_block_never_exceed_what_is_exact() {
+        let wrench = [BinaryPlaces::new(&[1e-3, 500.0 / 3.0]); 6];
         for basis in Basis::ALL {
             let layout = MomentLayout::new(basis, 2);
             for distance in 1..=MAX_DISTANCE {
-                let limbs = FeatureLimbs::new(distance, &layout);
+                let limbs = FeatureLimbs::new(distance, &layout, &wrench);
                 assert!(limbs.largest >= distance && limbs.largest <= MAX_DISTANCE);
                 let largest = |cut: &Cut, degree: usize| {
                     let feature = u128::from(limbs.largest).pow(degree as u32);

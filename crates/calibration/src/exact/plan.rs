@@ -163,25 +163,26 @@ impl OpenSums {
                 to[right.position] += next(&mut sums) << right.shift;
             }
         };
-        // Of each axis, limb by limb.
+        let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
+        // Of each axis, limb by limb: a limb is below 2²³, so each sum is below 2³⁰·2⁴⁸·2²³ wherever the origin is.
         let planes = |limbs: &Limbs| {
             let mut planes = vec![vec![0; 1 + layout.features.len()]; limbs.count];
-            planes.iter_mut().for_each(|plane| add_rights(plane));
+            for plane in &mut planes {
+                add_rights(plane);
+                layout.move_features(plane, &back);
+            }
             planes
         };
         let limbs = self.plan.cross_limbs();
         let wrench: Vec<_> = limbs.iter().map(planes).collect();
         add_rights(&mut moments.readings);
         self.add_squares(&mut moments, &mut sums);
-        let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
         layout.move_origin(&mut moments.readings, &back);
         for ((scaled, planes), limbs) in moments.wrench.iter_mut().zip(wrench).zip(limbs) {
             let parts = |place: usize| planes.iter().map(move |plane| plane[place]);
             let sum = |place| join(parts(place), limbs.width);
-            let sums: Vec<BigInt> = (0..=layout.features.len()).map(sum).collect();
-            let moved = layout.moved_features(&sums, &back);
-            let moved = (0..sums.len()).map(|position| moved.value(position)).collect();
-            *scaled = ScaledIntegers::new(limbs.unit, moved);
+            let sums = (0..=layout.features.len()).map(sum).collect();
+            *scaled = ScaledIntegers::new(limbs.unit, sums);
         }
         moments
     }

@@ -7,7 +7,7 @@ use super::instruction_set::{BLOCK, ColumnFields, InstructionSet};
 const FIELDS_AT_ONCE: usize = 1024;
 
 /// The offsets at which fields and lines end. Elements beyond the counts are unused.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, PartialEq)]
 pub(crate) struct FieldEnds {
     /// What ends before the first field, then where each field ends, row by row.
     fields: Vec<u32>,
@@ -33,7 +33,8 @@ impl FieldEnds {
         columns: usize,
     ) {
         assert!(u32::try_from(lines.len()).is_ok(), "pieces of a log are of a megabyte or so");
-        let wanted = columns.max(FIELDS_AT_ONCE);
+        // A field has a byte at least.
+        let wanted = columns.max(FIELDS_AT_ONCE.min(lines.len()));
         // The last block of bytes may add as many more.
         self.fields.resize(wanted + 1 + BLOCK, 0);
         self.lines.resize(wanted + 1 + BLOCK, 0);

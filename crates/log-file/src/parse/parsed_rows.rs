@@ -1,5 +1,7 @@
 //! The result of parsing rows: columns of numbers, and texts in run-length encoding.
 
+use super::field_ends::FieldEnds;
+
 /// Rows, column by column.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct ParsedRows {
@@ -10,6 +12,8 @@ pub(crate) struct ParsedRows {
     pub(crate) columns: Vec<Vec<f64>>,
     /// For each column of text, run-length encoded.
     pub(crate) labels: Vec<Vec<(String, usize)>>,
+    /// Working memory: where fields end.
+    pub(super) ends: FieldEnds,
 }
 
 impl ParsedRows {

@@ -111,7 +111,7 @@ impl RowPlan {
         let are_plain = !is_quoted || bare.is_some();
         let lines = bare.as_deref().unwrap_or(lines);
         let columns = self.uses.len();
-        let mut ends = FieldEnds::default();
+        let mut ends = std::mem::take(&mut parsed.ends);
         let mut at = 0;
         while at < lines.len() {
             if are_plain {
@@ -150,6 +150,7 @@ impl RowPlan {
             parsed.pass_lines(line_ends(blank));
             at += blank.len();
         }
+        parsed.ends = ends;
         Ok(())
     }
 

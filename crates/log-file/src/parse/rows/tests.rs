@@ -16,6 +16,7 @@ fn parse(instructions: Arch, lines: &[u8], skip: bool) -> (Result<(), RowError>,
     parsed.clear(NUMBERS, 0);
     let result = plan().parse_lines(instructions, lines, skip, &mut parsed);
     parsed.finish();
+    parsed.ends = FieldEnds::default();
     (result, parsed)
 }
 
