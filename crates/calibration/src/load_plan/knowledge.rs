@@ -1,8 +1,8 @@
 //! What is known of the sensors: that their answers are smooth, or the parameters of a physics model.
 
 use crate::physics::cholesky::{Cholesky, diagonal};
-use crate::physics::response::{Answer, PARAMETERS, Parameters};
-use crate::physics::{Noise, PhysicsCalibration, PhysicsModel, Sensor};
+use crate::physics::response::{Answer, Parameters};
+use crate::physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
 /// Terms: 1, w (6) and w·w (21).
@@ -14,30 +14,24 @@ const SECOND_ORDER: f64 = 25.0;
 /// The level of an interval of one standard error, of normal errors.
 const ONE_SIGMA: f64 = 0.683;
 
-/// A covariance `C`, symmetric.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct CovarianceMatrix<const N: usize>(pub(super) Box<[[f64; N]; N]>);
+/// `C·x`.
+fn times<const N: usize>(c: &[[f64; N]; N], x: &[f64; N]) -> [f64; N] {
+    std::array::from_fn(|i| dot(&c[i], x))
+}
 
-impl<const N: usize> CovarianceMatrix<N> {
-    /// `C·x`.
-    fn times(&self, x: &[f64; N]) -> [f64; N] {
-        std::array::from_fn(|i| dot(&self.0[i], x))
-    }
+/// `xᵀCx`, at least 0.
+fn variance<const N: usize>(c: &[[f64; N]; N], x: &[f64; N]) -> f64 {
+    dot(&times(c, x), x).max(0.0)
+}
 
-    /// `xᵀCx`, at least 0.
-    fn variance(&self, x: &[f64; N]) -> f64 {
-        dot(&self.times(x), x).max(0.0)
-    }
-
-    /// What is left after an observation of `xᵀp` with this variance: `C − Cx(Cx)ᵀ/(noise + xᵀCx)`
-    /// (Golub & Van Loan, 4th ed., §2.1.4).
-    pub(super) fn observe(&mut self, x: &[f64; N], noise: f64) {
-        let cx = self.times(x);
-        let divisor = noise + dot(&cx, x).max(0.0);
-        for (row, &left) in self.0.iter_mut().zip(&cx) {
-            let share = left / divisor;
-            row.iter_mut().zip(&cx).for_each(|(value, right)| *value -= share * right);
-        }
+/// Makes of the covariance `C` of `p` what is left after an observation of `xᵀp` with this variance:
+/// `C − Cx(Cx)ᵀ/(noise + xᵀCx)` (Golub & Van Loan, 4th ed., §2.1.4).
+pub(super) fn observe<const N: usize>(c: &mut [[f64; N]; N], x: &[f64; N], noise: f64) {
+    let cx = times(c, x);
+    let divisor = noise + dot(&cx, x).max(0.0);
+    for (row, &left) in c.iter_mut().zip(&cx) {
+        let share = left / divisor;
+        row.iter_mut().zip(&cx).for_each(|(value, right)| *value -= share * right);
     }
 }
 
@@ -52,7 +46,7 @@ fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
     /// That of the terms after some loads, readings unknown.
-    pub(super) covariance: CovarianceMatrix<TERMS>,
+    pub(super) covariance: Box<[[f64; TERMS]; TERMS]>,
     largest: PerAxis<f64>,
 }
 
@@ -65,8 +59,8 @@ impl Surface {
         };
         let mut prior = [SECOND_ORDER; TERMS];
         prior[..7].fill(FIRST_ORDER);
-        let covariance = CovarianceMatrix(Box::new(diagonal(prior)));
-        let mut surface = Self { covariance, largest: std::array::from_fn(of) };
+        let largest = std::array::from_fn(of);
+        let mut surface = Self { covariance: Box::new(diagonal(prior)), largest };
         loads.iter().for_each(|load| surface.observe(load));
         surface
     }
@@ -82,23 +76,23 @@ impl Surface {
 
     pub(super) fn observe(&mut self, load: &PerAxis<f64>) {
         let terms = self.terms(load);
-        self.covariance.observe(&terms, 1.0);
+        observe(&mut self.covariance, &terms, 1.0);
     }
 
     pub(super) fn gain(&self, load: &PerAxis<f64>) -> f64 {
-        self.covariance.variance(&self.terms(load)).ln_1p()
+        variance(&self.covariance, &self.terms(load)).ln_1p()
     }
 
     /// The root of the mean variance of an answer over some loads, in standard deviations of one pose.
     pub(super) fn error(&self, range: &[PerAxis<f64>]) -> f64 {
-        let variances = range.iter().map(|load| self.covariance.variance(&self.terms(load)));
+        let variances = range.iter().map(|load| variance(&self.covariance, &self.terms(load)));
         (variances.sum::<f64>() / range.len().max(1) as f64).sqrt()
     }
 
     /// By how much a load lowers the mean variance of an answer over `range`.
     pub(super) fn variance_gain(&self, load: &PerAxis<f64>, range: &[PerAxis<f64>]) -> f64 {
         let of_load = self.terms(load);
-        let known = self.covariance.times(&of_load);
+        let known = times(&self.covariance, &of_load);
         let divisor = 1.0 + dot(&known, &of_load).max(0.0);
         let squares = range.iter().map(|at| dot(&known, &self.terms(at)).powi(2));
         squares.sum::<f64>() / (divisor * range.len().max(1) as f64)
@@ -108,12 +102,7 @@ impl Surface {
 /// A physics model whose covariances are those after some more loads, readings unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorKnowledge {
-    parameters: Vec<Parameters>,
-    covariances: Vec<CovarianceMatrix<PARAMETERS>>,
-    noise: Noise,
-    scale: PerAxis<f64>,
-    /// `λ·Σ_w⁻¹`.
-    prior: PerAxis<PerAxis<f64>>,
+    model: PhysicsModel,
     /// What standard errors are multiplied by.
     inflation: PerAxis<f64>,
 }
@@ -133,57 +122,53 @@ impl SensorKnowledge {
     /// were held out.
     pub fn from_calibration(calibration: &PhysicsCalibration) -> Self {
         let factors = calibration.intervals.as_ref().and_then(|of| of.factors(ONE_SIGMA).ok());
-        let inflation = factors.unwrap_or([1.0; 6]);
-        Self { inflation, ..Self::from_model(calibration.model()) }
+        Self { model: calibration.model().clone(), inflation: factors.unwrap_or([1.0; 6]) }
     }
 
     /// What a model says.
     pub fn from_model(model: &PhysicsModel) -> Self {
-        let covariance = |of: &Sensor| CovarianceMatrix(Box::new(of.covariance));
-        Self {
-            parameters: model.sensors.iter().map(|of| of.parameters).collect(),
-            covariances: model.sensors.iter().map(covariance).collect(),
-            noise: model.noise,
-            scale: model.wrench_scale,
-            prior: model.load_precision.map(|row| row.map(|x| model.lambda * x)),
-            inflation: [1.0; 6],
-        }
+        Self { model: model.clone(), inflation: [1.0; 6] }
     }
 
     /// What each sensor answers to a load.
     pub(super) fn answers(&self, load: &PerAxis<f64>) -> Vec<SensorAnswer> {
-        let x: PerAxis<f64> = std::array::from_fn(|axis| load[axis] / self.scale[axis]);
-        let of = |parameters: &Parameters| {
+        let PhysicsModel { sensors, noise, wrench_scale, .. } = &self.model;
+        let x: PerAxis<f64> = std::array::from_fn(|axis| load[axis] / wrench_scale[axis]);
+        let of = |Sensor { parameters, .. }: &Sensor| {
             let answer = Answer::at(parameters, &x);
             SensorAnswer {
                 gradient: answer.gradient(&x),
                 slopes: std::array::from_fn(|axis| answer.slope * parameters[1 + axis]),
-                noise: self.noise.variance(answer.slope),
+                noise: noise.variance(answer.slope),
             }
         };
-        self.parameters.iter().map(of).collect()
+        sensors.iter().map(of).collect()
     }
 
     pub(super) fn observe(&mut self, load: &PerAxis<f64>) {
-        for (answer, covariance) in self.answers(load).iter().zip(&mut self.covariances) {
-            covariance.observe(&answer.gradient, answer.noise);
+        for (answer, sensor) in self.answers(load).iter().zip(&mut self.model.sensors) {
+            observe(&mut sensor.covariance, &answer.gradient, answer.noise);
         }
     }
 
     /// `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)`.
     pub(super) fn gain(&self, load: &PerAxis<f64>) -> f64 {
-        let answers = self.answers(load);
-        let pairs = self.covariances.iter().zip(&answers);
-        pairs.map(|(of, answer)| (of.variance(&answer.gradient) / answer.noise).ln_1p()).sum()
+        let pairs = self.model.sensors.iter().zip(self.answers(load));
+        let gain = |(sensor, SensorAnswer { gradient, noise, .. }): (&Sensor, SensorAnswer)| {
+            (variance(&sensor.covariance, &gradient) / noise).ln_1p()
+        };
+        pairs.map(gain).sum()
     }
 
     /// The mean variances of a wrench over some loads, to which these are the answers, in the model's scales.
     pub(super) fn mean_variances(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
+        let PhysicsModel { sensors, load_precision, lambda, .. } = &self.model;
         let mut sums = [0.0; 6];
         for answers in range {
-            let mut information = self.prior;
-            for (answer, covariance) in answers.iter().zip(&self.covariances) {
-                let weight = (answer.noise + covariance.variance(&answer.gradient)).recip();
+            let mut information = load_precision.map(|row| row.map(|x| lambda * x));
+            for (answer, sensor) in answers.iter().zip(sensors) {
+                let own = variance(&sensor.covariance, &answer.gradient);
+                let weight = (answer.noise + own).recip();
                 for (row, slope) in information.iter_mut().zip(answer.slopes) {
                     let share = weight * slope;
                     let pairs = row.iter_mut().zip(answer.slopes);
@@ -201,7 +186,7 @@ impl SensorKnowledge {
 
     /// Those variances as errors, N and N·m.
     pub(super) fn errors(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
-        let variances = self.mean_variances(range);
-        std::array::from_fn(|axis| variances[axis].sqrt() * self.scale[axis] * self.inflation[axis])
+        let (variances, scale) = (self.mean_variances(range), &self.model.wrench_scale);
+        std::array::from_fn(|axis| variances[axis].sqrt() * scale[axis] * self.inflation[axis])
     }
 }

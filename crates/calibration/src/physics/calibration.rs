@@ -55,12 +55,11 @@ impl PhysicsCalibration {
     ) -> Result<(Self, Choice), FitError> {
         let choice = Choice::fit_from(sample, before, workers)?;
         let mut scores = Scores::default();
-        for fold in &choice.fold_models {
-            let groups: BTreeSet<u64> = fold.groups.iter().copied().collect();
-            let inversion = Inversion::new(&fold.model);
+        for (groups, model) in &choice.fold_models {
+            let inversion = Inversion::new(model);
             let every = |rows: usize| rows.div_ceil(MOST_SCORED);
             let estimates = |readings: &[Vec<f64>]| inversion.estimates(readings);
-            rows.convert(&groups, every, estimates, |group, errors, standard_errors| {
+            rows.convert(groups, every, estimates, |group, errors, standard_errors| {
                 scores.add(group, &errors, &standard_errors);
             });
         }

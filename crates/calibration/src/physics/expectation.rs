@@ -3,9 +3,9 @@
 use pulp::Simd;
 
 use super::cholesky::{Cholesky, LaneCholesky};
+use super::fit::MOST_CHANNELS;
 use super::lanes::{Lanes, MOST_LANES, add_rows};
 use super::noise::{Noise, Residuals};
-use super::observation::MOST_CHANNELS;
 use super::response::{FACTORS, Loadings};
 use super::sums::Curve;
 use shell_data::vectorised;

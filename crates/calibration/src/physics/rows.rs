@@ -13,8 +13,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::PhysicsError;
+use super::fit::{MOST_CHANNELS, Observation};
 use super::inversion::Estimates;
-use super::observation::{MOST_CHANNELS, Observation};
 use crate::grouped_rows::{GroupedRows, Run, count};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;

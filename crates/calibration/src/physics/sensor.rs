@@ -11,7 +11,7 @@
 
 use super::cholesky::Cholesky;
 use super::response::{PARAMETERS, Parameters, SHAPE, displacement, move_by};
-use super::sums::{Cost, Curve, Data};
+use super::sums::{Cost, Curve, Data, cost_of, curve_at};
 
 /// Values of ν to start from, on either side of the logistic curve's 1.
 const STARTS: [f64; 2] = [0.7, 1.6];
@@ -72,7 +72,7 @@ impl Data<'_> {
         prior: &Prior,
         steps: usize,
     ) -> f64 {
-        let mut curve = Curve::new(&estimate.parameters, self);
+        let curve = curve_at(&estimate.parameters, self);
         let mut cost = self.cost_along(&curve, &estimate.parameters, prior);
         for _ in 0..steps {
             let mut damped = cost.information;
@@ -81,8 +81,7 @@ impl Data<'_> {
             if let Some(factor) = Cholesky::new(&damped) {
                 move_by([&mut next], &factor.solve(&cost.descent));
             }
-            curve = curve.moved(&next, self);
-            let next_cost = self.cost_along(&curve, &next, prior);
+            let next_cost = self.cost_along(&curve_at(&next, self), &next, prior);
             let better = next_cost.value < cost.value;
             if better {
                 (estimate.parameters, cost) = (next, next_cost);
@@ -95,7 +94,7 @@ impl Data<'_> {
 
     /// What is minimised, at the parameters `p`, whose curve is this.
     pub(super) fn cost_along(&self, curve: &Curve, p: &Parameters, prior: &Prior) -> Cost {
-        let mut cost = curve.cost(&self.weights);
+        let mut cost = cost_of(curve, &self.weights);
         for (i, value) in p.iter().enumerate() {
             let (precision, off) = (prior.sd[i].powi(-2), prior.mean[i] - value);
             cost.information[i][i] += precision;

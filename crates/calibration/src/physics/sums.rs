@@ -3,12 +3,11 @@
 //! Rows are assigned in turn to [`MOST_LANES`] sums, which are added at the end, in vectors of any
 //! width: the bits are the same on every machine.
 
-use pulp::{Simd, WithSimd};
+use pulp::Simd;
 
 use super::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
 use super::noise::Residuals;
 use super::response::{PARAMETERS, Parameters, SHAPE};
-use shell_data::instructions::arch;
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
@@ -47,7 +46,7 @@ pub(super) fn residuals(
     covariance: &[Parameters; PARAMETERS],
     data: &Data<'_>,
 ) -> Residuals {
-    let curve = Curve::new(p, data);
+    let curve = curve_at(p, data);
     let variances = parameter_variances(&curve, covariance);
     let squares = curve.residual.iter().zip(&variances).map(|(r, variance)| r * r + variance);
     let slope_squares = curve.gradient[0].iter().map(|slope| slope * slope);
@@ -66,42 +65,11 @@ pub(super) struct Curve {
     pub(super) gradient: [Vec<f64>; PARAMETERS],
 }
 
-impl Curve {
-    /// At the parameters `p`.
-    pub(super) fn new(p: &Parameters, data: &Data<'_>) -> Self {
+vectorised! {
+    /// The curve with the parameters `p`.
+    pub(super) fn curve_at<S: Simd>(simd: S, p: &Parameters, data: &Data<'_>) -> Curve {
         let column = || vec![0.0; data.readings.len()];
-        let curve = Self { residual: column(), gradient: std::array::from_fn(|_| column()) };
-        curve.moved(p, data)
-    }
-
-    /// The same at other parameters, in the same memory.
-    pub(super) fn moved(self, p: &Parameters, data: &Data<'_>) -> Self {
-        arch().dispatch(CurveOf { curve: self, p, data })
-    }
-
-    /// The sum over the rows with these weights.
-    pub(super) fn cost(&self, weights: &[f64]) -> Cost {
-        arch().dispatch(CostOf { curve: self, weights })
-    }
-}
-
-struct CurveOf<'a> {
-    curve: Curve,
-    p: &'a Parameters,
-    data: &'a Data<'a>,
-}
-
-struct CostOf<'a> {
-    curve: &'a Curve,
-    weights: &'a [f64],
-}
-
-impl WithSimd for CurveOf<'_> {
-    type Output = Curve;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Curve {
-        let Self { mut curve, p, data } = self;
+        let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
         let (h, nu) = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
         for first in (0..data.readings.len()).step_by(S::F64_LANES) {
             let mut x = [Lanes::splat(simd, 0.0); 6];
@@ -122,12 +90,10 @@ impl WithSimd for CurveOf<'_> {
     }
 }
 
-impl WithSimd for CostOf<'_> {
-    type Output = Cost;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Cost {
-        let Self { curve: Curve { residual, gradient }, weights } = self;
+vectorised! {
+    /// The sum over the rows of a curve with these weights.
+    pub(super) fn cost_of<S: Simd>(simd: S, curve: &Curve, weights: &[f64]) -> Cost {
+        let Curve { residual, gradient } = curve;
         let mut information = [[[0.0; MOST_LANES]; PARAMETERS]; PARAMETERS];
         let mut descent = [[0.0; MOST_LANES]; PARAMETERS];
         let mut value = [0.0; MOST_LANES];
@@ -202,13 +168,11 @@ fn add_products<S: Simd>(
 
 #[cfg(test)]
 mod tests {
-    use pulp::Scalar;
-
     use super::*;
     use crate::physics::response::Answer;
 
     #[test]
-    fn sums_are_those_of_the_definition_in_vectors_of_any_width() {
+    fn sums_are_those_of_the_definition() {
         let p = [0.3, 0.5, -1.2, 0.7, 0.1, -0.4, 0.9, -0.05, 0.1, -0.3];
         let value = |row: usize, k: usize| ((row * 31 + k * 17) % 19) as f64 / 10.0 - 0.9;
         let rows = 21;
@@ -217,8 +181,7 @@ mod tests {
         let wrench = std::array::from_fn(column);
         let (readings, weights) = (column(7), pad(vec![2.0; rows]));
         let data = Data { wrench: &wrench, readings: &readings, rows, weights };
-        let curve = Curve::new(&p, &data);
-        let found = curve.cost(&data.weights);
+        let found = cost_of(&curve_at(&p, &data), &data.weights);
         let (mut cost, mut information, mut descent) = (0.0, 0.0, 0.0);
         for row in 0..rows {
             let x = std::array::from_fn(|axis| wrench[axis][row]);
@@ -232,13 +195,6 @@ mod tests {
         assert!((found.value - cost).abs() < 1e-10);
         assert!((found.information[9][4] - information).abs() < 1e-10);
         assert!((found.descent[8] - descent).abs() < 1e-10);
-        let narrow_curve =
-            CurveOf { curve: Curve::new(&[0.1; 10], &data), p: &p, data: &data }.with_simd(Scalar);
-        assert_eq!(curve.residual, narrow_curve.residual);
-        assert_eq!(curve.gradient, narrow_curve.gradient);
-        let narrow = CostOf { curve: &curve, weights: &data.weights }.with_simd(Scalar);
-        assert_eq!((found.value, found.descent), (narrow.value, narrow.descent));
-        assert_eq!(found.information, narrow.information);
         assert_eq!(residuals(&p, &[[0.0; 10]; 10], &data).squares.len(), rows);
     }
 }

@@ -23,11 +23,10 @@
 mod newton;
 
 use self::newton::Invert;
+use super::fit::Observation;
 use super::model::{PhysicsModel, Sensor};
 use super::noise::Noise;
-use super::observation::Observation;
-use super::response::FACTORS;
-use super::response::{PARAMETERS, Parameters, SHAPE, displacement};
+use super::response::{FACTORS, PARAMETERS, Parameters, SHAPE, displacement};
 use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 

@@ -7,8 +7,8 @@ use pulp::{Simd, WithSimd};
 
 use super::{Estimates, Flags, Inversion, Ready};
 use crate::physics::cholesky::LaneCholesky;
+use crate::physics::fit::MOST_CHANNELS;
 use crate::physics::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
-use crate::physics::observation::MOST_CHANNELS;
 
 /// Most steps, halved ones among them; five or six are usual.
 const STEPS: usize = 16;
