@@ -186,11 +186,6 @@ impl Fit {
         Some(self.solution()?.condition).filter(|condition| condition.is_finite())
     }
 
-    /// What it is worth on data that it has not seen.
-    pub fn verdict(&self) -> Verdict<'_> {
-        Verdict::new(self)
-    }
-
     /// Errors on all test rows.
     pub fn test(&self) -> Evaluation {
         Evaluation::total(&self.tests)

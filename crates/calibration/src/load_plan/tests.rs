@@ -3,7 +3,7 @@ use std::num::NonZeroU64;
 use faer::Mat;
 use system_tests::random::Random;
 
-use super::knowledge;
+use super::planner::observe as observe_load;
 use super::*;
 use crate::passes::Workers;
 use crate::physics::cholesky::diagonal;
@@ -40,7 +40,7 @@ fn observe(group: u64, wrench: PerAxis<f64>, noise: f64, random: &mut Random) ->
 #[test]
 fn an_observation_adds_its_information() {
     let mut covariance = diagonal([2.0, 0.5]);
-    knowledge::observe(&mut covariance, &[1.0, 3.0], 4.0);
+    observe_load(&mut covariance, &[1.0, 3.0], 4.0);
     // The inverse of (1/2, 2) on the diagonal plus (1, 3)(1, 3)ᵀ/4, by hand.
     let (a, b, c): (f64, f64, f64) = (0.5 + 0.25, 0.75, 2.0 + 2.25);
     let determinant = a * c - b * b;

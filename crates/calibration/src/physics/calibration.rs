@@ -110,8 +110,6 @@ pub struct PhysicsValidation {
 /// Errors on one group.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GroupErrors {
-    /// The group.
-    pub group: u64,
     /// Predicted less measured.
     pub errors: PerAxis<HeldOutErrors>,
     /// Rows within their intervals of [`COVERAGE_LEVEL`]; `None` if those could not be given.
@@ -232,11 +230,8 @@ fn errors(
     let mut groups = BTreeMap::<u64, GroupErrors>::new();
     let every = rows.row_count().div_ceil(MOST_JUDGED);
     let take = |group, errors: PerAxis<f64>, standard_errors: PerAxis<f64>| {
-        let of = groups.entry(group).or_insert_with(|| GroupErrors {
-            group,
-            covered: factors.map(|_| PerAxis::default()),
-            ..GroupErrors::default()
-        });
+        let covered = factors.map(|_| PerAxis::default());
+        let of = groups.entry(group).or_insert(GroupErrors { covered, ..GroupErrors::default() });
         for (axis, (error, standard_error)) in errors.into_iter().zip(standard_errors).enumerate() {
             let one = HeldOutErrors { rows: 1, sum: error, squares: error * error };
             of.errors[axis].merge(&one);

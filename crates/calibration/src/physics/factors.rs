@@ -16,8 +16,7 @@ use super::fit::{FittedParameters, Scaled, common_prior, sensors};
 use super::response::{
     FACTORS, Loadings, PARAMETERS, Parameters, add_factors, factor_count, move_by,
 };
-use super::sensor::Prior;
-use super::sums::{Curve, Data, curve_at, parameter_variances};
+use super::sensor::{Curve, Data, Prior, curve_at, parameter_variances};
 use crate::symmetric::SymmetricMatrix;
 
 /// Effort of a fit, and of one from nearly the same observations. In a round the loadings and variances make

@@ -11,8 +11,7 @@ use super::cholesky::{Cholesky, diagonal};
 use super::lanes::MOST_LANES;
 use super::noise::{Noise, Residuals};
 use super::response::{FACTORS, Loadings, PARAMETERS, Parameters, SHAPE};
-use super::sensor::{ParameterEstimate, Prior};
-use super::sums::{Data, curve_at, residuals};
+use super::sensor::{Data, ParameterEstimate, Prior, curve_at, residuals};
 use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 

@@ -29,7 +29,6 @@ mod noise;
 pub mod response;
 mod rows;
 mod sensor;
-mod sums;
 pub mod uncertain_loads;
 
 pub use self::calibration::{COVERAGE_LEVEL, GroupErrors, PhysicsCalibration, PhysicsValidation};
