@@ -45,8 +45,6 @@ pub struct PhysicsFit {
     pub observations: usize,
     /// Groups.
     pub groups: usize,
-    /// What they are.
-    pub group_by: GroupBy,
     /// Errors on groups that were held out, where that was asked for.
     pub validation: Option<PhysicsValidation>,
 }
@@ -122,7 +120,6 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
         observations: choice.sample.count,
         choice,
         groups: rows.group_count(),
-        group_by,
         validation,
     };
     let choice = ModelChoice {

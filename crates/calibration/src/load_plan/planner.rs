@@ -25,7 +25,7 @@ fn variance<const N: usize>(c: &[[f64; N]; N], x: &[f64; N]) -> f64 {
     dot(&times(c, x), x).max(0.0)
 }
 
-/// Makes of the covariance `C` of `p` what is left after an observation of `xᵀp` with this variance:
+/// Replaces the covariance `C` of `p` by what is left after an observation of `xᵀp` with this variance:
 /// `C − Cx(Cx)ᵀ/(noise + xᵀCx)` (Golub & Van Loan, 4th ed., §2.1.4).
 pub(super) fn observe<const N: usize>(c: &mut [[f64; N]; N], x: &[f64; N], noise: f64) {
     let cx = times(c, x);
@@ -46,7 +46,7 @@ fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
 /// first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
-    /// That of the terms after some loads, readings unknown.
+    /// The covariance of the terms after some loads, readings unknown.
     pub(super) covariance: Box<[[f64; TERMS]; TERMS]>,
     largest: PerAxis<f64>,
 }

@@ -26,7 +26,7 @@ const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 
 /// λ and width that are mostly near the chosen ones.
-const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
+pub(super) const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
 
 /// Up to this many groups each is held out alone; more are assigned to [`FOLDS`] folds.
 const MOST_ALONE: usize = 40;
@@ -84,12 +84,6 @@ struct CandidateData<'a> {
 
 /// Fits without one fold and their squared errors on it for each λ.
 type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
-
-/// A model of usual λ and width, without factors: what the physics model is worth here, in a hundredth of the time of
-/// a choice.
-pub(super) fn usual(sample: &ObservationSample) -> Result<PhysicsModel, PhysicsError> {
-    PhysicsModel::fit(&sample.tried, USUAL.0, USUAL.1)
-}
 
 impl Choice {
     /// Fits a model whose λ, prior width and number of factors are chosen by cross-validation.
@@ -190,12 +184,11 @@ impl CandidateData<'_> {
         let folds: Vec<usize> = (0..self.folds.len()).collect();
         map(&folds, self.workers, |&fold| {
             let fitted = fit(&self.folds[fold].rest);
-            let mut model = self.model(fold, &fitted, (LAMBDAS[0], width));
+            let model = self.model(fold, &fitted, (LAMBDAS[0], width));
             let mut inversion = Inversion::new(&model);
             let held_out = &self.folds[fold].held_out;
             let squares = LAMBDAS.map(|lambda| {
-                model.lambda = lambda;
-                inversion.set_prior(&model);
+                inversion.set_lambda(lambda);
                 inversion.squared_errors(held_out, &model.wrench_scale).iter().sum()
             });
             Ok((fitted, squares))
