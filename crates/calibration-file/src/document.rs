@@ -12,8 +12,9 @@ use super::{
 use calibration::dynamics::ReferenceLag;
 use calibration::memory::MemoryTerms;
 use calibration::model::Model;
-use calibration::physics::observation::MOST_CHANNELS;
-use calibration::physics::{GroupIntervals, PhysicsCalibration, PhysicsModel, Sensor};
+use calibration::physics::{
+    GroupIntervals, MOST_CHANNELS, PhysicsCalibration, PhysicsModel, Sensor,
+};
 use calibration::reading_ranges::ReadingRange;
 use calibration::scaling::Scaling;
 use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};

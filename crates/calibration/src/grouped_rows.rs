@@ -94,18 +94,8 @@ impl GroupedRows {
 
     /// Every n-th row of each group, beginning with its first.
     pub(crate) fn every_nth(&self, n: usize) -> Self {
-        let of_group = |runs: &[Run]| {
-            let mut before = 0;
-            let nth = |run: &Run| {
-                let rows = before..before + run.rows;
-                before = rows.end;
-                let (run, start) = (*run, rows.start);
-                let kept = rows.filter(move |row| (*row as usize).is_multiple_of(n));
-                kept.map(move |row| Run { first: run.first + row - start, rows: 1, ..run })
-            };
-            runs.iter().flat_map(nth).collect::<Vec<_>>()
-        };
-        Self { blocks: self.blocks.clone(), runs: self.groups().flat_map(of_group).collect() }
+        let runs = self.groups().flat_map(|runs| every_nth(runs, n)).collect();
+        Self { blocks: self.blocks.clone(), runs }
     }
 
     /// Number of rows.
@@ -190,6 +180,19 @@ impl GroupedRows {
     pub(crate) fn sample(&self) -> Block {
         sample(self.blocks.iter().map(|block| &**block))
     }
+}
+
+/// Every n-th row of some runs, beginning with the first.
+pub(crate) fn every_nth(runs: &[Run], n: usize) -> Vec<Run> {
+    let mut before = 0;
+    let nth = |run: &Run| {
+        let rows = before..before + run.rows;
+        before = rows.end;
+        let (run, start) = (*run, rows.start);
+        let kept = rows.filter(move |row| (*row as usize).is_multiple_of(n));
+        kept.map(move |row| Run { first: run.first + row - start, rows: 1, ..run })
+    };
+    runs.iter().flat_map(nth).collect()
 }
 
 /// Number of rows.

@@ -4,8 +4,7 @@
 use super::fit::calibration_file;
 use super::{WorkflowError, check_logs};
 use calibration::factored::GroupFactors;
-use calibration::fit::merged::fit_sums;
-use calibration::fit::{Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS, random_split};
+use calibration::fit::{Fit, FitOptions, HeldOut, ModelRule, RANDOM_FOLDS, fit_sums, random_split};
 use calibration::reading_ranges::ReadingRanges;
 use calibration::scaling::Scaling;
 use calibration::validation::grouped::{

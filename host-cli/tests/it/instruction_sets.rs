@@ -43,9 +43,10 @@ fn calibrations_and_forces_are_the_same_bits_with_any_instructions() {
         "fit --model cubic full.csv --test test.csv --quiet --output cubic.json",
         "fit short.csv --model poly3 --covariance rows --quiet --output poly3.json",
         "fit short.csv full.csv --model quadratic --solver tsqr --covariance rows --quiet --output qr.json",
+        "fit short.csv --model physics --quiet --output physics.json",
         "convert poly3.json test.csv --quiet --output forces.csv",
     ];
-    let outputs = ["cubic.json", "poly3.json", "qr.json", "forces.csv"];
+    let outputs = ["cubic.json", "poly3.json", "qr.json", "physics.json", "forces.csv"];
     let mut first = None;
     for (name, _) in available() {
         for command in commands {

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use calibration::exact::Moments;
 use calibration::factored::FactoredGroups;
-use calibration::fit::merged::RowSums;
+use calibration::fit::RowSums;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::{Deserialize, Serialize};
 

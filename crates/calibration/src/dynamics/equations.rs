@@ -44,14 +44,7 @@ impl ProductColumns {
 /// The memory terms of one time constant.
 pub(super) struct MemoryColumns {
     pub(super) time_constant: f64,
-    terms: ProductColumns,
-}
-
-impl MemoryColumns {
-    pub(super) fn new(samples: &SearchRows<'_>, time_constant: f64) -> Self {
-        let terms = ProductColumns::new(samples, samples.memory_terms(time_constant));
-        Self { time_constant, terms }
-    }
+    pub(super) terms: ProductColumns,
 }
 
 /// The equations of features and some memory terms.

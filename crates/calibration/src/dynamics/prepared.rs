@@ -1,6 +1,7 @@
 //! Time along the rows of logs, and data sets with memory terms beside their readings and the wrench at the time of the
 //! readings.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::{FitError, GAP_PERIODS};
@@ -79,24 +80,21 @@ pub(super) struct BetweenRows {
 
 impl BetweenRows {
     /// For each of some rows, in ascending order, where the time `by` after its own lies: between two rows, or up to one
-    /// row beyond the ends of its segment; further out the last value is held. `times` ascend within each of `segments`,
-    /// which are the first rows of stretches without a gap.
+    /// row beyond the ends of its segment; further out the last value is held. `times` ascend within each of `segments`.
     pub(super) fn later(
         times: &[f64],
-        segments: &[usize],
+        segments: &[Range<usize>],
         by: f64,
         rows: impl IntoIterator<Item = usize>,
     ) -> Vec<Self> {
-        let ends = segments.iter().skip(1).copied().chain([times.len()]);
-        let mut stretches = segments.iter().copied().zip(ends);
-        let mut stretch = (0, 0);
+        let (mut segments, mut segment) = (segments.iter(), &(0..0));
         let of_row = |row: usize| {
-            while row >= stretch.1
-                && let Some(next) = stretches.next()
+            while row >= segment.end
+                && let Some(next) = segments.next()
             {
-                stretch = next;
+                segment = next;
             }
-            let (start, end) = stretch;
+            let &Range { start, end } = segment;
             let wanted = times[row] + by;
             let last = end.saturating_sub(2).max(start);
             let mut before = row.min(last);
@@ -120,14 +118,18 @@ impl BetweenRows {
     }
 }
 
-/// The first rows of stretches in which time does not go back or jump by more than `gap`, if that is given.
-pub(super) fn segments(times: &[f64], gap: Option<f64>) -> Vec<usize> {
-    let is_cut = |row: &usize| {
-        let step = times[*row] - times[*row - 1];
-        !(step >= 0.0 && gap.is_none_or(|gap| step <= gap))
+/// The rows of stretches in which time does not go back or jump by more than `gap`, if that is given.
+pub(super) fn segments(times: &[f64], gap: Option<f64>) -> Vec<Range<usize>> {
+    let goes_on = |before: &f64, after: &f64| {
+        let step = after - before;
+        step >= 0.0 && gap.is_none_or(|gap| step <= gap)
     };
-    let first = (!times.is_empty()).then_some(0);
-    first.into_iter().chain((1..times.len()).filter(is_cut)).collect()
+    let mut end = 0;
+    let rows = |times: &[f64]| {
+        end += times.len();
+        end - times.len()..end
+    };
+    times.chunk_by(goes_on).map(rows).collect()
 }
 
 /// The rows as a calibration with this memory and lag takes them.
@@ -200,7 +202,7 @@ mod tests {
     fn a_straight_line_is_moved_along_itself_and_held_beyond_the_ends_of_segments() {
         let times = [0.0, 1.0, 1.5, 3.0, 50.0, 51.0];
         let segments = segments(&times, Some(10.0));
-        assert_eq!(segments, [0, 4]);
+        assert_eq!(segments, [0..4, 4..6]);
         let column = times.map(|time| 2.0 * time);
         let shifted = |by: f64| -> Vec<f64> {
             let then = BetweenRows::later(&times, &segments, by, 0..times.len());
@@ -218,7 +220,7 @@ mod tests {
 
     #[test]
     fn time_that_goes_back_begins_a_segment() {
-        assert_eq!(segments(&[5.0, 5.0, 6.0, 2.0, 3.0], None), [0, 3]);
+        assert_eq!(segments(&[5.0, 5.0, 6.0, 2.0, 3.0], None), [0..3, 3..5]);
         assert!(segments(&[], None).is_empty());
     }
 }

@@ -48,7 +48,7 @@ struct LogPart<'a> {
     /// Its readings; the last block may have more rows.
     blocks: Vec<&'a Block>,
     times: Vec<f64>,
-    segments: Vec<usize>,
+    segments: Vec<Range<usize>>,
     wrench: PerAxis<Vec<f64>>,
     /// The rows that errors are found on.
     used: Vec<usize>,
@@ -156,12 +156,10 @@ impl<'a> SearchRows<'a> {
 
     /// The longest stretch without a gap.
     pub(super) fn longest(&self) -> f64 {
-        let of_log = |log: &LogPart<'_>| {
-            let ends = log.segments.iter().skip(1).copied().chain([log.times.len()]);
-            let spans = log.segments.iter().zip(ends);
-            spans.map(|(&start, end)| log.times[end - 1] - log.times[start]).fold(0.0, f64::max)
-        };
-        self.logs.iter().map(of_log).fold(0.0, f64::max)
+        let spans = self.logs.iter().flat_map(|log| {
+            log.segments.iter().map(|rows| log.times[rows.end - 1] - log.times[rows.start])
+        });
+        spans.fold(0.0, f64::max)
     }
 
     /// The loads of the used rows, rows × 6, at times that are later `by` so much.

@@ -73,7 +73,9 @@ impl DynamicsSearch<'_> {
     }
 
     fn terms(&self, time_constant: f64) -> Arc<MemoryColumns> {
-        Arc::new(MemoryColumns::new(self.samples(), time_constant))
+        let columns = self.samples().memory_terms(time_constant);
+        let terms = ProductColumns::new(self.samples(), columns);
+        Arc::new(MemoryColumns { time_constant, terms })
     }
 
     /// `None` where nothing can be found.

@@ -4,7 +4,7 @@
 //! Dataset ─▶ outliers left out ─▶ groups ─▶ model, by held-out groups ─▶ solution ─▶ errors, intervals, warnings
 //! ```
 //!
-//! Logs and arrays enter as a [`Dataset`]; [partial fits](merged) enter with sums in place of rows. What is found is a
+//! Logs and arrays enter as a [`Dataset`]; [partial fits](fit_sums) enter with sums in place of rows. What is found is a
 //! value in [`Fit`], and so is what is to be said of it ([`Warning`]): the caller prints, and writes files.
 //!
 //! ```
@@ -28,9 +28,7 @@
 
 mod choice;
 mod evaluation;
-mod group_errors;
 mod means;
-pub mod merged;
 mod options;
 mod outlier_search;
 mod outliers;
@@ -41,14 +39,15 @@ mod verdict;
 mod warning;
 
 pub use self::choice::FewGroups;
-pub use self::evaluation::{Evaluation, Leaks, evaluate};
-pub use self::group_errors::{
-    Better, GroupErrors, GroupedErrors, PairedError, PairedErrors, group_errors, paired_errors,
+pub use self::evaluation::{
+    Better, Evaluation, GroupErrors, Leaks, PairedError, PairedErrors, evaluate, group_errors,
+    paired_errors,
 };
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
 pub use self::outlier_search::find_outliers;
 pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 pub use self::physics::{ModelComparison, PhysicsFit};
+pub use self::polynomial::{RowSums, fit_sums};
 pub use self::refits::{RANDOM_FOLDS, random_split, sum_groups};
 pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::Warning;
@@ -160,14 +159,6 @@ pub enum FitMethod {
     Physics(Box<PhysicsFit>),
 }
 
-impl FitMethod {
-    /// A polynomial, with the rows that it was fitted to.
-    fn polynomial(solution: Solution, solver: SolverKind, truncate: Option<f64>) -> (Self, u64) {
-        let rows = solution.rows;
-        (Self::Polynomial { solution: Box::new(solution), solver, truncate }, rows)
-    }
-}
-
 impl Fit {
     /// The solution of a polynomial fit.
     pub fn solution(&self) -> Option<&Solution> {
@@ -195,11 +186,6 @@ impl Fit {
         Some(self.solution()?.condition).filter(|condition| condition.is_finite())
     }
 
-    /// What it is worth on data that it has not seen.
-    pub fn verdict(&self) -> Verdict<'_> {
-        Verdict::new(self)
-    }
-
     /// Errors on all test rows.
     pub fn test(&self) -> Evaluation {
         Evaluation::total(&self.tests)
@@ -209,7 +195,8 @@ impl Fit {
     fn new(
         calibration: Calibration,
         choice: ModelChoice,
-        (method, rows): (FitMethod, u64),
+        method: FitMethod,
+        rows: u64,
         train: PerAxis<AxisQuality>,
     ) -> Self {
         Self {

@@ -86,16 +86,13 @@ fn search(
     let mut search =
         OutlierSearch { data, options, blocks, suspects, spread: &spread, looked_by: None };
     let never = search.rows_out_of_range();
-    let (solved, mut known_tests);
-    let all = match known {
+    let mut known_tests = None;
+    let all = &match known {
         Some((fit, tested)) => {
             known_tests = Some(search.start_from(fit, tested));
-            fit
+            Cow::Borrowed(fit)
         }
-        None => {
-            (solved, known_tests) = (search.solve(&never)?, None);
-            &solved
-        }
+        None => Cow::Owned(search.solve(&never)?),
     };
     let (mut left_out, mut suspects) = (RowKeys::new(), Vec::new());
     let mut fit = Cow::Borrowed(&all.solution);

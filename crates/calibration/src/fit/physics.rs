@@ -45,8 +45,6 @@ pub struct PhysicsFit {
     pub observations: usize,
     /// Groups.
     pub groups: usize,
-    /// What they are.
-    pub group_by: GroupBy,
     /// Errors on groups that were held out, where that was asked for.
     pub validation: Option<PhysicsValidation>,
 }
@@ -81,11 +79,7 @@ pub(super) fn check(data: &Dataset) -> Result<(), FitError> {
 }
 
 /// The physics model as it was compared with a polynomial.
-#[derive(Clone, Debug)]
-pub(super) struct TriedPhysics {
-    fitted: (PhysicsCalibration, Choice),
-    validation: PhysicsValidation,
-}
+pub(super) type TriedPhysics = ((PhysicsCalibration, Choice), PhysicsValidation);
 
 /// Fits the physics model and finds its errors on the training rows and on those of tests. `tried` is it,
 /// where it has been compared already.
@@ -101,15 +95,15 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
         let known = (0..).zip(&labels).filter_map(|(at, label)| Some((at, *stated.get(label)?)));
         rows.judged_by = known.collect();
     }
-    let ((physics, choice), validation) = match (tried, options.cross_validation) {
-        (Some(TriedPhysics { fitted, validation }), _) => (fitted, Some(validation)),
-        (None, held_out) => {
+    let ((physics, choice), validation) = match tried {
+        Some((fitted, validation)) => (fitted, Some(validation)),
+        None => {
             let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
             let validate = |held_out| {
                 let folds = rows.folds(fold_count(held_out, labels.len(), group_by));
                 PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers)
             };
-            let validation = held_out.map(validate).transpose()?;
+            let validation = options.cross_validation.map(validate).transpose()?;
             (fitted, validation)
         }
     };
@@ -126,16 +120,15 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
         observations: choice.sample.count,
         choice,
         groups: rows.group_count(),
-        group_by,
         validation,
     };
     let choice = ModelChoice {
         cross_validation: physics.cross_validation(),
         ..options.open(Some(group_by))
     };
-    let how = (FitMethod::Physics(Box::new(physics)), of_train.rows);
-    let found_groups = group_by.found();
-    let fitted = Fit { found_groups, outliers, ..Fit::new(calibration, choice, how, quality) };
+    let (how, found_groups) = (FitMethod::Physics(Box::new(physics)), group_by.found());
+    let fitted = Fit::new(calibration, choice, how, of_train.rows, quality);
+    let fitted = Fit { found_groups, outliers, ..fitted };
     Ok(fitted.with_errors(used, test, errors, options))
 }
 
@@ -216,7 +209,7 @@ impl ModelComparison {
         let fitted = PhysicsCalibration::fit_from(&rows, sample, None, options.workers)?;
         let validation = PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers)?;
         let comparison = Comparison::new(&validation.by_fold(), &polynomial, &variances);
-        let tried = TriedPhysics { fitted, validation };
+        let tried = (fitted, validation);
         Ok(Some((Self { model, ridge, comparison, folds: folds.len() }, Some(tried))))
     }
 }

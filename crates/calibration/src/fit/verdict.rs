@@ -72,20 +72,22 @@ pub struct FrameInterval {
     pub held: Option<PerAxis<f64>>,
 }
 
-impl<'a> Verdict<'a> {
-    /// Of a fit.
-    pub fn new(fit: &'a Fit) -> Self {
-        let (axes, unseen) = (fit.calibration.axes, unseen_errors(fit));
-        let errors = unseen.as_ref().map_or(fit.train.map(|of| of.rms), |of| of.rms);
+impl Fit {
+    /// What it is worth on data that it has not seen.
+    pub fn verdict(&self) -> Verdict<'_> {
+        let (axes, unseen) = (self.calibration.axes, unseen_errors(self));
+        let errors = unseen.as_ref().map_or(self.train.map(|of| of.rms), |of| of.rms);
         let is_useless = |axis: &Axis| {
-            let load = fit.excitation.as_ref().map_or(0.0, |of| of.axes[axis.index()].rms);
+            let load = self.excitation.as_ref().map_or(0.0, |of| of.axes[axis.index()].rms);
             load > 0.0 && errors[axis.index()] > USELESS * load
         };
         let useless = axes.iter().filter(is_useless).collect();
-        let gaps = fit.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default();
-        Self { fit, axes, unseen, interval: interval(fit), useless, gaps }
+        let gaps = self.excitation.as_ref().map(|of| of.gaps(axes)).unwrap_or_default();
+        Verdict { fit: self, axes, unseen, interval: interval(self), useless, gaps }
     }
+}
 
+impl Verdict<'_> {
     /// Whether the calibration can be used for some axis.
     pub fn is_usable(&self) -> bool {
         self.useless != self.axes

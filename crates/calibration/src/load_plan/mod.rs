@@ -16,14 +16,14 @@
 //! Computation 4, 590, 1992, and Cohn, Neural Networks 9, 1071, 1996 (information gain, and average variance: ALC).
 //! Wind-tunnel balances are calibrated so: Parker et al., AIAA 2001-0170.
 
-mod knowledge;
 mod planner;
 mod replay;
 #[cfg(test)]
 mod tests;
 
-pub use self::knowledge::{SensorKnowledge, Surface};
-pub use self::planner::{Criterion, PlannedLoad, Planner, PredictedError};
+pub use self::planner::{
+    Criterion, PlannedLoad, Planner, PredictedError, SensorKnowledge, Surface,
+};
 pub use self::replay::{Order, Replay, ReplayError, ReplayOptions};
 
 use crate::grouped_rows::{GroupedRows, Run, count};

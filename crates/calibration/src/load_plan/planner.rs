@@ -1,7 +1,196 @@
-//! Loads in the order in which they tell most.
+//! Loads in the order in which they tell most, by what is known of the sensors: that their answers are smooth, or the
+//! parameters of a physics model.
 
-use super::knowledge::{SensorAnswer, SensorKnowledge, Surface};
+use crate::physics::cholesky::{Cholesky, diagonal};
+use crate::physics::response::{Answer, Parameters};
+use crate::physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
+
+/// Terms: 1, w (6) and w·w (21).
+const TERMS: usize = 28;
+/// Prior variances of the terms of first and of second order, with loads in units of the largest of each axis, in
+/// variances of one pose. Orders hardly differ with tenfold others.
+const FIRST_ORDER: f64 = 1e4;
+const SECOND_ORDER: f64 = 25.0;
+/// The level of an interval of one standard error, of normal errors.
+const ONE_SIGMA: f64 = 0.683;
+
+/// `C·x`.
+fn times<const N: usize>(c: &[[f64; N]; N], x: &[f64; N]) -> [f64; N] {
+    std::array::from_fn(|i| dot(&c[i], x))
+}
+
+/// `xᵀCx`, at least 0.
+fn variance<const N: usize>(c: &[[f64; N]; N], x: &[f64; N]) -> f64 {
+    dot(&times(c, x), x).max(0.0)
+}
+
+/// Replaces the covariance `C` of `p` by what is left after an observation of `xᵀp` with this variance:
+/// `C − Cx(Cx)ᵀ/(noise + xᵀCx)` (Golub & Van Loan, 4th ed., §2.1.4).
+pub(super) fn observe<const N: usize>(c: &mut [[f64; N]; N], x: &[f64; N], noise: f64) {
+    let cx = times(c, x);
+    let divisor = noise + dot(&cx, x).max(0.0);
+    for (row, &left) in c.iter_mut().zip(&cx) {
+        let share = left / divisor;
+        row.iter_mut().zip(&cx).for_each(|(value, right)| *value -= share * right);
+    }
+}
+
+fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+    a.iter().zip(b).fold(0.0, |sum, (a, b)| a.mul_add(*b, sum))
+}
+
+/// What is known before any reading: every answer is taken for a surface of second order in the wrench, 28 terms: 1, w
+/// and w·w. Loads that determine these well determine other smooth answers, too. Terms of second order have a prior:
+/// they are small beside those of first order, and until there are more loads than terms, those of first order come
+/// first.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surface {
+    /// The covariance of the terms after some loads, readings unknown.
+    pub(super) covariance: Box<[[f64; TERMS]; TERMS]>,
+    largest: PerAxis<f64>,
+}
+
+impl Surface {
+    /// After `loads`; `candidates` may be hung later. N and N·m.
+    pub fn new(loads: &[PerAxis<f64>], candidates: &[PerAxis<f64>]) -> Self {
+        let of = |axis: usize| {
+            let sizes = loads.iter().chain(candidates).map(|load| load[axis].abs());
+            Some(sizes.fold(0.0, f64::max)).filter(|&most| most > 0.0).unwrap_or(1.0)
+        };
+        let mut prior = [SECOND_ORDER; TERMS];
+        prior[..7].fill(FIRST_ORDER);
+        let largest = std::array::from_fn(of);
+        let mut surface = Self { covariance: Box::new(diagonal(prior)), largest };
+        loads.iter().for_each(|load| surface.observe(load));
+        surface
+    }
+
+    fn terms(&self, load: &PerAxis<f64>) -> [f64; TERMS] {
+        let w: PerAxis<f64> = std::array::from_fn(|axis| load[axis] / self.largest[axis]);
+        let mut terms = [1.0; TERMS];
+        terms[1..7].copy_from_slice(&w);
+        let products = (0..6).flat_map(|i| (i..6).map(move |j| w[i] * w[j]));
+        terms[7..].iter_mut().zip(products).for_each(|(term, product)| *term = product);
+        terms
+    }
+
+    fn observe(&mut self, load: &PerAxis<f64>) {
+        let terms = self.terms(load);
+        observe(&mut self.covariance, &terms, 1.0);
+    }
+
+    fn gain(&self, load: &PerAxis<f64>) -> f64 {
+        variance(&self.covariance, &self.terms(load)).ln_1p()
+    }
+
+    /// The root of the mean variance of an answer over some loads, in standard deviations of one pose.
+    fn error(&self, range: &[PerAxis<f64>]) -> f64 {
+        let variances = range.iter().map(|load| variance(&self.covariance, &self.terms(load)));
+        (variances.sum::<f64>() / range.len().max(1) as f64).sqrt()
+    }
+
+    /// By how much a load lowers the mean variance of an answer over `range`.
+    fn variance_gain(&self, load: &PerAxis<f64>, range: &[PerAxis<f64>]) -> f64 {
+        let of_load = self.terms(load);
+        let known = times(&self.covariance, &of_load);
+        let divisor = 1.0 + dot(&known, &of_load).max(0.0);
+        let squares = range.iter().map(|at| dot(&known, &self.terms(at)).powi(2));
+        squares.sum::<f64>() / (divisor * range.len().max(1) as f64)
+    }
+}
+
+/// A physics model whose covariances are those after some more loads, readings unknown.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SensorKnowledge {
+    model: PhysicsModel,
+    /// What standard errors are multiplied by.
+    inflation: PerAxis<f64>,
+}
+
+/// What a sensor answers to a load.
+struct SensorAnswer {
+    /// By the parameters.
+    gradient: Parameters,
+    /// By the wrench, in the model's scales.
+    slopes: PerAxis<f64>,
+    /// The variance of the answer when the parameters are known.
+    noise: f64,
+}
+
+impl SensorKnowledge {
+    /// What a calibration knows, with its standard errors multiplied by what made them those of errors on groups that
+    /// were held out.
+    pub fn from_calibration(calibration: &PhysicsCalibration) -> Self {
+        let factors = calibration.intervals.as_ref().and_then(|of| of.factors(ONE_SIGMA).ok());
+        Self { model: calibration.model().clone(), inflation: factors.unwrap_or([1.0; 6]) }
+    }
+
+    /// What a model says.
+    pub fn from_model(model: &PhysicsModel) -> Self {
+        Self { model: model.clone(), inflation: [1.0; 6] }
+    }
+
+    /// What each sensor answers to a load.
+    fn answers(&self, load: &PerAxis<f64>) -> Vec<SensorAnswer> {
+        let PhysicsModel { sensors, noise, wrench_scale, .. } = &self.model;
+        let x: PerAxis<f64> = std::array::from_fn(|axis| load[axis] / wrench_scale[axis]);
+        let of = |Sensor { parameters, .. }: &Sensor| {
+            let answer = Answer::at(parameters, &x);
+            SensorAnswer {
+                gradient: answer.gradient(&x),
+                slopes: std::array::from_fn(|axis| answer.slope * parameters[1 + axis]),
+                noise: noise.variance(answer.slope),
+            }
+        };
+        sensors.iter().map(of).collect()
+    }
+
+    fn observe(&mut self, load: &PerAxis<f64>) {
+        for (answer, sensor) in self.answers(load).iter().zip(&mut self.model.sensors) {
+            observe(&mut sensor.covariance, &answer.gradient, answer.noise);
+        }
+    }
+
+    /// `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)`.
+    fn gain(&self, load: &PerAxis<f64>) -> f64 {
+        let pairs = self.model.sensors.iter().zip(self.answers(load));
+        let gain = |(sensor, SensorAnswer { gradient, noise, .. }): (&Sensor, SensorAnswer)| {
+            (variance(&sensor.covariance, &gradient) / noise).ln_1p()
+        };
+        pairs.map(gain).sum()
+    }
+
+    /// The mean variances of a wrench over some loads, to which these are the answers, in the model's scales.
+    fn mean_variances(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
+        let PhysicsModel { sensors, load_precision, lambda, .. } = &self.model;
+        let mut sums = [0.0; 6];
+        for answers in range {
+            let mut information = load_precision.map(|row| row.map(|x| lambda * x));
+            for (answer, sensor) in answers.iter().zip(sensors) {
+                let own = variance(&sensor.covariance, &answer.gradient);
+                let weight = (answer.noise + own).recip();
+                for (row, slope) in information.iter_mut().zip(answer.slopes) {
+                    let share = weight * slope;
+                    let pairs = row.iter_mut().zip(answer.slopes);
+                    pairs.for_each(|(sum, other)| *sum += share * other);
+                }
+            }
+            // The prior makes it positive definite; a load where rounding does not is left out of the mean.
+            if let Some(factor) = Cholesky::new(&information) {
+                let variances = factor.inverse();
+                sums.iter_mut().enumerate().for_each(|(axis, sum)| *sum += variances[axis][axis]);
+            }
+        }
+        sums.map(|sum| sum / range.len().max(1) as f64)
+    }
+
+    /// Those variances as errors, N and N·m.
+    fn errors(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
+        let (variances, scale) = (self.mean_variances(range), &self.model.wrench_scale);
+        std::array::from_fn(|axis| variances[axis].sqrt() * scale[axis] * self.inflation[axis])
+    }
+}
 
 /// Loads of the range over which variances are averaged, at most: more change no order.
 const MOST_OF_RANGE: usize = 120;

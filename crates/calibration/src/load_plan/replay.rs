@@ -15,9 +15,8 @@ use std::num::NonZeroU64;
 use super::{Criterion, Planner, SensorKnowledge};
 use crate::error::FitError;
 use crate::passes::{Workers, map_folds};
-use crate::physics::observation::wrench_scale;
 use crate::physics::response::PARAMETERS;
-use crate::physics::{Choice, Inversion, Observation, PhysicsModel};
+use crate::physics::{Choice, Inversion, Observation, PhysicsModel, wrench_scale};
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
@@ -96,11 +95,7 @@ pub enum ReplayError {
 }
 
 /// One pose: all that was observed with one label.
-#[derive(Clone, Debug)]
-struct ReplayPose<'a> {
-    observations: Vec<&'a Observation>,
-    load: PerAxis<f64>,
-}
+type ReplayPose<'a> = Vec<&'a Observation>;
 
 impl Replay {
     /// Replays `observations` in every order, split by split on several threads; the result does not depend on how
@@ -124,7 +119,7 @@ impl Replay {
         let steps = std::iter::successors(Some(first), |&n| Some(n + (n / STEP_SHARE).max(1)));
         let mut poses: Vec<usize> = steps.take_while(|&n| n < training).collect();
         poses.push(training);
-        let scale = wrench_scale(observations.iter());
+        let scale = wrench_scale(&observations.iter().collect::<Vec<_>>());
         let replayed = |&split: &u64| -> Result<[Vec<f64>; 4], FitError> {
             let mut shuffled = all.clone();
             shuffle(&mut shuffled, &mut RandomStream::new(options.seed, Purpose::Replay, split));
@@ -170,10 +165,8 @@ impl SplitReplay<'_> {
             let more = count - taken.len();
             let next = self.next(order, &taken, model.as_ref(), more);
             taken.extend(next);
-            let observations: Vec<Observation> = taken
-                .iter()
-                .flat_map(|&at| self.training[at].observations.iter().map(|&o| o.clone()))
-                .collect();
+            let observations: Vec<Observation> =
+                taken.iter().flat_map(|&at| self.training[at].iter().map(|&o| o.clone())).collect();
             let fitted = Choice::fit(&observations, Workers::ONE)?.model;
             errors.push(self.error(&fitted));
             model = Some(fitted);
@@ -190,25 +183,22 @@ impl SplitReplay<'_> {
         count: usize,
     ) -> Vec<usize> {
         let left: Vec<usize> = (0..self.training.len()).filter(|at| !taken.contains(at)).collect();
-        let load = |&at: &usize| self.training[at].load;
+        let load = |&at: &usize| mean_load(&self.training[at]);
         let candidates: Vec<PerAxis<f64>> = left.iter().map(load).collect();
         let loads: Vec<PerAxis<f64>> = taken.iter().map(load).collect();
-        let sensors = match order {
+        let (criterion, model) = match order {
             Order::Random => return left.into_iter().take(count).collect(),
-            Order::DOptimal => None,
-            Order::Gain | Order::AverageVariance => model.map(SensorKnowledge::from_model),
+            Order::DOptimal => (Criterion::Gain, None),
+            Order::Gain => (Criterion::Gain, model),
+            Order::AverageVariance => (Criterion::AverageVariance, model),
         };
-        let criterion = match order {
-            Order::AverageVariance => Criterion::AverageVariance,
-            _ => Criterion::Gain,
-        };
+        let sensors = model.map(SensorKnowledge::from_model);
         let planner = Planner::new(sensors, criterion, &loads, &candidates);
         planner.take(count).map(|next| left[next.candidate]).collect()
     }
 
     fn error(&self, model: &PhysicsModel) -> f64 {
-        let observations = self.held_out.iter().flat_map(|pose| &pose.observations);
-        let held_out: Vec<&Observation> = observations.copied().collect();
+        let held_out = self.held_out.concat();
         let squares = Inversion::new(model).squared_errors(&held_out, &self.scale);
         let sum: f64 = squares.iter().map(|square| square / 6.0).sum();
         (sum / held_out.len() as f64).sqrt()
@@ -216,14 +206,14 @@ impl SplitReplay<'_> {
 }
 
 fn poses(observations: &[Observation]) -> Vec<ReplayPose<'_>> {
-    fn pose(observations: Vec<&Observation>) -> ReplayPose<'_> {
-        let sum = |axis: usize| observations.iter().map(|o| o.wrench[axis]).sum::<f64>();
-        let load = std::array::from_fn(|axis| sum(axis) / observations.len() as f64);
-        ReplayPose { observations, load }
-    }
-    let mut groups = BTreeMap::<u64, Vec<&Observation>>::new();
+    let mut groups = BTreeMap::<u64, ReplayPose<'_>>::new();
     observations.iter().for_each(|o| groups.entry(o.group).or_default().push(o));
-    groups.into_values().map(pose).collect()
+    groups.into_values().collect()
+}
+
+fn mean_load(pose: &ReplayPose<'_>) -> PerAxis<f64> {
+    let sum = |axis: usize| pose.iter().map(|o| o.wrench[axis]).sum::<f64>();
+    std::array::from_fn(|axis| sum(axis) / pose.len() as f64)
 }
 
 /// Fisher's and Yates's shuffle (Knuth, The Art of Computer Programming, vol. 2, §3.4.2, algorithm P).

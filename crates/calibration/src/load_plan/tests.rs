@@ -3,7 +3,7 @@ use std::num::NonZeroU64;
 use faer::Mat;
 use system_tests::random::Random;
 
-use super::knowledge::CovarianceMatrix;
+use super::planner::observe as observe_load;
 use super::*;
 use crate::passes::Workers;
 use crate::physics::cholesky::diagonal;
@@ -39,13 +39,13 @@ fn observe(group: u64, wrench: PerAxis<f64>, noise: f64, random: &mut Random) ->
 
 #[test]
 fn an_observation_adds_its_information() {
-    let mut covariance = CovarianceMatrix(Box::new(diagonal([2.0, 0.5])));
-    covariance.observe(&[1.0, 3.0], 4.0);
+    let mut covariance = diagonal([2.0, 0.5]);
+    observe_load(&mut covariance, &[1.0, 3.0], 4.0);
     // The inverse of (1/2, 2) on the diagonal plus (1, 3)(1, 3)ᵀ/4, by hand.
     let (a, b, c): (f64, f64, f64) = (0.5 + 0.25, 0.75, 2.0 + 2.25);
     let determinant = a * c - b * b;
     for (found, expected) in
-        covariance.0.as_flattened().iter().zip([c, -b, -b, a].map(|x| x / determinant))
+        covariance.as_flattened().iter().zip([c, -b, -b, a].map(|x| x / determinant))
     {
         assert!((found - expected).abs() < 1e-15, "{found} {expected}");
     }
@@ -58,10 +58,8 @@ fn gains_of_a_design_without_readings_add_up_to_its_determinant() {
         Planner::new(None, Criterion::Gain, &[], &candidates).take(30).collect();
     let surface = |loads: &[PerAxis<f64>]| Surface::new(loads, &candidates);
     let chosen: Vec<PerAxis<f64>> = planned.iter().map(|of| candidates[of.candidate]).collect();
-    let ln_determinant = |of: &Surface| {
-        let covariance = &of.covariance.0;
-        Mat::from_fn(28, 28, |i, j| covariance[i][j]).determinant().ln()
-    };
+    let ln_determinant =
+        |of: &Surface| Mat::from_fn(28, 28, |i, j| of.covariance[i][j]).determinant().ln();
     let gained = ln_determinant(&surface(&[])) - ln_determinant(&surface(&chosen));
     let sum: f64 = planned.iter().map(|of| of.gain).sum();
     // Thirty roundings of a matrix whose condition is 1e4.

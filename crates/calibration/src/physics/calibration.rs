@@ -3,7 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::choice::{Choice, usual};
+use super::choice::{Choice, USUAL};
 use super::intervals::{GroupIntervals, Scores};
 use super::inversion::{Estimates, Inversion};
 use super::model::PhysicsModel;
@@ -22,7 +22,6 @@ const MOST_SCORED: usize = 64;
 /// A physics model, ready to convert readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsCalibration {
-    model: PhysicsModel,
     inversion: Inversion,
     error_scale: PerAxis<f64>,
     /// Intervals from groups that were held out, where those are known.
@@ -32,7 +31,7 @@ pub struct PhysicsCalibration {
 impl PhysicsCalibration {
     /// Makes a model ready, without intervals. Its standard errors are multiplied by `error_scale`.
     pub fn new(model: PhysicsModel, error_scale: PerAxis<f64>) -> Self {
-        Self { inversion: Inversion::new(&model), model, error_scale, intervals: None }
+        Self { inversion: Inversion::new(&model), error_scale, intervals: None }
     }
 
     /// Fits to rows: chooses λ, the width of the priors and shared factors by groups that are held out, whose
@@ -55,12 +54,11 @@ impl PhysicsCalibration {
     ) -> Result<(Self, Choice), FitError> {
         let choice = Choice::fit_from(sample, before, workers)?;
         let mut scores = Scores::default();
-        for fold in &choice.fold_models {
-            let groups: BTreeSet<u64> = fold.groups.iter().copied().collect();
-            let inversion = Inversion::new(&fold.model);
+        for (groups, model) in &choice.fold_models {
+            let inversion = Inversion::new(model);
             let every = |rows: usize| rows.div_ceil(MOST_SCORED);
             let estimates = |readings: &[Vec<f64>]| inversion.estimates(readings);
-            rows.convert(&groups, every, estimates, |group, errors, standard_errors| {
+            rows.convert(groups, every, estimates, |group, errors, standard_errors| {
                 scores.add(group, &errors, &standard_errors);
             });
         }
@@ -71,7 +69,7 @@ impl PhysicsCalibration {
 
     /// The model.
     pub fn model(&self) -> &PhysicsModel {
-        &self.model
+        &self.inversion.model
     }
 
     /// What the model's standard errors are multiplied by on each axis: the root mean square of held-out errors
@@ -111,8 +109,6 @@ pub struct PhysicsValidation {
 /// Errors on one group.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GroupErrors {
-    /// The group.
-    pub group: u64,
     /// Predicted less measured.
     pub errors: PerAxis<HeldOutErrors>,
     /// Rows within their intervals of [`COVERAGE_LEVEL`]; `None` if those could not be given.
@@ -139,7 +135,8 @@ impl PhysicsValidation {
         Self::by(fit, (rows, &whole.sample), folds, workers)
     }
 
-    /// The same of the model with usual priors: a first look.
+    /// The same of the model with usual priors, without factors: what it is worth here, in a hundredth of the time of a
+    /// choice.
     ///
     /// # Errors
     /// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
@@ -149,7 +146,10 @@ impl PhysicsValidation {
         folds: &[Vec<u64>],
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let fit = |rest| Ok(PhysicsCalibration::new(usual(&rest)?, [1.0; 6]));
+        let fit = |rest: ObservationSample| {
+            let model = PhysicsModel::fit(&rest.tried, USUAL.0, USUAL.1)?;
+            Ok(PhysicsCalibration::new(model, [1.0; 6]))
+        };
         Self::by(fit, (rows, sample), folds, workers)
     }
 
@@ -233,11 +233,8 @@ fn errors(
     let mut groups = BTreeMap::<u64, GroupErrors>::new();
     let every = rows.row_count().div_ceil(MOST_JUDGED);
     let take = |group, errors: PerAxis<f64>, standard_errors: PerAxis<f64>| {
-        let of = groups.entry(group).or_insert_with(|| GroupErrors {
-            group,
-            covered: factors.map(|_| PerAxis::default()),
-            ..GroupErrors::default()
-        });
+        let covered = factors.map(|_| PerAxis::default());
+        let of = groups.entry(group).or_insert(GroupErrors { covered, ..GroupErrors::default() });
         for (axis, (error, standard_error)) in errors.into_iter().zip(standard_errors).enumerate() {
             let one = HeldOutErrors { rows: 1, sum: error, squares: error * error };
             of.errors[axis].merge(&one);

@@ -6,14 +6,13 @@
 //! folds: that sees all sensors and how they err together, of which errors of a wrench show little. Then λ is
 //! chosen once more. Fits without a fold start from the fit to all, which is near.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::PhysicsError;
 use super::factors::{fit_factors, fit_factors_from};
-use super::fit::{FittedParameters, Scaled, Scales, fit, fit_from};
+use super::fit::{FittedParameters, Observation, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
-use super::model::{PhysicsModel, check};
-use super::observation::Observation;
+use super::model::PhysicsModel;
 use super::response::FACTORS;
 use super::rows::ObservationSample;
 use crate::error::FitError;
@@ -21,13 +20,13 @@ use crate::passes::{Workers, map};
 
 /// The λ that are tried: half decades below what Bayes' rule would take for normal loads. That itself, 1, pulls a
 /// load at the edge of the range to a minimum far off, which other loads do not show.
-pub const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
+const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 
 /// The widths that are tried.
-pub const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
+const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 
 /// λ and width that are mostly near the chosen ones.
-const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
+pub(super) const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
 
 /// Up to this many groups each is held out alone; more are assigned to [`FOLDS`] folds.
 const MOST_ALONE: usize = 40;
@@ -39,17 +38,6 @@ const FOLDS_WITHIN: usize = 15;
 
 /// Fewest folds that tell whether factors are shared: a standard error of fewer gains says little.
 const FEWEST_FOLDS: usize = 8;
-
-/// A candidate and its score.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ScoredCandidate {
-    /// λ.
-    pub lambda: f64,
-    /// Standard deviation of the priors of lo, ln h and ln ν.
-    pub width: f64,
-    /// Squared error on held-out groups relative to the mean square of each axis, averaged.
-    pub score: f64,
-}
 
 /// A number of shared factors beside the best of fewer.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,12 +62,10 @@ impl FactorTrial {
 pub struct Choice {
     /// The model, fitted to all observations.
     pub model: PhysicsModel,
-    /// All candidates, widths ascending, then λ.
-    pub trials: Vec<ScoredCandidate>,
     /// The numbers of factors that were tried.
     pub factor_trials: Vec<FactorTrial>,
-    /// The chosen candidate without each fold of groups.
-    pub fold_models: Vec<FoldModel>,
+    /// The chosen candidate without each fold of groups: those that were held out, and what was fitted to the others.
+    pub(super) fold_models: Vec<(BTreeSet<u64>, PhysicsModel)>,
     /// Fits to all observations, from which those to most of them start: their scales, those of each width without
     /// factors, and those with one factor, two, as far as those were tried.
     scales: Scales,
@@ -87,15 +73,6 @@ pub struct Choice {
     factors: Vec<FittedParameters>,
     /// What it was chosen on.
     pub(crate) sample: ObservationSample,
-}
-
-/// The chosen candidate without one of the folds.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FoldModel {
-    /// The groups that were held out.
-    pub groups: Vec<u64>,
-    /// Fitted to the others.
-    pub model: PhysicsModel,
 }
 
 /// What all candidates are fitted to.
@@ -107,12 +84,6 @@ struct CandidateData<'a> {
 
 /// Fits without one fold and their squared errors on it for each λ.
 type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
-
-/// A model of usual λ and width, without factors: what the physics model is worth here, in a hundredth of the time of
-/// a choice.
-pub(super) fn usual(sample: &ObservationSample) -> Result<PhysicsModel, PhysicsError> {
-    PhysicsModel::fit(&sample.tried, USUAL.0, USUAL.1)
-}
 
 impl Choice {
     /// Fits a model whose λ, prior width and number of factors are chosen by cross-validation.
@@ -131,7 +102,7 @@ impl Choice {
     ) -> Result<Self, FitError> {
         let tried: Vec<&Observation> = sample.tried.iter().collect();
         let observations: Vec<&Observation> = sample.fitted.iter().collect();
-        let scales = check(&observations)?;
+        let scales = Scales::new(&observations)?;
         let mut data = scales.apply(&tried);
         let most_alone = if before.is_some() { FOLDS_WITHIN } else { MOST_ALONE };
         let folds = folds(&tried, &scales, most_alone);
@@ -140,29 +111,33 @@ impl Choice {
         }
         let before = before.filter(|of| of.scales.has_channels_of(&scales));
         let tries = CandidateData { scales, folds, workers };
-        let (mut trials, mut tried_widths) = (Vec::new(), Vec::new());
+        let (mut scores, mut tried_widths) = (Vec::new(), Vec::new());
         for (position, width) in WIDTHS.into_iter().enumerate() {
             let whole = match before {
                 Some(of) => {
-                    fit_from(&data, width, &of.rescaled(&of.widths[position], &tries.scales))
+                    let start = of.widths[position].rescaled(&of.scales, &tries.scales);
+                    fit_from(&data, width, &start)
                 }
                 None => fit(&data, width),
             };
             let fits = tries.fits(width, |rest| fit_from(rest, width, &whole))?;
-            trials.extend(tries.scores(&fits, width));
+            scores.extend(tries.scores(&fits));
             tried_widths.push((whole, fits));
         }
         let widths: Vec<FittedParameters> =
             tried_widths.iter().map(|(whole, _)| whole.clone()).collect();
-        let best = best(&trials);
-        let ScoredCandidate { mut lambda, width, .. } = trials[best];
+        let best = least(&scores);
         let position = best / LAMBDAS.len();
+        let (mut lambda, width) = (LAMBDAS[best % LAMBDAS.len()], WIDTHS[position]);
         let mut chosen = tried_widths.swap_remove(position);
         let (mut factor_trials, mut factors) = (Vec::new(), Vec::new());
         let counts = if tries.folds.len() < FEWEST_FOLDS { 0..0 } else { 1..FACTORS + 1 };
         for count in counts {
-            let whole = match before.and_then(|of| Some((of, of.factors.get(count - 1)?))) {
-                Some((of, fit)) => fit_factors_from(&data, width, &of.rescaled(fit, &tries.scales)),
+            let start = before.and_then(|of| {
+                Some(of.factors.get(count - 1)?.rescaled(&of.scales, &tries.scales))
+            });
+            let whole = match start {
+                Some(start) => fit_factors_from(&data, width, &start),
                 None => fit_factors(&data, width, &widths[position], count),
             };
             let fits = tries.fits(width, |rest| fit_factors_from(rest, width, &whole))?;
@@ -172,8 +147,7 @@ impl Choice {
             if !trial.is_taken() {
                 break;
             }
-            let scores = tries.scores(&fits, width);
-            lambda = scores[self::best(&scores)].lambda;
+            lambda = LAMBDAS[least(&tries.scores(&fits))];
             chosen = (whole, fits);
         }
 
@@ -187,18 +161,12 @@ impl Choice {
             };
         }
         let model = PhysicsModel::from_fit(&tries.scales, &data, &fitted, at);
-        let fold_model = |(fold, (fitted, _)): (usize, &Fits)| FoldModel {
-            groups: tries.folds[fold].groups.clone(),
-            model: tries.model(fold, fitted, at),
+        let fold_model = |(fold, (fitted, _)): (usize, &Fits)| {
+            (tries.folds[fold].groups.clone(), tries.model(fold, fitted, at))
         };
         let fold_models = of_folds.iter().enumerate().map(fold_model).collect();
         let scales = tries.scales.clone();
-        Ok(Self { model, trials, factor_trials, fold_models, scales, widths, factors, sample })
-    }
-
-    /// One of its fits to all observations in the scales of nearly the same observations.
-    fn rescaled(&self, fit: &FittedParameters, to: &Scales) -> FittedParameters {
-        fit.rescaled(&self.scales, to)
+        Ok(Self { model, factor_trials, fold_models, scales, widths, factors, sample })
     }
 }
 
@@ -216,26 +184,22 @@ impl CandidateData<'_> {
         let folds: Vec<usize> = (0..self.folds.len()).collect();
         map(&folds, self.workers, |&fold| {
             let fitted = fit(&self.folds[fold].rest);
-            let mut model = self.model(fold, &fitted, (LAMBDAS[0], width));
+            let model = self.model(fold, &fitted, (LAMBDAS[0], width));
             let mut inversion = Inversion::new(&model);
             let held_out = &self.folds[fold].held_out;
             let squares = LAMBDAS.map(|lambda| {
-                model.lambda = lambda;
-                inversion.set_prior(&model);
+                inversion.set_lambda(lambda);
                 inversion.squared_errors(held_out, &model.wrench_scale).iter().sum()
             });
             Ok((fitted, squares))
         })
     }
 
-    fn scores(&self, fits: &[Fits], width: f64) -> Vec<ScoredCandidate> {
+    /// For each λ the squared error on held-out groups relative to the mean square of each axis, averaged.
+    fn scores(&self, fits: &[Fits]) -> [f64; LAMBDAS.len()] {
         let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
-        let mut sums = [0.0; LAMBDAS.len()];
-        for (_, squares) in fits {
-            sums.iter_mut().zip(squares).for_each(|(sum, square)| *sum += square);
-        }
-        let trial = |(sum, lambda)| ScoredCandidate { lambda, width, score: sum / count };
-        sums.into_iter().zip(LAMBDAS).map(trial).collect()
+        let sum = |at: usize| fits.iter().map(|(_, squares)| squares[at]).sum::<f64>();
+        std::array::from_fn(|at| sum(at) / count)
     }
 
     /// How much more probable the readings of each fold are by the first of two fits without it.
@@ -257,13 +221,13 @@ impl CandidateData<'_> {
 }
 
 /// The position of the least score.
-fn best(trials: &[ScoredCandidate]) -> usize {
-    let scores = trials.iter().enumerate();
-    scores.min_by(|a, b| a.1.score.total_cmp(&b.1.score)).map_or(0, |(position, _)| position)
+fn least(scores: &[f64]) -> usize {
+    let scores = scores.iter().enumerate();
+    scores.min_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(position, _)| position)
 }
 
 struct ObservationFold<'a> {
-    groups: Vec<u64>,
+    groups: BTreeSet<u64>,
     held_out: Vec<&'a Observation>,
     /// The observations of all other folds.
     rest: Scaled,

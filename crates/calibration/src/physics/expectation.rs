@@ -3,11 +3,11 @@
 use pulp::Simd;
 
 use super::cholesky::{Cholesky, LaneCholesky};
+use super::fit::MOST_CHANNELS;
 use super::lanes::{Lanes, MOST_LANES, add_rows};
 use super::noise::{Noise, Residuals};
-use super::observation::MOST_CHANNELS;
 use super::response::{FACTORS, Loadings};
-use super::sums::Curve;
+use super::sensor::Curve;
 use shell_data::vectorised;
 
 /// `1/s²` of the prior `N(0, s²)` of a loading: s is 0.06, what a displacement's own play is, a hundredth of the

@@ -16,8 +16,7 @@ use super::fit::{FittedParameters, Scaled, common_prior, sensors};
 use super::response::{
     FACTORS, Loadings, PARAMETERS, Parameters, add_factors, factor_count, move_by,
 };
-use super::sensor::Prior;
-use super::sums::{Curve, Data, parameter_variances};
+use super::sensor::{Curve, Data, Prior, curve_at, parameter_variances};
 use crate::symmetric::SymmetricMatrix;
 
 /// Effort of a fit, and of one from nearly the same observations. In a round the loadings and variances make
@@ -85,7 +84,7 @@ impl<'a> Joint<'a> {
 
     fn curves(&self) -> Vec<Curve> {
         let pairs = self.sensors.iter().zip(&self.fitted.parameters);
-        pairs.map(|(sensor, p)| Curve::new(p, sensor)).collect()
+        pairs.map(|(sensor, p)| curve_at(p, sensor)).collect()
     }
 
     /// Loadings along the principal components of the standardised residuals.
@@ -216,7 +215,7 @@ impl<'a> Joint<'a> {
         let mut shared = vec![vec![0.0; size]; self.rows * self.count];
         let mut pulls = vec![0.0; shared.len()];
         for (sensor, (data, p)) in self.sensors.iter().zip(parameters).enumerate() {
-            let curve = Curve::new(p, data);
+            let curve = curve_at(p, data);
             let own = data.cost_along(&curve, p, prior);
             let first = sensor * PARAMETERS;
             cost += own.value;

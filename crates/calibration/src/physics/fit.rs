@@ -6,14 +6,12 @@
 //! Data Analysis, 3rd ed., §5.4). Rounds of steps over the sensors' parameters, the common means
 //! and the two variances of [`Noise`] each raise the posterior density.
 
+use super::PhysicsError;
 use super::cholesky::{Cholesky, diagonal};
 use super::lanes::MOST_LANES;
 use super::noise::{Noise, Residuals};
-use super::observation::{Observation, wrench_scale};
-use super::response::{FACTORS, Loadings};
-use super::response::{PARAMETERS, Parameters, SHAPE};
-use super::sensor::{ParameterEstimate, Prior};
-use super::sums::{Curve, Data, residuals};
+use super::response::{FACTORS, Loadings, PARAMETERS, Parameters, SHAPE};
+use super::sensor::{Data, ParameterEstimate, Prior, curve_at, residuals};
 use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
@@ -30,6 +28,28 @@ const WARM_ROUNDS: usize = 4;
 
 /// Steps of the variances in a round.
 const NOISE_STEPS: usize = 20;
+
+/// Most channels of a model: a frame's flags are bits, its values are on the stack.
+pub const MOST_CHANNELS: usize = 16;
+
+/// The mean of some rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observation {
+    /// Which rows are one observation or hang together: validation holds out whole groups.
+    pub group: u64,
+    /// Mean wrench, N and N·m.
+    pub wrench: PerAxis<f64>,
+    /// Mean reading of each channel, counts.
+    pub readings: Vec<f64>,
+}
+
+/// The root mean square of each axis of the wrench, N and N·m; 1 for one that is never loaded.
+pub(crate) fn wrench_scale(observations: &[&Observation]) -> PerAxis<f64> {
+    std::array::from_fn(|axis| {
+        let squares: f64 = observations.iter().map(|o| o.wrench[axis].powi(2)).sum();
+        if squares > 0.0 { (squares / observations.len() as f64).sqrt() } else { 1.0 }
+    })
+}
 
 /// Wrenches and readings in the scales of a model.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,16 +85,36 @@ pub(super) struct FittedParameters {
 }
 
 impl Scales {
-    /// Those of some observations.
-    pub(super) fn new(observations: &[&Observation]) -> Self {
-        let wrench = wrench_scale(observations.iter().copied());
-        let frame_channels = observations.first().map_or(0, |o| o.readings.len());
+    /// Those of observations that a model can be fitted to.
+    ///
+    /// # Errors
+    /// [`PhysicsError`] if there are too few observations or channels.
+    pub(super) fn new(observations: &[&Observation]) -> Result<Self, PhysicsError> {
+        let found = observations.len();
+        if found < PARAMETERS {
+            return Err(PhysicsError::TooFewObservations { found, needed: PARAMETERS });
+        }
+        let frame_channels = observations.iter().map(|o| o.readings.len()).max().unwrap_or(0);
+        if frame_channels == 0 || frame_channels > MOST_CHANNELS {
+            return Err(PhysicsError::Channels(frame_channels));
+        }
+        let is_finite = |o: &&Observation| {
+            let mut values = o.wrench.iter().chain(&o.readings);
+            o.readings.len() == frame_channels && values.all(|x| x.is_finite())
+        };
+        if !observations.iter().all(is_finite) {
+            return Err(PhysicsError::NotFinite);
+        }
         let range = |channel: usize| {
             let (least, most) = extremes(observations.iter().map(|o| o.readings[channel]));
             (channel, least, most - least)
         };
-        let channels = (0..frame_channels).map(range).filter(|range| range.2 > 0.0).collect();
-        Self { wrench, frame_channels, channels }
+        let varies = |range: &(usize, f64, f64)| range.2 > 0.0;
+        let channels: Vec<_> = (0..frame_channels).map(range).filter(varies).collect();
+        if channels.len() < 6 {
+            return Err(PhysicsError::TooFewChannels(channels.len()));
+        }
+        Ok(Self { wrench: wrench_scale(observations), frame_channels, channels })
     }
 
     /// Whether the same channels vary.
@@ -214,7 +254,7 @@ fn covariances(
 ) -> Vec<[Parameters; PARAMETERS]> {
     let of = |(sensor, estimate): (&Data<'_>, &ParameterEstimate)| {
         let p = &estimate.parameters;
-        let information = sensor.cost_along(&Curve::new(p, sensor), p, prior).information;
+        let information = sensor.cost_along(&curve_at(p, sensor), p, prior).information;
         // The prior makes it positive definite; where rounding does not, the prior is what is left.
         Cholesky::new(&information)
             .map_or_else(|| diagonal(prior.sd.map(|sd| sd.powi(2))), |f| f.inverse())

@@ -2,11 +2,11 @@
 
 use super::PhysicsError;
 use super::cholesky::{Cholesky, identity};
-use super::fit::{FittedParameters, Scaled, Scales};
+use super::fit::{FittedParameters, Observation, Scaled, Scales, fit};
 use super::noise::Noise;
-use super::observation::Observation;
-use super::response::{Answer, PARAMETERS, Parameters};
-use super::response::{FACTORS, Loadings, add_factors, factor_count};
+use super::response::{
+    Answer, FACTORS, Loadings, PARAMETERS, Parameters, add_factors, factor_count,
+};
 use shell_data::wrench::PerAxis;
 
 /// A share of the identity that keeps the prior of an axis that is never loaded finite.
@@ -151,34 +151,11 @@ impl PhysicsModel {
         width: f64,
     ) -> Result<Self, PhysicsError> {
         let chosen: Vec<&Observation> = observations.iter().collect();
-        let scales = check(&chosen)?;
+        let scales = Scales::new(&chosen)?;
         let data = scales.apply(&chosen);
-        let fitted = super::fit::fit(&data, width);
+        let fitted = fit(&data, width);
         Ok(Self::from_fit(&scales, &data, &fitted, (lambda, width)))
     }
-}
-
-/// The scales of observations that a model can be fitted to.
-pub(super) fn check(observations: &[&Observation]) -> Result<Scales, PhysicsError> {
-    let found = observations.len();
-    if found < PARAMETERS {
-        return Err(PhysicsError::TooFewObservations { found, needed: PARAMETERS });
-    }
-    let channels = observations.iter().map(|o| o.readings.len()).max().unwrap_or(0);
-    if channels == 0 || channels > super::observation::MOST_CHANNELS {
-        return Err(PhysicsError::Channels(channels));
-    }
-    let finite = |o: &&Observation| {
-        o.readings.len() == channels && o.wrench.iter().chain(&o.readings).all(|x| x.is_finite())
-    };
-    if !observations.iter().all(finite) {
-        return Err(PhysicsError::NotFinite);
-    }
-    let scales = Scales::new(observations);
-    if scales.channels.len() < 6 {
-        return Err(PhysicsError::TooFewChannels(scales.channels.len()));
-    }
-    Ok(scales)
 }
 
 fn load_precision(data: &Scaled) -> PerAxis<PerAxis<f64>> {

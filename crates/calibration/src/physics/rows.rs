@@ -13,9 +13,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::PhysicsError;
+use super::fit::{MOST_CHANNELS, Observation};
 use super::inversion::Estimates;
-use super::observation::{MOST_CHANNELS, Observation};
-use crate::grouped_rows::{GroupedRows, Run, count};
+use crate::grouped_rows::{GroupedRows, Run, count, every_nth};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
@@ -72,26 +72,19 @@ impl TrainingRows {
         estimates: impl Fn(&[Vec<f64>]) -> Estimates,
         mut take: impl FnMut(u64, PerAxis<f64>, PerAxis<f64>),
     ) {
-        let rows_of = |run: &'_ Run| 0..run.rows() as usize;
-        let mut some: Vec<(&Run, usize)> = Vec::new();
         for runs in self.rows.groups().filter(|runs| groups.contains(&runs[0].group())) {
-            let rows = runs.iter().flat_map(|run| rows_of(run).map(move |row| (run, row)));
-            some.extend(rows.step_by(every(count(runs))));
-        }
-        for rows in some.chunks(ROWS_AT_ONCE) {
-            let column = |position: usize| {
-                rows.iter().map(move |&(run, row)| self.rows.of_run(run, position)[row])
-            };
-            let readings = (6..6 + self.channels).map(|at| column(at).collect());
-            let estimates = estimates(&readings.collect::<Vec<_>>());
-            for (at, &(run, row)) in rows.iter().enumerate() {
-                let (estimate, stated) = (estimates.row(at), self.judged_by.get(&run.group()));
-                let judge = |axis: usize| match stated {
-                    Some(wrench) => wrench[axis],
-                    None => self.rows.of_run(run, axis)[row],
-                };
-                let errors = std::array::from_fn(|axis| estimate.wrench[axis] - judge(axis));
-                take(run.group(), errors, estimate.standard_errors);
+            let (group, some) = (runs[0].group(), every_nth(runs, every(count(runs))));
+            let stated = self.judged_by.get(&group);
+            for block in self.rows.copied(&some, ROWS_AT_ONCE) {
+                let estimates = estimates(&block.readings);
+                for row in 0..block.rows {
+                    let estimate = estimates.row(row);
+                    let errors = std::array::from_fn(|axis| {
+                        let judge = stated.map_or(block.wrench[axis][row], |wrench| wrench[axis]);
+                        estimate.wrench[axis] - judge
+                    });
+                    take(group, errors, estimate.standard_errors);
+                }
             }
         }
     }

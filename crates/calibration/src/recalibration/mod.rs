@@ -17,7 +17,7 @@ use self::search::{ChangeSearch, FoundChange};
 use crate::conversion::{Calibration, Kind};
 use crate::physics::Observation;
 use crate::validation::cross_validation::HeldOutQuality;
-use shell_data::wrench::{Axes, PerAxis};
+use shell_data::wrench::PerAxis;
 
 /// What may have changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,14 +123,6 @@ pub enum RecalibrationError {
         /// Of the logs.
         found: usize,
     },
-    /// The reference lacks an axis.
-    #[error("the calibration is of {expected}, the loads of {found}")]
-    Axes {
-        /// Of the calibration.
-        expected: Axes,
-        /// Of the logs.
-        found: Axes,
-    },
     /// Neither a held-out error nor any other is known.
     #[error("nothing is known of the errors of the calibration")]
     NoErrors,
@@ -140,12 +132,6 @@ pub enum RecalibrationError {
 }
 
 impl Calibration {
-    /// How many times those of a physics model the variances of held-out errors are.
-    fn held_out_variance(&self) -> f64 {
-        let Kind::Physics(physics) = self.kind() else { return 1.0 };
-        physics.error_scale().iter().map(|scale| scale * scale).sum::<f64>() / 6.0
-    }
-
     /// The calibration of the sensor as it is now.
     ///
     /// # Errors
@@ -165,14 +151,21 @@ impl Calibration {
         if !observations.iter().all(is_finite) {
             return Err(RecalibrationError::NotFinite);
         }
-        let is_known = |axis: usize| loads.calibration_errors[axis] > 0.0;
-        let is_polynomial = matches!(self.kind(), Kind::Polynomial(_));
-        if is_polynomial && !self.axes.iter().all(|axis| is_known(axis.index())) {
-            return Err(RecalibrationError::NoErrors);
-        }
+        // How many times those of a physics model the variances of held-out errors are.
+        let held_out_variance = match self.kind() {
+            Kind::Polynomial(_) => {
+                if !self.axes.of(&loads.calibration_errors).into_iter().all(|error| error > 0.0) {
+                    return Err(RecalibrationError::NoErrors);
+                }
+                1.0
+            }
+            Kind::Physics(of) => {
+                of.error_scale().iter().map(|scale| scale * scale).sum::<f64>() / 6.0
+            }
+        };
         // Whether anything has changed is judged by errors as large as those on held-out loads; what, by the variances
         // of the readings themselves, of which a wrench hides some.
-        let cautious = ChangeSearch::new(self, loads, self.held_out_variance());
+        let cautious = ChangeSearch::new(self, loads, held_out_variance);
         let found = cautious.find(true);
         let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {
             true => ChangeSearch::new(self, loads, 1.0).find(true),

@@ -74,7 +74,6 @@ pub(super) struct FoundChange {
 pub(super) struct ChangeSearch<'a> {
     calibration: &'a Calibration,
     loads: &'a NewLoads<'a>,
-    variance_scale: f64,
     /// The reading that the gain of each channel does not change, and the width of its calibrated range, counts.
     channels: Vec<(f64, f64)>,
     unknowns: Vec<Unknown>,
@@ -131,12 +130,11 @@ impl<'a> ChangeSearch<'a> {
             unknowns: unknowns(calibration, &channels),
             calibration,
             loads,
-            variance_scale,
             channels,
             factors: Vec::new(),
         };
-        search.factors =
-            (0..loads.observations.len()).map(|at| search.factor_of_errors(at)).collect();
+        let factor = |at| search.factor_of_errors(at, variance_scale);
+        search.factors = (0..loads.observations.len()).map(factor).collect();
         search
     }
 
@@ -162,20 +160,17 @@ impl<'a> ChangeSearch<'a> {
             rest.add(group, -1.0);
             rest.posterior(&sds).map_or_else(|| at.clone(), |of| of.mean)
         };
+        let held_out = |(&of, group)| (of, self.change(&without(group)));
         let rows: usize = self.factors.iter().map(Mat::nrows).sum();
         let rms = |cost: f64| (cost / rows as f64).sqrt();
-        let (cost, errors) = found
-            .as_ref()
-            .map_or((unchanged, vec![0.0; at.len()]), |of| (of.cost, of.errors.clone()));
+        let cost = found.as_ref().map_or(unchanged, |of| of.cost);
+        let errors = found.as_ref().map_or(&[][..], |of| &of.errors[..]);
         FoundChange {
             shares,
-            held_out: groups
-                .iter()
-                .map(|(&of, group)| (of, self.change(&without(group))))
-                .collect(),
+            held_out: groups.iter().map(held_out).collect(),
             change: self.change(&at),
-            standard_errors: self.change(&errors),
-            ln_evidence: found.map_or(0.0, |of| of.ln_evidence + 0.5 * unchanged),
+            standard_errors: self.change(errors),
+            ln_evidence: found.as_ref().map_or(0.0, |of| of.ln_evidence + 0.5 * unchanged),
             disagreement: [rms(unchanged), rms(cost)],
         }
     }
@@ -185,7 +180,10 @@ impl<'a> ChangeSearch<'a> {
         let evidence = |shares: &Shares| {
             all.posterior(&self.sds(shares)).map_or(f64::NEG_INFINITY, |of| of.ln_evidence)
         };
-        let mut shares = [FIRST_SHARE; ChangedQuantity::ALL.len()];
+        // A quantity without unknowns has no share: none is better than that.
+        let is_unknown = |quantity| self.unknowns.iter().any(|of| of.quantity == quantity);
+        let mut shares =
+            ChangedQuantity::ALL.map(|of| if is_unknown(of) { FIRST_SHARE } else { 0.0 });
         let mut best = evidence(&shares);
         for _ in 0..SWEEPS {
             let before = shares;
@@ -201,12 +199,6 @@ impl<'a> ChangeSearch<'a> {
             }
             if shares == before {
                 break;
-            }
-        }
-        // A quantity without unknowns has no share.
-        for quantity in ChangedQuantity::ALL {
-            if self.unknowns.iter().all(|of| of.quantity != quantity) {
-                shares[quantity as usize] = 0.0;
             }
         }
         shares
@@ -310,7 +302,7 @@ impl<'a> ChangeSearch<'a> {
     }
 
     /// The factor of the covariance of the differences of an observation: of the calibration, and of the reference.
-    fn factor_of_errors(&self, at: usize) -> Mat<f64> {
+    fn factor_of_errors(&self, at: usize, variance_scale: f64) -> Mat<f64> {
         let observation = &self.loads.observations[at];
         let mut covariance = match self.calibration.kind() {
             Kind::Polynomial(_) => {
@@ -320,8 +312,7 @@ impl<'a> ChangeSearch<'a> {
                 Mat::from_fn(axes.len(), axes.len(), |i, j| if i == j { error(i) } else { 0.0 })
             }
             Kind::Physics(physics) => {
-                covariance_of_readings(physics.model(), &observation.wrench)
-                    * Scale(self.variance_scale)
+                covariance_of_readings(physics.model(), &observation.wrench) * Scale(variance_scale)
             }
         };
         let unchanged = self.change(&[]);

@@ -23,11 +23,10 @@
 mod newton;
 
 use self::newton::Invert;
+use super::fit::Observation;
 use super::model::{PhysicsModel, Sensor};
 use super::noise::Noise;
-use super::observation::Observation;
-use super::response::FACTORS;
-use super::response::{PARAMETERS, Parameters, SHAPE, displacement};
+use super::response::{FACTORS, PARAMETERS, Parameters, SHAPE, displacement};
 use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 
@@ -77,13 +76,10 @@ const MOST_UNKNOWNS: usize = 6 + FACTORS;
 /// A model made ready to convert frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inversion {
+    pub(super) model: PhysicsModel,
     sensors: Vec<Ready>,
-    channels: usize,
-    scale: PerAxis<f64>,
     /// `λ·Σ_w⁻¹`, and one for each factor.
     prior: [[f64; MOST_UNKNOWNS]; MOST_UNKNOWNS],
-    factors: usize,
-    noise: Noise,
     dead: u16,
 }
 
@@ -93,24 +89,22 @@ impl Inversion {
         let all = ((1_u32 << model.channels) - 1) as u16;
         let known = model.sensors.iter().fold(0, |mask, sensor| mask | 1 << sensor.channel);
         let mut inversion = Self {
+            model: model.clone(),
             sensors: model.sensors.iter().map(|s| Ready::new(s, &model.noise)).collect(),
-            channels: model.channels,
-            scale: model.wrench_scale,
             prior: [[0.0; MOST_UNKNOWNS]; MOST_UNKNOWNS],
-            factors: model.factor_count(),
-            noise: model.noise,
             dead: all & !known,
         };
-        inversion.set_prior(model);
+        inversion.set_lambda(model.lambda);
         inversion
     }
 
-    /// Takes λ and the loads of a model that is the same otherwise.
-    pub(super) fn set_prior(&mut self, model: &PhysicsModel) {
+    /// Takes another λ.
+    pub(super) fn set_lambda(&mut self, lambda: f64) {
+        self.model.lambda = lambda;
         for (i, row) in self.prior.iter_mut().enumerate() {
             row[i] = 1.0;
-            if let Some(loads) = model.load_precision.get(i) {
-                row.iter_mut().zip(loads).for_each(|(p, x)| *p = model.lambda * x);
+            if let Some(loads) = self.model.load_precision.get(i) {
+                row.iter_mut().zip(loads).for_each(|(p, x)| *p = lambda * x);
             }
         }
     }
@@ -120,7 +114,7 @@ impl Inversion {
     /// # Panics
     /// If `readings` are not the model's channels, or of different lengths.
     pub fn estimates(&self, readings: &[Vec<f64>]) -> Estimates {
-        assert_eq!(readings.len(), self.channels, "one column per channel");
+        assert_eq!(readings.len(), self.model.channels, "one column per channel");
         let rows = readings.first().map_or(0, Vec::len);
         assert!(readings.iter().all(|column| column.len() == rows), "columns of one length");
         let (mut out, _) = self.solve(readings);
@@ -136,7 +130,7 @@ impl Inversion {
         scale: &PerAxis<f64>,
     ) -> Vec<f64> {
         let column = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
-        let readings: Vec<Vec<f64>> = (0..self.channels).map(column).collect();
+        let readings: Vec<Vec<f64>> = (0..self.model.channels).map(column).collect();
         let estimates = self.estimates(&readings);
         let of_row = |(row, o): (usize, &&Observation)| {
             let relative =
@@ -148,7 +142,7 @@ impl Inversion {
 
     /// The wrenches with all sensors that have a reading, and the least sum of each row.
     fn solve(&self, readings: &[Vec<f64>]) -> (Estimates, Vec<f64>) {
-        match self.factors {
+        match self.model.factor_count() {
             0 => arch().dispatch(Invert::<'_, 6> { inversion: self, readings }),
             1 => arch().dispatch(Invert::<'_, 7> { inversion: self, readings }),
             _ => arch().dispatch(Invert::<'_, MOST_UNKNOWNS> { inversion: self, readings }),
@@ -160,7 +154,7 @@ impl Inversion {
     fn leave_out_dead(&self, readings: &[Vec<f64>], out: &mut Estimates) {
         let is_wanted = |row: &usize| {
             let flags = out.flags[*row];
-            let in_use = self.channels as u32 - flags.left_out.count_ones();
+            let in_use = self.model.channels as u32 - flags.left_out.count_ones();
             flags.misfit != 0 && in_use >= LEAVE_OUT_OF
         };
         let rows: Vec<usize> = (0..out.flags.len()).filter(is_wanted).collect();

@@ -7,8 +7,8 @@ use pulp::{Simd, WithSimd};
 
 use super::{Estimates, Flags, Inversion, Ready};
 use crate::physics::cholesky::LaneCholesky;
+use crate::physics::fit::MOST_CHANNELS;
 use crate::physics::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
-use crate::physics::observation::MOST_CHANNELS;
 
 /// Most steps, halved ones among them; five or six are usual.
 const STEPS: usize = 16;
@@ -200,7 +200,7 @@ impl Inversion {
             LaneState { x: *x, residual: zeros, slope: zeros, weight: zeros, held_back: zero };
         for (position, sensor) in self.sensors.iter().enumerate() {
             let answers = Answers::at(linear(sensor.offset, &sensor.gains, x), sensor.h, sensor.nu);
-            let noise = self.noise.variance_at(answers.slope * answers.slope);
+            let noise = self.model.noise.variance_at(answers.slope * answers.slope);
             let triangle = sensor.covariance.iter().enumerate().map(|(i, row)| &row[..=i]);
             let variance = noise + quadratic_form(&answers.gradient(x), triangle);
             state.residual[position] = frames.y[position] - (answers.height + sensor.lo);
@@ -258,8 +258,9 @@ impl Inversion {
         let variances = LaneCholesky::new(&curvature).inverse_diagonal();
         for (axis, variance) in variances[..6].iter().enumerate() {
             let x = found.state.x[axis] + found.rest[axis];
-            let wrench = (x * self.scale[axis]).values();
-            let error = (variance.sqrt() * self.scale[axis]).values();
+            let scale = self.model.wrench_scale[axis];
+            let wrench = (x * scale).values();
+            let error = (variance.sqrt() * scale).values();
             out.wrench[axis][first..first + count].copy_from_slice(&wrench[..count]);
             out.standard_errors[axis][first..first + count].copy_from_slice(&error[..count]);
         }

@@ -21,10 +21,8 @@ use self::equations::{Eliminated, LoadEquations, Row};
 pub use self::load::{LoadQuantity, StatedLoad};
 use self::load::{OWN, SHARED};
 use super::PhysicsError;
-use super::fit::{Scaled, Scales, common_prior, fit};
-use super::model::check;
+use super::fit::{Observation, Scaled, Scales, common_prior, fit};
 use super::noise::{Noise, Residuals};
-use super::observation::Observation;
 use super::response::{Answer, PARAMETERS, Parameters, move_by};
 use super::sensor::Prior;
 use crate::symmetric::SymmetricMatrix;
@@ -90,7 +88,7 @@ pub fn correct_loads(
         .map(|(o, load)| Observation { wrench: load.wrench(), ..o.clone() })
         .collect();
     let stated: Vec<&Observation> = stated.iter().collect();
-    let scales = check(&stated)?;
+    let scales = Scales::new(&stated)?;
     let data = scales.apply(&stated);
     let start = fit(&data, WIDTH);
     let mut search = LoadSearch {
