@@ -27,7 +27,6 @@ use crate::FitError;
 use crate::exact::HeldOutErrors;
 use crate::solution::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
-use crate::validation::ValidationError;
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
@@ -132,17 +131,17 @@ impl ScatterSums {
     /// The scatter, after all groups. `F` is in the units that the covariance is wanted in.
     ///
     /// # Errors
-    /// [`ValidationError`] if some group alone determines a coefficient, or the features are too nearly dependent.
-    pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, ValidationError> {
+    /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, FitError> {
         let features = factor.size();
         if let Some(defect) = &self.defect {
             let mut all = (0..features).flat_map(|i| defect.row(i));
             if !all.all(|x| x.abs() <= LARGEST_DEFECT) {
-                return Err(FitError::NearlyDependent.into());
+                return Err(FitError::NearlyDependent);
             }
         }
         if !self.alone.is_empty() {
-            return Err(ValidationError::Alone { groups: self.alone });
+            return Err(FitError::Alone { groups: self.alone });
         }
         let shared = std::array::from_fn(|axis| match self.squares[axis] > 0.0 {
             true => (self.common[axis] / self.squares[axis]).min(1.0),

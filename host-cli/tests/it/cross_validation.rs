@@ -7,7 +7,6 @@ use calibration::exact::{Accumulator, Moments, PartitionedMoments};
 use calibration::model::{Basis, Model};
 use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, SolverKind};
-use calibration::validation::ValidationError;
 use calibration::validation::cross_validation::cross_validate;
 use calibration::validation::grouped::{Apart, GroupSums, GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, select};
@@ -178,7 +177,7 @@ fn a_ridge_with_readings_that_hardly_move_still_answers() {
     let sums = sums(&block, Basis::Quadratic, 0);
     let model = Model { basis: Basis::Quadratic, intercept: true, channels: 4, memory: 0 };
     let error = cross_validate(&sums, &model, 0.0, None).unwrap_err();
-    let ValidationError::Undetermined(error) = error else { panic!("{error}") };
+    let FitError::Undetermined(error) = error else { panic!("{error}") };
     assert!(matches!(*error, FitError::RankDeficient(_)));
     let found = cross_validate(&sums, &model, 1e-3, None).unwrap();
     assert!(found.grouped.iter().all(|axis| axis.rms.is_finite()));
@@ -258,11 +257,11 @@ fn too_few_groups_and_impossible_folds_are_refused() {
     let model = Model { basis: Basis::Linear, intercept: true, channels: 4, memory: 0 };
     let one = sums(&rows_of(&block, |g| g == 0), Basis::Linear, 0);
     let error = cross_validate(&one, &model, 0.0, None).unwrap_err();
-    assert_eq!(error, ValidationError::TooFewGroups { found: 1 });
+    assert_eq!(error, FitError::TooFewGroups { found: 1 });
     let three = sums(&block, Basis::Linear, 0);
     for folds in [0, 1, 4] {
         let error = cross_validate(&three, &model, 0.0, Some(folds)).unwrap_err();
-        assert_eq!(error, ValidationError::Folds { folds, groups: 3 });
+        assert_eq!(error, FitError::Folds { folds, groups: 3 });
     }
     let cubic = Model { basis: Basis::Cubic, ..model };
     let error = FitError::from(cross_validate(&three, &cubic, 0.0, None).unwrap_err());

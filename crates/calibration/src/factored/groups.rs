@@ -18,7 +18,6 @@ use crate::sandwich::{GroupScatter, ScatterSums, corrected_rows};
 use crate::scaling::Scaling;
 use crate::solver::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle};
-use crate::validation::ValidationError;
 use crate::validation::grouped::MAX_GROUPS;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
@@ -67,12 +66,8 @@ impl GroupFactors {
     /// Adds the rows of a block with their labels.
     ///
     /// # Errors
-    /// [`ValidationError`] if there are too many groups, or a row that no fit can take.
-    pub fn add(
-        &mut self,
-        block: &Block,
-        labels: &[(String, usize)],
-    ) -> Result<(), ValidationError> {
+    /// [`FitError`] if there are too many groups, or a row that no fit can take.
+    pub fn add(&mut self, block: &Block, labels: &[(String, usize)]) -> Result<(), FitError> {
         let mut start = 0;
         for (label, rows) in labels {
             let position = self.position(label)?;
@@ -90,7 +85,7 @@ impl GroupFactors {
         Ok(())
     }
 
-    fn position(&mut self, label: &str) -> Result<usize, ValidationError> {
+    fn position(&mut self, label: &str) -> Result<usize, FitError> {
         if let Some(&position) = self.positions.get(label) {
             return Ok(position);
         }
@@ -106,8 +101,8 @@ impl GroupFactors {
     /// The groups, after all rows.
     ///
     /// # Errors
-    /// [`ValidationError::Rows`] if there is a row that no fit can take.
-    pub fn finish(mut self) -> Result<FactoredGroups, ValidationError> {
+    /// [`FitError`] if there is a row that no fit can take.
+    pub fn finish(mut self) -> Result<FactoredGroups, FitError> {
         for group in self.groups.iter_mut().filter(|group| group.waiting.rows > 0) {
             group.settle(&mut self.workspace)?;
         }
@@ -118,18 +113,18 @@ impl GroupFactors {
 
 impl Group {
     /// Factors the rows that wait.
-    fn settle(&mut self, workspace: &mut Workspace) -> Result<(), ValidationError> {
-        Ok(self.rows.absorb(&std::mem::take(&mut self.waiting), workspace)?)
+    fn settle(&mut self, workspace: &mut Workspace) -> Result<(), FitError> {
+        self.rows.absorb(&std::mem::take(&mut self.waiting), workspace)
     }
 }
 
 impl FactoredRows {
     /// # Errors
-    /// [`ValidationError::TooManyGroups`] if so many groups of such rows take too much memory.
-    fn check_group_count(&self, groups: usize) -> Result<(), ValidationError> {
+    /// [`FitError::TooManyGroups`] if so many groups of such rows take too much memory.
+    fn check_group_count(&self, groups: usize) -> Result<(), FitError> {
         let limit = MAX_GROUPS.min(MEMORY / self.bytes());
         if groups > limit {
-            return Err(ValidationError::TooManyGroups { limit });
+            return Err(FitError::TooManyGroups { limit });
         }
         Ok(())
     }
@@ -202,13 +197,13 @@ impl FactoredGroups {
     /// all rows that it was fitted to, on so many threads. The bias that a ridge brings, or a truncation, is left out.
     ///
     /// # Errors
-    /// [`ValidationError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly dependent.
     pub(crate) fn scatter(
         &self,
         solution: &Solution,
         held_out: Option<usize>,
         threads: usize,
-    ) -> Result<GroupScatter, ValidationError> {
+    ) -> Result<GroupScatter, FitError> {
         let others =
             self.groups.iter().enumerate().filter(|(position, _)| Some(*position) != held_out);
         let others = others.map(|(_, group)| group).filter(|(_, rows)| rows.rows() > 0);
@@ -290,7 +285,6 @@ mod tests {
     use crate::scaling::Scaling;
     use crate::solver::{self, FitProblem, SolverKind};
     use crate::uncertainty::Covariance;
-    use crate::validation::ValidationError;
     use faer::Side;
     use shell_data::block::Block;
     use system_tests::random::Random;
@@ -461,12 +455,12 @@ mod tests {
         let found =
             Covariance::from_factored(&groups, None, &solution, (Method::Tsqr, 0.0), Workers::ONE)
                 .unwrap_err();
-        assert_eq!(found, ValidationError::Alone { groups: vec!["4".to_owned()] });
+        assert_eq!(found, FitError::Alone { groups: vec!["4".to_owned()] });
         groups.groups.truncate(1);
         let found =
             Covariance::from_factored(&groups, None, &solution, (Method::Tsqr, 0.0), Workers::ONE)
                 .unwrap_err();
-        assert_eq!(found, ValidationError::TooFewGroups { found: 1 });
+        assert_eq!(found, FitError::TooFewGroups { found: 1 });
     }
 
     /// The result depends on the order of the rows alone, not on how they come in.

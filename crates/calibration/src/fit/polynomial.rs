@@ -14,7 +14,6 @@ use crate::error::FitError;
 use crate::passes::Rows;
 use crate::solver::{Solution, SolverKind};
 use crate::uncertainty::{Covariance, ErrorShape};
-use crate::validation::ValidationError;
 use crate::validation::grouped::GroupedMoments;
 use crate::validation::outliers::{RowTest, Spread, TestedRow};
 use shell_data::dataset::Dataset;
@@ -27,7 +26,7 @@ pub(super) fn covariance(
     solver: SolverKind,
     choice: &ModelChoice,
     options: &FitOptions<'_>,
-) -> (Option<Covariance>, Option<ValidationError>) {
+) -> (Option<Covariance>, Option<FitError>) {
     if options.covariance == CovarianceRule::Nothing || choice.few_groups.is_some() {
         return (None, None);
     }

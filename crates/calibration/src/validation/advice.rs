@@ -5,10 +5,10 @@
 //! times the error of a random split a model's error on new groups is says how alike the rows of a group are, and
 //! nothing of which model to take.
 
-use super::ValidationError;
 use super::comparison::Comparison;
 use super::grouped::GroupedMoments;
 use super::selection::{Candidate, LARGEST_RIDGE, Selection, errors_by_fold, folds};
+use crate::error::FitError;
 use crate::model::{Basis, Model};
 use crate::quality::significant;
 use shell_data::wrench::{Axes, Axis};
@@ -34,24 +34,23 @@ impl Advice {
     /// Of what was tried; `given` is the position of the model that was asked for.
     ///
     /// # Errors
-    /// [`ValidationError`] if the models cannot be fitted to the groups.
+    /// [`FitError`] if the models cannot be fitted to the groups.
     pub fn new(
         sums: &GroupedMoments,
         intercept: bool,
         selection: &Selection,
         given: Option<usize>,
-    ) -> Result<Self, ValidationError> {
-        let whole = sums.total().ok_or(ValidationError::NoModel)?;
+    ) -> Result<Self, FitError> {
+        let whole = sums.total().ok_or(FitError::NoModel)?;
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
         let held_out = folds(sums)?;
         let errors = |at: usize| {
             let candidate = &selection.candidates[at];
             let model =
                 Model { basis: candidate.basis, intercept, channels: whole.channels(), memory: 0 };
-            errors_by_fold(sums, &model, candidate.ridge, &held_out)?
-                .ok_or(ValidationError::NoModel)
+            errors_by_fold(sums, &model, candidate.ridge, &held_out)?.ok_or(FitError::NoModel)
         };
-        let compare = |first: usize, second: usize| -> Result<_, ValidationError> {
+        let compare = |first: usize, second: usize| -> Result<_, FitError> {
             match first == second {
                 true => Ok(None),
                 false => Ok(Some(Comparison::new(&errors(first)?, &errors(second)?, &variances))),

@@ -10,11 +10,11 @@
 //! Errors of a choice need three digits: with columns scaled to norm one, condition numbers up to 10⁶ leave that many.
 //! A fit itself is never found in this way.
 
+use crate::error::FitError;
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::Solve;
 use faer::{Accum, Mat, MatRef, Par, Side};
 
-use super::ValidationError;
 use super::selection::{ErrorsByRidge, Selection, choose};
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
@@ -137,15 +137,15 @@ impl NormalEquations {
 /// larger ones, as [`select`](super::selection::select) does). `model` says what is beside the family.
 ///
 /// # Errors
-/// [`ValidationError`] if there are too few groups, a row is not finite, or no model can be fitted.
+/// [`FitError`] if there are too few groups, a row is not finite, or no model can be fitted.
 pub(crate) fn select(
     rows: &GroupedRows,
     model: Model,
     ridges: &[f64],
-) -> Result<Selection, ValidationError> {
+) -> Result<Selection, FitError> {
     let found = rows.groups().count();
     if found < 2 {
-        return Err(ValidationError::TooFewGroups { found });
+        return Err(FitError::TooFewGroups { found });
     }
     let sums = rows.all(Workers::ONE).reduce(&ReadingSums::new(model.columns()))?;
     let scaling = sums.scaling(model.intercept);
@@ -233,6 +233,6 @@ mod tests {
             assert!(pairs.clone().all(|(a, b)| (a / b - 1.0).abs() < 1e-9), "{found:?} {exact:?}");
         }
         let few = select(&one, model, &ridges).unwrap_err();
-        assert_eq!(few, ValidationError::TooFewGroups { found: 1 });
+        assert_eq!(few, FitError::TooFewGroups { found: 1 });
     }
 }

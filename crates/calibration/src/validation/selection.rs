@@ -8,10 +8,10 @@
 //! that of the best: folds differ far more from each other than two models on one of them); of several ridges on these,
 //! the one with the smallest error: a ridge stronger than need be would bias every prediction and make no model smaller.
 
-use super::ValidationError;
 use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
 use super::cross_validation::{assign_groups, errors_on, sizes};
 use super::grouped::GroupedMoments;
+use crate::error::FitError;
 use crate::exact::{HeldOutErrors, PartitionedMoments};
 use crate::model::{Basis, Model};
 use shell_data::wrench::{Axis, PerAxis};
@@ -71,12 +71,12 @@ pub struct Selection {
 /// and the last is the best, with larger ones until one is not.
 ///
 /// # Errors
-/// [`ValidationError`] if there are too few groups, or no model can be fitted.
+/// [`FitError`] if there are too few groups, or no model can be fitted.
 pub fn select(
     sums: &GroupedMoments,
     intercept: bool,
     ridges: &[f64],
-) -> Result<Selection, ValidationError> {
+) -> Result<Selection, FitError> {
     let whole = sums.all_of_several()?;
     let folds = folds(sums)?;
     let variances = Axis::ALL.map(|axis| whole.variance(axis));
@@ -107,7 +107,7 @@ pub(super) fn choose<'a>(
     ridges: &[f64],
     variances: &PerAxis<f64>,
     errors_of: impl Fn(Basis) -> Option<ErrorsByRidge<'a>>,
-) -> Result<Selection, ValidationError> {
+) -> Result<Selection, FitError> {
     let mut candidates = Vec::new();
     let mut of_folds: Vec<Vec<PerAxis<HeldOutErrors>>> = Vec::new();
     for basis in Basis::ALL {
@@ -131,7 +131,7 @@ pub(super) fn choose<'a>(
     }
     let scored = || candidates.iter().enumerate().filter_map(|(i, c)| Some((i, c, c.errors?)));
     let (best, ..) =
-        scored().min_by(|a, b| a.2.score.total_cmp(&b.2.score)).ok_or(ValidationError::NoModel)?;
+        scored().min_by(|a, b| a.2.score.total_cmp(&b.2.score)).ok_or(FitError::NoModel)?;
     let is_as_good = |i: usize| {
         !Comparison::new(&of_folds[i], &of_folds[best], variances).all.second_is_better()
     };
@@ -153,8 +153,8 @@ fn is_best(candidates: &[Candidate]) -> bool {
 /// The folds that [`select`] holds out, as positions of groups in `sums`.
 ///
 /// # Errors
-/// [`ValidationError`] if there are too few groups.
-pub fn folds(sums: &GroupedMoments) -> Result<Vec<Vec<usize>>, ValidationError> {
+/// [`FitError`] if there are too few groups.
+pub fn folds(sums: &GroupedMoments) -> Result<Vec<Vec<usize>>, FitError> {
     assign_groups(&sizes(sums), sums.groups.len().min(FOLDS))
 }
 
@@ -162,13 +162,13 @@ pub fn folds(sums: &GroupedMoments) -> Result<Vec<Vec<usize>>, ValidationError> 
 /// of them.
 ///
 /// # Errors
-/// [`ValidationError`] if there are too few groups.
+/// [`FitError`] if there are too few groups.
 pub fn errors_by_fold(
     sums: &GroupedMoments,
     model: &Model,
     ridge: f64,
     folds: &[Vec<usize>],
-) -> Result<Option<Vec<PerAxis<HeldOutErrors>>>, ValidationError> {
+) -> Result<Option<Vec<PerAxis<HeldOutErrors>>>, FitError> {
     let parts = sums.partitioned(model)?;
     Ok(folds.iter().map(|fold| errors_on(&parts, &sums.of_fold(fold), ridge).ok()).collect())
 }
