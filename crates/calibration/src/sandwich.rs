@@ -181,30 +181,30 @@ pub(crate) fn corrected(
 }
 
 /// The same of `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g = Mᵀe`. Where rows are fewer,
-/// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. `K_g` is added to `shares`, if there are any.
+/// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. Beside it is `K_g`, if that was made or is wanted.
 ///
 /// # Errors
 /// [`FitError::NearlyDependent`].
 pub(crate) fn corrected_rows(
-    (rows, misfit): (MatRef<'_, f64>, MatRef<'_, f64>),
-    shares: Option<&mut SymmetricMatrix>,
-) -> Result<Option<PerAxis<Vec<f64>>>, FitError> {
+    rows: MatRef<'_, f64>,
+    misfit: MatRef<'_, f64>,
+    wants_share: bool,
+) -> Result<(Option<SymmetricMatrix>, Option<PerAxis<Vec<f64>>>), FitError> {
     let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
         std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
     };
     let are_many = rows.nrows() >= rows.ncols();
-    let share = (are_many || shares.is_some()).then(|| gram(rows.transpose()));
-    if let Some((shares, share)) = shares.zip(share.as_ref()) {
-        (0..share.size()).for_each(|i| add_multiple(shares.row_mut(i), 1.0, share.row(i)));
-    }
-    if let Some(share) = share.filter(|_| are_many) {
-        return corrected(share, columns((rows.transpose() * misfit).as_ref()));
+    let share = (are_many || wants_share).then(|| gram(rows.transpose()));
+    if let (true, Some(share)) = (are_many, &share) {
+        let score = corrected(share.clone(), columns((rows.transpose() * misfit).as_ref()))?;
+        return Ok((Some(share.clone()), score));
     }
     let misfit = corrected(gram(rows), columns(misfit))?;
-    Ok(misfit.map(|misfit| {
+    let score = misfit.map(|misfit| {
         let misfit = Mat::from_fn(rows.nrows(), misfit.len(), |row, axis| misfit[axis][row]);
         columns((rows.transpose() * misfit).as_ref())
-    }))
+    });
+    Ok((share, score))
 }
 
 /// `M·Mᵀ`.

@@ -19,7 +19,7 @@ use crate::solver::SolverKind;
 use crate::validation::advice::Advice;
 use crate::validation::cross_validation::{CrossValidation, cross_validate};
 use crate::validation::grouped::{Apart, GroupedMoments, MAX_GROUPS, RandomSplit};
-use crate::validation::selection::{self, Selection};
+use crate::validation::selection::{self, Candidate, Selection};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, RowSet};
 
@@ -305,9 +305,9 @@ impl FitOptions<'_> {
 
     /// Chooses the family of features, and the ridge, by groups that are held out.
     fn select(&self, choice: &mut ModelChoice, sums: &GroupedMoments) -> Result<(), FitError> {
-        let selection = selection::select(sums, self.intercept, self.ridges())?;
-        choice.advice = Some(Advice::new(sums, self.intercept, &selection, None)?);
-        choice.take(selection);
+        let tried = selection::select(sums, self.intercept, self.ridges())?;
+        choice.advice = Some(Advice::new(&tried, None));
+        choice.take(tried.selection);
         Ok(())
     }
 
@@ -401,13 +401,10 @@ impl FitOptions<'_> {
 /// What to say of the model that was asked for beside the smaller ones that the same sums serve; `None`
 /// if there is none, or it cannot be fitted without one of the folds.
 fn advice(sums: &GroupedMoments, model: &Model, ridge: f64) -> Result<Option<Advice>, FitError> {
-    let selection = selection::select(sums, model.intercept, &[ridge])?;
-    let given = (selection.candidates.iter())
-        .position(|candidate| candidate.basis == model.basis && candidate.errors.is_some());
-    match given {
-        Some(given) if selection.candidates.len() > 1 => {
-            Advice::new(sums, model.intercept, &selection, Some(given)).map(Some)
-        }
-        _ => Ok(None),
-    }
+    let tried = selection::select(sums, model.intercept, &[ridge])?;
+    let candidates = &tried.selection.candidates;
+    let is_given =
+        |candidate: &Candidate| candidate.basis == model.basis && candidate.errors.is_some();
+    let given = candidates.iter().position(is_given).filter(|_| candidates.len() > 1);
+    Ok(given.map(|given| Advice::new(&tried, Some(given))))
 }

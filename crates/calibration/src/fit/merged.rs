@@ -46,7 +46,7 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
         // Of rows that could not be summed exactly.
         RowSums::Factored(total, groups) => {
             let choice = groups.map_or_else(none, |groups| choose_r_factors(groups, options))?;
-            let model = options.model_without_memory(choice.basis, total.channels());
+            let model = options.model_without_memory(choice.basis, total.model().channels);
             let solution = total.solve(&model, choice.ridge)?;
             let train = total.quality(&solution).ok_or(FitError::NoRows)?;
             (choice, SolverKind::Tsqr, solution, total.reading_ranges().clone(), train)
@@ -66,7 +66,7 @@ fn choose_r_factors(
     options: &FitOptions<'_>,
 ) -> Result<ModelChoice, FitError> {
     let mut choice = options.open(Some(by.into()));
-    let channels = groups.groups.first().map_or(0, |(_, rows)| rows.channels());
+    let channels = groups.groups.first().map_or(0, |(_, rows)| rows.model().channels);
     if options.basis().is_none() {
         choice.take(factored::select(&groups, options.intercept, options.ridges())?);
     }

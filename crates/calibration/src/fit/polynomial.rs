@@ -6,11 +6,12 @@ use super::choice::{Clusters, FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
 use super::outlier_search::{KnownFit, name_outliers};
 use super::outliers::Outliers;
-use super::refits::{PolynomialProblem, Solved, check_sizes, r_factor_method, solve};
+use super::refits::{PolynomialProblem, Solved, check_sizes, solve};
 use super::warning::Warning;
 use super::{CovarianceRule, Fit, FitMethod, FitOptions};
 use crate::conversion::Calibration;
 use crate::error::FitError;
+use crate::least_squares::Method;
 use crate::passes::Rows;
 use crate::solver::{Solution, SolverKind};
 use crate::uncertainty::{Covariance, ErrorShape};
@@ -38,7 +39,7 @@ pub(super) fn covariance(
             Covariance::from_clipped_groups(rows, solution, ridge, workers)
         }
         (Some(Clusters::RFactors { rows, held_out_together }), _) => {
-            let method = r_factor_method(solver, options.truncate);
+            let method = Method { solver, truncate: options.truncate };
             let together = held_out_together.as_deref();
             Covariance::from_factored(rows, together, solution, (method, ridge), workers)
         }

@@ -235,21 +235,8 @@ pub(super) fn solve(
         None => rows.reduce(&ReadingSums::new(model.columns()))?.scaling(model.intercept),
     };
     let problem = FitProblem { model, scaling, ridge };
-    let (solution, ranges) = match solver {
-        SolverKind::Svd => solver::fit_by(Method::Svd { truncate }, problem, rows)?,
-        _ => solver::fit(solver, problem, rows)?,
-    };
+    let (solution, ranges) = solver::fit_by(Method { solver, truncate }, problem, rows)?;
     Ok(Solved { solution, ranges, solver, not_exact, sums: None })
-}
-
-/// How R factors of rows are solved as a solver would fit the rows, to rounding; Huber's weighs rows by what they err, and
-/// is not among them.
-pub(super) fn r_factor_method(solver: SolverKind, truncate: Option<f64>) -> Method {
-    match solver {
-        SolverKind::Svd => Method::Svd { truncate },
-        SolverKind::RidgeGcv => Method::RidgeGcv,
-        _ => Method::Tsqr,
-    }
 }
 
 /// Whether coefficients and errors can be written to a calibration's document, of which products of two
@@ -288,7 +275,7 @@ impl PolynomialProblem {
             }
         };
         let others = factored.as_ref().and_then(FactoredGroups::without_each);
-        let method = r_factor_method(solver, truncate);
+        let method = Method { solver, truncate };
         let by_r_factors = |position: usize| {
             let rest = others.as_ref()?[position].solve_by(method, &model, ridge).ok()?;
             factored.as_ref()?.groups[position].1.errors(&rest)

@@ -7,7 +7,7 @@
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Mat, MatRef, Par};
 
-use super::householder::{RFactor, Workspace, contiguous};
+use super::householder::{RFactor, contiguous};
 use super::{LeastSquares, LeastSquaresError, Ridge};
 use crate::symmetric::SymmetricMatrix;
 use crate::vectors::{add_multiple, dot};
@@ -24,19 +24,6 @@ impl RFactor {
         let rows: Vec<usize> = (0..p).filter(is_significant).collect();
         let r = Mat::from_fn(rows.len(), p, |i, j| self.r[(rows[i], j)]);
         (r, Mat::from_fn(rows.len(), q, |i, j| self.r[(rows[i], p + j)]))
-    }
-
-    /// That of the rows of matrices no taller than wide.
-    pub(crate) fn from_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
-        let mut r_factor = Self::new(x.ncols(), y.ncols());
-        let mut workspace = Workspace::with_rows(x.nrows(), r_factor.r.nrows());
-        r_factor.absorb(x.nrows(), &mut workspace, |columns, stride| {
-            let from = x.col_iter().chain(y.col_iter());
-            for (to, from) in columns.chunks_exact_mut(stride.max(1)).zip(from) {
-                to.copy_from_slice(contiguous(from));
-            }
-        });
-        r_factor
     }
 
     /// That of the same rows of `X·T`, `change` being `T`, p × any number of columns.
@@ -313,19 +300,14 @@ mod tests {
         ridge: Ridge,
     ) -> Result<LeastSquares, LeastSquaresError> {
         assert_eq!(x.nrows(), y.nrows(), "as many rows in X as in Y");
-        let mut workspace = Workspace::new(x.ncols(), y.ncols());
         let mut r_factor = RFactor::new(x.ncols(), y.ncols());
-        let step = workspace.rows();
-        for start in (0..x.nrows()).step_by(step) {
-            let rows = step.min(x.nrows() - start);
-            r_factor.absorb(rows, &mut workspace, |columns, stride| {
-                for (j, column) in columns.chunks_mut(stride).enumerate() {
-                    let source = if j < x.ncols() { x.col(j) } else { y.col(j - x.ncols()) };
-                    let rows = source.subrows(start, rows);
-                    column.iter_mut().zip(rows.iter()).for_each(|(to, from)| *to = *from);
-                }
-            });
-        }
+        r_factor.absorb(x.nrows(), |rows, columns, stride| {
+            for (j, column) in columns.chunks_mut(stride).enumerate() {
+                let source = if j < x.ncols() { x.col(j) } else { y.col(j - x.ncols()) };
+                let rows = source.subrows(rows.start, rows.len());
+                column.iter_mut().zip(rows.iter()).for_each(|(to, from)| *to = *from);
+            }
+        });
         r_factor.solve(ridge)
     }
 
@@ -458,11 +440,11 @@ mod tests {
             let (x, y) = (noise(400, 7, seed), noise(400, 3, seed + 1));
             let whole = least_squares(x.as_ref(), y.as_ref(), Ridge::NONE).unwrap();
             let part = |from: usize, rows: usize| {
-                let (mut r_factor, mut workspace) = (RFactor::new(7, 3), Workspace::new(7, 3));
-                r_factor.absorb(rows, &mut workspace, |columns, stride| {
+                let mut r_factor = RFactor::new(7, 3);
+                r_factor.absorb(rows, |rows, columns, stride| {
                     for (j, column) in columns.chunks_mut(stride).enumerate() {
                         let source = if j < 7 { x.col(j) } else { y.col(j - 7) };
-                        (0..rows).for_each(|i| column[i] = source[from + i]);
+                        rows.clone().for_each(|i| column[i - rows.start] = source[from + i]);
                     }
                 });
                 r_factor

@@ -20,7 +20,7 @@ mod factor;
 mod householder;
 
 pub(crate) use self::factor::{equilibrated, extreme_singular_values, rank_deficient};
-pub use self::householder::{RFactor, Workspace};
+pub use self::householder::RFactor;
 
 use faer::Mat;
 

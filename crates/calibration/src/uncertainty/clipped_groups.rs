@@ -151,7 +151,7 @@ mod tests {
                         &rows,
                         None,
                         &solution,
-                        (crate::least_squares::Method::Tsqr, 0.0),
+                        (SolverKind::Tsqr.into(), 0.0),
                         Workers::ONE,
                     )
                 }

@@ -6,10 +6,8 @@
 //! nothing of which model to take.
 
 use super::comparison::Comparison;
-use super::grouped::GroupedMoments;
-use super::selection::{Candidate, LARGEST_RIDGE, Selection, errors_by_fold, folds};
-use crate::error::FitError;
-use crate::model::{Basis, Model};
+use super::selection::{Candidate, LARGEST_RIDGE, Selection, Tried};
+use crate::model::Basis;
 use crate::quality::significant;
 use shell_data::wrench::{Axes, Axis};
 
@@ -32,39 +30,16 @@ pub struct Advice {
 
 impl Advice {
     /// Of what was tried; `given` is the position of the model that was asked for.
-    ///
-    /// # Errors
-    /// [`FitError`] if the models cannot be fitted to the groups.
-    pub fn new(
-        sums: &GroupedMoments,
-        intercept: bool,
-        selection: &Selection,
-        given: Option<usize>,
-    ) -> Result<Self, FitError> {
-        let whole = sums.total().ok_or(FitError::NoModel)?;
-        let variances = Axis::ALL.map(|axis| whole.variance(axis));
-        let held_out = folds(sums)?;
-        let errors = |at: usize| {
-            let candidate = &selection.candidates[at];
-            let model =
-                Model { basis: candidate.basis, intercept, channels: whole.channels(), memory: 0 };
-            errors_by_fold(sums, &model, candidate.ridge, &held_out)?.ok_or(FitError::NoModel)
-        };
-        let compare = |first: usize, second: usize| -> Result<_, FitError> {
-            match first == second {
-                true => Ok(None),
-                false => Ok(Some(Comparison::new(&errors(first)?, &errors(second)?, &variances))),
-            }
-        };
-        let Selection { folds, candidates, best, chosen } = selection;
-        Ok(Self {
+    pub fn new(tried: &Tried, given: Option<usize>) -> Self {
+        let Selection { folds, candidates, best, chosen } = &tried.selection;
+        Self {
             folds: *folds,
             best: candidates[*best].clone(),
             cautious: candidates[*chosen].clone(),
-            caution: compare(*chosen, *best)?,
-            given: given.map(|given| compare(*best, given)).transpose()?.flatten(),
+            caution: tried.compare(*chosen, *best),
+            given: given.and_then(|given| tried.compare(*best, given)),
             ridge_is_at_limit: candidates[*best].ridge >= LARGEST_RIDGE,
-        })
+        }
     }
 
     /// Whether another model errs less on new groups than the one that was asked for, by more than a

@@ -5,6 +5,7 @@ use super::selection::{ErrorsByRidge, FOLDS, Selection, choose};
 use crate::error::FitError;
 use crate::factored::{FactoredGroups, FactoredRows};
 use crate::model::{Basis, Model};
+use crate::scaling::Scaling;
 
 /// The rows of a fold, and all others.
 struct Fold {
@@ -45,15 +46,16 @@ pub fn select(
     let assigned = assign_groups(&sizes(rows), rows.groups.len().clamp(1, FOLDS));
     let folds = parted(rows, assigned.map_err(|_| too_few(rows))?)?;
     let total = rows.total().ok_or_else(|| too_few(rows))?;
-    let model = |basis| Model { basis, intercept, channels: total.channels(), memory: 0 };
+    let model = |basis| Model { basis, intercept, channels: total.model().channels, memory: 0 };
     let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
         let (model, folds) = (model(basis), &folds);
-        total.has_features_of(&model).then_some(Box::new(move |ridge| {
+        let can_fit = total.change(&model, &Scaling::identity(model.columns())).is_some();
+        can_fit.then_some(Box::new(move |ridge| {
             let errors = |fold: &Fold| fold.held_out.errors(&fold.rest.solve(&model, ridge).ok()?);
             folds.iter().map(errors).collect()
         }))
     };
-    choose(model, ridges, &total.load_variances(), errors_of)
+    Ok(choose(model, ridges, total.load_variances(), errors_of)?.selection)
 }
 
 fn too_few(rows: &FactoredGroups) -> FitError {

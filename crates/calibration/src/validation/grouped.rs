@@ -28,10 +28,8 @@ use shell_data::fingerprint::row_hashes;
 /// Collects the sums of workers, block by block and at the end.
 #[derive(Debug)]
 pub struct GroupSums {
-    basis: Basis,
-    channels: usize,
-    apart: Apart,
-    random: RandomSplit,
+    /// A worker without rows.
+    empty: GroupWorker,
     /// The labels of the groups, in the order of their first rows.
     labels: Vec<Arc<str>>,
     /// Every group is among them, and those folds that have been handed over.
@@ -43,11 +41,10 @@ pub struct GroupSums {
 impl GroupSums {
     /// Zero rows: for `basis` and the bases within it, by what is `apart` and as `random` says.
     pub fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
+        let (sums, open) = (BTreeMap::new(), VecDeque::new());
+        let adder = Adder::new(basis, channels);
         Self {
-            basis,
-            channels,
-            apart,
-            random,
+            empty: GroupWorker { channels, apart, random, adder, sums, open },
             labels: Vec::new(),
             sums: BTreeMap::new(),
             assigned: HashSet::new(),
@@ -61,7 +58,7 @@ impl GroupSums {
 
     /// A worker without rows.
     pub fn worker(&self) -> GroupWorker {
-        GroupWorker::new(self.basis, self.channels, self.apart, self.random)
+        self.empty.clone()
     }
 
     /// Adds what a worker hands over with a block, after all blocks before it.
@@ -104,9 +101,10 @@ impl GroupSums {
             Some((name, sums_of(SummedRows::Group(label))?))
         };
         let groups = self.labels.into_iter().filter_map(with_label).collect();
-        let random = (0..self.random.held_out).map(SummedRows::Fold).filter_map(sums_of).collect();
+        let random =
+            (0..self.empty.random.held_out).map(SummedRows::Fold).filter_map(sums_of).collect();
         let mut grouped = GroupedMoments::new(groups, random)?;
-        if self.apart == Apart::Sets {
+        if self.empty.apart == Apart::Sets {
             grouped.group_count = self.assigned.len();
         }
         Ok(grouped)
@@ -256,12 +254,6 @@ pub struct BlockGroups {
 }
 
 impl GroupWorker {
-    pub(super) fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
-        let adder = Adder::new(basis, channels);
-        let (sums, open) = (BTreeMap::new(), VecDeque::new());
-        Self { channels, apart, random, adder, sums, open }
-    }
-
     /// Adds the rows of a block, by their labels.
     ///
     /// # Errors

@@ -171,7 +171,7 @@ pub(crate) fn select(
         let all = rows.spread(rows.runs(), axis.index());
         all.squares / all.count.max(1) as f64
     });
-    choose(model, ridges, &variances, errors_of)
+    Ok(choose(model, ridges, variances, errors_of)?.selection)
 }
 
 #[cfg(test)]
@@ -215,7 +215,7 @@ mod tests {
         }
         let sums = sums.finish([worker]).unwrap();
         let ridges = [0.0, 1e-6, 1e-2];
-        let exact = selection::select(&sums, true, &ridges).unwrap();
+        let exact = selection::select(&sums, true, &ridges).unwrap().selection;
         let model = Model { basis: Basis::Poly3, intercept: true, channels: 3, memory: 0 };
         let of = |folds: Vec<Block>| {
             GroupedRows::from_labels(&Dataset::from_blocks("folds", Axes::ALL, folds)).0

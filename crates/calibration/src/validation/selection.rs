@@ -67,16 +67,34 @@ pub struct Selection {
     pub chosen: usize,
 }
 
+/// What was tried, with the errors of each candidate on the folds.
+#[derive(Clone, Debug)]
+pub struct Tried {
+    /// The candidates and the choice.
+    pub selection: Selection,
+    /// The errors on each fold; none of a candidate that cannot be fitted without one of them.
+    errors: Vec<Vec<PerAxis<HeldOutErrors>>>,
+    /// Those of the measured wrench, squares of N and N·m.
+    variances: PerAxis<f64>,
+}
+
+impl Tried {
+    /// The errors of one candidate beside those of another, if that is another.
+    ///
+    /// # Panics
+    /// If one of them cannot be fitted.
+    pub(super) fn compare(&self, first: usize, second: usize) -> Option<Comparison> {
+        let [a, b] = [first, second].map(|position| &self.errors[position]);
+        (first != second).then(|| Comparison::new(a, b, &self.variances))
+    }
+}
+
 /// Compares all models within the basis that was summed, with each of `ridges`; where those are several
 /// and the last is the best, with larger ones until one is not.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no model can be fitted.
-pub fn select(
-    sums: &GroupedMoments,
-    intercept: bool,
-    ridges: &[f64],
-) -> Result<Selection, FitError> {
+pub fn select(sums: &GroupedMoments, intercept: bool, ridges: &[f64]) -> Result<Tried, FitError> {
     let whole = sums.all_of_several()?;
     let folds = folds(sums)?;
     let variances = Axis::ALL.map(|axis| whole.variance(axis));
@@ -95,7 +113,7 @@ pub fn select(
             errors.map(Result::ok).collect()
         }))
     };
-    choose(model, ridges, &variances, errors_of)
+    choose(model, ridges, variances, errors_of)
 }
 
 /// The errors on each fold by ridge; `None` where the model cannot be fitted without one of them.
@@ -105,17 +123,17 @@ pub(super) type ErrorsByRidge<'a> = Box<dyn Fn(f64) -> Option<Vec<PerAxis<HeldOu
 pub(super) fn choose<'a>(
     model: impl Fn(Basis) -> Model,
     ridges: &[f64],
-    variances: &PerAxis<f64>,
+    variances: PerAxis<f64>,
     errors_of: impl Fn(Basis) -> Option<ErrorsByRidge<'a>>,
-) -> Result<Selection, FitError> {
+) -> Result<Tried, FitError> {
     let mut candidates = Vec::new();
-    let mut of_folds: Vec<Vec<PerAxis<HeldOutErrors>>> = Vec::new();
+    let mut tried: Vec<Vec<PerAxis<HeldOutErrors>>> = Vec::new();
     for basis in Basis::ALL {
         let Some(errors) = errors_of(basis) else { continue };
         let mut try_ridge = |ridge: f64| {
             let errors = errors(ridge);
-            of_folds.push(errors.clone().unwrap_or_default());
-            let errors = errors.map(|errors| summarise(&errors, variances));
+            tried.push(errors.clone().unwrap_or_default());
+            let errors = errors.map(|errors| summarise(&errors, &variances));
             Candidate { basis, ridge, features: model(basis).term_count(), errors }
         };
         let first = candidates.len();
@@ -132,15 +150,14 @@ pub(super) fn choose<'a>(
     let scored = || candidates.iter().enumerate().filter_map(|(i, c)| Some((i, c, c.errors?)));
     let (best, ..) =
         scored().min_by(|a, b| a.2.score.total_cmp(&b.2.score)).ok_or(FitError::NoModel)?;
-    let is_as_good = |i: usize| {
-        !Comparison::new(&of_folds[i], &of_folds[best], variances).all.second_is_better()
-    };
+    let is_as_good =
+        |i: usize| !Comparison::new(&tried[i], &tried[best], &variances).all.second_is_better();
     let chosen = scored()
         .filter(|&(i, ..)| is_as_good(i))
         .min_by(|a, b| a.1.features.cmp(&b.1.features).then(a.2.score.total_cmp(&b.2.score)))
         .map_or(best, |(i, ..)| i);
-    let folds = of_folds[best].len();
-    Ok(Selection { folds, candidates, best, chosen })
+    let selection = Selection { folds: tried[best].len(), candidates, best, chosen };
+    Ok(Tried { selection, errors: tried, variances })
 }
 
 /// Whether the last of some candidates has the smallest error.
