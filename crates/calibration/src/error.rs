@@ -35,7 +35,7 @@ pub enum FitError {
     RankDeficient(RankLoss),
     /// The features are so nearly dependent that the solver cannot tell what the rows say, or does not come to rest.
     #[error(transparent)]
-    Solver(LeastSquaresError),
+    Solver(#[from] LeastSquaresError),
     /// The features are independent, but so nearly not that the coefficients cannot be computed.
     #[error("the features are so nearly dependent that their coefficients cannot be computed")]
     NearlyDependent,

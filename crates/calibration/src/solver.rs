@@ -12,7 +12,7 @@ use crate::FitError;
 use crate::double_double::DoubleDouble;
 use crate::exact::{Accumulator, ExactError, Moments};
 use crate::features::Features;
-use crate::least_squares::{self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Shape};
+use crate::least_squares::{self, Method, Reduction, Ridge, RowChunk, Shape};
 use crate::model::Model;
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::{ChannelSample, Scaling};
@@ -152,10 +152,10 @@ pub fn fit_by(
     let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.columns()));
     match solved {
         Ok((solved, lambda)) => Ok((Solution::new(&features, solved, lambda), ranges)),
-        Err(Stopped::Solving(error)) => {
+        Err(FitError::Solver(error)) => {
             Err(FitError::from_least_squares(error, &features, &ranges))
         }
-        Err(Stopped::Reading(error)) => Err(error),
+        Err(error) => Err(error),
     }
 }
 
@@ -167,19 +167,8 @@ struct FeatureRows<'a> {
     ranges: Option<ReadingRanges>,
 }
 
-enum Stopped {
-    Solving(LeastSquaresError),
-    Reading(FitError),
-}
-
-impl From<LeastSquaresError> for Stopped {
-    fn from(error: LeastSquaresError) -> Self {
-        Stopped::Solving(error)
-    }
-}
-
 impl least_squares::Rows for FeatureRows<'_> {
-    type Error = Stopped;
+    type Error = FitError;
 
     fn shape(&self) -> Shape {
         Shape { features: self.features.len(), outputs: Axis::ALL.len() }
@@ -189,7 +178,7 @@ impl least_squares::Rows for FeatureRows<'_> {
         let (features, partial) = (self.features, empty.clone());
         let ranges = ReadingRanges::new(features.model().columns());
         let found = self.rows.reduce(&OverFeatures { features, ranges, partial });
-        let OverFeatures { ranges, partial, .. } = found.map_err(Stopped::Reading)?;
+        let OverFeatures { ranges, partial, .. } = found?;
         self.ranges.get_or_insert(ranges);
         Ok(partial)
     }

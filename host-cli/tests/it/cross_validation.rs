@@ -241,7 +241,8 @@ fn the_smallest_model_that_holds_is_chosen() {
     ];
     for (planted, truth) in cases {
         let block = poses(10, 60, 40, 300.0, 0.02, truth);
-        let found = select(&sums(&block, Basis::Poly3, 0), true, &selection::RIDGES).unwrap();
+        let found =
+            select(&sums(&block, Basis::Poly3, 0), true, &selection::RIDGES).unwrap().selection;
         // Four models and five ridges, and larger ones where those were better.
         assert!(found.candidates.len() >= 20);
         assert_eq!(found.candidates[found.chosen].basis, planted);
@@ -321,7 +322,8 @@ fn a_model_that_is_better_on_new_poses_is_not_warned_of_whatever_its_ratio() {
 fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
     // Loads that the readings say nothing of: the more is penalised, the better.
     let block = poses(15, 30, 40, 300.0, 1.0, |_, _| 0.0);
-    let found = select(&sums(&block, Basis::Linear, 0), true, &selection::RIDGES).unwrap();
+    let found =
+        select(&sums(&block, Basis::Linear, 0), true, &selection::RIDGES).unwrap().selection;
     let linear: Vec<_> = found.candidates.iter().filter(|c| c.basis == Basis::Linear).collect();
     let scores: Vec<f64> = linear.iter().map(|c| c.errors.unwrap().score).collect();
     let [.., before, last] = scores[..] else { panic!("{scores:?}") };

@@ -119,7 +119,8 @@ impl FactoredRows {
     /// # Errors
     /// [`FitError::TooManyGroups`] if so many groups of such rows take too much memory.
     fn check_group_count(&self, groups: usize) -> Result<(), FitError> {
-        let limit = MAX_GROUPS.min(MEMORY / self.bytes());
+        let order = self.r_factor.whole().ncols();
+        let limit = MAX_GROUPS.min(MEMORY / (order * order * size_of::<f64>()));
         if groups > limit {
             return Err(FitError::TooManyGroups { limit });
         }

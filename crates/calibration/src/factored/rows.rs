@@ -89,12 +89,6 @@ impl FactoredRows {
         triangular_columns(self.r_factor.whole())
     }
 
-    /// The bytes that a set of rows takes.
-    pub fn bytes(&self) -> usize {
-        let order = self.r_factor.whole().ncols();
-        order * order * size_of::<f64>()
-    }
-
     /// Adds the rows of a block.
     ///
     /// # Errors

@@ -16,10 +16,9 @@ use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, st
 use crate::model::{Basis, Model};
 use crate::scaling::Scaling;
 use crate::solver::SolverKind;
-use crate::validation::advice::Advice;
 use crate::validation::cross_validation::{CrossValidation, cross_validate};
 use crate::validation::grouped::{Apart, GroupedMoments, MAX_GROUPS, RandomSplit};
-use crate::validation::selection::{self, Candidate, Selection};
+use crate::validation::selection::{self, Advice, Candidate, Selection};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, RowSet};
 

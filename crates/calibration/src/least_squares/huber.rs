@@ -106,7 +106,7 @@ impl<'a> Clipped<'a> {
             gradient: Mat::zeros(p, q),
             products: Mat::zeros(q, q),
             inside: vec![0; q],
-            sizes: vec![FineMagnitudes::new(); q],
+            sizes: vec![FineMagnitudes::default(); q],
             below: vec![0; q],
             kept: vec![Vec::new(); q],
         }

@@ -15,6 +15,7 @@
 //! of them in as many sets, see [`Apart::Sets`].
 
 use crate::error::FitError;
+use std::borrow::Cow;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::sync::Arc;
@@ -290,26 +291,17 @@ impl GroupWorker {
     }
 
     /// Adds some rows of the columns to sums, each row once; returns sums to be handed over.
-    fn add_rows(
+    fn add_rows<'a>(
         &mut self,
         summed: SummedRows,
-        columns: &[&[f64]],
+        columns: &[&'a [f64]],
         rows: &[usize],
     ) -> Result<Option<(SummedRows, Moments)>, FitError> {
-        if columns.iter().all(|column| column.len() == rows.len()) {
-            return self.add_columns(summed, columns);
-        }
-        let gather = |column: &&[f64]| rows.iter().map(|&row| column[row]).collect();
-        let gathered: Vec<Vec<f64>> = columns.iter().map(gather).collect();
-        self.add_columns(summed, &gathered)
-    }
-
-    /// Adds all rows of the columns to sums; returns sums to be handed over.
-    fn add_columns<C: AsRef<[f64]>>(
-        &mut self,
-        summed: SummedRows,
-        columns: &[C],
-    ) -> Result<Option<(SummedRows, Moments)>, FitError> {
+        let of_rows = |column: &&'a [f64]| match column.len() == rows.len() {
+            true => Cow::Borrowed(*column),
+            false => rows.iter().map(|&row| column[row]).collect(),
+        };
+        let columns: Vec<Cow<'a, [f64]>> = columns.iter().map(of_rows).collect();
         if self.sums.len() == MAX_GROUPS + self.random.held_out && !self.sums.contains_key(&summed)
         {
             return Err(FitError::TooManyGroups { limit: MAX_GROUPS });

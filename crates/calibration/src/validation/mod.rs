@@ -9,7 +9,6 @@
 //! Without exact sums, taking a group away from the whole would cancel: for readings that the exact solver
 //! cannot take, `normal_equations` adds the other groups up instead.
 
-pub mod advice;
 pub mod comparison;
 pub mod cross_validation;
 pub mod excitation;
