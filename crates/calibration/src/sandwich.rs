@@ -30,6 +30,9 @@ use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
+/// `u_g` or `v_g` of each axis.
+type Scores = PerAxis<Vec<f64>>;
+
 /// A group whose `K_g` has an eigenvalue this near to one determines a direction alone.
 const ALONE: f64 = 1e-8;
 
@@ -108,7 +111,7 @@ impl ScatterSums {
     pub(crate) fn add(
         &mut self,
         label: &str,
-        score: Option<PerAxis<Vec<f64>>>,
+        score: Option<Scores>,
         errors: &PerAxis<HeldOutErrors>,
     ) {
         self.groups += 1;
@@ -163,10 +166,7 @@ impl ScatterSums {
 ///
 /// # Errors
 /// [`FitError::NearlyDependent`].
-pub(crate) fn corrected(
-    share: SymmetricMatrix,
-    score: PerAxis<Vec<f64>>,
-) -> Result<Option<PerAxis<Vec<f64>>>, FitError> {
+pub(crate) fn corrected(share: SymmetricMatrix, score: Scores) -> Result<Option<Scores>, FitError> {
     let eigen = share.eigen().ok_or(FitError::NearlyDependent)?;
     let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
     if rest.iter().any(|&rest| rest < ALONE) {
@@ -189,7 +189,7 @@ pub(crate) fn corrected_rows(
     rows: MatRef<'_, f64>,
     misfit: MatRef<'_, f64>,
     wants_share: bool,
-) -> Result<(Option<SymmetricMatrix>, Option<PerAxis<Vec<f64>>>), FitError> {
+) -> Result<(Option<SymmetricMatrix>, Option<Scores>), FitError> {
     let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
         std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
     };

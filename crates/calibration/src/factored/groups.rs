@@ -216,8 +216,8 @@ impl FactoredGroups {
             items.extend(groups.iter().map(|rows| (*rows, Arc::clone(&parts))));
         }
         let adds_up = sums.has_all_directions();
-        let work = |(): &mut (), (rows, parts): &(&FactoredRows, Arc<(Mat<f64>, Mat<f64>)>)| {
-            let (factors, coefficients) = &**parts;
+        let work = |(): &mut (), (rows, parts): &(&FactoredRows, Arc<_>)| {
+            let (factors, coefficients): &(Mat<f64>, Mat<f64>) = parts;
             let (r, z) = rows.r_factor.significant_rows();
             let (columns, misfit) = (&r * factors, z - &r * coefficients);
             let found = corrected_rows(columns.as_ref(), misfit.as_ref(), adds_up)?;
