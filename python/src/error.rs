@@ -5,7 +5,6 @@ use std::path::Path;
 
 use calibration::FitError;
 use calibration::physics::PhysicsError;
-use calibration::validation::ValidationError;
 use calibration_file::{CalibrationFileError, MergeError, Problem};
 use log_file::{FieldProblem, LogError, PlacedProblem, RowProblem};
 use pyo3::prelude::*;
@@ -196,9 +195,7 @@ fn hint_after(error: &FitError) -> Option<&'static str> {
         }
         FitError::NoGroups => "give groups=, a label of each row",
         FitError::NoGroupSums => "make the partial fits with groups",
-        FitError::Validation(ValidationError::TooFewGroups { .. }) => {
-            "record more poses, or name the groups= of the rows"
-        }
+        FitError::TooFewGroups { .. } => "record more poses, or name the groups= of the rows",
         FitError::Weights(_) => {
             "give integers as sample_weight, which are numbers of rows, or leave this option out"
         }

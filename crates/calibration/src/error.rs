@@ -9,7 +9,6 @@ use super::model::TooLarge;
 use super::physics::PhysicsError;
 use super::rank_loss::RankLoss;
 use super::reading_ranges::ReadingRanges;
-use super::validation::ValidationError;
 use shell_data::hint::Hint;
 use shell_data::wrench::Axes;
 
@@ -36,7 +35,7 @@ pub enum FitError {
     RankDeficient(RankLoss),
     /// The features are so nearly dependent that the solver cannot tell what the rows say, or does not come to rest.
     #[error(transparent)]
-    Solver(LeastSquaresError),
+    Solver(#[from] LeastSquaresError),
     /// The features are independent, but so nearly not that the coefficients cannot be computed.
     #[error("the features are so nearly dependent that their coefficients cannot be computed")]
     NearlyDependent,
@@ -90,9 +89,39 @@ pub enum FitError {
         "the physics model takes all six axes of the wrench, as sensors answer to each; there are {0}"
     )]
     PhysicsAxes(Axes),
-    /// A calibration cannot be validated on these rows.
-    #[error(transparent)]
-    Validation(ValidationError),
+    /// Nothing to hold out, or nothing left.
+    #[error("at least `2` groups are needed, found `{found}`")]
+    TooFewGroups {
+        /// Groups.
+        found: usize,
+    },
+    /// A column that is no group label, most likely.
+    #[error("more than `{limit}` groups")]
+    TooManyGroups {
+        /// The largest number.
+        limit: usize,
+    },
+    /// Folds that the groups do not fill.
+    #[error("`{folds}` folds of `{groups}` groups, expected `2` to the number of groups")]
+    Folds {
+        /// Folds asked for.
+        folds: usize,
+        /// Groups.
+        groups: usize,
+    },
+    /// No fold leaves enough rows to fit the model.
+    #[error("the model cannot be fitted without any one of the groups: {0}")]
+    Undetermined(Box<FitError>),
+    /// Some groups determine a coefficient alone, so that nothing can be learned from how groups
+    /// scatter.
+    #[error("without {} the model cannot be fitted", names(groups))]
+    Alone {
+        /// Their labels.
+        groups: Vec<String>,
+    },
+    /// None of the models can be fitted.
+    #[error("the rows determine none of the models")]
+    NoModel,
     /// The rows have no groups, and none are found in them.
     #[error(
         "there is nothing to hold out: the log has no group column, no plateaus of constant load and no \
@@ -104,7 +133,7 @@ pub enum FitError {
     NoGroupSums,
     /// Standard errors by group were asked for and cannot be had.
     #[error("no covariance by groups: {0}")]
-    NoGroupCovariance(ValidationError),
+    NoGroupCovariance(Box<FitError>),
     /// Rows that count more or less than one another, where each has to count as itself.
     #[error("{0} takes rows that all count the same, or weights that are whole numbers")]
     Weights(&'static str),
@@ -124,15 +153,12 @@ pub enum FitError {
     Interrupted,
 }
 
-impl From<ValidationError> for FitError {
-    fn from(error: ValidationError) -> Self {
-        match error {
-            ValidationError::NotExact(error) => Self::NotExact(error),
-            // A row that no fit can take is no fault of the groups.
-            ValidationError::Rows(error) => *error,
-            error => Self::Validation(error),
-        }
-    }
+/// The first few of `labels`.
+fn names(labels: &[String]) -> String {
+    const SHOWN: usize = 5;
+    let shown: Vec<String> = labels.iter().take(SHOWN).map(|label| format!("`{label}`")).collect();
+    let more = if labels.len() > SHOWN { " or any of others" } else { "" };
+    format!("the group {}{more}", shown.join(" or "))
 }
 
 impl Hint for FitError {
@@ -154,7 +180,17 @@ impl Hint for FitError {
                 "choose a smaller `--model`, or name fewer columns with `--sensors`"
             }
             Self::Overflow => "check the units of the readings and of the wrench",
-            Self::Validation(error) => return error.hint(),
+            Self::TooFewGroups { .. } => {
+                "record more poses, give several logs, or name the column of groups with `--group`"
+            }
+            Self::TooManyGroups { .. } => {
+                "name the column of groups with `--group`, or assign them to K folds with `--cv=K`"
+            }
+            Self::Folds { .. } => "leave the number out to hold out one group at a time",
+            Self::Undetermined(_) | Self::NoModel => {
+                "record more poses, choose a smaller `--model`, or accept a damped answer with \
+                 `--ridge 1e-6`"
+            }
             Self::Copy { .. } => {
                 "leave one of them out: errors on a copy say nothing about other data"
             }
@@ -166,13 +202,25 @@ impl Hint for FitError {
 }
 
 impl FitError {
+    /// Whether it says what is wrong with the groups of the rows.
+    pub(super) fn is_about_groups(&self) -> bool {
+        matches!(
+            self,
+            Self::TooFewGroups { .. }
+                | Self::TooManyGroups { .. }
+                | Self::Folds { .. }
+                | Self::Undetermined(_)
+                | Self::Alone { .. }
+                | Self::NoModel
+        )
+    }
+
     /// Whether it says what is wrong with the training rows, and so which logs they are of matters.
     pub fn is_about_rows(&self) -> bool {
-        !matches!(
+        let is_other = matches!(
             self,
             Self::Physics(_)
                 | Self::PhysicsAxes(_)
-                | Self::Validation(_)
                 | Self::NoGroups
                 | Self::NoGroupSums
                 | Self::NoGroupCovariance(_)
@@ -182,7 +230,8 @@ impl FitError {
                 | Self::Copy { .. }
                 | Self::NoRows
                 | Self::Interrupted
-        )
+        );
+        !is_other && !self.is_about_groups()
     }
 
     /// An error of the least-squares solver in terms of channels and features.

@@ -22,8 +22,9 @@ pub type FineMagnitudes = Histogram<8, 48>;
 const TOP: u64 = 8;
 
 impl<const BITS: u32, const OCTAVES: u64> Default for Histogram<BITS, OCTAVES> {
+    /// Zero numbers.
     fn default() -> Self {
-        Self::new()
+        Self { counts: vec![0; Self::BINS] }
     }
 }
 
@@ -31,11 +32,6 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
     /// The bin just past the last, in leading bits of a number.
     const END: u64 = (1023 + TOP) << BITS;
     const BINS: usize = (OCTAVES << BITS) as usize;
-
-    /// Zero numbers.
-    pub fn new() -> Self {
-        Self { counts: vec![0; Self::BINS] }
-    }
 
     /// Counts a magnitude, not negative, best in a unit that most are not far from.
     #[inline(always)]
@@ -99,7 +95,7 @@ mod tests {
     #[test]
     fn quantiles_are_those_of_the_numbers_to_the_width_of_a_bin() {
         for n in [1_u32, 2, 7, 1000] {
-            let (mut even, mut odd) = (Magnitudes::new(), Magnitudes::new());
+            let (mut even, mut odd) = (Magnitudes::default(), Magnitudes::default());
             for i in 0..n {
                 let part = if i % 2 == 0 { &mut even } else { &mut odd };
                 part.add(0.001 * f64::from(i * 7919 % n + 1));
@@ -112,6 +108,6 @@ mod tests {
                 assert!((found / expected - 1.0).abs() < 1.6e-2, "{n}, {share}: {found}");
             }
         }
-        assert_eq!(Magnitudes::new().quantile(0.5), 0.0);
+        assert_eq!(Magnitudes::default().quantile(0.5), 0.0);
     }
 }

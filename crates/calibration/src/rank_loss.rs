@@ -206,39 +206,26 @@ impl Relation {
 
     /// If the relation says that `s_j − s_i`, or `s_j` itself, has only two values: these.
     fn two_values(&self) -> Option<(Vec<u8>, f64, f64)> {
-        let &[i, j] = self.feature.factors() else { return None };
-        if i != j {
-            return None;
-        }
-        let constant = self.share(Term::INTERCEPT);
-        let slope = self.share(Term::product(&[j]));
+        let j = *self.feature.factors().first().filter(|j| self.feature.factors() == [**j; 2])?;
         // d² = (a + b)·d − a·b for d = s_j or d = s_j − s_i.
-        let roots = |sum: f64, product: f64| {
-            let root = (sum * sum / 4.0 - product).sqrt();
-            let (low, high) = (sum / 2.0 - root, sum / 2.0 + root);
-            (low + high == sum && low * high == product).then_some((low, high))
-        };
-        let others: Vec<_> = self
-            .shares
-            .iter()
-            .filter(|(t, _)| *t != Term::INTERCEPT && *t != Term::product(&[j]))
-            .collect();
-        let (low, high) = roots(slope, -constant)?;
-        if others.is_empty() {
-            return Some((vec![j], low, high));
-        }
-        let i = others.iter().find_map(|(t, _)| match t.factors() {
-            &[a, b] if a == b => Some(a),
+        let sum = self.share(Term::product(&[j]));
+        let product = -self.share(Term::INTERCEPT);
+        let root = (sum * sum / 4.0 - product).sqrt();
+        let (low, high) = (sum / 2.0 - root, sum / 2.0 + root);
+        let other = self.shares.iter().find_map(|(term, _)| match *term.factors() {
+            [i, again] if i == again => Some(i),
             _ => None,
-        })?;
-        let expected = [
-            (Term::product(&[i]), -slope),
-            (Term::product(&[i, i]), -1.0),
-            (Term::product(&[i, j]), 2.0),
-        ];
-        let matches = expected.iter().all(|&(term, share)| self.share(term) == share);
+        });
+        let mut expected = vec![(Term::INTERCEPT, -product), (Term::product(&[j]), sum)];
+        expected.extend(other.into_iter().flat_map(|i| {
+            let factors: [(&[u8], f64); 3] = [(&[i], -sum), (&[i, i], -1.0), (&[i, j], 2.0)];
+            factors.map(|(factors, share)| (Term::product(factors), share))
+        }));
         let count = expected.iter().filter(|(_, share)| *share != 0.0).count();
-        (matches && others.len() == count).then(|| (vec![j, i], low, high))
+        let matches = expected.iter().all(|&(term, share)| self.share(term) == share);
+        let is_exact = low + high == sum && low * high == product;
+        (is_exact && matches && self.shares.len() == count)
+            .then(|| (std::iter::once(j).chain(other).collect(), low, high))
     }
 }
 

@@ -27,9 +27,11 @@ use crate::FitError;
 use crate::exact::HeldOutErrors;
 use crate::solution::Solution;
 use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
-use crate::validation::ValidationError;
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
+
+/// `u_g` or `v_g` of each axis.
+type Scores = PerAxis<Vec<f64>>;
 
 /// A group whose `K_g` has an eigenvalue this near to one determines a direction alone.
 const ALONE: f64 = 1e-8;
@@ -109,7 +111,7 @@ impl ScatterSums {
     pub(crate) fn add(
         &mut self,
         label: &str,
-        score: Option<PerAxis<Vec<f64>>>,
+        score: Option<Scores>,
         errors: &PerAxis<HeldOutErrors>,
     ) {
         self.groups += 1;
@@ -132,17 +134,17 @@ impl ScatterSums {
     /// The scatter, after all groups. `F` is in the units that the covariance is wanted in.
     ///
     /// # Errors
-    /// [`ValidationError`] if some group alone determines a coefficient, or the features are too nearly dependent.
-    pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, ValidationError> {
+    /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, FitError> {
         let features = factor.size();
         if let Some(defect) = &self.defect {
             let mut all = (0..features).flat_map(|i| defect.row(i));
             if !all.all(|x| x.abs() <= LARGEST_DEFECT) {
-                return Err(FitError::NearlyDependent.into());
+                return Err(FitError::NearlyDependent);
             }
         }
         if !self.alone.is_empty() {
-            return Err(ValidationError::Alone { groups: self.alone });
+            return Err(FitError::Alone { groups: self.alone });
         }
         let shared = std::array::from_fn(|axis| match self.squares[axis] > 0.0 {
             true => (self.common[axis] / self.squares[axis]).min(1.0),
@@ -164,10 +166,7 @@ impl ScatterSums {
 ///
 /// # Errors
 /// [`FitError::NearlyDependent`].
-pub(crate) fn corrected(
-    share: SymmetricMatrix,
-    score: PerAxis<Vec<f64>>,
-) -> Result<Option<PerAxis<Vec<f64>>>, FitError> {
+pub(crate) fn corrected(share: SymmetricMatrix, score: Scores) -> Result<Option<Scores>, FitError> {
     let eigen = share.eigen().ok_or(FitError::NearlyDependent)?;
     let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
     if rest.iter().any(|&rest| rest < ALONE) {
@@ -182,30 +181,30 @@ pub(crate) fn corrected(
 }
 
 /// The same of `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g = Mᵀe`. Where rows are fewer,
-/// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. `K_g` is added to `shares`, if there are any.
+/// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. Beside it is `K_g`, if that was made or is wanted.
 ///
 /// # Errors
 /// [`FitError::NearlyDependent`].
 pub(crate) fn corrected_rows(
-    (rows, misfit): (MatRef<'_, f64>, MatRef<'_, f64>),
-    shares: Option<&mut SymmetricMatrix>,
-) -> Result<Option<PerAxis<Vec<f64>>>, FitError> {
+    rows: MatRef<'_, f64>,
+    misfit: MatRef<'_, f64>,
+    wants_share: bool,
+) -> Result<(Option<SymmetricMatrix>, Option<Scores>), FitError> {
     let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
         std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
     };
     let are_many = rows.nrows() >= rows.ncols();
-    let share = (are_many || shares.is_some()).then(|| gram(rows.transpose()));
-    if let Some((shares, share)) = shares.zip(share.as_ref()) {
-        (0..share.size()).for_each(|i| add_multiple(shares.row_mut(i), 1.0, share.row(i)));
-    }
-    if let Some(share) = share.filter(|_| are_many) {
-        return corrected(share, columns((rows.transpose() * misfit).as_ref()));
+    let share = (are_many || wants_share).then(|| gram(rows.transpose()));
+    if let (true, Some(share)) = (are_many, &share) {
+        let score = corrected(share.clone(), columns((rows.transpose() * misfit).as_ref()))?;
+        return Ok((Some(share.clone()), score));
     }
     let misfit = corrected(gram(rows), columns(misfit))?;
-    Ok(misfit.map(|misfit| {
+    let score = misfit.map(|misfit| {
         let misfit = Mat::from_fn(rows.nrows(), misfit.len(), |row, axis| misfit[axis][row]);
         columns((rows.transpose() * misfit).as_ref())
-    }))
+    });
+    Ok((share, score))
 }
 
 /// `M·Mᵀ`.

@@ -4,6 +4,7 @@
 //! and solves what is left. Memory does not grow with the number of rows, and blocks may be
 //! reduced on several threads.
 
+pub use crate::least_squares::SolverKind;
 pub use crate::passes::{Pass, Rows, Workers};
 pub use crate::solution::Solution;
 
@@ -11,7 +12,7 @@ use crate::FitError;
 use crate::double_double::DoubleDouble;
 use crate::exact::{Accumulator, ExactError, Moments};
 use crate::features::Features;
-use crate::least_squares::{self, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Shape};
+use crate::least_squares::{self, Method, Reduction, Ridge, RowChunk, Shape};
 use crate::model::Model;
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::{ChannelSample, Scaling};
@@ -96,24 +97,13 @@ pub fn fit(
     problem: FitProblem,
     rows: &Rows<'_>,
 ) -> Result<(Solution, ReadingRanges), FitError> {
-    let method = match kind {
-        SolverKind::Exact => {
-            // One pass is enough, and its sums know the ranges.
-            let moments = exact_moments(problem.model, rows)?;
-            let ranges = moments.reading_ranges();
-            return Ok((moments.solve(&problem.model, problem.ridge)?.solution, ranges));
-        }
-        SolverKind::Tsqr => Method::Tsqr,
-        SolverKind::RefinedTsqr => Method::RefinedTsqr,
-        SolverKind::PivotedQr => Method::PivotedQr,
-        SolverKind::Svd => Method::Svd { truncate: None },
-        SolverKind::Gram => Method::Gram,
-        SolverKind::WideGram => Method::WideGram,
-        SolverKind::WideTsqr => Method::WideTsqr,
-        SolverKind::RidgeGcv => Method::RidgeGcv,
-        SolverKind::Huber => Method::Huber,
-    };
-    fit_by(method, problem, rows)
+    if kind == SolverKind::Exact {
+        // One pass is enough, and its sums know the ranges.
+        let moments = exact_moments(problem.model, rows)?;
+        let ranges = moments.reading_ranges();
+        return Ok((moments.solve(&problem.model, problem.ridge)?.solution, ranges));
+    }
+    fit_by(kind.into(), problem, rows)
 }
 
 /// The exact sums of the rows, for [`Moments::solve`] and all else that can be told from them.
@@ -162,10 +152,10 @@ pub fn fit_by(
     let ranges = rows.ranges.unwrap_or_else(|| ReadingRanges::new(model.columns()));
     match solved {
         Ok((solved, lambda)) => Ok((Solution::new(&features, solved, lambda), ranges)),
-        Err(Stopped::Solving(error)) => {
+        Err(FitError::Solver(error)) => {
             Err(FitError::from_least_squares(error, &features, &ranges))
         }
-        Err(Stopped::Reading(error)) => Err(error),
+        Err(error) => Err(error),
     }
 }
 
@@ -177,19 +167,8 @@ struct FeatureRows<'a> {
     ranges: Option<ReadingRanges>,
 }
 
-enum Stopped {
-    Solving(LeastSquaresError),
-    Reading(FitError),
-}
-
-impl From<LeastSquaresError> for Stopped {
-    fn from(error: LeastSquaresError) -> Self {
-        Stopped::Solving(error)
-    }
-}
-
 impl least_squares::Rows for FeatureRows<'_> {
-    type Error = Stopped;
+    type Error = FitError;
 
     fn shape(&self) -> Shape {
         Shape { features: self.features.len(), outputs: Axis::ALL.len() }
@@ -199,7 +178,7 @@ impl least_squares::Rows for FeatureRows<'_> {
         let (features, partial) = (self.features, empty.clone());
         let ranges = ReadingRanges::new(features.model().columns());
         let found = self.rows.reduce(&OverFeatures { features, ranges, partial });
-        let OverFeatures { ranges, partial, .. } = found.map_err(Stopped::Reading)?;
+        let OverFeatures { ranges, partial, .. } = found?;
         self.ranges.get_or_insert(ranges);
         Ok(partial)
     }
@@ -261,65 +240,6 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
         Ok(())
     }
 }
-
-/// The solvers by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[non_exhaustive]
-pub enum SolverKind {
-    /// Exact sums of integer readings.
-    Exact,
-    /// Householder QR over row blocks.
-    Tsqr,
-    /// The same, corrected by residuals in double-double: two passes or more.
-    RefinedTsqr,
-    /// QR with column pivoting.
-    PivotedQr,
-    /// Singular values.
-    Svd,
-    /// Normal equations and Cholesky in `f64`.
-    Gram,
-    /// Normal equations and Cholesky in double-double.
-    WideGram,
-    /// Householder QR over row blocks in double-double.
-    WideTsqr,
-    /// A ridge whose parameter generalised cross-validation chooses.
-    RidgeGcv,
-    /// Huber's M-estimator: rows far off count less. About ten passes.
-    Huber,
-}
-
-impl SolverKind {
-    /// All solvers.
-    pub const ALL: [SolverKind; 10] = {
-        use SolverKind::*;
-        [Exact, Tsqr, RefinedTsqr, PivotedQr, Svd, Gram, WideGram, WideTsqr, RidgeGcv, Huber]
-    };
-
-    /// The name in files and on the command line.
-    pub const fn name(self) -> &'static str {
-        NAMES[self as usize].0
-    }
-
-    /// What it does, in a few words.
-    pub const fn description(self) -> &'static str {
-        NAMES[self as usize].1
-    }
-}
-
-/// The names of the solvers and what they do, in the order of [`SolverKind`].
-const NAMES: [(&str, &str); 10] = [
-    ("exact", "Exact sums of integer readings; `refined-tsqr` where readings are not integers"),
-    ("tsqr", "Householder QR over row blocks"),
-    ("refined-tsqr", "The same, corrected by residuals in double-double"),
-    ("pivoted-qr", "QR with column pivoting"),
-    ("svd", "Singular values"),
-    ("gram", "Normal equations in double precision: fast and coarse"),
-    ("wide-gram", "Normal equations in double-double"),
-    ("wide-tsqr", "Householder QR in double-double: slow and sure"),
-    ("ridge-gcv", "Ridge, its parameter chosen by generalised cross-validation"),
-    ("huber", "Huber's M-estimator: rows far off count less"),
-];
 
 #[cfg(test)]
 mod tests {

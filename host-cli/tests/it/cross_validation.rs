@@ -7,7 +7,6 @@ use calibration::exact::{Accumulator, Moments, PartitionedMoments};
 use calibration::model::{Basis, Model};
 use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, SolverKind};
-use calibration::validation::ValidationError;
 use calibration::validation::cross_validation::cross_validate;
 use calibration::validation::grouped::{Apart, GroupSums, GroupedMoments, RandomSplit};
 use calibration::validation::selection::{self, select};
@@ -178,7 +177,7 @@ fn a_ridge_with_readings_that_hardly_move_still_answers() {
     let sums = sums(&block, Basis::Quadratic, 0);
     let model = Model { basis: Basis::Quadratic, intercept: true, channels: 4, memory: 0 };
     let error = cross_validate(&sums, &model, 0.0, None).unwrap_err();
-    let ValidationError::Undetermined(error) = error else { panic!("{error}") };
+    let FitError::Undetermined(error) = error else { panic!("{error}") };
     assert!(matches!(*error, FitError::RankDeficient(_)));
     let found = cross_validate(&sums, &model, 1e-3, None).unwrap();
     assert!(found.grouped.iter().all(|axis| axis.rms.is_finite()));
@@ -242,7 +241,8 @@ fn the_smallest_model_that_holds_is_chosen() {
     ];
     for (planted, truth) in cases {
         let block = poses(10, 60, 40, 300.0, 0.02, truth);
-        let found = select(&sums(&block, Basis::Poly3, 0), true, &selection::RIDGES).unwrap();
+        let found =
+            select(&sums(&block, Basis::Poly3, 0), true, &selection::RIDGES).unwrap().selection;
         // Four models and five ridges, and larger ones where those were better.
         assert!(found.candidates.len() >= 20);
         assert_eq!(found.candidates[found.chosen].basis, planted);
@@ -258,11 +258,11 @@ fn too_few_groups_and_impossible_folds_are_refused() {
     let model = Model { basis: Basis::Linear, intercept: true, channels: 4, memory: 0 };
     let one = sums(&rows_of(&block, |g| g == 0), Basis::Linear, 0);
     let error = cross_validate(&one, &model, 0.0, None).unwrap_err();
-    assert_eq!(error, ValidationError::TooFewGroups { found: 1 });
+    assert_eq!(error, FitError::TooFewGroups { found: 1 });
     let three = sums(&block, Basis::Linear, 0);
     for folds in [0, 1, 4] {
         let error = cross_validate(&three, &model, 0.0, Some(folds)).unwrap_err();
-        assert_eq!(error, ValidationError::Folds { folds, groups: 3 });
+        assert_eq!(error, FitError::Folds { folds, groups: 3 });
     }
     let cubic = Model { basis: Basis::Cubic, ..model };
     let error = FitError::from(cross_validate(&three, &cubic, 0.0, None).unwrap_err());
@@ -322,7 +322,8 @@ fn a_model_that_is_better_on_new_poses_is_not_warned_of_whatever_its_ratio() {
 fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
     // Loads that the readings say nothing of: the more is penalised, the better.
     let block = poses(15, 30, 40, 300.0, 1.0, |_, _| 0.0);
-    let found = select(&sums(&block, Basis::Linear, 0), true, &selection::RIDGES).unwrap();
+    let found =
+        select(&sums(&block, Basis::Linear, 0), true, &selection::RIDGES).unwrap().selection;
     let linear: Vec<_> = found.candidates.iter().filter(|c| c.basis == Basis::Linear).collect();
     let scores: Vec<f64> = linear.iter().map(|c| c.errors.unwrap().score).collect();
     let [.., before, last] = scores[..] else { panic!("{scores:?}") };

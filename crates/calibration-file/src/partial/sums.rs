@@ -34,7 +34,7 @@ impl Sums {
     pub fn channels(&self) -> usize {
         match self {
             Self::Exact(moments) => moments.channels(),
-            Self::Factored(rows) => rows.channels(),
+            Self::Factored(rows) => rows.model().channels,
         }
     }
 
@@ -42,7 +42,7 @@ impl Sums {
     pub(super) fn suit(&self, model: &Model) -> bool {
         let basis = match self {
             Self::Exact(moments) => moments.basis(),
-            Self::Factored(rows) => rows.basis(),
+            Self::Factored(rows) => rows.model().basis,
         };
         (self.channels(), basis) == (model.channels, model.basis)
     }
@@ -144,7 +144,7 @@ struct RFactorDocument {
 impl RFactorDocument {
     fn new(rows: &FactoredRows) -> Self {
         Self {
-            basis: rows.basis(),
+            basis: rows.model().basis,
             rows: rows.rows(),
             scaling: rows.scaling().clone(),
             channels: rows.reading_ranges().channels.clone(),

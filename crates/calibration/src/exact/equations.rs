@@ -27,7 +27,7 @@ use super::{ExactFit, Moments};
 use crate::FitError;
 use crate::double_double::DoubleDouble;
 use crate::model::{Model, Term};
-use crate::r_factor::extreme_singular_values;
+use crate::r_factor::condition_and_rank;
 use crate::scaling::Scaling;
 use crate::solution::Solution;
 use crate::symmetric::UpperTriangle;
@@ -384,8 +384,7 @@ fn condition(cholesky: &Bordered) -> f64 {
             r[(i, j)] = x / norm;
         }
     }
-    extreme_singular_values(&r)
-        .map_or(f64::INFINITY, |[smallest, largest]| six_digits(largest / smallest))
+    condition_and_rank(&r, 0.0).map_or(f64::INFINITY, |(condition, _)| six_digits(condition))
 }
 
 fn six_digits(number: f64) -> f64 {

@@ -37,7 +37,6 @@ use crate::quality::AxisQuality;
 use crate::sandwich::{GroupScatter, ScatterSums, corrected};
 use crate::solution::Solution;
 use crate::symmetric::{UpperTriangle, congruence, trace_of_congruence};
-use crate::validation::ValidationError;
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
@@ -346,11 +345,11 @@ impl ExactFit {
     /// is left out.
     ///
     /// # Errors
-    /// [`ValidationError`] if some group alone determines a coefficient, or all together do not.
+    /// [`FitError`] if some group alone determines a coefficient, or all together do not.
     pub fn scatter<'a>(
         &self,
         groups: impl IntoIterator<Item = &'a (String, Moments)>,
-    ) -> Result<GroupScatter, ValidationError> {
+    ) -> Result<GroupScatter, FitError> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
         let factor = UpperTriangle::new(&self.solution.factor);
         // Rows are features: from those of the fit to those that are counted.
@@ -531,7 +530,7 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let fit = total.solve(&model, 0.0).unwrap();
         let found = fit.scatter(&parts);
-        let alone = ValidationError::Alone { groups: vec!["pose 3".to_owned()] };
+        let alone = FitError::Alone { groups: vec!["pose 3".to_owned()] };
         assert_eq!(found.unwrap_err(), alone);
     }
 }

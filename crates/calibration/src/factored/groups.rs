@@ -13,12 +13,10 @@ use crate::FitError;
 use crate::grouped_rows::{GroupedRows, Run};
 use crate::model::Model;
 use crate::passes::{Workers, map, on_threads};
-use crate::r_factor::Workspace;
 use crate::sandwich::{GroupScatter, ScatterSums, corrected_rows};
 use crate::scaling::Scaling;
 use crate::solver::Solution;
-use crate::symmetric::{SymmetricMatrix, UpperTriangle};
-use crate::validation::ValidationError;
+use crate::symmetric::UpperTriangle;
 use crate::validation::grouped::MAX_GROUPS;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
@@ -38,7 +36,6 @@ pub struct FactoredGroups {
 #[derive(Debug)]
 pub struct GroupFactors {
     empty: FactoredRows,
-    workspace: Workspace,
     groups: Vec<Group>,
     positions: HashMap<String, usize>,
 }
@@ -55,8 +52,7 @@ impl GroupFactors {
     /// No groups; features as in [`FactoredRows::new`].
     pub fn new(model: Model, scaling: Scaling) -> Self {
         let empty = FactoredRows::new(model, scaling);
-        let workspace = empty.workspace();
-        Self { empty, workspace, groups: Vec::new(), positions: HashMap::new() }
+        Self { empty, groups: Vec::new(), positions: HashMap::new() }
     }
 
     /// How many groups there are by now.
@@ -67,30 +63,26 @@ impl GroupFactors {
     /// Adds the rows of a block with their labels.
     ///
     /// # Errors
-    /// [`ValidationError`] if there are too many groups, or a row that no fit can take.
-    pub fn add(
-        &mut self,
-        block: &Block,
-        labels: &[(String, usize)],
-    ) -> Result<(), ValidationError> {
-        let mut start = 0;
+    /// [`FitError`] if there are too many groups, or a row that no fit can take.
+    pub fn add(&mut self, block: &Block, labels: &[(String, usize)]) -> Result<(), FitError> {
+        let (mut start, at_once) = (0, self.empty.r_factor.block_rows());
         for (label, rows) in labels {
             let position = self.position(label)?;
             let (group, end) = (&mut self.groups[position], start + rows);
             while start < end {
-                let room = self.workspace.rows() - group.waiting.rows;
+                let room = at_once - group.waiting.rows;
                 let part = start..end.min(start + room);
                 start = part.end;
                 group.waiting.append(block, part);
-                if group.waiting.rows == self.workspace.rows() {
-                    group.settle(&mut self.workspace)?;
+                if group.waiting.rows == at_once {
+                    group.settle()?;
                 }
             }
         }
         Ok(())
     }
 
-    fn position(&mut self, label: &str) -> Result<usize, ValidationError> {
+    fn position(&mut self, label: &str) -> Result<usize, FitError> {
         if let Some(&position) = self.positions.get(label) {
             return Ok(position);
         }
@@ -106,10 +98,10 @@ impl GroupFactors {
     /// The groups, after all rows.
     ///
     /// # Errors
-    /// [`ValidationError::Rows`] if there is a row that no fit can take.
-    pub fn finish(mut self) -> Result<FactoredGroups, ValidationError> {
+    /// [`FitError`] if there is a row that no fit can take.
+    pub fn finish(mut self) -> Result<FactoredGroups, FitError> {
         for group in self.groups.iter_mut().filter(|group| group.waiting.rows > 0) {
-            group.settle(&mut self.workspace)?;
+            group.settle()?;
         }
         let groups = self.groups.into_iter().map(|group| (group.label, group.rows)).collect();
         Ok(FactoredGroups { groups })
@@ -118,18 +110,19 @@ impl GroupFactors {
 
 impl Group {
     /// Factors the rows that wait.
-    fn settle(&mut self, workspace: &mut Workspace) -> Result<(), ValidationError> {
-        Ok(self.rows.absorb(&std::mem::take(&mut self.waiting), workspace)?)
+    fn settle(&mut self) -> Result<(), FitError> {
+        self.rows.absorb(&std::mem::take(&mut self.waiting))
     }
 }
 
 impl FactoredRows {
     /// # Errors
-    /// [`ValidationError::TooManyGroups`] if so many groups of such rows take too much memory.
-    fn check_group_count(&self, groups: usize) -> Result<(), ValidationError> {
-        let limit = MAX_GROUPS.min(MEMORY / self.bytes());
+    /// [`FitError::TooManyGroups`] if so many groups of such rows take too much memory.
+    fn check_group_count(&self, groups: usize) -> Result<(), FitError> {
+        let order = self.r_factor.whole().ncols();
+        let limit = MAX_GROUPS.min(MEMORY / (order * order * size_of::<f64>()));
         if groups > limit {
-            return Err(ValidationError::TooManyGroups { limit });
+            return Err(FitError::TooManyGroups { limit });
         }
         Ok(())
     }
@@ -149,9 +142,9 @@ impl FactoredGroups {
         let empty = FactoredRows::new(model, scaling);
         empty.check_group_count(labels.len())?;
         let factor = |runs: &&[Run]| {
-            let (mut factored, mut workspace) = (empty.clone(), empty.workspace());
-            let mut blocks = rows.copied(runs, workspace.rows());
-            blocks.try_for_each(|block| factored.absorb(&block, &mut workspace))?;
+            let mut factored = empty.clone();
+            let mut blocks = rows.copied(runs, empty.r_factor.block_rows());
+            blocks.try_for_each(|block| factored.absorb(&block))?;
             Ok(factored)
         };
         let factored = map(&rows.groups().collect::<Vec<_>>(), workers, factor)?;
@@ -202,13 +195,13 @@ impl FactoredGroups {
     /// all rows that it was fitted to, on so many threads. The bias that a ridge brings, or a truncation, is left out.
     ///
     /// # Errors
-    /// [`ValidationError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly dependent.
     pub(crate) fn scatter(
         &self,
         solution: &Solution,
         held_out: Option<usize>,
         threads: usize,
-    ) -> Result<GroupScatter, ValidationError> {
+    ) -> Result<GroupScatter, FitError> {
         let others =
             self.groups.iter().enumerate().filter(|(position, _)| Some(*position) != held_out);
         let others = others.map(|(_, group)| group).filter(|(_, rows)| rows.rows() > 0);
@@ -222,22 +215,21 @@ impl FactoredGroups {
             let parts = Arc::new((&change * factor, &change * &solution.coefficients));
             items.extend(groups.iter().map(|rows| (*rows, Arc::clone(&parts))));
         }
-        let all_directions = sums.has_all_directions();
-        let start = || all_directions.then(|| SymmetricMatrix::zeros(factor.nrows()));
-        let work = |shares: &mut Option<_>, (rows, parts): &(&FactoredRows, Arc<_>)| {
+        let adds_up = sums.has_all_directions();
+        let work = |(): &mut (), (rows, parts): &(&FactoredRows, Arc<_>)| {
             let (factors, coefficients): &(Mat<f64>, Mat<f64>) = parts;
             let (r, z) = rows.r_factor.significant_rows();
             let (columns, misfit) = (&r * factors, z - &r * coefficients);
-            let score = corrected_rows((columns.as_ref(), misfit.as_ref()), shares.as_mut())?;
-            Ok((score, rows.errors_of(coefficients.as_ref())))
+            let found = corrected_rows(columns.as_ref(), misfit.as_ref(), adds_up)?;
+            Ok((found, rows.errors_of(coefficients.as_ref())))
         };
         let mut labels = labels.into_iter();
-        let add = |(score, errors)| {
+        let add = |((share, score), errors): ((Option<_>, _), _)| {
+            share.iter().for_each(|share| sums.take_off(share));
             sums.add(labels.next().expect("a label for each group"), score, &errors);
             Ok(())
         };
-        let shares = on_threads(&items, |_| 0, Workers::new(threads), start, work, add)?;
-        shares.iter().flatten().for_each(|of| sums.take_off(of));
+        on_threads(&items, |_| 0, Workers::new(threads), || (), work, add)?;
         sums.finish(&UpperTriangle::new(factor))
     }
 
@@ -284,13 +276,11 @@ mod tests {
     use super::*;
     use crate::factored::GroupFactors;
     use crate::features::Features;
-    use crate::least_squares::Method;
     use crate::model::{Basis, Model};
     use crate::passes::Workers;
     use crate::scaling::Scaling;
     use crate::solver::{self, FitProblem, SolverKind};
     use crate::uncertainty::Covariance;
-    use crate::validation::ValidationError;
     use faer::Side;
     use shell_data::block::Block;
     use system_tests::random::Random;
@@ -409,8 +399,7 @@ mod tests {
             let part = block.kept(&(0..block.rows).map(is_in).collect::<Vec<_>>());
             let scaling = Scaling { centre: vec![centre; 2], scale: vec![0.5; 2] };
             let mut rows = FactoredRows::new(model_of(Basis::Poly3), scaling);
-            let mut workspace = rows.workspace();
-            rows.absorb(&part, &mut workspace).unwrap();
+            rows.absorb(&part).unwrap();
             rows
         };
         let mut merged = part(true, 1.25);
@@ -458,15 +447,25 @@ mod tests {
         }
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let (solution, mut groups) = fitted(&block, model);
-        let found =
-            Covariance::from_factored(&groups, None, &solution, (Method::Tsqr, 0.0), Workers::ONE)
-                .unwrap_err();
-        assert_eq!(found, ValidationError::Alone { groups: vec!["4".to_owned()] });
+        let found = Covariance::from_factored(
+            &groups,
+            None,
+            &solution,
+            (SolverKind::Tsqr.into(), 0.0),
+            Workers::ONE,
+        )
+        .unwrap_err();
+        assert_eq!(found, FitError::Alone { groups: vec!["4".to_owned()] });
         groups.groups.truncate(1);
-        let found =
-            Covariance::from_factored(&groups, None, &solution, (Method::Tsqr, 0.0), Workers::ONE)
-                .unwrap_err();
-        assert_eq!(found, ValidationError::TooFewGroups { found: 1 });
+        let found = Covariance::from_factored(
+            &groups,
+            None,
+            &solution,
+            (SolverKind::Tsqr.into(), 0.0),
+            Workers::ONE,
+        )
+        .unwrap_err();
+        assert_eq!(found, FitError::TooFewGroups { found: 1 });
     }
 
     /// The result depends on the order of the rows alone, not on how they come in.

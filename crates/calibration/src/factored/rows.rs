@@ -7,10 +7,10 @@ use faer::{Mat, MatRef};
 use crate::FitError;
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
-use crate::least_squares::{Method, solve_r_factor};
-use crate::model::{Basis, Model, Term};
+use crate::least_squares::{Method, SolverKind, solve_r_factor};
+use crate::model::{Model, Term};
 use crate::quality::AxisQuality;
-use crate::r_factor::{RFactor, Ridge, Workspace};
+use crate::r_factor::{RFactor, Ridge};
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::{ChannelSample, Scaling};
 use crate::solver::Solution;
@@ -69,19 +69,9 @@ impl FactoredRows {
         (ones * ones / self.rows() as f64 - 1.0).abs() < 1e-9
     }
 
-    /// Number of channels.
-    pub fn channels(&self) -> usize {
-        self.features.model().channels
-    }
-
     /// The features that were kept.
     pub fn model(&self) -> Model {
         self.features.model()
-    }
-
-    /// The family of features.
-    pub fn basis(&self) -> Basis {
-        self.features.model().basis
     }
 
     /// Centre and scale of the readings.
@@ -99,33 +89,19 @@ impl FactoredRows {
         triangular_columns(self.r_factor.whole())
     }
 
-    /// The bytes that a set of rows takes.
-    pub fn bytes(&self) -> usize {
-        let order = self.r_factor.whole().ncols();
-        order * order * size_of::<f64>()
-    }
-
-    /// The memory that adding rows needs.
-    pub fn workspace(&self) -> Workspace {
-        Workspace::new(self.features.len(), Axis::ALL.len())
-    }
-
     /// Adds the rows of a block.
     ///
     /// # Errors
     /// [`FitError`] if a reading or a wrench is not finite, or so large that its products are not.
-    pub fn absorb(&mut self, block: &Block, workspace: &mut Workspace) -> Result<(), FitError> {
+    pub fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
         self.ranges.merge(&ReadingRanges::from_block(block, self.model().columns())?);
         let p = self.features.len();
-        for start in (0..block.rows).step_by(workspace.rows()) {
-            let rows = start..block.rows.min(start + workspace.rows());
-            self.r_factor.absorb(rows.len(), workspace, |columns, stride| {
-                self.features.fill(&block.readings, rows.clone(), columns, stride);
-                for (column, axis) in columns.chunks_mut(stride).skip(p).zip(&block.wrench) {
-                    column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
-                }
-            });
-        }
+        self.r_factor.absorb(block.rows, |rows, columns, stride| {
+            self.features.fill(&block.readings, rows.clone(), columns, stride);
+            for (column, axis) in columns.chunks_mut(stride).skip(p).zip(&block.wrench) {
+                column[..rows.len()].copy_from_slice(&axis[rows.clone()]);
+            }
+        });
         match self.r_factor.whole().is_all_finite() {
             true => Ok(()),
             false => Err(FitError::Overflow),
@@ -178,10 +154,10 @@ impl FactoredRows {
     /// [`FitError`] if the rows do not determine the coefficients, or the features of the model are not among
     /// these.
     pub fn solve(&self, model: &Model, ridge: f64) -> Result<Solution, FitError> {
-        self.solve_by(Method::Tsqr, model, ridge)
+        self.solve_by(SolverKind::Tsqr.into(), model, ridge)
     }
 
-    /// The same by a method that weighs rows alike; [`Method::RidgeGcv`] finds its λ for these rows.
+    /// The same by a method that weighs rows alike; [`SolverKind::RidgeGcv`] finds its λ for these rows.
     ///
     /// # Errors
     /// As [`FactoredRows::solve`].
@@ -244,18 +220,12 @@ impl FactoredRows {
         std::array::from_fn(|axis| about_mean[(axis, axis)] / rows)
     }
 
-    /// Whether `model` can be fitted to what was kept.
-    pub fn has_features_of(&self, model: &Model) -> bool {
-        let scaling = Scaling::identity(model.columns());
-        self.change(model, &scaling).is_some()
-    }
-
     /// The features of `model` about the centre of `scaling` as sums of these: `T`, terms of these × terms of `model`;
     /// `None` where these lack a product that it takes.
     ///
     /// With `z = (s − c)/k` and `z' = (s − c')/k'` a reading is `z' = a·z + b`, `a = k/k'`, `b = (c − c')/k'`, so every
     /// product of `z'` is a sum of products of `z`: `X' = X·T`. Scales are powers of two, which leaves `a` exact.
-    pub(super) fn change(&self, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
+    pub(crate) fn change(&self, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
         if model.columns() != self.model().columns() {
             return None;
         }

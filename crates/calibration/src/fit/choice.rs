@@ -16,11 +16,9 @@ use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, st
 use crate::model::{Basis, Model};
 use crate::scaling::Scaling;
 use crate::solver::SolverKind;
-use crate::validation::ValidationError;
-use crate::validation::advice::Advice;
 use crate::validation::cross_validation::{CrossValidation, cross_validate};
 use crate::validation::grouped::{Apart, GroupedMoments, MAX_GROUPS, RandomSplit};
-use crate::validation::selection::{self, Selection};
+use crate::validation::selection::{self, Advice, Candidate, Selection};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, RowSet};
 
@@ -60,7 +58,7 @@ pub(super) struct ModelChoice {
     /// Whether the covariance is to come from the groups.
     pub(super) by_group: bool,
     /// Why it cannot, though there are groups.
-    pub(super) not_grouped: Option<ValidationError>,
+    pub(super) not_grouped: Option<FitError>,
     /// Why there should be no covariance at all, unless it is asked for by name.
     pub(super) few_groups: Option<FewGroups>,
 }
@@ -191,7 +189,7 @@ fn choose_labelled(
         match sum_groups_or_sets(&rows, choice.basis, options) {
             // Standard errors by group take R factors as well.
             Err(FitError::NotExact(_)) if !validates => {}
-            Err(FitError::Validation(reason)) if !validates => {
+            Err(reason) if !validates && reason.is_about_groups() => {
                 return Ok(ModelChoice { not_grouped: Some(reason), ..choice });
             }
             sums => {
@@ -306,9 +304,9 @@ impl FitOptions<'_> {
 
     /// Chooses the family of features, and the ridge, by groups that are held out.
     fn select(&self, choice: &mut ModelChoice, sums: &GroupedMoments) -> Result<(), FitError> {
-        let selection = selection::select(sums, self.intercept, self.ridges())?;
-        choice.advice = Some(Advice::new(sums, self.intercept, &selection, None)?);
-        choice.take(selection);
+        let tried = selection::select(sums, self.intercept, self.ridges())?;
+        choice.advice = Some(Advice::new(&tried, None));
+        choice.take(tried.selection);
         Ok(())
     }
 
@@ -346,7 +344,7 @@ impl FitOptions<'_> {
         let by = (model, Scaling::from_sample(sample, true));
         let (rows, labels) = GroupedRows::from_labels(data);
         match FactoredGroups::from_rows(&rows, labels, by, self.workers) {
-            Err(FitError::Validation(reason)) => {
+            Err(reason) if reason.is_about_groups() => {
                 (choice.by_group, choice.not_grouped) = (false, Some(reason));
                 Ok(None)
             }
@@ -401,18 +399,11 @@ impl FitOptions<'_> {
 
 /// What to say of the model that was asked for beside the smaller ones that the same sums serve; `None`
 /// if there is none, or it cannot be fitted without one of the folds.
-fn advice(
-    sums: &GroupedMoments,
-    model: &Model,
-    ridge: f64,
-) -> Result<Option<Advice>, ValidationError> {
-    let selection = selection::select(sums, model.intercept, &[ridge])?;
-    let given = (selection.candidates.iter())
-        .position(|candidate| candidate.basis == model.basis && candidate.errors.is_some());
-    match given {
-        Some(given) if selection.candidates.len() > 1 => {
-            Advice::new(sums, model.intercept, &selection, Some(given)).map(Some)
-        }
-        _ => Ok(None),
-    }
+fn advice(sums: &GroupedMoments, model: &Model, ridge: f64) -> Result<Option<Advice>, FitError> {
+    let tried = selection::select(sums, model.intercept, &[ridge])?;
+    let candidates = &tried.selection.candidates;
+    let is_given =
+        |candidate: &Candidate| candidate.basis == model.basis && candidate.errors.is_some();
+    let given = candidates.iter().position(is_given).filter(|_| candidates.len() > 1);
+    Ok(given.map(|given| Advice::new(&tried, Some(given))))
 }

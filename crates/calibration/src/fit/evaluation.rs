@@ -17,7 +17,6 @@ use crate::passes::{Workers, each};
 use crate::physics::COVERAGE_LEVEL;
 use crate::quality::{self, AxisErrors, AxisQuality};
 use crate::uncertainty::student_quantile;
-use crate::validation::ValidationError;
 use crate::validation::comparison::FoldMean;
 use crate::validation::excitation::WrenchSums;
 use crate::validation::leaks::{LEAKY, RowSample};
@@ -370,7 +369,7 @@ pub fn paired_errors(
     let [first, second] = [of(calibrations[0])?, of(calibrations[1])?];
     let groups = first.len();
     if groups < 2 {
-        return Err(ValidationError::TooFewGroups { found: groups }.into());
+        return Err(FitError::TooFewGroups { found: groups });
     }
     let t = student_quantile(COVERAGE_LEVEL, (groups - 1) as f64);
     let total = [&first, &second].map(HeldOutErrors::total);

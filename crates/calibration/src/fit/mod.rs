@@ -66,11 +66,10 @@ use crate::model::Basis;
 use crate::physics::COVERAGE_LEVEL;
 use crate::quality::AxisQuality;
 use crate::solver::{Solution, SolverKind};
-use crate::validation::advice::Advice;
 use crate::validation::cross_validation::CrossValidation;
 use crate::validation::excitation::{Excitation, LONGEST_LEVER_M};
 use crate::validation::leaks::share_in_several_groups;
-use crate::validation::selection::Selection;
+use crate::validation::selection::{Advice, Selection};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 

@@ -11,7 +11,6 @@ use crate::groups::HeldOut;
 use crate::model::Basis;
 use crate::passes::Workers;
 use crate::solver::SolverKind;
-use crate::validation::ValidationError;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
@@ -236,12 +235,12 @@ impl FitOptions<'_> {
     pub(super) fn warn_of_groups(
         &self,
         choice: &ModelChoice,
-        not_grouped: Option<ValidationError>,
+        not_grouped: Option<FitError>,
     ) -> Result<impl Iterator<Item = Warning> + use<>, FitError> {
         let reason = choice.not_grouped.clone().or(not_grouped);
         let not_grouped = match (reason, self.covariance) {
             (Some(reason), CovarianceRule::Groups) => {
-                return Err(FitError::NoGroupCovariance(reason));
+                return Err(FitError::NoGroupCovariance(Box::new(reason)));
             }
             (reason, _) => reason.map(Warning::NotGrouped),
         };

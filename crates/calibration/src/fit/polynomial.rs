@@ -8,19 +8,20 @@ use super::choice::{Clusters, FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
 use super::outlier_search::{KnownFit, name_outliers};
 use super::outliers::Outliers;
-use super::refits::{PolynomialProblem, Solved, check_sizes, r_factor_method, solve};
+use super::refits::{PolynomialProblem, Solved, check_sizes, solve};
 use super::warning::Warning;
 use super::{CovarianceRule, Fit, FitMethod, FitOptions};
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::Moments;
 use crate::factored::{FactoredGroups, FactoredRows};
+use crate::least_squares::Method;
 use crate::passes::Rows;
 use crate::solver::{Solution, SolverKind};
 use crate::uncertainty::{Covariance, ErrorShape};
+use crate::validation::factored;
 use crate::validation::grouped::{GroupKind, GroupedMoments};
 use crate::validation::outliers::{RowTest, Spread, TestedRow};
-use crate::validation::{ValidationError, factored};
 use shell_data::dataset::Dataset;
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::{Axes, PerAxis};
@@ -31,7 +32,7 @@ fn covariance(
     solver: SolverKind,
     choice: &ModelChoice,
     options: &FitOptions<'_>,
-) -> (Option<Covariance>, Option<ValidationError>) {
+) -> (Option<Covariance>, Option<FitError>) {
     if options.covariance == CovarianceRule::Nothing || choice.few_groups.is_some() {
         return (None, None);
     }
@@ -43,7 +44,7 @@ fn covariance(
             Covariance::from_clipped_groups(rows, solution, ridge, workers)
         }
         (Some(Clusters::RFactors { rows, held_out_together }), _) => {
-            let method = r_factor_method(solver, options.truncate);
+            let method = Method { solver, truncate: options.truncate };
             let together = held_out_together.as_deref();
             Covariance::from_factored(rows, together, solution, (method, ridge), workers)
         }
@@ -159,7 +160,7 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
         // Of rows that could not be summed exactly.
         RowSums::Factored(total, groups) => {
             let choice = groups.map_or_else(none, |groups| choose_r_factors(groups, options))?;
-            let model = options.model_without_memory(choice.basis, total.channels());
+            let model = options.model_without_memory(choice.basis, total.model().channels);
             let solution = total.solve(&model, choice.ridge)?;
             let train = total.quality(&solution).ok_or(FitError::NoRows)?;
             (choice, SolverKind::Tsqr, solution, total.reading_ranges().clone(), train)
@@ -180,7 +181,7 @@ fn choose_r_factors(
     options: &FitOptions<'_>,
 ) -> Result<ModelChoice, FitError> {
     let mut choice = options.open(Some(by.into()));
-    let channels = groups.groups.first().map_or(0, |(_, rows)| rows.channels());
+    let channels = groups.groups.first().map_or(0, |(_, rows)| rows.model().channels);
     if options.basis().is_none() {
         choice.take(factored::select(&groups, options.intercept, options.ridges())?);
     }

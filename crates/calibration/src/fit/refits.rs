@@ -20,11 +20,8 @@ use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::Scaling;
 use crate::solver::{self, FitProblem, ReadingSums, Solution, SolverKind};
-use crate::validation::ValidationError;
 use crate::validation::cross_validation::{CrossValidation, assign_groups};
-use crate::validation::grouped::{
-    Apart, BlockGroups, GroupSums, GroupWorker, GroupedMoments, RandomSplit,
-};
+use crate::validation::grouped::{Apart, GroupSums, GroupWorker, GroupedMoments, RandomSplit};
 use crate::validation::normal_equations;
 use crate::validation::selection::{self, Selection};
 use shell_data::block::Block;
@@ -65,21 +62,21 @@ pub(super) fn select_by_normal_equations(
     let most = MOST_COMPARED.max(ROWS_PER_FEATURE * largest);
     let folds = few_by_fold(&GroupedRows::from_labels(data).0, most)?;
     let model = options.model_of(data, Basis::Linear);
-    Ok(normal_equations::select(&folds, model, options.ridges())?)
+    normal_equations::select(&folds, model, options.ridges())
 }
 
 /// At most so many rows, as many in turn of each group, and more where groups are many; groups are assigned to folds.
-pub(super) fn few_by_fold(rows: &GroupedRows, most: usize) -> Result<GroupedRows, ValidationError> {
+pub(super) fn few_by_fold(rows: &GroupedRows, most: usize) -> Result<GroupedRows, FitError> {
     let every = rows.row_count().div_ceil(most).max(1);
     let folds = rows.groups().count().min(selection::FOLDS);
     Ok(rows.every_nth(every).regrouped(&fold_of_groups(rows, folds)?))
 }
 
 /// The fold of each group.
-fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, ValidationError> {
+fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, FitError> {
     let sizes: Vec<u64> = rows.groups().map(|runs| count(runs) as u64).collect();
     if sizes.len() < 2 {
-        return Err(ValidationError::TooFewGroups { found: sizes.len() });
+        return Err(FitError::TooFewGroups { found: sizes.len() });
     }
     let mut fold_of = vec![0; sizes.len()];
     for (fold, groups) in assign_groups(&sizes, folds)?.iter().enumerate() {
@@ -145,9 +142,7 @@ pub(super) fn sum_groups_or_sets(
         random_split(options.folds().unwrap_or(RANDOM_FOLDS), options.seed)
     });
     match sum_groups(rows, basis, (Apart::Groups, random), options.workers) {
-        Err(FitError::Validation(ValidationError::TooManyGroups { .. }))
-            if options.folds().is_some() =>
-        {
+        Err(FitError::TooManyGroups { .. }) if options.folds().is_some() => {
             sum_groups(rows, basis, (Apart::Sets, random), options.workers)
         }
         sums => sums,
@@ -177,13 +172,13 @@ pub fn sum_groups(
     let work = |worker: &mut GroupWorker, (_, block): &(usize, &LabelledBlock)| {
         // Names what is not finite, as every fit does.
         ReadingRanges::from_block(&block.rows, channels)?;
-        Ok(worker.add(&block.rows, &block.labels)?)
+        worker.add(&block.rows, &block.labels)
     };
     let blocks: Vec<_> = data.blocks().collect();
-    let fold = |groups: BlockGroups| Ok(sums.add(groups)?);
     let init = || empty.clone();
-    let own = each(&blocks, |(_, block)| &block.rows, workers, init, work, fold)?;
-    Ok(sums.finish(own)?)
+    let own =
+        each(&blocks, |(_, block)| &block.rows, workers, init, work, |groups| sums.add(groups))?;
+    sums.finish(own)
 }
 
 /// What is to be solved, and how.
@@ -240,21 +235,8 @@ pub(super) fn solve(
         None => rows.reduce(&ReadingSums::new(model.columns()))?.scaling(model.intercept),
     };
     let problem = FitProblem { model, scaling, ridge };
-    let (solution, ranges) = match solver {
-        SolverKind::Svd => solver::fit_by(Method::Svd { truncate }, problem, rows)?,
-        _ => solver::fit(solver, problem, rows)?,
-    };
+    let (solution, ranges) = solver::fit_by(Method { solver, truncate }, problem, rows)?;
     Ok(Solved { solution, ranges, solver, not_exact, sums: None })
-}
-
-/// How R factors of rows are solved as a solver would fit the rows, to rounding; Huber's weighs rows by what they err, and
-/// is not among them.
-pub(super) fn r_factor_method(solver: SolverKind, truncate: Option<f64>) -> Method {
-    match solver {
-        SolverKind::Svd => Method::Svd { truncate },
-        SolverKind::RidgeGcv => Method::RidgeGcv,
-        _ => Method::Tsqr,
-    }
 }
 
 /// Whether coefficients and errors can be written to a calibration's document, of which products of two
@@ -293,7 +275,7 @@ impl PolynomialProblem {
             }
         };
         let others = factored.as_ref().and_then(FactoredGroups::without_each);
-        let method = r_factor_method(solver, truncate);
+        let method = Method { solver, truncate };
         let by_r_factors = |position: usize| {
             let rest = others.as_ref()?[position].solve_by(method, &model, ridge).ok()?;
             factored.as_ref()?.groups[position].1.errors(&rest)

@@ -1,9 +1,9 @@
 //! What a fit has to say beside its figures, worded once for terminal, report and Python.
 
 use super::choice::FewGroups;
+use crate::error::FitError;
 use crate::exact::ExactError;
 use crate::physics::TooFewGroups;
-use crate::validation::ValidationError;
 
 /// What a user of a calibration should know of it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -18,7 +18,7 @@ pub enum Warning {
     #[error(
         "standard errors take rows as independent, and are too small where rows of a group resemble each other: {0}"
     )]
-    NotGrouped(ValidationError),
+    NotGrouped(FitError),
     /// There are no standard errors.
     #[error(
         "no standard errors and intervals: {features} features for {groups} groups of rows; it takes twice as many \

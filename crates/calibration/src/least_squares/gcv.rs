@@ -103,7 +103,7 @@ mod tests {
     use faer::{Mat, Side};
 
     use super::super::dense::{Dense, solve_dense};
-    use super::super::{Method, Ridge};
+    use super::super::{Ridge, SolverKind};
 
     /// GCV from its definition, by the matrix that takes `Y` to its prediction.
     fn gcv(x: &Mat<f64>, y: &Mat<f64>, lambda: f64) -> f64 {
@@ -131,13 +131,13 @@ mod tests {
         let y = Mat::from_fn(40, 2, |i, a| noise(i, 9) + 0.5 * noise(i, 20 + a));
         let rows = || Dense::new(x.as_ref(), None, y.as_ref());
         let ridge = Ridge { lambda: 0.0, free_column: Some(5) };
-        let chosen = solve_dense(rows(), Method::RidgeGcv, ridge).unwrap();
+        let chosen = solve_dense(rows(), SolverKind::RidgeGcv, ridge).unwrap();
         // Which λ was chosen shows in the coefficients: find it by bisection of their decrease.
         let score = |lambda: f64| gcv(&x, &y, lambda);
         let grid = (0..=160).map(|k| 10_f64.powf(-10.0 + 0.08 * f64::from(k)));
         let best = grid.min_by(|&a, &b| score(a).total_cmp(&score(b))).unwrap();
         let at = |lambda| {
-            solve_dense(rows(), Method::Tsqr, Ridge { lambda, ..ridge }).unwrap().coefficients
+            solve_dense(rows(), SolverKind::Tsqr, Ridge { lambda, ..ridge }).unwrap().coefficients
         };
         let (below, above) = (at(best / 1.21), at(best * 1.21));
         assert!(best > 1e-8 && best < 1e2, "{best}: a ridge inside the search");

@@ -106,7 +106,7 @@ impl<'a> Clipped<'a> {
             gradient: Mat::zeros(p, q),
             products: Mat::zeros(q, q),
             inside: vec![0; q],
-            sizes: vec![FineMagnitudes::new(); q],
+            sizes: vec![FineMagnitudes::default(); q],
             below: vec![0; q],
             kept: vec![Vec::new(); q],
         }
@@ -263,7 +263,7 @@ pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares,
 
 #[cfg(test)]
 mod tests {
-    use super::super::Method;
+    use super::super::SolverKind;
     use super::super::dense::{Dense, solve_dense};
     use faer::linalg::solvers::SolveLstsq;
     use system_tests::random::Random;
@@ -300,7 +300,7 @@ mod tests {
         let x = Mat::from_fn(21, 4, |i, j| if j == 3 { 1.0 } else { STACK_LOSS[i][j] });
         let y = Mat::from_fn(21, 1, |i, _| STACK_LOSS[i][3]);
         let rows = Dense::new(x.as_ref(), None, y.as_ref());
-        let solved = solve_dense(rows, Method::Huber, Ridge::NONE).unwrap();
+        let solved = solve_dense(rows, SolverKind::Huber, Ridge::NONE).unwrap();
         // `summary(rlm(stack.loss ~ ., stackloss))`, Venables & Ripley, MASS, 4th ed., §6.5:
         // coefficient and standard error of each column.
         let published = [(0.8294, 0.1112), (0.9261, 0.3034), (-0.1278, 0.1289), (-41.0265, 9.8073)];
@@ -325,11 +325,11 @@ mod tests {
             solve_dense(rows, method, Ridge::NONE).unwrap().coefficients
         };
         let wild = Mat::from_fn(200, 1, |i, _| if i % 20 == 3 { 1e6 } else { line(i) + wave(i) });
-        let robust = solve(&wild, Method::Huber);
+        let robust = solve(&wild, SolverKind::Huber);
         assert!((robust[(0, 0)] - 3.0).abs() < 1e-2, "{}", robust[(0, 0)]);
-        assert!((solve(&wild, Method::Tsqr)[(0, 0)] - 3.0).abs() > 1.0);
+        assert!((solve(&wild, SolverKind::Tsqr)[(0, 0)] - 3.0).abs() > 1.0);
         let exact = Mat::from_fn(200, 1, |i, _| line(i));
-        let robust = solve(&exact, Method::Huber);
+        let robust = solve(&exact, SolverKind::Huber);
         assert!((robust[(0, 0)] - 3.0).abs() < 1e-12 && (robust[(1, 0)] + 7.0).abs() < 1e-10);
     }
 
@@ -383,7 +383,7 @@ mod tests {
             let Some((expected, sigma)) = reweighted(&x, &y) else { continue };
             compared += 1;
             let rows = Dense::new(x.as_ref(), None, y.as_ref());
-            let solved = solve_dense(rows, Method::Huber, Ridge::NONE)
+            let solved = solve_dense(rows, SolverKind::Huber, Ridge::NONE)
                 .unwrap_or_else(|error| panic!("{case}, {n} rows, {p} columns: {error}"));
             let off = &x * (&solved.coefficients - expected);
             let off = off.col(0).iter().map(|d| d.abs()).fold(0.0, f64::max);
@@ -407,7 +407,7 @@ mod tests {
                 x.row(i).iter().sum::<f64>() + 0.1 * unit() + if unit() < 0.25 { 50.0 } else { 0.0 }
             });
             let rows = Dense::new(x.as_ref(), None, y.as_ref());
-            let solved = solve_dense(rows, Method::Huber, Ridge::NONE)
+            let solved = solve_dense(rows, SolverKind::Huber, Ridge::NONE)
                 .unwrap_or_else(|error| panic!("{n} rows, {p} columns: {error}"));
             let residual = &y - &x * &solved.coefficients;
             let mut sizes: Vec<f64> = residual.col(0).iter().map(|r| r.abs()).collect();

@@ -7,13 +7,13 @@
 //!
 //! | method | passes | what is kept | relative error of the coefficients, about |
 //! | --- | --- | --- | --- |
-//! | [`Method::Gram`] | 1 | `XᵀX` | ε·κ² |
-//! | [`Method::Tsqr`], [`Method::PivotedQr`], [`Method::Svd`] | 1 | R | ε·(κ + κ²·tan θ) |
-//! | [`Method::RefinedTsqr`] | 2 or more | R, then `XᵀR` in double-double | ε, while ε·κ ≪ 1 |
-//! | [`Method::WideGram`] | 1 | `XᵀX` in double-double | ε + ε²·κ² |
-//! | [`Method::WideTsqr`] | 1 | R in double-double | ε + ε²·(κ + κ²·tan θ) |
-//! | [`Method::RidgeGcv`] | 1 | R | that of the ridge |
-//! | [`Method::Huber`] | about 10 | R, then clipped gradients | not a least-squares answer |
+//! | [`SolverKind::Gram`] | 1 | `XᵀX` | ε·κ² |
+//! | [`SolverKind::Tsqr`], [`SolverKind::PivotedQr`], [`SolverKind::Svd`] | 1 | R | ε·(κ + κ²·tan θ) |
+//! | [`SolverKind::RefinedTsqr`] | 2 or more | R, then `XᵀR` in double-double | ε, while ε·κ ≪ 1 |
+//! | [`SolverKind::WideGram`] | 1 | `XᵀX` in double-double | ε + ε²·κ² |
+//! | [`SolverKind::WideTsqr`] | 1 | R in double-double | ε + ε²·(κ + κ²·tan θ) |
+//! | [`SolverKind::RidgeGcv`] | 1 | R | that of the ridge |
+//! | [`SolverKind::Huber`] | about 10 | R, then clipped gradients | not a least-squares answer |
 //!
 //! with ε = 2⁻⁵³, κ the condition number of `X` with columns of norm one, θ the angle between `Y`
 //! and its prediction (Björck, Numerical Methods for Least Squares Problems, 1996, §1.4, §2.4). A
@@ -40,23 +40,22 @@ use self::gram::Gram;
 use self::wide::{WideGram, WideRFactor};
 use super::r_factor::RFactor;
 
-/// How to solve.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// The solvers by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
-pub enum Method {
+pub enum SolverKind {
+    /// Exact sums of integer readings; of any other rows as [`SolverKind::RefinedTsqr`].
+    Exact,
     /// Householder QR over row blocks.
     Tsqr,
-    /// The same, corrected by residuals in double-double.
+    /// The same, corrected by residuals in double-double: two passes or more.
     RefinedTsqr,
-    /// QR with column pivoting. Pivots are chosen in the R factor that [`Method::Tsqr`] leaves,
+    /// QR with column pivoting. Pivots are chosen in the R factor that [`SolverKind::Tsqr`] leaves,
     /// whose columns have the lengths and angles of those of `X`: the same factorisation.
     PivotedQr,
     /// Singular values, again of the R factor, which has those of `X`.
-    Svd {
-        /// Leaves out directions whose singular value, of columns of norm one, is below this share
-        /// of the largest. `None` leaves out nothing.
-        truncate: Option<f64>,
-    },
+    Svd,
     /// Normal equations and Cholesky in `f64`.
     Gram,
     /// Normal equations and Cholesky in double-double.
@@ -65,13 +64,61 @@ pub enum Method {
     WideTsqr,
     /// A ridge whose parameter generalised cross-validation chooses.
     RidgeGcv,
-    /// Huber's M-estimator: rows far off count less.
+    /// Huber's M-estimator: rows far off count less. About ten passes.
     Huber,
 }
 
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Method {
+    /// The solver.
+    pub solver: SolverKind,
+    /// For [`SolverKind::Svd`]: leaves out directions whose singular value, of columns of norm one, is below this
+    /// share of the largest. `None` leaves out nothing.
+    pub truncate: Option<f64>,
+}
+
+impl From<SolverKind> for Method {
+    fn from(solver: SolverKind) -> Self {
+        Self { solver, truncate: None }
+    }
+}
+
+impl SolverKind {
+    /// All solvers.
+    pub const ALL: [SolverKind; 10] = {
+        use SolverKind::*;
+        [Exact, Tsqr, RefinedTsqr, PivotedQr, Svd, Gram, WideGram, WideTsqr, RidgeGcv, Huber]
+    };
+
+    /// The name in files and on the command line.
+    pub const fn name(self) -> &'static str {
+        NAMES[self as usize].0
+    }
+
+    /// What it does, in a few words.
+    pub const fn description(self) -> &'static str {
+        NAMES[self as usize].1
+    }
+}
+
+/// The names of the solvers and what they do, in the order of [`SolverKind`].
+const NAMES: [(&str, &str); 10] = [
+    ("exact", "Exact sums of integer readings; `refined-tsqr` where readings are not integers"),
+    ("tsqr", "Householder QR over row blocks"),
+    ("refined-tsqr", "The same, corrected by residuals in double-double"),
+    ("pivoted-qr", "QR with column pivoting"),
+    ("svd", "Singular values"),
+    ("gram", "Normal equations in double precision: fast and coarse"),
+    ("wide-gram", "Normal equations in double-double"),
+    ("wide-tsqr", "Householder QR in double-double: slow and sure"),
+    ("ridge-gcv", "Ridge, its parameter chosen by generalised cross-validation"),
+    ("huber", "Huber's M-estimator: rows far off count less"),
+];
+
 /// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`, and says which λ it was.
 ///
-/// With [`Method::RidgeGcv`], `ridge` says only which column is free of it.
+/// With [`SolverKind::RidgeGcv`], `ridge` says only which column is free of it.
 ///
 /// # Errors
 /// [`LeastSquaresError`] if the rows do not determine the
@@ -83,16 +130,16 @@ pub fn solve<R: Rows>(
 ) -> Result<(LeastSquares, f64), R::Error> {
     let shape = rows.shape();
     let no_rows = || RFactor::new(shape.features, shape.outputs);
-    let solved = match method {
-        Method::Tsqr | Method::Svd { .. } | Method::RidgeGcv => {
+    let solved = match method.solver {
+        SolverKind::Tsqr | SolverKind::Svd | SolverKind::RidgeGcv => {
             return Ok(solve_r_factor(&rows.pass(&no_rows())?, method, ridge)?);
         }
-        Method::PivotedQr => rank_revealing::pivoted(&rows.pass(&no_rows())?, ridge)?,
-        Method::Gram => rows.pass(&Gram::new(shape))?.solve(ridge)?,
-        Method::WideGram => rows.pass(&WideGram::new(shape))?.solve(ridge)?,
-        Method::WideTsqr => rows.pass(&WideRFactor::new(shape))?.solve(ridge)?,
-        Method::RefinedTsqr => refinement::solve(rows, ridge)?,
-        Method::Huber => huber::solve(rows, ridge)?,
+        SolverKind::PivotedQr => rank_revealing::pivoted(&rows.pass(&no_rows())?, ridge)?,
+        SolverKind::Gram => rows.pass(&Gram::new(shape))?.solve(ridge)?,
+        SolverKind::WideGram => rows.pass(&WideGram::new(shape))?.solve(ridge)?,
+        SolverKind::WideTsqr => rows.pass(&WideRFactor::new(shape))?.solve(ridge)?,
+        SolverKind::Exact | SolverKind::RefinedTsqr => refinement::solve(rows, ridge)?,
+        SolverKind::Huber => huber::solve(rows, ridge)?,
     };
     Ok((solved, ridge.lambda))
 }
@@ -108,9 +155,9 @@ pub(crate) fn solve_r_factor(
     ridge: Ridge,
 ) -> Result<(LeastSquares, f64), LeastSquaresError> {
     let Ridge { free_column, .. } = ridge;
-    Ok(match method {
-        Method::Svd { truncate } => (rank_revealing::svd(r_factor, ridge, truncate)?, ridge.lambda),
-        Method::RidgeGcv => {
+    Ok(match method.solver {
+        SolverKind::Svd => (rank_revealing::svd(r_factor, ridge, method.truncate)?, ridge.lambda),
+        SolverKind::RidgeGcv => {
             let lambda = gcv::lambda(r_factor, free_column)?;
             (r_factor.solve(Ridge { lambda, free_column })?, lambda)
         }

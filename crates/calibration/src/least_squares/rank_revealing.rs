@@ -99,8 +99,8 @@ fn with_residuals_of(mut solved: LeastSquares, r_factor: &RFactor) -> LeastSquar
 
 #[cfg(test)]
 mod tests {
-    use super::super::Method;
     use super::super::dense::{Dense, solve_dense};
+    use super::super::{Method, SolverKind};
     use super::*;
 
     fn noise(i: usize, j: usize) -> f64 {
@@ -112,7 +112,9 @@ mod tests {
         let x = Mat::from_fn(60, 4, |i, j| if j == 3 { noise(i, 1) } else { noise(i, j) });
         let y = Mat::from_fn(60, 1, |i, _| 3.0 * noise(i, 0) + 4.0 * noise(i, 1));
         let rows = || Dense::new(x.as_ref(), None, y.as_ref());
-        let solve = |truncate| solve_dense(rows(), Method::Svd { truncate }, Ridge::NONE);
+        let solve = |truncate| {
+            solve_dense(rows(), Method { solver: SolverKind::Svd, truncate }, Ridge::NONE)
+        };
         assert!(matches!(solve(None), Err(LeastSquaresError::RankDeficient { rank: 3, .. })));
         let solved = solve(Some(1e-10)).unwrap();
         assert_eq!(solved.rank, 3);
@@ -134,14 +136,14 @@ mod tests {
         let ridge = Ridge { lambda: 0.01, free_column: Some(3) };
         let solve =
             |method| solve_dense(Dense::new(x.as_ref(), None, y.as_ref()), method, ridge).unwrap();
-        let expected = solve(Method::Tsqr);
+        let expected = solve(SolverKind::Tsqr);
         for method in [
-            Method::RefinedTsqr,
-            Method::PivotedQr,
-            Method::Svd { truncate: None },
-            Method::Gram,
-            Method::WideGram,
-            Method::WideTsqr,
+            SolverKind::RefinedTsqr,
+            SolverKind::PivotedQr,
+            SolverKind::Svd,
+            SolverKind::Gram,
+            SolverKind::WideGram,
+            SolverKind::WideTsqr,
         ] {
             let solved = solve(method);
             let close = |a: &Mat<f64>, b: &Mat<f64>| (a - b).norm_max() <= 1e-11 * b.norm_max();

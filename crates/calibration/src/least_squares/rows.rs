@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use super::wide_matrix::Wide;
-use crate::r_factor::{LeastSquaresError, RFactor, Workspace};
+use crate::r_factor::{LeastSquaresError, RFactor};
 
 /// Some rows of `[X | Y]`, column by column.
 #[derive(Clone, Copy, Debug)]
@@ -121,17 +121,11 @@ impl Reduction for RFactor {
 
     /// By Householder QR over row blocks, see [`r_factor`](crate::r_factor).
     fn absorb(&mut self, chunk: &RowChunk<'_>) {
-        let features = self.r().ncols();
-        let mut workspace = Workspace::new(features, self.whole().ncols() - features);
-        let step = workspace.rows();
-        for start in (0..chunk.rows).step_by(step) {
-            let rows = step.min(chunk.rows - start);
-            self.absorb(rows, &mut workspace, |columns, stride| {
-                for (j, column) in columns.chunks_mut(stride).enumerate() {
-                    column[..rows].copy_from_slice(&chunk.column(j)[start..][..rows]);
-                }
-            });
-        }
+        self.absorb(chunk.rows, |rows, columns, stride| {
+            for (j, column) in columns.chunks_mut(stride).enumerate() {
+                column[..rows.len()].copy_from_slice(&chunk.column(j)[rows.clone()]);
+            }
+        });
     }
 
     fn merge(&mut self, later: Self) {

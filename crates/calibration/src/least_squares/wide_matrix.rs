@@ -8,7 +8,9 @@ use faer::Mat;
 use pulp::Simd;
 
 use crate::double_double::{DoubleDouble, two_product, two_sum};
-use crate::r_factor::{LeastSquares, LeastSquaresError, equilibrated, rank_deficient};
+use crate::r_factor::{
+    LeastSquares, LeastSquaresError, condition_and_rank, equilibrated, rank_deficient,
+};
 use shell_data::vectorised;
 
 /// A matrix in double-double.
@@ -119,13 +121,7 @@ pub(super) fn solve_triangle(
 /// Condition number and rank, as far as `f64` can tell, of the upper triangle `r` with columns
 /// scaled to norm one: for what a ridge has made solvable.
 pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> {
-    let (scaled, _) = equilibrated(r.as_ref());
-    let values = scaled.singular_values().map_err(|_| LeastSquaresError::NotFinite)?;
-    let (Some(largest), Some(smallest)) = (values.first(), values.last()) else {
-        return Ok((1.0, 0));
-    };
-    let tolerance = f64::EPSILON * r.ncols() as f64 * largest;
-    Ok((largest / smallest, values.iter().filter(|&&s| s > tolerance).count()))
+    condition_and_rank(&equilibrated(r.as_ref()).0, f64::EPSILON * r.ncols() as f64)
 }
 
 fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {

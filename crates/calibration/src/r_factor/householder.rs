@@ -4,6 +4,8 @@
 //! shifts the rows after it, when less than 16·n·2⁻⁵² of its norm stands out from the columns
 //! before: with a thousand rows to a block that is a silent loss of rank at a condition of 10¹¹.
 
+use std::ops::Range;
+
 use faer::linalg::matmul::matmul;
 use faer::prelude::*;
 use faer::{Accum, ColMut, ColRef, Mat, MatMut, Par};
@@ -61,8 +63,7 @@ impl RFactor {
 }
 
 /// The memory that factoring row blocks needs, to be used again from block to block.
-#[derive(Clone, Debug)]
-pub struct Workspace {
+struct Workspace {
     rows: usize,
     /// The rows of a block, column-major.
     block: Vec<f64>,
@@ -73,19 +74,26 @@ pub struct Workspace {
 }
 
 impl RFactor {
-    /// Adds `rows` rows, at most [`Workspace::rows`].
+    /// Rows of a block that stays in cache.
+    pub(crate) fn block_rows(&self) -> usize {
+        let order = self.r.ncols();
+        let rows_of = |bytes| bytes / (8 * order.max(1));
+        let rows = rows_of(LARGE_BLOCK_BYTES).min(4 * order);
+        rows_of(BLOCK_BYTES).max(rows).max(1)
+    }
+
+    /// Adds `rows` rows, in blocks that stay in cache.
     ///
-    /// `fill` is given the columns of `[X | Y]`, column `j` at `[j·stride ..][..rows]`, and writes
-    /// all of them.
-    pub fn absorb(
-        &mut self,
-        rows: usize,
-        workspace: &mut Workspace,
-        fill: impl FnOnce(&mut [f64], usize),
-    ) {
-        assert!(rows <= workspace.rows, "no more rows than the workspace has room for");
-        fill(&mut workspace.block, workspace.rows);
-        self.factor_below(|_| rows, workspace);
+    /// `fill` is given the range of rows of a block and the columns of `[X | Y]`, column `j` at
+    /// `[j·stride ..][..rows.len()]`, and writes all of them.
+    pub fn absorb(&mut self, rows: usize, mut fill: impl FnMut(Range<usize>, &mut [f64], usize)) {
+        let mut workspace = Workspace::new(self.block_rows(), self.r.ncols());
+        for start in (0..rows).step_by(workspace.rows) {
+            let rows = start..rows.min(start + workspace.rows);
+            let height = rows.len();
+            fill(rows, &mut workspace.block, workspace.rows);
+            self.factor_below(|_| height, &mut workspace);
+        }
         self.rows += rows as u64;
     }
 
@@ -98,16 +106,33 @@ impl RFactor {
         if self.rows == 0 {
             self.clone_from(later);
         } else if later.rows > 0 {
-            let order = self.r.nrows();
-            let mut workspace = Workspace::with_rows(order, order);
-            let columns = workspace.block.chunks_exact_mut(order);
-            for (to, from) in columns.zip(later.r.col_iter()) {
-                to.copy_from_slice(contiguous(from));
-            }
             // Of columns of a R factor, the first `end` are zero below row `end`.
-            self.factor_below(|end| end, &mut workspace);
+            self.add_columns(self.r.nrows(), later.r.col_iter(), |end| end);
             self.rows += later.rows;
         }
+    }
+
+    /// That of the rows of matrices no taller than wide.
+    pub(crate) fn from_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
+        let mut r_factor = Self::new(x.ncols(), y.ncols());
+        let height = x.nrows();
+        r_factor.add_columns(height, x.col_iter().chain(y.col_iter()), |_| height);
+        r_factor.rows = height as u64;
+        r_factor
+    }
+
+    /// Factors the R factor with columns of so many rows below it; see [`RFactor::factor_below`].
+    fn add_columns<'a>(
+        &mut self,
+        height: usize,
+        columns: impl Iterator<Item = ColRef<'a, f64>>,
+        rows: impl Fn(usize) -> usize,
+    ) {
+        let mut workspace = Workspace::new(height, self.r.ncols());
+        for (to, from) in workspace.block.chunks_exact_mut(height.max(1)).zip(columns) {
+            to.copy_from_slice(contiguous(from));
+        }
+        self.factor_below(rows, &mut workspace);
     }
 
     /// Factors the R factor with rows of the workspace below it, of which the first `rows(end)` matter to the first `end`
@@ -190,15 +215,7 @@ impl RFactor {
 }
 
 impl Workspace {
-    /// Memory for blocks of rows of `features` + `outputs` columns that stay in cache.
-    pub fn new(features: usize, outputs: usize) -> Self {
-        let order = features + outputs;
-        let rows_of = |bytes| bytes / (8 * order.max(1));
-        let rows = rows_of(LARGE_BLOCK_BYTES).min(4 * order);
-        Self::with_rows(rows_of(BLOCK_BYTES).max(rows).max(1), order)
-    }
-
-    pub(super) fn with_rows(rows: usize, order: usize) -> Self {
+    fn new(rows: usize, order: usize) -> Self {
         Self {
             rows,
             block: vec![0.0; rows * order],
@@ -206,16 +223,11 @@ impl Workspace {
             update: Mat::zeros(2 * PANEL, order),
         }
     }
-
-    /// Rows that fit into one block.
-    pub fn rows(&self) -> usize {
-        self.rows
-    }
 }
 
 /// The elements of a column, which in every matrix here follow each other.
 #[inline(always)]
-pub(super) fn contiguous(column: ColRef<'_, f64>) -> &[f64] {
+fn contiguous(column: ColRef<'_, f64>) -> &[f64] {
     column.try_as_col_major().expect("a column of a column-major matrix").as_slice()
 }
 

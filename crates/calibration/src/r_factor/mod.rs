@@ -19,8 +19,8 @@
 mod factor;
 mod householder;
 
-pub(crate) use self::factor::{equilibrated, extreme_singular_values, rank_deficient};
-pub use self::householder::{RFactor, Workspace};
+pub(crate) use self::factor::{condition_and_rank, equilibrated, rank_deficient};
+pub use self::householder::RFactor;
 
 use faer::Mat;
 

@@ -19,7 +19,6 @@ use crate::passes::Workers;
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::Scaling;
 use crate::solver::{self, FitProblem, Solution, SolverKind};
-use crate::validation::ValidationError;
 use crate::{Calibration, FitError};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
@@ -29,13 +28,13 @@ impl Covariance {
     /// its groups. `ridge` is what was asked for.
     ///
     /// # Errors
-    /// [`ValidationError`] if there are too few groups, or without one of them the model cannot be fitted.
+    /// [`FitError`] if there are too few groups, or without one of them the model cannot be fitted.
     pub fn from_clipped_groups(
         block: &Block,
         solution: &Solution,
         ridge: f64,
         workers: Workers<'_>,
-    ) -> Result<Self, ValidationError> {
+    ) -> Result<Self, FitError> {
         let rows = factored(block, solution)?;
         let clipped = factored(&clipped(block, solution)?, solution)?;
         let score = |group: usize| {
@@ -53,7 +52,7 @@ impl Covariance {
 }
 
 /// The rows by group, about the centre of all.
-fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, ValidationError> {
+fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, FitError> {
     let scaling = Scaling::from_sample(&block.readings, true);
     let mut groups = GroupFactors::new(solution.model, scaling);
     groups.add(block, &block.groups)?;
@@ -152,7 +151,7 @@ mod tests {
                         &rows,
                         None,
                         &solution,
-                        (crate::least_squares::Method::Tsqr, 0.0),
+                        (SolverKind::Tsqr.into(), 0.0),
                         Workers::ONE,
                     )
                 }

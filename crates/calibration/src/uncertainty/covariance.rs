@@ -1,5 +1,6 @@
 //! The covariance of errors and coefficients.
 
+use crate::error::FitError;
 use std::ops::Range;
 
 use faer::MatRef;
@@ -16,7 +17,6 @@ use crate::passes::Workers;
 use crate::physics::GroupIntervals;
 use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
-use crate::validation::ValidationError;
 use crate::validation::grouped::GroupedMoments;
 use shell_data::by_axis;
 use shell_data::wrench::PerAxis;
@@ -91,7 +91,7 @@ impl Covariance {
     /// nothing else tells apart.
     ///
     /// # Errors
-    /// [`ValidationError`] if there are too few groups, or without one of them the model cannot be
+    /// [`FitError`] if there are too few groups, or without one of them the model cannot be
     /// fitted.
     pub fn from_groups(
         sums: &GroupedMoments,
@@ -99,7 +99,7 @@ impl Covariance {
         ridge: f64,
         are_stretches: bool,
         workers: Workers<'_>,
-    ) -> Result<Self, ValidationError> {
+    ) -> Result<Self, FitError> {
         let whole = sums.all_of_several()?;
         let fit = whole.solve(model, ridge)?;
         let (found, groups) = (fit.scatter(&sums.groups)?, &sums.groups);
@@ -125,7 +125,7 @@ impl Covariance {
         solution: &Solution,
         by: (Method, f64),
         workers: Workers<'_>,
-    ) -> Result<Self, ValidationError> {
+    ) -> Result<Self, FitError> {
         Self::from_r_factors(rows, solution, workers, |scatter| match files {
             None => held_out_intervals_factored(rows, &solution.model, by, workers),
             Some(files) => {
@@ -140,10 +140,10 @@ impl Covariance {
         solution: &Solution,
         workers: Workers<'_>,
         intervals: impl FnOnce(&GroupScatter) -> Option<GroupIntervals>,
-    ) -> Result<Self, ValidationError> {
+    ) -> Result<Self, FitError> {
         let groups = rows.groups.len();
         if groups < 2 {
-            return Err(ValidationError::TooFewGroups { found: groups });
+            return Err(FitError::TooFewGroups { found: groups });
         }
         let found = rows.scatter(solution, None, workers.threads)?;
         let intervals = intervals(&found);

@@ -55,10 +55,7 @@ pub(super) fn held_out_intervals_factored(
     (method, ridge): (Method, f64),
     workers: Workers<'_>,
 ) -> Option<GroupIntervals> {
-    if rows.groups.len() > MOST_GROUPS {
-        return None;
-    }
-    let others = rows.without_each()?;
+    let others = (rows.groups.len() <= MOST_GROUPS).then(|| rows.without_each()).flatten()?;
     of_scores(rows.groups.len(), workers, |group| {
         let solution = others[group].solve_by(method, model, ridge).ok()?;
         let scatter = rows.scatter(&solution, Some(group), 1).ok()?;

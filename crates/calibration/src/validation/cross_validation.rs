@@ -1,6 +1,5 @@
 //! Errors on groups that were not trained on, beside those on rows that were held out at random.
 
-use super::ValidationError;
 use super::grouped::GroupedMoments;
 use crate::FitError;
 use crate::exact::{HeldOutErrors, Moments, PartitionedMoments};
@@ -53,10 +52,10 @@ impl CrossValidation {
     ///
     /// # Errors
     /// That of a fold, if no row could be held out.
-    pub(crate) fn from_folds<E>(
+    pub(crate) fn from_folds(
         (groups, rows): (usize, u64),
-        folds: impl ExactSizeIterator<Item = (Vec<String>, Result<PerAxis<HeldOutErrors>, E>)>,
-    ) -> Result<Self, E> {
+        folds: impl ExactSizeIterator<Item = (Vec<String>, Result<PerAxis<HeldOutErrors>, FitError>)>,
+    ) -> Result<Self, FitError> {
         let count = folds.len();
         let (mut known, mut undetermined, mut reason) = (Vec::new(), Vec::new(), None);
         for (labels, errors) in folds {
@@ -118,13 +117,13 @@ impl CrossValidation {
 /// is as in [`Moments::solve`].
 ///
 /// # Errors
-/// [`ValidationError`] if there are too few groups, or no fold leaves enough rows to fit.
+/// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit.
 pub fn cross_validate(
     sums: &GroupedMoments,
     model: &Model,
     ridge: f64,
     folds: Option<usize>,
-) -> Result<CrossValidation, ValidationError> {
+) -> Result<CrossValidation, FitError> {
     let parts = sums.partitioned(model)?;
     let folds = assign_to_folds(&sizes(sums), folds)?;
     let on_fold = |fold: &Vec<usize>| {
@@ -135,7 +134,7 @@ pub fn cross_validate(
     let with_rows = sums.random.iter().filter(|moments| moments.rows() > 0);
     let at_random = with_rows.map(|part| errors_on(&parts, part, ridge).ok());
     Ok(found
-        .map_err(|error| ValidationError::Undetermined(Box::new(error)))?
+        .map_err(|error| FitError::Undetermined(Box::new(error)))?
         .beside_random(sums.random.len(), at_random.collect()))
 }
 
@@ -162,7 +161,7 @@ pub(crate) fn sizes(sums: &GroupedMoments) -> Vec<u64> {
 pub(super) fn assign_to_folds(
     rows: &[u64],
     folds: Option<usize>,
-) -> Result<Vec<Vec<usize>>, ValidationError> {
+) -> Result<Vec<Vec<usize>>, FitError> {
     match folds {
         Some(folds) => assign_groups(rows, folds),
         None => Ok((0..rows.len()).map(|group| vec![group]).collect()),
@@ -173,11 +172,11 @@ pub(super) fn assign_to_folds(
 /// first, each into the fold with the fewest.
 ///
 /// # Errors
-/// [`ValidationError::Folds`] unless there are two folds to as many as groups.
-pub fn assign_groups(rows: &[u64], folds: usize) -> Result<Vec<Vec<usize>>, ValidationError> {
+/// [`FitError::Folds`] unless there are two folds to as many as groups.
+pub fn assign_groups(rows: &[u64], folds: usize) -> Result<Vec<Vec<usize>>, FitError> {
     let groups = rows.len();
     if !(2..=groups).contains(&folds) {
-        return Err(ValidationError::Folds { folds, groups });
+        return Err(FitError::Folds { folds, groups });
     }
     let mut order: Vec<usize> = (0..groups).collect();
     order.sort_unstable_by_key(|&group| (std::cmp::Reverse(rows[group]), group));

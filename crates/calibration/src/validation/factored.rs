@@ -1,10 +1,11 @@
 //! Errors on groups that were held out, and the choice of a model, from [R factors](crate::factored).
 
-use super::ValidationError;
 use super::cross_validation::{CrossValidation, assign_groups, assign_to_folds, labels_of};
 use super::selection::{ErrorsByRidge, FOLDS, Selection, choose};
+use crate::error::FitError;
 use crate::factored::{FactoredGroups, FactoredRows};
 use crate::model::{Basis, Model};
+use crate::scaling::Scaling;
 
 /// The rows of a fold, and all others.
 struct Fold {
@@ -16,13 +17,13 @@ struct Fold {
 /// As [`cross_validate`](super::cross_validation::cross_validate), without rows that were assigned at random.
 ///
 /// # Errors
-/// [`ValidationError`] if there are too few groups, or no fold leaves enough rows to fit.
+/// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit.
 pub fn cross_validate(
     rows: &FactoredGroups,
     model: &Model,
     ridge: f64,
     folds: Option<usize>,
-) -> Result<CrossValidation, ValidationError> {
+) -> Result<CrossValidation, FitError> {
     let sizes = sizes(rows);
     let on_fold = |fold: Fold| {
         let solution = fold.rest.solve(model, ridge);
@@ -30,34 +31,35 @@ pub fn cross_validate(
         (labels_of(&rows.groups, &fold.groups), errors)
     };
     let on_folds = parted(rows, assign_to_folds(&sizes, folds)?)?.into_iter().map(on_fold);
-    Ok(CrossValidation::from_folds((sizes.len(), sizes.iter().sum()), on_folds)?)
+    CrossValidation::from_folds((sizes.len(), sizes.iter().sum()), on_folds)
 }
 
 /// As [`select`](super::selection::select), of the families within the one that was kept.
 ///
 /// # Errors
-/// [`ValidationError`] if there are too few groups, or no model can be fitted.
+/// [`FitError`] if there are too few groups, or no model can be fitted.
 pub fn select(
     rows: &FactoredGroups,
     intercept: bool,
     ridges: &[f64],
-) -> Result<Selection, ValidationError> {
+) -> Result<Selection, FitError> {
     let assigned = assign_groups(&sizes(rows), rows.groups.len().clamp(1, FOLDS));
     let folds = parted(rows, assigned.map_err(|_| too_few(rows))?)?;
     let total = rows.total().ok_or_else(|| too_few(rows))?;
-    let model = |basis| Model { basis, intercept, channels: total.channels(), memory: 0 };
+    let model = |basis| Model { basis, intercept, channels: total.model().channels, memory: 0 };
     let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
         let (model, folds) = (model(basis), &folds);
-        total.has_features_of(&model).then_some(Box::new(move |ridge| {
+        let can_fit = total.change(&model, &Scaling::identity(model.columns())).is_some();
+        can_fit.then_some(Box::new(move |ridge| {
             let errors = |fold: &Fold| fold.held_out.errors(&fold.rest.solve(&model, ridge).ok()?);
             folds.iter().map(errors).collect()
         }))
     };
-    choose(model, ridges, &total.load_variances(), errors_of)
+    Ok(choose(model, ridges, total.load_variances(), errors_of)?.selection)
 }
 
-fn too_few(rows: &FactoredGroups) -> ValidationError {
-    ValidationError::TooFewGroups { found: rows.groups.len() }
+fn too_few(rows: &FactoredGroups) -> FitError {
+    FitError::TooFewGroups { found: rows.groups.len() }
 }
 
 fn sizes(rows: &FactoredGroups) -> Vec<u64> {
@@ -65,7 +67,7 @@ fn sizes(rows: &FactoredGroups) -> Vec<u64> {
 }
 
 /// The rows of each fold of groups and of all others.
-fn parted(rows: &FactoredGroups, assigned: Vec<Vec<usize>>) -> Result<Vec<Fold>, ValidationError> {
+fn parted(rows: &FactoredGroups, assigned: Vec<Vec<usize>>) -> Result<Vec<Fold>, FitError> {
     let merged = |groups: &Vec<usize>| {
         let all = FactoredRows::merged(groups.iter().map(|&group| &rows.groups[group].1))?;
         Some((String::new(), all))

@@ -14,13 +14,14 @@
 //! have working sums besides. There may be [`MAX_GROUPS`] groups, or any number
 //! of them in as many sets, see [`Apart::Sets`].
 
+use crate::error::FitError;
+use std::borrow::Cow;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 
 use crate::exact::{Accumulator, Adder, ExactError, Moments, PartitionedMoments};
 use crate::model::{Basis, Model};
-use crate::validation::ValidationError;
 use shell_data::block::Block;
 use shell_data::dataset::LabelRuns;
 use shell_data::fingerprint::row_hashes;
@@ -28,10 +29,8 @@ use shell_data::fingerprint::row_hashes;
 /// Collects the sums of workers, block by block and at the end.
 #[derive(Debug)]
 pub struct GroupSums {
-    basis: Basis,
-    channels: usize,
-    apart: Apart,
-    random: RandomSplit,
+    /// A worker without rows.
+    empty: GroupWorker,
     /// The labels of the groups, in the order of their first rows.
     labels: Vec<Arc<str>>,
     /// Every group is among them, and those folds that have been handed over.
@@ -43,11 +42,10 @@ pub struct GroupSums {
 impl GroupSums {
     /// Zero rows: for `basis` and the bases within it, by what is `apart` and as `random` says.
     pub fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
+        let (sums, open) = (BTreeMap::new(), VecDeque::new());
+        let adder = Adder::new(basis, channels);
         Self {
-            basis,
-            channels,
-            apart,
-            random,
+            empty: GroupWorker { channels, apart, random, adder, sums, open },
             labels: Vec::new(),
             sums: BTreeMap::new(),
             assigned: HashSet::new(),
@@ -61,21 +59,21 @@ impl GroupSums {
 
     /// A worker without rows.
     pub fn worker(&self) -> GroupWorker {
-        GroupWorker::new(self.basis, self.channels, self.apart, self.random)
+        self.empty.clone()
     }
 
     /// Adds what a worker hands over with a block, after all blocks before it.
     ///
     /// # Errors
-    /// [`ValidationError::NotExact`] if the rows cannot be summed exactly with those before;
-    /// [`ValidationError::TooManyGroups`].
-    pub fn add(&mut self, block: BlockGroups) -> Result<(), ValidationError> {
+    /// [`FitError::NotExact`] if the rows cannot be summed exactly with those before;
+    /// [`FitError::TooManyGroups`].
+    pub fn add(&mut self, block: BlockGroups) -> Result<(), FitError> {
         for label in block.labels {
             let Entry::Vacant(new) = self.sums.entry(SummedRows::Group(label.clone())) else {
                 continue;
             };
             if self.labels.len() == MAX_GROUPS {
-                return Err(ValidationError::TooManyGroups { limit: MAX_GROUPS });
+                return Err(FitError::TooManyGroups { limit: MAX_GROUPS });
             }
             new.insert(None);
             self.labels.push(label);
@@ -87,11 +85,11 @@ impl GroupSums {
     /// The sums over all rows of all `workers`.
     ///
     /// # Errors
-    /// [`ValidationError::NotExact`] if they cannot be exact.
+    /// [`FitError::NotExact`] if they cannot be exact.
     pub fn finish(
         mut self,
         workers: impl IntoIterator<Item = GroupWorker>,
-    ) -> Result<GroupedMoments, ValidationError> {
+    ) -> Result<GroupedMoments, FitError> {
         for worker in workers {
             for sums in worker.finish() {
                 let (rows, moments) = sums?;
@@ -104,15 +102,16 @@ impl GroupSums {
             Some((name, sums_of(SummedRows::Group(label))?))
         };
         let groups = self.labels.into_iter().filter_map(with_label).collect();
-        let random = (0..self.random.held_out).map(SummedRows::Fold).filter_map(sums_of).collect();
+        let random =
+            (0..self.empty.random.held_out).map(SummedRows::Fold).filter_map(sums_of).collect();
         let mut grouped = GroupedMoments::new(groups, random)?;
-        if self.apart == Apart::Sets {
+        if self.empty.apart == Apart::Sets {
             grouped.group_count = self.assigned.len();
         }
         Ok(grouped)
     }
 
-    fn add_moments(&mut self, rows: SummedRows, moments: Moments) -> Result<(), ValidationError> {
+    fn add_moments(&mut self, rows: SummedRows, moments: Moments) -> Result<(), FitError> {
         Ok(moments.add_to(self.sums.entry(rows).or_default())?)
     }
 }
@@ -168,18 +167,15 @@ impl GroupedMoments {
     /// The sums of all rows, of which those of groups are parts.
     ///
     /// # Errors
-    /// [`ValidationError`] if there are fewer than two groups, or the sums do not suit the model.
-    pub(crate) fn partitioned(
-        &self,
-        model: &Model,
-    ) -> Result<PartitionedMoments<'_>, ValidationError> {
-        Ok(PartitionedMoments::new(self.all_of_several()?, model)?)
+    /// [`FitError`] if there are fewer than two groups, or the sums do not suit the model.
+    pub(crate) fn partitioned(&self, model: &Model) -> Result<PartitionedMoments<'_>, FitError> {
+        PartitionedMoments::new(self.all_of_several()?, model)
     }
 
     /// The sums over the rows of all groups, which are two at least.
-    pub(crate) fn all_of_several(&self) -> Result<&Moments, ValidationError> {
+    pub(crate) fn all_of_several(&self) -> Result<&Moments, FitError> {
         let found = self.groups.len();
-        self.total().filter(|_| found > 1).ok_or(ValidationError::TooFewGroups { found })
+        self.total().filter(|_| found > 1).ok_or(FitError::TooFewGroups { found })
     }
 
     /// The sums over the rows of a fold of groups, by their positions.
@@ -259,22 +255,16 @@ pub struct BlockGroups {
 }
 
 impl GroupWorker {
-    pub(super) fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
-        let adder = Adder::new(basis, channels);
-        let (sums, open) = (BTreeMap::new(), VecDeque::new());
-        Self { channels, apart, random, adder, sums, open }
-    }
-
     /// Adds the rows of a block, by their labels.
     ///
     /// # Errors
-    /// [`ValidationError::NotExact`] if they cannot be summed exactly with those before;
-    /// [`ValidationError::TooManyGroups`].
+    /// [`FitError::NotExact`] if they cannot be summed exactly with those before;
+    /// [`FitError::TooManyGroups`].
     pub fn add(
         &mut self,
         block: &Block,
         labels: &[(String, usize)],
-    ) -> Result<BlockGroups, ValidationError> {
+    ) -> Result<BlockGroups, FitError> {
         let columns: Vec<&[f64]> =
             block.readings.iter().chain(&block.wrench).map(Vec::as_slice).collect();
         let (sets, assigned) = match self.apart {
@@ -295,35 +285,26 @@ impl GroupWorker {
     /// The sums that have not been handed over.
     pub(super) fn finish(
         mut self,
-    ) -> impl Iterator<Item = Result<(SummedRows, Moments), ValidationError>> {
+    ) -> impl Iterator<Item = Result<(SummedRows, Moments), FitError>> {
         let sums = std::mem::take(&mut self.sums);
         sums.into_iter().map(move |(rows, sums)| Ok((rows, self.adder.finish(sums)?)))
     }
 
     /// Adds some rows of the columns to sums, each row once; returns sums to be handed over.
-    fn add_rows(
+    fn add_rows<'a>(
         &mut self,
         summed: SummedRows,
-        columns: &[&[f64]],
+        columns: &[&'a [f64]],
         rows: &[usize],
-    ) -> Result<Option<(SummedRows, Moments)>, ValidationError> {
-        if columns.iter().all(|column| column.len() == rows.len()) {
-            return self.add_columns(summed, columns);
-        }
-        let gather = |column: &&[f64]| rows.iter().map(|&row| column[row]).collect();
-        let gathered: Vec<Vec<f64>> = columns.iter().map(gather).collect();
-        self.add_columns(summed, &gathered)
-    }
-
-    /// Adds all rows of the columns to sums; returns sums to be handed over.
-    fn add_columns<C: AsRef<[f64]>>(
-        &mut self,
-        summed: SummedRows,
-        columns: &[C],
-    ) -> Result<Option<(SummedRows, Moments)>, ValidationError> {
+    ) -> Result<Option<(SummedRows, Moments)>, FitError> {
+        let of_rows = |column: &&'a [f64]| match column.len() == rows.len() {
+            true => Cow::Borrowed(*column),
+            false => rows.iter().map(|&row| column[row]).collect(),
+        };
+        let columns: Vec<Cow<'a, [f64]>> = columns.iter().map(of_rows).collect();
         if self.sums.len() == MAX_GROUPS + self.random.held_out && !self.sums.contains_key(&summed)
         {
-            return Err(ValidationError::TooManyGroups { limit: MAX_GROUPS });
+            return Err(FitError::TooManyGroups { limit: MAX_GROUPS });
         }
         let sums = self.sums.entry(summed.clone()).or_insert_with(|| self.adder.begin());
         let was_open = sums.is_open();
@@ -478,7 +459,7 @@ mod tests {
             }
             sums.finish(workers)
         };
-        let too_many = ValidationError::TooManyGroups { limit: MAX_GROUPS };
+        let too_many = FitError::TooManyGroups { limit: MAX_GROUPS };
         assert_eq!(sum(Apart::Groups, ROWS).unwrap_err(), too_many);
         let found = sum(Apart::Sets, ROWS).unwrap();
         assert_eq!(found.group_count, GROUPS);

@@ -10,11 +10,11 @@
 //! Errors of a choice need three digits: with columns scaled to norm one, condition numbers up to 10⁶ leave that many.
 //! A fit itself is never found in this way.
 
+use crate::error::FitError;
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::Solve;
 use faer::{Accum, Mat, MatRef, Par, Side};
 
-use super::ValidationError;
 use super::selection::{ErrorsByRidge, Selection, choose};
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
@@ -137,15 +137,15 @@ impl NormalEquations {
 /// larger ones, as [`select`](super::selection::select) does). `model` says what is beside the family.
 ///
 /// # Errors
-/// [`ValidationError`] if there are too few groups, a row is not finite, or no model can be fitted.
+/// [`FitError`] if there are too few groups, a row is not finite, or no model can be fitted.
 pub(crate) fn select(
     rows: &GroupedRows,
     model: Model,
     ridges: &[f64],
-) -> Result<Selection, ValidationError> {
+) -> Result<Selection, FitError> {
     let found = rows.groups().count();
     if found < 2 {
-        return Err(ValidationError::TooFewGroups { found });
+        return Err(FitError::TooFewGroups { found });
     }
     let sums = rows.all(Workers::ONE).reduce(&ReadingSums::new(model.columns()))?;
     let scaling = sums.scaling(model.intercept);
@@ -171,7 +171,7 @@ pub(crate) fn select(
         let all = rows.spread(rows.runs(), axis.index());
         all.squares / all.count.max(1) as f64
     });
-    choose(model, ridges, &variances, errors_of)
+    Ok(choose(model, ridges, variances, errors_of)?.selection)
 }
 
 #[cfg(test)]
@@ -215,7 +215,7 @@ mod tests {
         }
         let sums = sums.finish([worker]).unwrap();
         let ridges = [0.0, 1e-6, 1e-2];
-        let exact = selection::select(&sums, true, &ridges).unwrap();
+        let exact = selection::select(&sums, true, &ridges).unwrap().selection;
         let model = Model { basis: Basis::Poly3, intercept: true, channels: 3, memory: 0 };
         let of = |folds: Vec<Block>| {
             GroupedRows::from_labels(&Dataset::from_blocks("folds", Axes::ALL, folds)).0
@@ -233,6 +233,6 @@ mod tests {
             assert!(pairs.clone().all(|(a, b)| (a / b - 1.0).abs() < 1e-9), "{found:?} {exact:?}");
         }
         let few = select(&one, model, &ridges).unwrap_err();
-        assert_eq!(few, ValidationError::TooFewGroups { found: 1 });
+        assert_eq!(few, FitError::TooFewGroups { found: 1 });
     }
 }

@@ -405,12 +405,11 @@ fn for_error(error: &anyhow::Error) -> Option<String> {
 }
 
 /// An error in a chain does not say which hints it has: every type that has some is tried.
-const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 10] = [
+const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 9] = [
     hint::<board_link::LinkError>,
     hint::<board_link::NotForBoard>,
     hint::<board_link::RecordError>,
     hint::<calibration::FitError>,
-    hint::<calibration::validation::ValidationError>,
     hint::<calibration_file::CalibrationFileError>,
     hint::<calibration_file::MergeError>,
     hint::<log_file::LogError>,

@@ -1,6 +1,6 @@
 //! Families of problems made to be hard, each in its own way.
 
-use calibration::least_squares::{LeastSquaresError, Method};
+use calibration::least_squares::{LeastSquaresError, SolverKind};
 use faer::Mat;
 use num_rational::BigRational;
 use system_tests::random::Random;
@@ -121,12 +121,12 @@ fn families() -> Vec<Problem> {
 
 /// One line of the table; fails where an answer is worse than theory allows.
 fn line(problem: &Problem, truth: &[Vec<BigRational>]) -> report::Line {
-    let widest = problem.solve(Method::WideTsqr);
+    let widest = problem.solve(SolverKind::WideTsqr);
     let cells = METHODS.iter().map(|(label, method)| {
         let solved = match problem.solve(*method) {
             Ok(solved) => solved,
             Err(LeastSquaresError::IllConditioned { .. }) => return None,
-            Err(LeastSquaresError::RankDeficient { .. }) if *method != Method::WideTsqr => {
+            Err(LeastSquaresError::RankDeficient { .. }) if *method != SolverKind::WideTsqr => {
                 return None;
             }
             Err(error) => panic!("{}, {label}: {error}", problem.name),

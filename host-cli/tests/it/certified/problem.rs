@@ -1,7 +1,8 @@
 //! A problem, its exact answer, and how many digits of it a method gets.
 
 use calibration::least_squares::{
-    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape, solve,
+    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape, SolverKind,
+    solve,
 };
 use faer::Mat;
 use num_rational::BigRational;
@@ -13,14 +14,14 @@ use super::exact;
 mod dense;
 
 /// The methods that minimise the sum of squares, and what the tables call them.
-pub(crate) const METHODS: [(&str, Method); 7] = [
-    ("gram", Method::Gram),
-    ("tsqr", Method::Tsqr),
-    ("pivoted-qr", Method::PivotedQr),
-    ("svd", Method::Svd { truncate: None }),
-    ("refined-tsqr", Method::RefinedTsqr),
-    ("wide-gram", Method::WideGram),
-    ("wide-tsqr", Method::WideTsqr),
+pub(crate) const METHODS: [(&str, SolverKind); 7] = [
+    ("gram", SolverKind::Gram),
+    ("tsqr", SolverKind::Tsqr),
+    ("pivoted-qr", SolverKind::PivotedQr),
+    ("svd", SolverKind::Svd),
+    ("refined-tsqr", SolverKind::RefinedTsqr),
+    ("wide-gram", SolverKind::WideGram),
+    ("wide-tsqr", SolverKind::WideTsqr),
 ];
 
 /// More digits than these cannot be told in an `f64`: −log₁₀ 2⁻⁵³.
@@ -39,7 +40,7 @@ impl Problem {
         Self { name: name.into(), x, tails: None, y }
     }
 
-    pub(crate) fn solve(&self, method: Method) -> Result<LeastSquares, LeastSquaresError> {
+    pub(crate) fn solve(&self, method: SolverKind) -> Result<LeastSquares, LeastSquaresError> {
         let tails = self.tails.as_ref().map(|tails| tails.as_ref());
         solve_dense(Dense::new(self.x.as_ref(), tails, self.y.as_ref()), method, Ridge::NONE)
     }
@@ -96,7 +97,7 @@ pub(crate) fn error(solved: &Mat<f64>, truth: &[Vec<BigRational>], norms: &[f64]
 /// [`calibration::least_squares`].
 ///
 /// `solved` is the answer of the widest method.
-pub(crate) fn theory(method: Method, problem: &Problem, solved: &LeastSquares) -> f64 {
+pub(crate) fn theory(method: SolverKind, problem: &Problem, solved: &LeastSquares) -> f64 {
     let epsilon = f64::EPSILON / 2.0;
     let condition = solved.condition;
     let norms = problem.norms();
@@ -116,10 +117,10 @@ pub(crate) fn theory(method: Method, problem: &Problem, solved: &LeastSquares) -
     // What the right side loses in the normal equations: κ²·‖y‖/(‖X‖·‖C‖).
     let squared = condition * condition * fitted.fold(1.0, f64::max);
     match method {
-        Method::Gram => epsilon * squared,
-        Method::WideGram => epsilon + epsilon * epsilon * squared,
-        Method::WideTsqr => epsilon + epsilon * epsilon * sensitivity,
-        Method::RefinedTsqr => epsilon + epsilon * epsilon * sensitivity * condition,
+        SolverKind::Gram => epsilon * squared,
+        SolverKind::WideGram => epsilon + epsilon * epsilon * squared,
+        SolverKind::WideTsqr => epsilon + epsilon * epsilon * sensitivity,
+        SolverKind::RefinedTsqr => epsilon + epsilon * epsilon * sensitivity * condition,
         _ => epsilon * sensitivity,
     }
 }

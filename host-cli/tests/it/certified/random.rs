@@ -1,7 +1,7 @@
 //! Ten thousand problems at random, with condition numbers from 1 to 10¹⁴ and planted losses of
 //! rank.
 
-use calibration::least_squares::{LeastSquaresError, Method};
+use calibration::least_squares::{LeastSquaresError, SolverKind};
 use faer::Mat;
 use system_tests::random::Random;
 
@@ -78,7 +78,7 @@ fn ten_thousand_random_problems_get_what_theory_promises_or_a_refusal() {
         // Rounding to the grid may have made columns of condition 10¹⁴ dependent, though it never
         // has.
         let truth = problem.truth().expect("independent columns");
-        let widest = problem.solve(Method::WideTsqr).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let widest = problem.solve(SolverKind::WideTsqr).unwrap_or_else(|e| panic!("{name}: {e}"));
         let norms = problem.norms();
         for (k, (label, method)) in METHODS.iter().enumerate() {
             match problem.solve(*method) {
@@ -118,7 +118,7 @@ fn a_loss_of_rank_is_found_among_many_rows_and_columns() {
         }
         let y = Mat::from_fn(rows, 1, |_, _| integer(&mut random, 20));
         let problem = Problem::new(format!("{rows} × {columns}"), x, y);
-        match problem.solve(Method::Tsqr) {
+        match problem.solve(SolverKind::Tsqr) {
             Err(LeastSquaresError::RankDeficient { rank, .. }) => assert_eq!(rank, columns - 1),
             other => panic!("{rows} × {columns}: {other:?}"),
         }
@@ -140,7 +140,7 @@ fn every_planted_loss_of_rank_is_found() {
                 }
                 // Normal equations cannot tell, and say so.
                 Err(LeastSquaresError::IllConditioned { .. })
-                    if matches!(method, Method::Gram | Method::WideGram) => {}
+                    if matches!(method, SolverKind::Gram | SolverKind::WideGram) => {}
                 other => panic!("{name}, {label}: {other:?}"),
             }
         }

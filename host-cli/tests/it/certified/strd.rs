@@ -1,7 +1,7 @@
 //! The eleven linear regressions of NIST's Statistical Reference Datasets.
 
 use calibration::double_double::DoubleDouble;
-use calibration::least_squares::Method;
+use calibration::least_squares::SolverKind;
 use faer::Mat;
 use num_rational::BigRational;
 
@@ -108,7 +108,7 @@ fn nist_regressions_are_solved_to_thirteen_digits_and_more() {
         for ((_, method), (label, line)) in METHODS.iter().zip(&mut lines) {
             let digits = problem.solve(*method).ok().map(|s| digits(&s.coefficients, &truth));
             println!("{name} {label}: {digits:?}");
-            if *method == Method::WideTsqr {
+            if *method == SolverKind::WideTsqr {
                 // Every digit but the last, which is that of the final rounding.
                 assert!(digits.unwrap() > ALL_DIGITS - 0.4, "{name}: {digits:?}");
             }

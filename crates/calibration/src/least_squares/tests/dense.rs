@@ -101,12 +101,12 @@ impl Rows for Dense<'_> {
 /// As [`solve`]; also where a coefficient is too large for an `f64`.
 pub(crate) fn solve_dense(
     mut rows: Dense<'_>,
-    method: Method,
+    method: impl Into<Method>,
     ridge: Ridge,
 ) -> Result<LeastSquares, LeastSquaresError> {
     if !(rows.x.is_all_finite() && rows.y.is_all_finite()) {
         return Err(LeastSquaresError::NotFinite);
     }
-    let (solved, _) = solve(&mut rows, method, ridge)?;
+    let (solved, _) = solve(&mut rows, method.into(), ridge)?;
     rows.unscaled(solved)
 }

@@ -4,9 +4,9 @@
 use calibration::Basis;
 use calibration::fit::ModelComparison;
 use calibration::quality::{AxisQuality, significant};
-use calibration::validation::advice::Advice;
 use calibration::validation::cross_validation::CrossValidation;
 use calibration::validation::excitation::Excitation;
+use calibration::validation::selection::Advice;
 use calibration::validation::selection::{Candidate, Selection};
 use calibration_file::Diagnostics;
 use shell_data::hint::quoted;
