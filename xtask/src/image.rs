@@ -6,11 +6,15 @@ use std::process::Command;
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
 
-use crate::compiler::{BOARD_TARGET, Toolchain};
+use crate::need::{BOARD_TARGET, Need};
 use crate::steps::{self, workspace};
 
 /// Where the RAM of all boards begins.
 const RAM: u32 = 0x2000_0000;
+
+/// How an image is linked, and names of functions that say of which types they are (stack.rs).
+const BOARD_FLAGS: &str = "-C link-arg=-Tlink.x -C link-arg=--nmagic -C link-arg=-Tdefmt.x \
+    -C symbol-mangling-version=v0";
 
 /// A board that can be flashed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -42,44 +46,34 @@ impl Board {
         }
     }
 
-    /// What its linker script gives to the stack: all of SRAM1.
-    pub(crate) fn stack_size(self) -> u64 {
+    /// In bytes: flash for code, without the pages of the calibration, and what the linker script gives to variables, all
+    /// of SRAM2, and to the stack, all of SRAM1.
+    pub(crate) fn memory(self) -> [u64; 3] {
         match self {
-            Self::SkinProc => 48 * 1024,
-            Self::NucleoG491re => 80 * 1024,
+            Self::SkinProc => [248 << 10, 16 << 10, 48 << 10],
+            Self::NucleoG491re => [504 << 10, 16 << 10, 80 << 10],
         }
-    }
-
-    /// Flash for code, without the pages of the calibration.
-    pub(crate) fn flash_size(self) -> u64 {
-        match self {
-            Self::SkinProc => 248 * 1024,
-            Self::NucleoG491re => 504 * 1024,
-        }
-    }
-
-    /// What its linker script gives to variables: all of SRAM2.
-    pub(crate) fn ram_size(self) -> u64 {
-        16 * 1024
     }
 
     /// Lints what only the board's target compiles; warnings are errors.
-    pub(crate) fn lint(self, toolchain: &Toolchain) -> Result<()> {
-        let mut cargo = self.cargo("clippy", toolchain);
+    pub(crate) fn lint(self) -> Result<()> {
+        Need::Linters.meet()?;
+        let mut cargo = self.cargo("clippy");
         steps::run(&format!("lints of {}", self.name()), cargo.args(["--", "-D", "warnings"]))
     }
 
     /// Builds its image and returns where it is.
-    pub(crate) fn build(self, toolchain: &Toolchain) -> Result<PathBuf> {
-        let title = format!("build {} ({})", self.name(), toolchain.compiler.version);
-        steps::run(&title, &mut self.cargo("build", toolchain))?;
+    pub(crate) fn build(self) -> Result<PathBuf> {
+        Need::Target(BOARD_TARGET).meet()?;
+        steps::run(&format!("build {}", self.name()), &mut self.cargo("build"))?;
         Ok(self.image())
     }
 
-    fn cargo(self, name: &str, toolchain: &Toolchain) -> Command {
-        let mut cargo = toolchain.command(name);
-        cargo.args(["--features", self.name(), "--bin", self.name(), "--target-dir"]);
-        cargo.arg(target_dir());
+    fn cargo(self, command: &str) -> Command {
+        let mut cargo = steps::cargo(&[command, "--profile", "firmware", "--package", "firmware"]);
+        cargo.args(["--features", self.name(), "--bin", self.name(), "--target", BOARD_TARGET]);
+        cargo.arg("--target-dir").arg(target_dir());
+        cargo.env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS", BOARD_FLAGS);
         cargo
     }
 
@@ -89,7 +83,7 @@ impl Board {
     }
 }
 
-/// A directory of its own: the compiler may be another one than the host's.
+/// A directory of its own, for images are kept apart from what the host runs.
 fn target_dir() -> PathBuf {
     workspace().join("target/firmware")
 }

@@ -5,20 +5,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result, ensure};
 
-use crate::need::{Need, Way};
+use crate::need;
 use crate::steps::{self, Job, installed, target, workspace};
-
-/// The Python that environments are made with.
-const PYTHON: &str = "python3";
-
-/// The oldest that the package is for, with what makes an environment.
-const IS_COMPLETE: &str = "import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 10))";
-
-pub(crate) const NEED: Need = Need {
-    what: "Python 3.10 or later",
-    is_met: || installed(PYTHON, &["-c", IS_COMPLETE]),
-    ways: &[Way::Packages(&["python3", "python3-venv"])],
-};
 
 /// The Python of an environment in which `check` succeeds: made, and filled by pip, where there is none.
 pub(crate) fn environment(name: &str, packages: &[&str], check: &str) -> Result<PathBuf> {
@@ -26,8 +14,8 @@ pub(crate) fn environment(name: &str, packages: &[&str], check: &str) -> Result<
     let python = folder.join("bin/python");
     let is_complete = || installed(&python.to_string_lossy(), &["-c", check]);
     if !is_complete() {
-        NEED.meet()?;
-        let mut make = Command::new(PYTHON);
+        need::PYTHON.meet()?;
+        let mut make = Command::new("python3");
         steps::run("Python environment", make.args(["-m", "venv", "--clear"]).arg(&folder))?;
         let mut pip = Command::new(&python);
         steps::run(name, pip.args(["-m", "pip", "install", "--quiet"]).args(packages))?;

@@ -11,15 +11,16 @@ use std::process::{Command, Stdio};
 use std::thread;
 
 use anyhow::{Context, Result, bail, ensure};
+use clap::ValueEnum;
 use serde_json::Value;
 use system_tests::{flashed, program};
 
 use crate::image::Board;
-use crate::need::Need;
+use crate::need::{BOARD_TARGET, BROWSER, Need, PAGE_TARGET, PYTHON, SHELLS};
 use crate::steps::{
     self, BUILD, EndedJob, Job, PROFILE, REAL_DATA, SCREENS, cargo, real_data, screens,
 };
-use crate::{compiler, equipment, firmware, python, web};
+use crate::{firmware, python, web};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct TestArgs {
@@ -29,7 +30,7 @@ pub(crate) struct TestArgs {
 }
 
 /// What needs more than a compiler.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Part {
     /// The flashed images on a model of their microcontrollers
     Board,
@@ -42,14 +43,12 @@ enum Part {
 }
 
 impl Part {
-    const ALL: [Self; 4] = [Self::Board, Self::Browser, Self::Python, Self::Shells];
-
     fn needs(self) -> &'static [Need] {
         match self {
-            Self::Board => &[compiler::BOARD_NEED, python::NEED],
-            Self::Browser => &[equipment::BROWSER],
-            Self::Python => &[python::NEED],
-            Self::Shells => &[equipment::SHELLS],
+            Self::Board => &[Need::Target(BOARD_TARGET), PYTHON],
+            Self::Browser => &[BROWSER, Need::Target(PAGE_TARGET)],
+            Self::Python => &[PYTHON],
+            Self::Shells => &[SHELLS],
         }
     }
 }
@@ -73,7 +72,8 @@ struct TestEquipment {
 }
 
 pub(crate) fn run(args: &TestArgs) -> Result<()> {
-    let parts: Vec<Part> = Part::ALL.into_iter().filter(|it| !args.without.contains(it)).collect();
+    let is_wanted = |part: &Part| !args.without.contains(part);
+    let parts: Vec<Part> = Part::value_variants().iter().copied().filter(is_wanted).collect();
     let (equipment, programs) = set_up_and_build(&parts)?;
     let without_studies = ["--skip", STUDIES];
     let job = |program: &Program| program.job(&without_studies, &equipment);
@@ -109,38 +109,47 @@ fn run_all(
     steps::run_side_by_side(jobs, at_once, more)
 }
 
-/// Sets up the environments of Python while the compiler is at work.
 fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     let needs = parts.iter().flat_map(|part| part.needs());
     let missing: Vec<_> = needs.filter_map(|need| need.meet().err()).collect();
     if !missing.is_empty() {
-        missing.iter().for_each(|reason| eprintln!("{reason}"));
+        missing.iter().for_each(|reason| eprintln!("{reason:#}"));
         bail!("not all is here that the tests need; `--without` leaves out a part of them");
     }
     let has = |part| parts.contains(&part);
     let mut equipment = TestEquipment::default();
-    thread::scope(|scope| {
-        let model_python =
-            scope.spawn(|| has(Part::Board).then(firmware::set_up_model).transpose());
-        let python = scope.spawn(|| has(Part::Python).then(python::set_up).transpose());
-        if has(Part::Board) {
-            let toolchain = compiler::set_up()?;
-            let [board, ..] = Board::ALL.map(|board| board.build(&toolchain));
-            equipment.give("needs the flashed image", flashed::IMAGE, board?);
+    if has(Part::Board) {
+        let [board, ..] = Board::ALL.map(Board::build);
+        equipment.give("needs the flashed image", flashed::IMAGE, board?);
+        equipment.variables.push((flashed::PYTHON, firmware::set_up_model()?.into()));
+    }
+    if has(Part::Python) {
+        let python = python::set_up()?;
+        let reason = "needs a Python with packages that read tables and bags";
+        equipment.give(reason, program::PYTHON, &python);
+        equipment.python = Some(python);
+    }
+    let programs = programs()?;
+    if has(Part::Browser) {
+        std::fs::create_dir_all(screens())?;
+        equipment.give("needs Chromium", SCREENS, screens());
+        equipment.give("needs Chromium and the page", PAGE, web::build()?);
+        match axe() {
+            Ok(file) => equipment.variables.push((AXE, file.into())),
+            Err(reason) => eprintln!("{reason:#}: pages are not held against axe-core"),
         }
-        let programs = programs()?;
-        let joined = "an environment is set up without a panic";
-        if let Some(python) = model_python.join().expect(joined)? {
-            equipment.variables.push((flashed::PYTHON, python.into()));
+    }
+    if let Some(recordings) = real_data() {
+        ensure!(recordings.is_dir(), "{REAL_DATA} names `{}`", recordings.display());
+        if recordings.join(system_tests::REFERENCE_VALUES).exists() {
+            equipment.met.push("needs the reference values beside the recordings");
         }
-        equipment.python = python.join().expect(joined)?;
-        if let Some(python) = equipment.python.clone() {
-            let reason = "needs a Python with packages that read tables and bags";
-            equipment.give(reason, program::PYTHON, python);
+        if has(Part::Browser) {
+            equipment.met.push("needs Chromium, the page and the recordings");
         }
-        equipment.add_rest(has(Part::Browser))?;
-        Ok((equipment, programs))
-    })
+        equipment.give("needs the recordings", REAL_DATA, recordings);
+    }
+    Ok((equipment, programs))
 }
 
 impl TestEquipment {
@@ -149,34 +158,18 @@ impl TestEquipment {
         self.met.push(reason);
         self.variables.push((variable, value.into()));
     }
+}
 
-    /// Browser and recordings.
-    fn add_rest(&mut self, has_browser: bool) -> Result<()> {
-        if has_browser {
-            self.met.push("needs Chromium");
-            let screens = screens();
-            std::fs::create_dir_all(&screens)?;
-            self.variables.push((SCREENS, screens.into()));
-            match web::NEED.meet() {
-                Ok(()) => self.give("needs Chromium and the page", PAGE, web::build()?),
-                Err(reason) => eprintln!("{reason:#}: the page that fits is not tested"),
-            }
-            match equipment::axe() {
-                Ok(file) => self.variables.push((AXE, file.into())),
-                Err(reason) => eprintln!("{reason:#}: pages are not held against axe-core"),
-            }
-        }
-        let Some(recordings) = real_data() else { return Ok(()) };
-        ensure!(recordings.is_dir(), "{REAL_DATA} names `{}`", recordings.display());
-        if recordings.join(system_tests::REFERENCE_VALUES).exists() {
-            self.met.push("needs the reference values beside the recordings");
-        }
-        self.give("needs the recordings", REAL_DATA, recordings);
-        if self.met.contains(&"needs Chromium and the page") {
-            self.met.push("needs Chromium, the page and the recordings");
-        }
-        Ok(())
+/// The rules of accessibility that pages are held against: fetched from npm's registry into `target`.
+fn axe() -> Result<PathBuf> {
+    let folder = steps::scratch("axe-core")?;
+    let file = folder.join("node_modules/axe-core/axe.min.js");
+    if !file.exists() {
+        let mut npm = Command::new("npm");
+        npm.args(["install", "--silent", "--no-audit", "--no-fund", "--ignore-scripts"]);
+        steps::run("axe-core", npm.arg("--prefix").arg(&folder).arg("axe-core@4.10.3"))?;
     }
+    file.canonicalize().context("npm has installed no axe-core")
 }
 
 /// A program with tests.
@@ -246,9 +239,7 @@ fn ignored(said: &str) -> impl Iterator<Item = (&str, &str)> {
 /// Prints how many tests have passed, and which were left out; an error where one has failed.
 fn report(ended: &[EndedJob], without: &[Part]) -> Result<()> {
     let failed: Vec<_> = ended.iter().filter(|it| !it.succeeded).map(|it| &*it.name).collect();
-    let count = |what: &str| ended.iter().map(|it| counted(&it.output, what)).sum::<u64>();
-    let (passed, failures) = (count("passed"), count("failed"));
-    println!("\n{passed} passed, {failures} failed");
+    println!("\n{} passed", ended.iter().map(|it| passed(&it.output)).sum::<u64>());
     let ran = |name: &str| {
         let ok = format!("test {name} ... ok");
         ended.iter().any(|it| it.output.lines().any(|line| line == ok))
@@ -263,19 +254,10 @@ fn report(ended: &[EndedJob], without: &[Part]) -> Result<()> {
     Ok(())
 }
 
-/// Tests that have, say, passed, by the closing lines of libtest and pytest.
-fn counted(output: &str, what: &str) -> u64 {
-    let closing = output.lines().filter(|line| {
-        let is_of_pytest = line.starts_with(|c: char| c.is_ascii_digit()) && line.contains(" in ");
-        line.starts_with("test result: ") || is_of_pytest
-    });
-    let count = |line: &str| {
-        let words: Vec<&str> =
-            line.split([' ', ';', ',']).filter(|word| !word.is_empty()).collect();
-        let pair = words.windows(2).find(|pair| pair[1] == what)?;
-        pair[0].parse::<u64>().ok()
-    };
-    closing.filter_map(count).sum()
+/// Tests that have passed, by the closing lines of libtest and pytest.
+fn passed(output: &str) -> u64 {
+    let count = |line: &str| line.split_once(" passed")?.0.rsplit(' ').next()?.parse::<u64>().ok();
+    output.lines().filter_map(count).sum()
 }
 
 #[cfg(test)]
@@ -292,9 +274,8 @@ mod tests {
 
     #[test]
     fn tests_are_counted_by_the_closing_lines() {
-        assert_eq!((counted(SAID, "passed"), counted(SAID, "failed")), (1, 1));
-        let pytest = "2 failed, 80 passed, 1 skipped in 65.31s (0:01:05)\n";
-        assert_eq!((counted(pytest, "passed"), counted(pytest, "failed")), (80, 2));
-        assert_eq!(counted("nothing passed here", "passed"), 0);
+        assert_eq!(passed(SAID), 1);
+        assert_eq!(passed("2 failed, 80 passed, 1 skipped in 65.31s (0:01:05)\n"), 80);
+        assert_eq!(passed("nothing passed here"), 0);
     }
 }

@@ -13,7 +13,6 @@ use calibration::fit::merged::RowSums;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::{Deserialize, Serialize};
 
-use super::sums::each_moments;
 use super::{MergeError, Mismatch, PartialFit, SourceFile, Sums, expect};
 
 /// The sums of a partial fit, apart by group.
@@ -25,7 +24,6 @@ pub struct PartialGroups {
     #[serde(flatten)]
     pub split: RandomSplit,
     /// The sums of the random folds that are held out; none of rows that are not summed exactly.
-    #[serde(with = "each_moments")]
     pub random: Vec<Moments>,
     /// The groups.
     #[serde(rename = "sums")]
