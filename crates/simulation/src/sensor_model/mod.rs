@@ -28,17 +28,14 @@ mod springs;
 pub use geometry::Reflector;
 pub use load::{LoadScript, LoadTable};
 pub use pair::{Pair, PairSettings};
-pub use parameters::{
-    Reference, SensorChannel, SensorNoise, SensorParameters, Surroundings, UnitSpread,
-};
+pub use parameters::{Reference, SensorChannel, SensorNoise, SensorParameters, Surroundings};
 pub use recording::{
     RecordingKind, RecordingSettings, ReferenceSensor, SensorRecording, SensorSample,
 };
-pub use response::Response;
 use springs::compliance;
 pub use springs::{Creep, Displacement, Hysteresis, Spring, stiffness};
 
-use crate::SettingsError;
+use crate::SimulationError;
 use geometry::RigidMotion;
 use shell_data::random::{Purpose, RandomStream};
 use springs::Suspension;
@@ -71,7 +68,6 @@ pub const LIMIT: f64 = 1e6;
 pub struct SensorModel {
     channels: [SensorChannel; 8],
     normals: [[f64; 3]; 8],
-    response: Response,
     suspension: Suspension,
     surroundings: Surroundings,
     start_k: f64,
@@ -86,22 +82,17 @@ impl SensorModel {
     /// names, with no load so far.
     ///
     /// # Errors
-    /// [`SettingsError`] if the springs leave the plate loose or the converter cannot be modelled.
-    pub fn new(unit: &SensorParameters, seed: u64) -> Result<Self, SettingsError> {
-        if !(8..=16).contains(&unit.adc_bits) {
-            return Err(SettingsError(format!(
-                "a converter of {} bits, where 8 to 16 can be modelled",
-                unit.adc_bits
-            )));
-        }
+    /// [`SimulationError`] if the springs leave the plate loose or the converter cannot be modelled.
+    pub fn new(unit: &SensorParameters, seed: u64) -> Result<Self, SimulationError> {
+        let (bits, is_known) = (unit.adc_bits, (8..=16).contains(&unit.adc_bits));
+        ensure!(is_known, "a converter of {bits} bits, where 8 to 16 can be modelled");
         let loose =
-            || SettingsError("the springs do not hold the plate in all six directions".into());
+            || SimulationError("the springs do not hold the plate in all six directions".into());
         let compliance = compliance(&stiffness(&unit.springs)).ok_or_else(loose)?;
         let mut session = RandomStream::new(seed, Purpose::Session, 0);
         Ok(Self {
             channels: unit.channels,
             normals: unit.channels.map(|channel| channel.reflector.normal()),
-            response: Response::gp2s60(),
             suspension: Suspension::new(compliance, unit.creep, unit.hysteresis),
             surroundings: unit.surroundings,
             start_k: unit.surroundings.start_k * session.normal(),
@@ -142,7 +133,7 @@ impl SensorModel {
             let channel = &self.channels[i];
             let gap_m = motion.gap_m(&channel.reflector, &self.normals[i]);
             let gain = channel.gain * (1.0 + channel.gain_drift_per_k * warmth_k);
-            let light = gain * self.response.at(gap_m);
+            let light = gain * response::current_at(gap_m);
             let dark = self.ambient[i] + channel.offset_drift_per_k * warmth_k;
             Exposure { light, dark }
         })
