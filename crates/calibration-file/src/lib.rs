@@ -58,9 +58,7 @@ use serde::de::IgnoredAny;
 
 use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
-pub use self::partial::{
-    MergeError, Mismatch, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums,
-};
+pub use self::partial::{MergeError, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums};
 use calibration::plausibility::Implausible;
 use calibration::{Calibration, Kind};
 use input::DocumentKind;

@@ -13,7 +13,7 @@ use calibration::fit::merged::RowSums;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::{Deserialize, Serialize};
 
-use super::{MergeError, Mismatch, PartialFit, SourceFile, Sums, expect};
+use super::{MergeError, PartialFit, SourceFile, Sums, expect};
 
 /// The sums of a partial fit, apart by group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -81,8 +81,7 @@ impl PartialGroups {
     pub(super) fn check(&self, other: &Self) -> Result<(), MergeError> {
         expect(self.by.name(), other.by.name(), MergeError::GroupsAre)?;
         if self.split != other.split {
-            let (expected, found) = (self.split.seed, other.split.seed);
-            return Err(MergeError::Split(Mismatch { expected, found }));
+            return Err(MergeError::Split(self.split.seed, other.split.seed));
         }
         let known: HashSet<&str> = self.groups.iter().map(|group| group.label.as_str()).collect();
         let shared = |group: &&PartialGroup| known.contains(group.label.as_str());
