@@ -30,22 +30,26 @@ const NODES: [(f64, f64); 14] = [
     (5.0, 0.034),
 ];
 
-/// The slope of the curve at a node, per mm.
-fn slope(node: usize) -> f64 {
-    let secant = |i: usize| (NODES[i + 1].1 - NODES[i].1) / (NODES[i + 1].0 - NODES[i].0);
-    match node {
-        0 => secant(0),
-        // Beyond the table the curve stays where it is.
-        _ if node + 1 == NODES.len() => 0.0,
-        _ => {
-            let (before, after) = (secant(node - 1), secant(node));
-            let left = NODES[node].0 - NODES[node - 1].0;
-            let right = NODES[node + 1].0 - NODES[node].0;
+/// The slope of the curve at each node, per mm.
+const SLOPES: [f64; NODES.len()] = {
+    let mut slopes = [0.0; NODES.len()];
+    slopes[0] = secant(0);
+    let mut i = 1;
+    while i + 1 < NODES.len() {
+        let (before, after) = (secant(i - 1), secant(i));
+        if before * after > 0.0 {
+            let (left, right) = (NODES[i].0 - NODES[i - 1].0, NODES[i + 1].0 - NODES[i].0);
             let (near, far) = (2.0 * right + left, right + 2.0 * left);
-            let is_extreme = before * after <= 0.0;
-            if is_extreme { 0.0 } else { (near + far) / (near / before + far / after) }
+            slopes[i] = (near + far) / (near / before + far / after);
         }
+        i += 1;
     }
+    // The last slope is zero: beyond the table the curve stays where it is.
+    slopes
+};
+
+const fn secant(i: usize) -> f64 {
+    (NODES[i + 1].1 - NODES[i].1) / (NODES[i + 1].0 - NODES[i].0)
 }
 
 /// Current at a reflector `distance_m` away, relative to that at the optimum (0.7 mm).
@@ -58,7 +62,7 @@ pub(super) fn current_at(distance_m: f64) -> f64 {
     let right = NODES[1..NODES.len() - 1].iter().take_while(|node| node.0 < x).count() + 1;
     let ((x0, y0), (x1, y1)) = (NODES[right - 1], NODES[right]);
     let (width, t) = (x1 - x0, (x - x0) / (x1 - x0));
-    let (m0, m1) = (width * slope(right - 1), width * slope(right));
+    let (m0, m1) = (width * SLOPES[right - 1], width * SLOPES[right]);
     let rise = y1 - y0;
     y0 + t * (m0 + t * (3.0 * rise - 2.0 * m0 - m1 + t * (m0 + m1 - 2.0 * rise)))
 }
