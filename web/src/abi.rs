@@ -34,18 +34,18 @@ extern "C" fn buffer(length: usize) -> *mut u8 {
     start
 }
 
-/// Answers the request; returns the number of outputs.
+/// Answers the request.
 #[unsafe(no_mangle)]
-extern "C" fn answer() -> usize {
+extern "C" fn answer() {
     let (files, request) = taken();
     let progress =
         Progress { bytes: &|bytes| progress(bytes as f64), folds: &|done, of| folds(done, of) };
-    give(crate::answer(&request, &files, progress))
+    give(crate::answer(&request, &files, progress));
 }
 
-/// Begins a connection with a board, or takes a turn in it; returns the number of outputs.
+/// Begins a connection with a board, or takes a turn in it.
 #[unsafe(no_mangle)]
-extern "C" fn board() -> usize {
+extern "C" fn board() {
     let (files, request) = taken();
     give(BOARD.with_borrow_mut(|board| match board {
         Some(session) => session.turn(&request, files.first().map_or(&[], |bytes| bytes)),
@@ -54,7 +54,7 @@ extern "C" fn board() -> usize {
             *board = begun;
             answer
         }
-    }))
+    }));
 }
 
 /// The files that came, and the request.
@@ -65,11 +65,10 @@ fn taken() -> (Vec<Arc<[u8]>>, Arc<[u8]>) {
     (files, request)
 }
 
-fn give(Answer { document, files }: Answer) -> usize {
+fn give(Answer { document, files }: Answer) {
     let (names, contents): (Vec<String>, Vec<Vec<u8>>) = files.into_iter().unzip();
     let document = json!({ "answer": document, "files": names }).to_string().into_bytes();
     OUTPUTS.set([vec![document], contents].concat());
-    OUTPUTS.with_borrow(Vec::len)
 }
 
 /// The number of outputs.

@@ -7,7 +7,7 @@ use calibration::FitError;
 use log_file::LogError;
 use output_file::OutputError;
 use serde_json::json;
-use shell_data::hint::Hint;
+use shell_data::hint::{Hint, with_causes};
 use shellcal::workflow::WorkflowError;
 
 use crate::Answer;
@@ -20,17 +20,7 @@ pub(crate) struct Failure {
 
 impl Failure {
     pub(crate) fn new(error: &dyn Error, hint: Option<String>) -> Self {
-        let mut text = error.to_string();
-        let mut cause = error.source();
-        while let Some(error) = cause {
-            // Transparent errors and their sources say the same.
-            let said = error.to_string();
-            if !text.ends_with(&said) {
-                text += &format!(": {said}");
-            }
-            cause = error.source();
-        }
-        Self { error: text, hint }
+        Self { error: with_causes(error), hint }
     }
 
     /// The same of some files.

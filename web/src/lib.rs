@@ -54,12 +54,6 @@ pub struct Progress<'a> {
     pub folds: &'a (dyn Fn(usize, usize) + Sync),
 }
 
-impl std::fmt::Debug for Progress<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Progress").finish_non_exhaustive()
-    }
-}
-
 /// What a page can ask for.
 #[derive(Deserialize)]
 #[serde(tag = "task", rename_all = "snake_case")]

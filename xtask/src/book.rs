@@ -5,7 +5,7 @@
 
 use std::collections::BTreeSet;
 use std::fs;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result};
@@ -58,27 +58,15 @@ fn copy(file: &Path, to: &Path) -> Result<()> {
 /// The table of contents, which mdBook wants above all pages, with the pages that it leaves out at its end: what
 /// links to them is to lead somewhere.
 fn summary(text: &str, files: &BTreeSet<PathBuf>) -> String {
-    let mut chapters = BTreeSet::from([PathBuf::from(SUMMARY)]);
-    let mut changed = String::new();
-    for line in text.lines() {
-        let link =
-            line.split_once("](").and_then(|(name, link)| Some((name, link.strip_suffix(')')?)));
-        changed += &match link {
-            Some((name, link)) => {
-                let path = normal(&Path::new("docs").join(link));
-                let line = format!("{name}]({})\n", path.display());
-                chapters.insert(path);
-                line
-            }
-            None => format!("{line}\n"),
-        };
+    let chapters = text.replace("](", "](docs/").replace("](docs/../", "](");
+    let mut summary = format!("{chapters}\n# Beside the code\n\n");
+    for page in files.iter().map(|file| file.display().to_string()) {
+        let is_chapter = page == SUMMARY || chapters.contains(&format!("]({page})"));
+        if page.ends_with(".md") && !is_chapter {
+            summary += &format!("- [{page}]({page})\n");
+        }
     }
-    changed += "\n# Beside the code\n\n";
-    let is_page = |file: &&PathBuf| file.extension().is_some_and(|extension| extension == "md");
-    for page in files.iter().filter(is_page).filter(|page| !chapters.contains(*page)) {
-        changed += &format!("- [{0}]({0})\n", page.display());
-    }
-    changed
+    summary
 }
 
 /// A page with the screens that tests have left, where it has a place for them: `<!-- screen: NAME -->`.
@@ -89,18 +77,6 @@ fn with_screens(text: &str) -> String {
         Some(format!("\n![{name}](data:image/png;base64,{})\n", screen.trim()))
     };
     text.split_inclusive('\n').map(|line| shown(line).unwrap_or_else(|| line.to_owned())).collect()
-}
-
-/// A path without `..`.
-fn normal(path: &Path) -> PathBuf {
-    let mut normal = PathBuf::new();
-    for part in path.components() {
-        match part {
-            Component::ParentDir => drop(normal.pop()),
-            part => normal.push(part),
-        }
-    }
-    normal
 }
 
 #[cfg(test)]

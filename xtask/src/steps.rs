@@ -1,7 +1,6 @@
 //! Running other programs, one step after the other, and saying what was run; and side by side, because many of them wait:
 //! for a board's line, an emulator, a browser.
 
-use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::{Mutex, PoisonError};
@@ -135,12 +134,12 @@ pub(crate) fn run_side_by_side(
     at_once: usize,
     next: impl Fn(&EndedJob) -> Option<Job> + Sync,
 ) -> Result<Vec<EndedJob>> {
-    let queue = Mutex::new(VecDeque::from(jobs));
+    let queue = Mutex::new(jobs.into_iter());
     let ended = Mutex::new(Vec::new());
-    let waiting = || queue.lock().unwrap_or_else(PoisonError::into_inner);
-    let first = || waiting().pop_front();
+    let first = || queue.lock().unwrap_or_else(PoisonError::into_inner).next();
     let worker = || -> Result<()> {
-        while let Some(Job { name, mut command }) = first() {
+        let mut more = None;
+        while let Some(Job { name, mut command }) = more.take().or_else(first) {
             let start = Instant::now();
             let run = command.stdin(Stdio::null()).output();
             let run = run.with_context(|| format!("cannot start {command:?}"))?;
@@ -148,9 +147,7 @@ pub(crate) fn run_side_by_side(
                 String::from_utf8_lossy(&run.stdout) + String::from_utf8_lossy(&run.stderr);
             let (output, succeeded) = (output.into_owned(), run.status.success());
             let job = EndedJob { name, succeeded, output };
-            if let Some(next) = next(&job) {
-                waiting().push_front(next);
-            }
+            more = next(&job);
             let mut ended = ended.lock().unwrap_or_else(PoisonError::into_inner);
             if !succeeded {
                 println!("{}", job.output);

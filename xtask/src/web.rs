@@ -13,7 +13,6 @@ use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
 use zopfli::Options;
 
-use crate::base64::encode_base64;
 use crate::compiler::Compiler;
 use crate::need::{Need, Way};
 use crate::steps::{self, scratch, target, workspace};
@@ -50,7 +49,7 @@ pub(crate) fn build() -> Result<PathBuf> {
         let path = workspace().join(path);
         fs::read_to_string(&path).with_context(|| format!("cannot read `{}`", path.display()))
     };
-    let data = |bytes: &[u8]| Ok::<_, anyhow::Error>(encode_base64(&pack(bytes)?));
+    let data = |bytes: &[u8]| Ok::<_, anyhow::Error>(base64(&pack(bytes)?));
     let example =
         |name: &str| data(read(&format!("calibration-data/synthetic-{name}.csv"))?.as_bytes());
     // That of the reports, because the page shows one.
@@ -83,7 +82,7 @@ pub(crate) fn build() -> Result<PathBuf> {
 
 /// The source of a policy that allows this very text.
 fn hash(text: &str) -> String {
-    format!("'sha256-{}'", encode_base64(&Sha256::digest(text)))
+    format!("'sha256-{}'", base64(&Sha256::digest(text)))
 }
 
 /// As small as gzip can be, which takes seconds.
@@ -97,4 +96,32 @@ fn gzip(bytes: &[u8]) -> Result<Vec<u8>> {
     let mut packed = GzEncoder::new(Vec::new(), Compression::best());
     packed.write_all(bytes)?;
     Ok(packed.finish()?)
+}
+
+/// Bytes as letters (RFC 4648, section 4).
+fn base64(bytes: &[u8]) -> String {
+    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
+    for three in bytes.chunks(3) {
+        let bits = three.iter().fold(0, |bits, &byte| bits << 8 | u32::from(byte))
+            << (24 - 8 * three.len());
+        for position in 0..4 {
+            let digit = DIGITS[(bits >> (18 - 6 * position) & 63) as usize];
+            text.push(if position <= three.len() { digit.into() } else { '=' });
+        }
+    }
+    text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::base64;
+
+    /// The test vectors of RFC 4648, section 10.
+    #[test]
+    fn texts_are_those_of_the_standard() {
+        let texts = ["", "f", "fo", "foo", "foob", "fooba", "foobar"];
+        let encoded = ["", "Zg==", "Zm8=", "Zm9v", "Zm9vYg==", "Zm9vYmE=", "Zm9vYmFy"];
+        assert_eq!(texts.map(|text| base64(text.as_bytes())), encoded);
+    }
 }

@@ -233,7 +233,7 @@ pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<
     Ok(())
 }
 
-fn is_power_of_two(value: f64) -> bool {
+pub(super) fn is_power_of_two(value: f64) -> bool {
     value > 0.0 && value.recip().is_normal() && value.to_bits().trailing_zeros() >= 52
 }
 

@@ -33,6 +33,11 @@ impl DocumentKind {
         }
     }
 
+    /// That it is longer.
+    pub(crate) fn too_long(self) -> io::Error {
+        refusal(format!("it is longer than the {} MB that are read", self.budget() >> 20))
+    }
+
     /// What is wrong with how it begins.
     fn check(self, first: &[u8]) -> Result<(), &'static str> {
         match self {
@@ -48,24 +53,20 @@ impl DocumentKind {
 /// # Errors
 /// What the system says; `InvalidData` if it is too long or begins as no such document does.
 pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {
-    let refuse = |why: String| Err(io::Error::new(io::ErrorKind::InvalidData, why));
     // Before it is opened: whoever opens a pipe waits for its writer.
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() && !metadata.is_dir() {
-        return refuse("it is not a regular file".to_owned());
+        return Err(refusal("it is not a regular file"));
     }
     let file = File::open(path)?;
     let (length, budget) = (file.metadata()?.len(), document.budget());
-    let too_long = format!("it is longer than the {} MB that are read", budget >> 20);
     if length > budget {
-        return refuse(too_long);
+        return Err(document.too_long());
     }
     let mut bytes = Vec::with_capacity(usize::try_from(length).unwrap_or(0));
     let mut file = file.take(budget + 1);
     file.by_ref().take(1 << 12).read_to_end(&mut bytes)?;
-    if let Err(why) = document.check(&bytes) {
-        return refuse(why.to_owned());
-    }
+    document.check(&bytes).map_err(refusal)?;
     let first = bytes.trim_ascii_start().first();
     if document == DocumentKind::Json && first != Some(&b'{') {
         // The beginning is enough to say what is wrong with it.
@@ -73,19 +74,19 @@ pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {
     }
     file.read_to_end(&mut bytes)?;
     if bytes.len() as u64 > budget {
-        return refuse(too_long);
+        return Err(document.too_long());
     }
     Ok(bytes)
 }
 
-/// What `parse` makes of the JSON document at `path`.
+/// What `parse` makes of the document at `path`.
 pub(crate) fn document<T>(
     path: &Path,
+    kind: DocumentKind,
     parse: impl Fn(&[u8]) -> Result<T, Problem>,
 ) -> Result<T, CalibrationFileError> {
-    let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-    let text = read(path, DocumentKind::Json).map_err(|error| problem(Problem::Io(error)))?;
-    parse(&text).map_err(problem)
+    let content = read(path, kind).map_err(Problem::Io).and_then(|bytes| parse(&bytes));
+    content.map_err(|problem| CalibrationFileError { path: path.to_path_buf(), problem })
 }
 
 /// The text of a document.
@@ -98,8 +99,12 @@ pub fn read_text(path: &Path) -> io::Result<String> {
         let line =
             1 + memchr::memchr_iter(b'\n', &error.as_bytes()[..error.utf8_error().valid_up_to()])
                 .count();
-        io::Error::new(io::ErrorKind::InvalidData, format!("line {line} is not UTF-8"))
+        refusal(format!("line {line} is not UTF-8"))
     })
+}
+
+fn refusal(why: impl Into<String>) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, why.into())
 }
 
 #[cfg(test)]

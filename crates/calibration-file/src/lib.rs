@@ -44,7 +44,6 @@ pub mod code;
 mod document;
 pub mod input;
 mod layout;
-mod matlab;
 pub mod matrix;
 mod origin;
 mod partial;
@@ -59,9 +58,7 @@ use serde::de::IgnoredAny;
 
 use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
-pub use self::partial::{
-    MergeError, Mismatch, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums,
-};
+pub use self::partial::{MergeError, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums};
 use calibration::plausibility::Implausible;
 use calibration::{Calibration, Kind};
 use input::DocumentKind;
@@ -215,7 +212,7 @@ impl CalibrationFile {
     /// # Errors
     /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
-        input::document(path, Self::parse)
+        input::document(path, DocumentKind::Json, Self::parse)
     }
 
     /// Reads the JSON document at `path`, which somebody has edited.
@@ -223,7 +220,7 @@ impl CalibrationFile {
     /// # Errors
     /// Those of [`Self::read`] but for the checksum.
     pub fn read_edited(path: &Path) -> Result<Self, CalibrationFileError> {
-        input::document(path, Self::parse_edited)
+        input::document(path, DocumentKind::Json, Self::parse_edited)
     }
 
     /// Reads a JSON document.
@@ -284,18 +281,8 @@ impl CalibrationFile {
         path: &Path,
         options: &matrix::ImportOptions,
     ) -> Result<Self, CalibrationFileError> {
-        let problem = |problem| CalibrationFileError { path: path.to_path_buf(), problem };
-        let bytes =
-            input::read(path, DocumentKind::Matrix).map_err(|error| problem(Problem::Io(error)))?;
-        let calibration = if matlab::is_matlab(&bytes) {
-            matlab::parse(&bytes, options)
-        } else if bytes.contains(&0) {
-            let why = "it is neither text nor of version 5; save it with `-v6` or `-v7`";
-            Err(matlab::unreadable(why))
-        } else {
-            matrix::parse_csv(&bytes, options).map_err(MatrixError::Unusable)
-        };
-        let calibration = calibration.map_err(|error| problem(Problem::Matrix(error)))?;
+        let parse = |bytes: &[u8]| matrix::parse(bytes, options).map_err(Problem::Matrix);
+        let calibration = input::document(path, DocumentKind::Matrix, parse)?;
         let rows = calibration.polynomial().map_or(0, |p| p.coefficients().len()) as u64;
         let (role, path) = (Role::Matrix, path.into());
         let source = SourceFile { role, path, checksum: None, digest: None, rows };

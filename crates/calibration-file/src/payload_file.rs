@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::input::{self, DocumentKind};
 use crate::origin::as_unicode;
-use crate::{JsonFault, LARGEST};
+use crate::{CalibrationFileError, JsonFault, LARGEST, Problem};
 use forces::payload::{Accelerometer, Payload, PayloadFit};
 
 /// The version of the documents that this program writes and reads.
@@ -51,16 +51,6 @@ pub struct PayloadSource {
     pub rows: u64,
 }
 
-/// A payload file that cannot be used.
-#[derive(Debug, thiserror::Error)]
-#[error("`{}`: {problem}", path.display())]
-pub struct PayloadFileError {
-    /// The file.
-    pub path: PathBuf,
-    /// What is wrong with it.
-    pub problem: String,
-}
-
 #[derive(Serialize)]
 struct PayloadDocument<'f> {
     kind: &'static str,
@@ -73,12 +63,10 @@ impl PayloadFile {
     /// Reads the document at `path`.
     ///
     /// # Errors
-    /// [`PayloadFileError`] with line and column.
-    pub fn read(path: &Path) -> Result<Self, PayloadFileError> {
-        let problem = |problem| PayloadFileError { path: path.to_path_buf(), problem };
-        let text = input::read(path, DocumentKind::Json)
-            .map_err(|error| problem(format!("cannot read it: {error}")))?;
-        Self::parse(&text).map_err(problem)
+    /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
+    pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
+        let parse = |text: &[u8]| Self::parse(text).map_err(Problem::Inconsistent);
+        input::document(path, DocumentKind::Json, parse)
     }
 
     /// Reads a document; what is wrong with it otherwise.

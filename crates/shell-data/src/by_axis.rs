@@ -17,10 +17,17 @@ thread_local! {
 
 /// Reads or writes a document of these axes on this thread. Outside of it a document has all six axes.
 pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
-    let outside = AXES.replace(axes);
-    let done = act();
-    AXES.set(outside);
-    done
+    let _outside = Outside(AXES.replace(axes));
+    act()
+}
+
+/// The axes outside of a document, which are restored also when reading or writing it panics.
+struct Outside(Axes);
+
+impl Drop for Outside {
+    fn drop(&mut self) {
+        AXES.set(self.0);
+    }
 }
 
 /// The axes of the document that this thread reads or writes.
@@ -155,7 +162,8 @@ mod tests {
         assert_eq!(read(&text).unwrap(), Row([0, 0, 3, 4, 0, 0]));
         assert!(read("[3]").unwrap_err().to_string().starts_with("`1` values for `2` axes"));
         assert_eq!(serde_json::to_string(&axes).unwrap(), "[\"fz_n\",\"mx_nm\"]");
-        // Outside of it there are all six.
+        // Outside of it there are all six, also after a panic.
+        std::panic::catch_unwind(|| among(axes, || panic!("within"))).unwrap_err();
         assert_eq!(serde_json::to_string(&row).unwrap(), "[1,2,3,4,5,6]");
     }
 }

@@ -13,9 +13,11 @@ pub trait Hint {
 
 /// An error with its causes, one after the other.
 pub fn with_causes(error: &dyn Error) -> String {
-    match error.source() {
-        Some(cause) => format!("{error}: {}", with_causes(cause)),
-        None => error.to_string(),
+    let text = error.to_string();
+    match error.source().map(with_causes) {
+        // Some errors say their cause themselves.
+        Some(cause) if !text.ends_with(&cause) => format!("{text}: {cause}"),
+        _ => text,
     }
 }
 

@@ -6,10 +6,20 @@
 //! or over TCP, behind a [`radio`] that loses and damages packets.
 
 /// Settings that are not those of an instrument, a recording, a trial, a load or a radio: what was asked for, and what
-/// can be simulated.
+/// can be simulated. Or a line that the system does not give to a board.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{0}")]
-pub struct SettingsError(String);
+pub struct SimulationError(String);
+
+/// Returns what cannot be simulated as a [`SimulationError`], unless a condition holds.
+macro_rules! ensure {
+    ($holds:expr, $($text:tt)+) => {
+        let holds: bool = $holds;
+        if !holds {
+            return Err(SimulationError(format!($($text)+)));
+        }
+    };
+}
 
 pub mod channel_study;
 pub mod radio;

@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::SettingsError;
+use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 
 /// How a link fails; without any it is perfect.
@@ -72,8 +72,8 @@ pub struct Radio {
 
 impl Faults {
     /// # Errors
-    /// [`SettingsError`]: a share is outside 0 to 1, or bursts have no length.
-    fn check(&self) -> Result<(), SettingsError> {
+    /// [`SimulationError`]: a share is outside 0 to 1, or bursts have no length.
+    fn check(&self) -> Result<(), SimulationError> {
         let shares = [
             ("loss", self.loss),
             ("a share of bursts", self.bursts),
@@ -81,17 +81,14 @@ impl Faults {
             ("reordering", self.reordering),
             ("corruption", self.corruption),
         ];
-        let refuse = |what: &str, value: f64, wanted: &str| {
-            Err(SettingsError(format!("{what} of {value}, where {wanted} is wanted")))
-        };
-        let burst = self.burst_packets;
-        match shares.into_iter().find(|(_, share)| !(0.0..=1.0).contains(share)) {
-            Some((what, share)) => refuse(what, share, "a share from 0 to 1"),
-            None if self.bursts > 0.0 && !(burst.is_finite() && burst >= 1.0) => {
-                refuse("a burst", burst, "a mean of 1 packet or more")
-            }
-            None => Ok(()),
+        for (what, share) in shares {
+            let is_share = (0.0..=1.0).contains(&share);
+            ensure!(is_share, "{what} of {share}, where a share from 0 to 1 is wanted");
         }
+        let burst = self.burst_packets;
+        let has_length = self.bursts == 0.0 || (burst.is_finite() && burst >= 1.0);
+        ensure!(has_length, "a burst of {burst}, where a mean of 1 packet or more is wanted");
+        Ok(())
     }
 }
 
@@ -99,8 +96,8 @@ impl Radio {
     /// A link with faults that `seed` places.
     ///
     /// # Errors
-    /// [`SettingsError`].
-    pub fn new(faults: Faults, seed: u64) -> Result<Self, SettingsError> {
+    /// [`SimulationError`].
+    pub fn new(faults: Faults, seed: u64) -> Result<Self, SimulationError> {
         faults.check()?;
         Ok(Self {
             faults,

@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use output_file::{OutputError, Outputs};
-use simulation::SettingsError;
+use simulation::SimulationError;
 use simulation::synthetic_log::{
     FRAME_HEADER, TrialLayout, write_frame, write_telemetry_header, write_telemetry_row,
 };
@@ -16,7 +16,7 @@ use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTria
 pub enum SyntheticTrialError {
     /// The settings make no trial.
     #[error(transparent)]
-    Settings(#[from] SettingsError),
+    Settings(#[from] SimulationError),
     /// The rows cannot be written.
     #[error("cannot write the trial")]
     Write(#[from] io::Error),

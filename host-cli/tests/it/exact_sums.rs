@@ -8,7 +8,7 @@ use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, Rows, Solution, SolverKind, Workers, exact_moments};
 use proptest::prelude::*;
 use shell_data::block::Block;
-use shell_data::wrench::{Axes, Axis};
+use shell_data::wrench::Axis;
 use system_tests::random::Random;
 
 type Columns = Vec<Vec<f64>>;
@@ -164,8 +164,8 @@ fn one_two_and_seven_threads_give_the_same_solution() {
 fn moments_survive_being_written_down() {
     let (readings, wrench) = rows(4, 300, 3, 16);
     let moments = sum(Basis::Poly3, &readings, &wrench).unwrap();
-    let stored = StoredMoments::of(&moments, Axes::ALL);
-    assert_eq!(Moments::from_stored(stored.clone(), Axes::ALL).unwrap(), moments);
+    let stored = StoredMoments::from(moments.clone());
+    assert_eq!(Moments::try_from(stored.clone()).unwrap(), moments);
     let spoil: [fn(&mut StoredMoments); 4] = [
         |stored| stored.rows += 1,
         |stored| stored.basis = Basis::Cubic,
@@ -175,7 +175,7 @@ fn moments_survive_being_written_down() {
     for (case, spoil) in spoil.into_iter().enumerate() {
         let mut spoilt = stored.clone();
         spoil(&mut spoilt);
-        assert!(Moments::from_stored(spoilt, Axes::ALL).is_err(), "{case}");
+        assert!(Moments::try_from(spoilt).is_err(), "{case}");
     }
 }
 

@@ -160,7 +160,8 @@ fn units_differ_by_the_spread_and_have_their_names() {
     let n = gains.len() as f64;
     let mean = gains.iter().sum::<f64>() / n;
     let sd = (gains.iter().map(|g| (g - mean) * (g - mean)).sum::<f64>() / n).sqrt();
-    let expected = drawing.spread.gain * drawing.channels[0].gain;
+    // Gains spread by 10 %.
+    let expected = 0.10 * drawing.channels[0].gain;
     // Five standard deviations of mean and sd; cutting off at 3 sigma takes 1.3 % from the sd.
     assert!((mean - 0.85).abs() < 5.0 * expected / n.sqrt(), "{mean}");
     assert!((sd / expected - 0.987).abs() < 5.0 / (2.0 * n).sqrt(), "{sd}");

@@ -23,7 +23,8 @@ use super::super::document::read;
 use super::super::layout::to_json;
 use super::super::{CalibrationFileError, Problem, Role};
 use super::{PartialFit, PartialGroup, PartialGroups, Sums};
-use crate::{checksum, input};
+use crate::checksum;
+use crate::input::{self, DocumentKind};
 use calibration::model::Model;
 use calibration::validation::grouped::{GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::{Deserialize, Serialize};
@@ -51,7 +52,7 @@ impl PartialFit {
     /// # Errors
     /// [`CalibrationFileError`] if it cannot be read, or as [`Self::parse`].
     pub fn read(path: &Path) -> Result<Self, CalibrationFileError> {
-        input::document(path, Self::parse)
+        input::document(path, DocumentKind::Json, Self::parse)
     }
 
     /// Reads the JSON document at `path`, which somebody has edited, or a program that wrote no checksums has written.
@@ -59,7 +60,7 @@ impl PartialFit {
     /// # Errors
     /// Those of [`Self::read`] but for the checksum.
     pub fn read_edited(path: &Path) -> Result<Self, CalibrationFileError> {
-        input::document(path, Self::parse_edited)
+        input::document(path, DocumentKind::Json, Self::parse_edited)
     }
 
     /// Reads a JSON document.

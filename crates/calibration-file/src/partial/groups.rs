@@ -13,8 +13,7 @@ use calibration::fit::RowSums;
 use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
 use serde::{Deserialize, Serialize};
 
-use super::sums::each_moments;
-use super::{MergeError, Mismatch, PartialFit, SourceFile, Sums, expect};
+use super::{MergeError, PartialFit, SourceFile, Sums, expect};
 
 /// The sums of a partial fit, apart by group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -25,7 +24,6 @@ pub struct PartialGroups {
     #[serde(flatten)]
     pub split: RandomSplit,
     /// The sums of the random folds that are held out; none of rows that are not summed exactly.
-    #[serde(with = "each_moments")]
     pub random: Vec<Moments>,
     /// The groups.
     #[serde(rename = "sums")]
@@ -83,8 +81,7 @@ impl PartialGroups {
     pub(super) fn check(&self, other: &Self) -> Result<(), MergeError> {
         expect(self.by.name(), other.by.name(), MergeError::GroupsAre)?;
         if self.split != other.split {
-            let (expected, found) = (self.split.seed, other.split.seed);
-            return Err(MergeError::Split(Mismatch { expected, found }));
+            return Err(MergeError::Split(self.split.seed, other.split.seed));
         }
         let known: HashSet<&str> = self.groups.iter().map(|group| group.label.as_str()).collect();
         let shared = |group: &&PartialGroup| known.contains(group.label.as_str());

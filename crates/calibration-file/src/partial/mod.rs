@@ -67,39 +67,30 @@ fn are_all(axes: &Axes) -> bool {
     axes.are_all()
 }
 
-/// A property that differs between two partial fits that are to be merged.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Mismatch<T> {
-    /// Its value in the first.
-    pub expected: T,
-    /// Its value in the second.
-    pub found: T,
-}
-
 /// Compares a property of two partial fits.
 fn expect<T: PartialEq>(
     expected: T,
     found: T,
-    error: fn(Mismatch<T>) -> MergeError,
+    error: fn(T, T) -> MergeError,
 ) -> Result<(), MergeError> {
     match expected == found {
         true => Ok(()),
-        false => Err(error(Mismatch { expected, found })),
+        false => Err(error(expected, found)),
     }
 }
 
-/// Why two partial fits cannot be merged.
+/// Why two partial fits cannot be merged. What differs is given as the first has it and as the other.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MergeError {
     /// They are parts of different fits.
-    #[error("it is for `{}`, expected `{}`", .0.found, .0.expected)]
-    Model(Mismatch<String>),
+    #[error("it is for `{1}`, expected `{0}`")]
+    Model(String, String),
     /// They are for different sensors.
-    #[error("it has `{}` channels, expected `{}`", .0.found, .0.expected)]
-    Channels(Mismatch<usize>),
+    #[error("it has `{1}` channels, expected `{0}`")]
+    Channels(usize, usize),
     /// Their logs have different axes of the wrench.
-    #[error("it has the axes {}, expected {}", .0.found, .0.expected)]
-    Axes(Mismatch<Axes>),
+    #[error("it has the axes {1}, expected {0}")]
+    Axes(Axes, Axes),
     /// They are of different columns, or of the same in another order or unit.
     #[error("its column {position} is `{found}`, expected `{expected}`")]
     Columns {
@@ -111,23 +102,23 @@ pub enum MergeError {
         found: String,
     },
     /// They are of different sensors by their labels.
-    #[error("it is of the sensor `{}`, expected `{}`", .0.found, .0.expected)]
-    Serial(Mismatch<String>),
+    #[error("it is of the sensor `{1}`, expected `{0}`")]
+    Serial(String, String),
     /// A file would be counted twice.
     #[error("its rows of `{0}` have been counted already")]
     Twice(String),
     /// One has exact sums, the other R factors.
-    #[error("it has {}, expected {}: readings or loads of one are no exact sums", .0.found, .0.expected)]
-    Kind(Mismatch<&'static str>),
+    #[error("it has {1}, expected {0}: readings or loads of one are no exact sums")]
+    Kind(&'static str, &'static str),
     /// Only one of them has sums of groups: the second, if true.
     #[error("it keeps {} sums of groups, expected {}", which(*.0), which(!*.0))]
     Groups(bool),
     /// Their groups are of different kinds.
-    #[error("its groups are those of `{}`, expected `{}`", .0.found, .0.expected)]
-    GroupsAre(Mismatch<&'static str>),
+    #[error("its groups are those of `{1}`, expected `{0}`")]
+    GroupsAre(&'static str, &'static str),
     /// Rows were assigned to random folds in different ways: the seeds.
-    #[error("its rows were assigned at random by the seed `{}`, expected `{}`", .0.found, .0.expected)]
-    Split(Mismatch<u64>),
+    #[error("its rows were assigned at random by the seed `{1}`, expected `{0}`")]
+    Split(u64, u64),
     /// Files are groups, and two of them have one name.
     #[error("another file with other rows is called `{0}` as well")]
     SameName(String),
@@ -195,8 +186,7 @@ impl PartialFit {
     pub fn merge(&mut self, other: &PartialFit) -> Result<(), MergeError> {
         expect(self.model.channels, other.model.channels, MergeError::Channels)?;
         if self.model != other.model {
-            let (expected, found) = (self.model.name(), other.model.name());
-            return Err(MergeError::Model(Mismatch { expected, found }));
+            return Err(MergeError::Model(self.model.name(), other.model.name()));
         }
         expect(self.axes, other.axes, MergeError::Axes)?;
         self.check_columns(other)?;

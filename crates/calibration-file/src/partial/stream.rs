@@ -58,11 +58,7 @@ impl<R: BufRead> PartialStream<R> {
             }
         }
         if self.document.len() as u64 > DocumentKind::Json.budget() {
-            let message = format!(
-                "it is longer than the {} MB that are read",
-                DocumentKind::Json.budget() >> 20
-            );
-            return Err(io::Error::new(io::ErrorKind::InvalidData, message));
+            return Err(DocumentKind::Json.too_long());
         }
         Ok(!self.document.trim_ascii().is_empty())
     }

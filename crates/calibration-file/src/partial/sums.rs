@@ -1,24 +1,27 @@
 //! What a partial fit keeps of its rows, in memory and in a document.
 
-use calibration::exact::{Moments, StoredMoments};
+use calibration::exact::Moments;
 use calibration::factored::FactoredRows;
 use calibration::model::{Basis, MAX_CHANNELS, Model};
 use calibration::reading_ranges::{ReadingRange, ReadingRanges};
 use calibration::scaling::Scaling;
 use serde::{Deserialize, Serialize};
-use shell_data::by_axis;
 
 use super::MergeError;
 use crate::LARGEST;
+use crate::document::is_power_of_two;
 
 /// What is kept of some rows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(try_from = "SumsDocument", into = "SumsDocument")]
+// What serde calls it where a document has neither.
+#[serde(rename = "`moments` or `triangle`")]
 pub enum Sums {
     /// Exact sums: merged in any order they are the same, bit for bit.
+    #[serde(rename = "moments")]
     Exact(Moments),
     /// The R factor of rows that cannot be summed exactly: merged in another order it differs in its last digits.
-    Factored(FactoredRows),
+    #[serde(rename = "triangle")]
+    Factored(#[serde(with = "r_factor")] FactoredRows),
 }
 
 impl Sums {
@@ -74,61 +77,6 @@ impl Sums {
     }
 }
 
-/// Sums in a document: one of the two.
-#[derive(Serialize, Deserialize)]
-struct SumsDocument {
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    moments: Option<StoredMoments>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    triangle: Option<RFactorDocument>,
-}
-
-impl From<Sums> for SumsDocument {
-    fn from(sums: Sums) -> Self {
-        let (moments, triangle) = match &sums {
-            Sums::Exact(moments) => (Some(StoredMoments::of(moments, by_axis::axes())), None),
-            Sums::Factored(rows) => (None, Some(RFactorDocument::new(rows))),
-        };
-        Self { moments, triangle }
-    }
-}
-
-impl TryFrom<SumsDocument> for Sums {
-    type Error = String;
-
-    fn try_from(SumsDocument { moments, triangle }: SumsDocument) -> Result<Self, String> {
-        match (moments, triangle) {
-            (Some(moments), None) => Ok(Self::Exact(read_moments(moments)?)),
-            (None, Some(triangle)) => {
-                let rows = triangle.value().map_err(|error| format!("`triangle`: {error}"))?;
-                Ok(Self::Factored(rows))
-            }
-            (None, None) => Err("missing field `moments` or `triangle`".to_owned()),
-            (Some(_), Some(_)) => Err("it has both `moments` and `triangle`".to_owned()),
-        }
-    }
-}
-
-fn read_moments(stored: StoredMoments) -> Result<Moments, String> {
-    Moments::from_stored(stored, by_axis::axes()).map_err(|error| format!("`moments`: {error}"))
-}
-
-/// Several exact sums in a document.
-pub(super) mod each_moments {
-    use super::{Deserialize, Moments, StoredMoments, by_axis, read_moments};
-    use serde::de::Error;
-    use serde::{Deserializer, Serializer};
-
-    pub(crate) fn serialize<S: Serializer>(sums: &[Moments], to: S) -> Result<S::Ok, S::Error> {
-        to.collect_seq(sums.iter().map(|moments| StoredMoments::of(moments, by_axis::axes())))
-    }
-
-    pub(crate) fn deserialize<'de, D: Deserializer<'de>>(of: D) -> Result<Vec<Moments>, D::Error> {
-        let stored: Vec<StoredMoments> = Vec::deserialize(of)?;
-        stored.into_iter().map(|one| read_moments(one).map_err(D::Error::custom)).collect()
-    }
-}
-
 /// Rows that cannot be summed exactly, in a document: the R factor of their features and wrench.
 #[derive(Serialize, Deserialize)]
 struct RFactorDocument {
@@ -141,17 +89,28 @@ struct RFactorDocument {
     columns: Vec<Vec<f64>>,
 }
 
-impl RFactorDocument {
-    fn new(rows: &FactoredRows) -> Self {
-        Self {
+mod r_factor {
+    use super::{Deserialize, FactoredRows, RFactorDocument, Serialize};
+    use serde::de::Error;
+    use serde::{Deserializer, Serializer};
+
+    pub(super) fn serialize<S: Serializer>(rows: &FactoredRows, to: S) -> Result<S::Ok, S::Error> {
+        let document = RFactorDocument {
             basis: rows.model().basis,
             rows: rows.rows(),
             scaling: rows.scaling().clone(),
             channels: rows.reading_ranges().channels.clone(),
             columns: rows.columns(),
-        }
+        };
+        document.serialize(to)
     }
 
+    pub(super) fn deserialize<'de, D: Deserializer<'de>>(of: D) -> Result<FactoredRows, D::Error> {
+        RFactorDocument::deserialize(of)?.value().map_err(D::Error::custom)
+    }
+}
+
+impl RFactorDocument {
     /// # Errors
     /// What does not fit together.
     fn value(self) -> Result<FactoredRows, String> {
@@ -163,8 +122,7 @@ impl RFactorDocument {
         ensure!(are_as_many, "`scaling` and `channels` are not of as many channels");
         let model = Model { basis, intercept: true, channels: count, memory: 0 };
         model.check_size().map_err(|error| error.to_string())?;
-        let is_power_of_two = |scale: &f64| scale.is_normal() && scale.to_bits() << 12 == 0;
-        let are_powers = scale.iter().all(|scale| *scale > 0.0 && is_power_of_two(scale));
+        let are_powers = scale.iter().copied().all(is_power_of_two);
         ensure!(are_powers, "a `scale` is no power of two");
         let small = |x: &f64| x.abs() <= LARGEST;
         let ranges = channels.iter().flat_map(|range| [&range.min, &range.max]);

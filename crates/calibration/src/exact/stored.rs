@@ -10,6 +10,7 @@ use super::integers::ScaledIntegers;
 use super::layout::pair;
 use super::{ChannelRange, MAX_ROWS, Moments};
 use crate::model::{Basis, Model};
+use shell_data::by_axis;
 use shell_data::wrench::{Axes, Axis};
 
 /// [`Moments`] as a file holds them: integers as decimal strings, since they exceed what readers of
@@ -59,9 +60,10 @@ fn pairs(axes: Axes) -> Vec<usize> {
     axes.iter().flat_map(of).collect()
 }
 
-impl StoredMoments {
-    /// The sums of these axes alone.
-    pub fn of(moments: &Moments, axes: Axes) -> Self {
+/// The sums of the axes of the [document](by_axis) alone.
+impl From<Moments> for StoredMoments {
+    fn from(moments: Moments) -> Self {
+        let axes = by_axis::axes();
         let stored = |scaled: &ScaledIntegers| StoredIntegers {
             exponent: scaled.exponent,
             values: scaled.values.iter().map(BigInt::to_string).collect(),
@@ -69,7 +71,7 @@ impl StoredMoments {
         Self {
             basis: moments.basis,
             rows: moments.rows,
-            channels: moments.channels.clone(),
+            channels: moments.channels,
             readings: moments.readings.iter().map(i128::to_string).collect(),
             wrench: axes.iter().map(|axis| stored(&moments.wrench[axis.index()])).collect(),
             squares: pairs(axes)
@@ -80,12 +82,13 @@ impl StoredMoments {
     }
 }
 
-impl Moments {
-    /// Sums of these axes; those of the others are zero.
-    ///
+/// Sums of the axes of the [document](by_axis); those of the others are zero.
+impl TryFrom<StoredMoments> for Moments {
+    type Error = String;
+
     /// # Errors
     /// What does not fit together, if they cannot be the sums of any rows.
-    pub fn from_stored(stored: StoredMoments, axes: Axes) -> Result<Self, String> {
+    fn try_from(stored: StoredMoments) -> Result<Self, String> {
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }
@@ -107,6 +110,7 @@ impl Moments {
                 .ok_or_else(|| format!("`{found}` {what}, expected `{expected}`"))
         };
         expect("sums of readings", stored.readings.len(), moments.readings.len())?;
+        let axes = by_axis::axes();
         let squares = pairs(axes);
         expect("axes", stored.wrench.len(), axes.count())?;
         expect("products of axes", stored.squares.len(), squares.len())?;
@@ -140,7 +144,9 @@ impl Moments {
         moments.check_possible()?;
         Ok(moments)
     }
+}
 
+impl Moments {
     /// Whether these can be the sums of some of the rows of `whole`. Where they cannot, taking them away
     /// from it would leave sums of no rows.
     pub fn can_be_part_of(&self, whole: &Moments) -> bool {

@@ -12,7 +12,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use crate::SettingsError;
+use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::{PerAxis, cross};
 
@@ -195,25 +195,24 @@ impl LoadTable {
     /// Of one row per time; the first time is the start.
     ///
     /// # Errors
-    /// [`SettingsError`] if there are no rows, a time does not come after that of the row before, or a number is
+    /// [`SimulationError`] if there are no rows, a time does not come after that of the row before, or a number is
     /// not finite.
-    pub fn new(rows: impl IntoIterator<Item = (f64, PerAxis<f64>)>) -> Result<Self, SettingsError> {
+    pub fn new(
+        rows: impl IntoIterator<Item = (f64, PerAxis<f64>)>,
+    ) -> Result<Self, SimulationError> {
         let (mut times_s, mut wrenches) = (Vec::<f64>::new(), Vec::new());
         for (row, (time_s, wrench)) in (1..).zip(rows) {
-            if !(time_s.is_finite() && times_s.last().is_none_or(|&last| time_s > last)) {
-                return Err(SettingsError(format!(
-                    "data row {row}: time {time_s} s does not come after the time of the row before"
-                )));
-            }
-            if !wrench.iter().all(|value| value.is_finite()) {
-                return Err(SettingsError(format!("data row {row}: a load that is not finite")));
-            }
+            let is_later = time_s.is_finite() && times_s.last().is_none_or(|&last| time_s > last);
+            ensure!(
+                is_later,
+                "data row {row}: time {time_s} s does not come after the time of the row before"
+            );
+            let is_finite = wrench.iter().all(|value| value.is_finite());
+            ensure!(is_finite, "data row {row}: a load that is not finite");
             times_s.push(time_s);
             wrenches.push(wrench);
         }
-        if times_s.is_empty() {
-            return Err(SettingsError("no rows".to_owned()));
-        }
+        ensure!(!times_s.is_empty(), "no rows");
         Ok(Self { times_s, wrenches })
     }
 

@@ -28,17 +28,14 @@ mod springs;
 pub use geometry::Reflector;
 pub use load::{LoadScript, LoadTable};
 pub use pair::{Pair, PairSettings};
-pub use parameters::{
-    Reference, SensorChannel, SensorNoise, SensorParameters, Surroundings, UnitSpread,
-};
+pub use parameters::{Reference, SensorChannel, SensorNoise, SensorParameters, Surroundings};
 pub use recording::{
     RecordingKind, RecordingSettings, ReferenceSensor, SensorRecording, SensorSample,
 };
-pub use response::Response;
 use springs::compliance;
 pub use springs::{Creep, Displacement, Hysteresis, Spring, stiffness};
 
-use crate::SettingsError;
+use crate::SimulationError;
 use geometry::RigidMotion;
 use shell_data::random::{Purpose, RandomStream};
 use springs::Suspension;
@@ -69,14 +66,11 @@ pub const LIMIT: f64 = 1e6;
 /// One instrument during one recording.
 #[derive(Clone, Debug)]
 pub struct SensorModel {
-    channels: [SensorChannel; 8],
+    unit: SensorParameters,
     normals: [[f64; 3]; 8],
-    response: Response,
     suspension: Suspension,
-    surroundings: Surroundings,
     start_k: f64,
     ambient: [f64; 8],
-    noise: SensorNoise,
     full_scale: f64,
     random: RandomStream,
 }
@@ -86,27 +80,20 @@ impl SensorModel {
     /// names, with no load so far.
     ///
     /// # Errors
-    /// [`SettingsError`] if the springs leave the plate loose or the converter cannot be modelled.
-    pub fn new(unit: &SensorParameters, seed: u64) -> Result<Self, SettingsError> {
-        if !(8..=16).contains(&unit.adc_bits) {
-            return Err(SettingsError(format!(
-                "a converter of {} bits, where 8 to 16 can be modelled",
-                unit.adc_bits
-            )));
-        }
+    /// [`SimulationError`] if the springs leave the plate loose or the converter cannot be modelled.
+    pub fn new(unit: &SensorParameters, seed: u64) -> Result<Self, SimulationError> {
+        let (bits, is_known) = (unit.adc_bits, (8..=16).contains(&unit.adc_bits));
+        ensure!(is_known, "a converter of {bits} bits, where 8 to 16 can be modelled");
         let loose =
-            || SettingsError("the springs do not hold the plate in all six directions".into());
+            || SimulationError("the springs do not hold the plate in all six directions".into());
         let compliance = compliance(&stiffness(&unit.springs)).ok_or_else(loose)?;
         let mut session = RandomStream::new(seed, Purpose::Session, 0);
         Ok(Self {
-            channels: unit.channels,
+            unit: unit.clone(),
             normals: unit.channels.map(|channel| channel.reflector.normal()),
-            response: Response::gp2s60(),
             suspension: Suspension::new(compliance, unit.creep, unit.hysteresis),
-            surroundings: unit.surroundings,
             start_k: unit.surroundings.start_k * session.normal(),
             ambient: std::array::from_fn(|_| unit.surroundings.ambient * session.normal()),
-            noise: unit.noise,
             full_scale: f64::from(1_u32 << unit.adc_bits),
             random: RandomStream::new(seed, Purpose::Readings, 0),
         })
@@ -139,10 +126,10 @@ impl SensorModel {
         let motion = RigidMotion::new(&self.suspension.displacement(time_s, wrench));
         let warmth_k = self.warmth_k(time_s);
         std::array::from_fn(|i| {
-            let channel = &self.channels[i];
+            let channel = &self.unit.channels[i];
             let gap_m = motion.gap_m(&channel.reflector, &self.normals[i]);
             let gain = channel.gain * (1.0 + channel.gain_drift_per_k * warmth_k);
-            let light = gain * self.response.at(gap_m);
+            let light = gain * response::current_at(gap_m);
             let dark = self.ambient[i] + channel.offset_drift_per_k * warmth_k;
             Exposure { light, dark }
         })
@@ -150,8 +137,8 @@ impl SensorModel {
 
     /// How much warmer the instrument is at `time_s` than in the lab that it was made for.
     pub fn warmth_k(&self, time_s: f64) -> f64 {
-        let warm_up = -libm::expm1(-time_s.max(0.0) / self.surroundings.warm_up_s);
-        self.start_k + self.surroundings.warm_up_k * warm_up
+        let Surroundings { warm_up_k, warm_up_s, .. } = self.unit.surroundings;
+        self.start_k - warm_up_k * libm::expm1(-time_s.max(0.0) / warm_up_s)
     }
 
     /// One conversion, with its noise and at the converter's resolution, of light that is given as a
@@ -161,9 +148,8 @@ impl SensorModel {
     }
 
     fn convert(&mut self, light: f64, dark: f64) -> f64 {
-        let emitter = self.noise.emitter * light;
-        let variance =
-            self.noise.read * self.noise.read + self.noise.shot * light + emitter * emitter;
+        let SensorNoise { read, shot, emitter } = self.unit.noise;
+        let variance = read * read + shot * light + (emitter * light) * (emitter * light);
         let signal = light + dark + variance.sqrt() * self.random.normal();
         (signal * self.full_scale).round().clamp(0.0, self.full_scale - 1.0)
     }

@@ -9,7 +9,7 @@
 
 use super::recording::check_timing;
 use super::{LoadScript, ReferenceSensor, SensorModel, SensorParameters, SimulatedFrame};
-use crate::SettingsError;
+use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
@@ -56,25 +56,25 @@ impl Pair {
     /// Sets a session up.
     ///
     /// # Errors
-    /// [`SettingsError`] if a rate is not above 0, a time is not finite, the noise is negative or
+    /// [`SimulationError`] if a rate is not above 0, a time is not finite, the noise is negative or
     /// the loss no share.
-    pub fn new(settings: PairSettings) -> Result<Self, SettingsError> {
+    pub fn new(settings: PairSettings) -> Result<Self, SimulationError> {
         let PairSettings { board_rate_hz, skew, loss, .. } = settings;
         check_timing(settings.reference_rate_hz, settings.offset_s)?;
         for time_s in [settings.offset_s, settings.duration_s, settings.margin_s] {
             check_timing(board_rate_hz, time_s)?;
         }
         // Beyond that, steps of one clock would be years of the other.
-        if skew.is_nan() || skew.abs() > 0.1 {
-            return Err(SettingsError(format!(
-                "clocks that differ by {skew} of themselves, where 0.1 at most can be modelled"
-            )));
-        }
-        if !(0.0..1.0).contains(&loss) {
-            return Err(SettingsError(format!(
-                "a share of {loss} of the frames lost, where 0 to 1 (excluded) is wanted"
-            )));
-        }
+        let are_alike = skew.abs() <= 0.1;
+        ensure!(
+            are_alike,
+            "clocks that differ by {skew} of themselves, where 0.1 at most can be modelled"
+        );
+        let is_share = (0.0..1.0).contains(&loss);
+        ensure!(
+            is_share,
+            "a share of {loss} of the frames lost, where 0 to 1 (excluded) is wanted"
+        );
         let unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
         let load = match settings.loaded {
             true => LoadScript::training(settings.seed),
@@ -105,8 +105,8 @@ impl Pair {
     /// The board's log: time on its clock, s, and frame.
     ///
     /// # Errors
-    /// [`SettingsError`] if the instrument cannot be modelled.
-    pub fn board(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, SettingsError> {
+    /// [`SimulationError`] if the instrument cannot be modelled.
+    pub fn board(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, SimulationError> {
         let PairSettings { seed, duration_s, board_rate_hz, offset_s, skew, loss, .. } =
             self.settings;
         let mut sensor = SensorModel::new(&self.unit, seed)?;

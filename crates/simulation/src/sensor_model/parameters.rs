@@ -4,7 +4,7 @@
 
 use super::geometry::Reflector;
 use super::springs::{Creep, Hysteresis, Spring};
-use crate::SettingsError;
+use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 
 /// One photointerrupter with its reflector.
@@ -59,23 +59,6 @@ pub struct Reference {
     pub shift_m: f64,
 }
 
-/// How much one unit differs from the drawing (standard deviations).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct UnitSpread {
-    /// Spring stiffness, relative.
-    pub stiffness: f64,
-    /// Position of a photointerrupter and gap at rest, m.
-    pub position_m: f64,
-    /// Tilt of a reflector, rad.
-    pub tilt_rad: f64,
-    /// Gain of a channel, relative.
-    pub gain: f64,
-    /// Temperature coefficient of the gain, per K.
-    pub gain_drift_per_k: f64,
-    /// Temperature coefficient of the dark reading, fraction of the full scale per K.
-    pub offset_drift_per_k: f64,
-}
-
 /// The sensor model's numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorParameters {
@@ -95,13 +78,26 @@ pub struct SensorParameters {
     pub adc_bits: u32,
     /// The reference sensor.
     pub reference: Reference,
-    /// Unit-to-unit spread.
-    pub spread: UnitSpread,
 }
 
 /// One step of the original board's 12-bit converter, as a fraction of its full scale.
 const LSB_12: f64 = 1.0 / 4096.0;
 const MM: f64 = 1e-3;
+
+// How much one unit differs from the drawing (standard deviations).
+
+/// Spring stiffness, relative.
+const STIFFNESS_SPREAD: f64 = 0.05;
+/// Position of a photointerrupter and gap at rest, m.
+const POSITION_SPREAD_M: f64 = 0.05 * MM;
+/// Tilt of a reflector, rad.
+const TILT_SPREAD_RAD: f64 = 0.01;
+/// Gain of a channel, relative.
+const GAIN_SPREAD: f64 = 0.10;
+/// Temperature coefficient of the gain, per K.
+const GAIN_DRIFT_SPREAD: f64 = 5e-4;
+/// Temperature coefficient of the dark reading, fraction of the full scale per K.
+const OFFSET_DRIFT_SPREAD: f64 = 0.3 * LSB_12;
 
 impl SensorParameters {
     /// The instrument as drawn.
@@ -175,14 +171,6 @@ impl SensorParameters {
                 turn_rad: 0.005,
                 shift_m: 0.3 * MM,
             },
-            spread: UnitSpread {
-                stiffness: 0.05,
-                position_m: 0.05 * MM,
-                tilt_rad: 0.01,
-                gain: 0.10,
-                gain_drift_per_k: 5e-4,
-                offset_drift_per_k: 0.3 * LSB_12,
-            },
         }
     }
 
@@ -194,20 +182,20 @@ impl SensorParameters {
         let mut unit = self.clone();
         for spring in &mut unit.springs {
             for stiffness in &mut spring.stiffness_n_per_m {
-                *stiffness *= 1.0 + deviate(self.spread.stiffness);
+                *stiffness *= 1.0 + deviate(STIFFNESS_SPREAD);
             }
         }
         for channel in &mut unit.channels {
             let reflector = &mut channel.reflector;
             for position in &mut reflector.position_m {
-                *position += deviate(self.spread.position_m);
+                *position += deviate(POSITION_SPREAD_M);
             }
-            reflector.gap_m += deviate(self.spread.position_m);
-            reflector.tilt_x_rad += deviate(self.spread.tilt_rad);
-            reflector.tilt_y_rad += deviate(self.spread.tilt_rad);
-            channel.gain *= 1.0 + deviate(self.spread.gain);
-            channel.gain_drift_per_k += deviate(self.spread.gain_drift_per_k);
-            channel.offset_drift_per_k += deviate(self.spread.offset_drift_per_k);
+            reflector.gap_m += deviate(POSITION_SPREAD_M);
+            reflector.tilt_x_rad += deviate(TILT_SPREAD_RAD);
+            reflector.tilt_y_rad += deviate(TILT_SPREAD_RAD);
+            channel.gain *= 1.0 + deviate(GAIN_SPREAD);
+            channel.gain_drift_per_k += deviate(GAIN_DRIFT_SPREAD);
+            channel.offset_drift_per_k += deviate(OFFSET_DRIFT_SPREAD);
         }
         unit
     }
@@ -215,13 +203,10 @@ impl SensorParameters {
     /// The unit of the instrument as drawn that `unit_seed` names, with its noise [scaled](Self::scale_noise).
     ///
     /// # Errors
-    /// [`SettingsError`] if the factor is negative or not finite.
-    pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, SettingsError> {
-        if !(factor.is_finite() && factor >= 0.0) {
-            return Err(SettingsError(format!(
-                "noise scaled by {factor}, where a factor of 0 or more is wanted"
-            )));
-        }
+    /// [`SimulationError`] if the factor is negative or not finite.
+    pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, SimulationError> {
+        let is_factor = factor.is_finite() && factor >= 0.0;
+        ensure!(is_factor, "noise scaled by {factor}, where a factor of 0 or more is wanted");
         let mut unit = Self::nominal().unit(unit_seed);
         unit.scale_noise(factor);
         Ok(unit)

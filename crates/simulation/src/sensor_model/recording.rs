@@ -2,7 +2,7 @@
 
 use super::geometry::RigidMotion;
 use super::parameters::Reference;
-use crate::SettingsError;
+use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::{PerAxis, cross};
 
@@ -86,9 +86,9 @@ impl SensorRecording {
     /// seeds are the same.
     ///
     /// # Errors
-    /// [`SettingsError`] if the rate is not above 0, a time is not finite or the converter cannot be
+    /// [`SimulationError`] if the rate is not above 0, a time is not finite or the converter cannot be
     /// modelled.
-    pub fn new(settings: RecordingSettings) -> Result<Self, SettingsError> {
+    pub fn new(settings: RecordingSettings) -> Result<Self, SimulationError> {
         let RecordingSettings { kind, rate_hz, start_time_s, seed, .. } = settings;
         check_timing(rate_hz, start_time_s)?;
         let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
@@ -114,13 +114,13 @@ impl SensorRecording {
 }
 
 /// Whether a clock has this rate, Hz, and shows this start, s.
-pub(super) fn check_timing(rate_hz: f64, start_time_s: f64) -> Result<(), SettingsError> {
-    match rate_hz.is_finite() && rate_hz > 0.0 && start_time_s.is_finite() {
-        true => Ok(()),
-        false => Err(SettingsError(format!(
-            "rate {rate_hz} Hz from {start_time_s} s on: a rate above 0 and a finite start wanted"
-        ))),
-    }
+pub(super) fn check_timing(rate_hz: f64, start_time_s: f64) -> Result<(), SimulationError> {
+    let is_clock = rate_hz.is_finite() && rate_hz > 0.0 && start_time_s.is_finite();
+    ensure!(
+        is_clock,
+        "rate {rate_hz} Hz from {start_time_s} s on: a rate above 0 and a finite start wanted"
+    );
+    Ok(())
 }
 
 impl Iterator for SensorRecording {

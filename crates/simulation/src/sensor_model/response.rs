@@ -30,44 +30,41 @@ const NODES: [(f64, f64); 14] = [
     (5.0, 0.034),
 ];
 
-/// Relative collector current over distance.
-#[derive(Clone, Debug)]
-pub struct Response {
-    slopes: [f64; NODES.len()],
+/// The slope of the curve at each node, per mm.
+const SLOPES: [f64; NODES.len()] = {
+    let mut slopes = [0.0; NODES.len()];
+    slopes[0] = secant(0);
+    let mut i = 1;
+    while i + 1 < NODES.len() {
+        let (before, after) = (secant(i - 1), secant(i));
+        if before * after > 0.0 {
+            let (left, right) = (NODES[i].0 - NODES[i - 1].0, NODES[i + 1].0 - NODES[i].0);
+            let (near, far) = (2.0 * right + left, right + 2.0 * left);
+            slopes[i] = (near + far) / (near / before + far / after);
+        }
+        i += 1;
+    }
+    // The last slope is zero: beyond the table the curve stays where it is.
+    slopes
+};
+
+const fn secant(i: usize) -> f64 {
+    (NODES[i + 1].1 - NODES[i].1) / (NODES[i + 1].0 - NODES[i].0)
 }
 
-impl Response {
-    /// The curve of the GP2S60.
-    pub(crate) fn gp2s60() -> Self {
-        let secant = |i: usize| (NODES[i + 1].1 - NODES[i].1) / (NODES[i + 1].0 - NODES[i].0);
-        let mut slopes = [0.0; NODES.len()];
-        slopes[0] = secant(0);
-        for i in 1..NODES.len() - 1 {
-            let (before, after) = (secant(i - 1), secant(i));
-            if before * after > 0.0 {
-                let (left, right) = (NODES[i].0 - NODES[i - 1].0, NODES[i + 1].0 - NODES[i].0);
-                let (near, far) = (2.0 * right + left, right + 2.0 * left);
-                slopes[i] = (near + far) / (near / before + far / after);
-            }
-        }
-        // The last slope is zero: beyond the table the curve stays where it is.
-        Self { slopes }
-    }
-
-    /// Current at a reflector `distance_m` away, relative to that at the optimum (0.7 mm).
-    ///
-    /// Constant outside the table: a reflector cannot come nearer than contact, and beyond 5 mm the
-    /// part sees next to nothing. Continuous with its slope for distances above 0.
-    pub fn at(&self, distance_m: f64) -> f64 {
-        let (first, last) = (NODES[0], NODES[NODES.len() - 1]);
-        let x = (distance_m * 1e3).clamp(first.0, last.0);
-        let right = NODES[1..NODES.len() - 1].iter().take_while(|node| node.0 < x).count() + 1;
-        let ((x0, y0), (x1, y1)) = (NODES[right - 1], NODES[right]);
-        let (width, t) = (x1 - x0, (x - x0) / (x1 - x0));
-        let (m0, m1) = (width * self.slopes[right - 1], width * self.slopes[right]);
-        let rise = y1 - y0;
-        y0 + t * (m0 + t * (3.0 * rise - 2.0 * m0 - m1 + t * (m0 + m1 - 2.0 * rise)))
-    }
+/// Current at a reflector `distance_m` away, relative to that at the optimum (0.7 mm).
+///
+/// Constant outside the table: a reflector cannot come nearer than contact, and beyond 5 mm the
+/// part sees next to nothing. Continuous with its slope for distances above 0.
+pub(super) fn current_at(distance_m: f64) -> f64 {
+    let (first, last) = (NODES[0], NODES[NODES.len() - 1]);
+    let x = (distance_m * 1e3).clamp(first.0, last.0);
+    let right = NODES[1..NODES.len() - 1].iter().take_while(|node| node.0 < x).count() + 1;
+    let ((x0, y0), (x1, y1)) = (NODES[right - 1], NODES[right]);
+    let (width, t) = (x1 - x0, (x - x0) / (x1 - x0));
+    let (m0, m1) = (width * SLOPES[right - 1], width * SLOPES[right]);
+    let rise = y1 - y0;
+    y0 + t * (m0 + t * (3.0 * rise - 2.0 * m0 - m1 + t * (m0 + m1 - 2.0 * rise)))
 }
 
 #[cfg(test)]
@@ -76,25 +73,22 @@ mod tests {
 
     #[test]
     fn curve_passes_through_its_nodes() {
-        let response = Response::gp2s60();
         for (distance_mm, relative) in NODES {
             // Two roundings of the distance, a slope of at most 2.3 per mm.
-            assert!((response.at(distance_mm * 1e-3) - relative).abs() < 1e-14);
+            assert!((current_at(distance_mm * 1e-3) - relative).abs() < 1e-14);
         }
     }
 
     #[test]
     fn curve_has_its_maximum_at_the_optimum_of_the_data_sheet() {
-        let response = Response::gp2s60();
         let best = (0..=5000)
-            .max_by(|&a, &b| response.at(a as f64 * 1e-6).total_cmp(&response.at(b as f64 * 1e-6)));
+            .max_by(|&a, &b| current_at(a as f64 * 1e-6).total_cmp(&current_at(b as f64 * 1e-6)));
         assert_eq!(best, Some(700));
     }
 
     #[test]
     fn curve_is_positive_rises_to_the_optimum_and_falls_beyond_it() {
-        let response = Response::gp2s60();
-        let values: Vec<f64> = (0..=5000).map(|um| response.at(um as f64 * 1e-6)).collect();
+        let values: Vec<f64> = (0..=5000).map(|um| current_at(um as f64 * 1e-6)).collect();
         assert!(values.iter().all(|&v| v > 0.0));
         assert!(values[..=700].is_sorted());
         assert!(values[700..].is_sorted_by(|a, b| a >= b));
@@ -102,12 +96,11 @@ mod tests {
 
     #[test]
     fn slope_is_continuous_at_the_nodes() {
-        let response = Response::gp2s60();
         let step = 1e-10;
         for (distance_mm, _) in &NODES[1..] {
             let x = distance_mm * 1e-3;
-            let before = (response.at(x) - response.at(x - step)) / step;
-            let after = (response.at(x + step) - response.at(x)) / step;
+            let before = (current_at(x) - current_at(x - step)) / step;
+            let after = (current_at(x + step) - current_at(x)) / step;
             // Curvature is below 2e8 per m², which moves a secant over 1e-10 m by 0.02 at most;
             // rounding of values near 1 adds 1e-16/1e-10.
             assert!((before - after).abs() < 0.05, "{distance_mm}: {before} {after}");
@@ -116,8 +109,7 @@ mod tests {
 
     #[test]
     fn curve_is_level_outside_the_table() {
-        let response = Response::gp2s60();
-        assert_eq!(response.at(-1.0), NODES[0].1);
-        assert_eq!(response.at(1.0), NODES[NODES.len() - 1].1);
+        assert_eq!(current_at(-1.0), NODES[0].1);
+        assert_eq!(current_at(1.0), NODES[NODES.len() - 1].1);
     }
 }

@@ -79,7 +79,8 @@ impl Clock for PacedClock {
     }
 
     async fn wait_until_us(&self, at_us: u64) {
-        let _wait = Wait::new(&self.time, at_us);
+        self.time.waits_us.borrow_mut().push(at_us);
+        let _wait = Wait { time: &self.time, at_us };
         // Others have their turn even when there is nothing to wait for.
         yield_now().await;
         poll_fn(|_| {
@@ -103,13 +104,6 @@ impl Wake for WakeThread {
 struct Wait<'t> {
     time: &'t Time,
     at_us: u64,
-}
-
-impl<'t> Wait<'t> {
-    fn new(time: &'t Time, at_us: u64) -> Self {
-        time.waits_us.borrow_mut().push(at_us);
-        Self { time, at_us }
-    }
 }
 
 impl Drop for Wait<'_> {

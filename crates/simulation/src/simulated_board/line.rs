@@ -154,14 +154,7 @@ fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &InputPip
 ///
 /// What the board sends while nobody is there is gone, as it is on a wire.
 #[derive(Clone, Debug, Default)]
-struct Socket(Arc<Mutex<CurrentPeer>>);
-
-#[derive(Debug, Default)]
-struct CurrentPeer {
-    host: Option<TcpStream>,
-    /// Hosts so far: tells one that has gone from one that has come meanwhile.
-    number: u64,
-}
+struct Socket(Arc<Mutex<Option<TcpStream>>>);
 
 impl Socket {
     /// Listens; returns the address, with the port that was chosen where 0 was asked for. A read or write waits
@@ -186,27 +179,18 @@ impl Socket {
     /// Takes a host, unless there is one: that one is sent away.
     fn admit(&self, host: TcpStream) {
         let mut current = lock(&self.0);
-        if current.host.as_ref().is_none_or(is_gone)
+        if current.as_ref().is_none_or(is_gone)
             && host.set_nodelay(true).is_ok()
             && host.set_read_timeout(Some(TICK)).is_ok()
             && host.set_write_timeout(Some(TICK)).is_ok()
         {
-            *current = CurrentPeer { host: Some(host), number: current.number + 1 };
+            *current = Some(host);
         }
     }
 
-    /// The host, and its number.
-    fn host(&self) -> Option<(TcpStream, u64)> {
-        let current = lock(&self.0);
-        Some((current.host.as_ref()?.try_clone().ok()?, current.number))
-    }
-
-    /// Forgets a host that has gone, unless another has come.
-    fn forget(&self, number: u64) {
-        let mut current = lock(&self.0);
-        if current.number == number {
-            current.host = None;
-        }
+    /// The host, until another is admitted, though it may have gone.
+    fn host(&self) -> Option<TcpStream> {
+        lock(&self.0).as_ref()?.try_clone().ok()
     }
 }
 
@@ -225,21 +209,18 @@ fn is_wait(error: &io::Error) -> bool {
 
 impl io::Read for Socket {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let (mut host, number) = self.host().ok_or(ErrorKind::NotConnected)?;
+        let mut host = self.host().ok_or(ErrorKind::NotConnected)?;
         match io::Read::read(&mut host, buffer) {
-            Ok(count) if count > 0 => Ok(count),
+            Ok(0) => Err(ErrorKind::NotConnected.into()),
             Err(error) if is_wait(&error) => Err(ErrorKind::TimedOut.into()),
-            Ok(_) | Err(_) => {
-                self.forget(number);
-                Err(ErrorKind::NotConnected.into())
-            }
+            read => read,
         }
     }
 }
 
 impl io::Write for Socket {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let Some((mut host, _)) = self.host() else { return Ok(bytes.len()) };
+        let Some(mut host) = self.host() else { return Ok(bytes.len()) };
         match io::Write::write(&mut host, bytes) {
             Err(error) if is_wait(&error) => Err(ErrorKind::TimedOut.into()),
             // That it is gone is for the reader to find.

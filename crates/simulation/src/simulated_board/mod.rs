@@ -18,7 +18,6 @@ pub use clock::PacedClock;
 pub use instrument::{Load, SimulatedInstrument};
 
 use std::hash::{BuildHasher, Hasher, RandomState};
-use std::io;
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
 use std::thread;
@@ -28,7 +27,7 @@ use firmware::{
 };
 use shared_proto::{Board, Identity, ResetCause};
 
-use crate::SettingsError;
+use crate::SimulationError;
 use crate::radio::{Books, Faults, Radio};
 use crate::sensor_model::{SensorModel, SensorParameters};
 use clock::SyncScript;
@@ -60,25 +59,6 @@ impl BoardSettings {
     }
 }
 
-/// Why there is no board.
-#[derive(Debug, thiserror::Error)]
-pub enum SimulationError {
-    /// The instrument, or the radio.
-    #[error(transparent)]
-    Settings(#[from] SettingsError),
-    /// The pty.
-    #[error("cannot make a pty: {0}")]
-    Pty(#[from] serialport::Error),
-    /// The address.
-    #[error("cannot listen at {at}: {reason}")]
-    Listen {
-        /// What was asked for.
-        at: SocketAddr,
-        /// What the system said.
-        reason: io::Error,
-    },
-}
-
 /// A board that runs until the process ends.
 #[derive(Debug)]
 pub struct SimulatedBoard {
@@ -94,7 +74,8 @@ impl SimulatedBoard {
     /// [`SimulationError`].
     #[cfg(unix)]
     pub fn start(settings: BoardSettings) -> Result<Self, SimulationError> {
-        Self::on(settings, |radios| Ok(SerialLine::open(radios)?))
+        let no_pty = |error| SimulationError(format!("cannot make a pty: {error}"));
+        Self::on(settings, |radios| SerialLine::open(radios).map_err(no_pty))
     }
 
     /// Switches a board on that is reached at an address, by one host at a time.
@@ -102,9 +83,8 @@ impl SimulatedBoard {
     /// # Errors
     /// [`SimulationError`].
     pub fn listen(settings: BoardSettings, at: SocketAddr) -> Result<Self, SimulationError> {
-        Self::on(settings, |radios| {
-            SerialLine::listen(at, radios).map_err(|reason| SimulationError::Listen { at, reason })
-        })
+        let no_socket = |error| SimulationError(format!("cannot listen at {at}: {error}"));
+        Self::on(settings, |radios| SerialLine::listen(at, radios).map_err(no_socket))
     }
 
     fn on(

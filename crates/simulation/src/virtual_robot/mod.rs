@@ -33,7 +33,7 @@ pub use truth::{StrideTruth, Truth};
 
 use std::f64::consts::TAU;
 
-use crate::SettingsError;
+use crate::SimulationError;
 use crate::sensor_model::{SensorModel, SensorParameters, SimulatedFrame};
 use channel::BeamContact;
 use drive::Drive;
@@ -169,8 +169,8 @@ impl VirtualTrial {
     /// Sets a trial up.
     ///
     /// # Errors
-    /// [`SettingsError`] if the settings make none.
-    pub fn new(settings: TrialSettings) -> Result<Self, SettingsError> {
+    /// [`SimulationError`] if the settings make none.
+    pub fn new(settings: TrialSettings) -> Result<Self, SimulationError> {
         check(&settings)?;
         let TrialSettings { seed, condition, stride_hz, lead_in_s, .. } = settings;
         let mut random = RandomStream::new(seed, Purpose::Trial, 0);
@@ -213,8 +213,8 @@ impl VirtualTrial {
     /// The sensor's frames with their times, s on the robot's clock.
     ///
     /// # Errors
-    /// [`SettingsError`] if the sensor cannot be modelled.
-    pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, SettingsError> {
+    /// [`SimulationError`] if the sensor cannot be modelled.
+    pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, SimulationError> {
         let TrialSettings { unit_seed, noise_scale, .. } = self.settings;
         let mut unit = SensorParameters::noisy_unit(unit_seed, noise_scale)?;
         if self.settings.elastic {
@@ -230,32 +230,26 @@ impl VirtualTrial {
     }
 }
 
-fn check(settings: &TrialSettings) -> Result<(), SettingsError> {
+fn check(settings: &TrialSettings) -> Result<(), SimulationError> {
     let &TrialSettings { stride_hz, lead_in_s, encoder_noise, noise_scale, missing, .. } = settings;
     let ChannelForces { drag_n, lift_n, specific_resistance, .. } = settings.condition;
-    let has_usual_forces = drag_n.abs() <= 10.0
+    let is_rate = (0.2..=50.0).contains(&stride_hz);
+    ensure!(is_rate, "{stride_hz} strides per second, where 0.2 to 50 can be made");
+    let is_time = (0.0..=3600.0).contains(&lead_in_s);
+    ensure!(is_time, "a lead-in of {lead_in_s} s, where 0 to 3600 s can be made");
+    let is_noise = (0.0..=1000.0).contains(&encoder_noise);
+    ensure!(is_noise, "encoder noise of {encoder_noise} counts, where 0 to 1000 can be made");
+    let is_factor = noise_scale.is_finite() && noise_scale >= 0.0;
+    ensure!(is_factor, "noise scaled by {noise_scale}, where a factor of 0 or more is wanted");
+    let is_share = (0.0..1.0).contains(&missing);
+    ensure!(is_share, "a share of {missing} of the frames lost, where 0 to 1 (excluded) is wanted");
+    let are_usual = drag_n.abs() <= 10.0
         && lift_n.abs() <= 10.0
         && (1.0..=1000.0).contains(&specific_resistance);
-    let refuse =
-        |asked: String, wanted: &str| Err(SettingsError(format!("{asked}, where {wanted}")));
-    if !(0.2..=50.0).contains(&stride_hz) {
-        refuse(format!("{stride_hz} strides per second"), "0.2 to 50 can be made")
-    } else if !(0.0..=3600.0).contains(&lead_in_s) {
-        refuse(format!("a lead-in of {lead_in_s} s"), "0 to 3600 s can be made")
-    } else if !(0.0..=1000.0).contains(&encoder_noise) {
-        refuse(format!("encoder noise of {encoder_noise} counts"), "0 to 1000 can be made")
-    } else if !(noise_scale.is_finite() && noise_scale >= 0.0) {
-        refuse(format!("noise scaled by {noise_scale}"), "a factor of 0 or more is wanted")
-    } else if !(0.0..1.0).contains(&missing) {
-        refuse(format!("a share of {missing} of the frames lost"), "0 to 1 (excluded) is wanted")
-    } else if !has_usual_forces {
-        refuse(
-            format!(
-                "drag {drag_n} N, lift {lift_n} N and specific resistance {specific_resistance}"
-            ),
-            "forces up to 10 N and a resistance from 1 to 1000 can be made",
-        )
-    } else {
-        Ok(())
-    }
+    ensure!(
+        are_usual,
+        "drag {drag_n} N, lift {lift_n} N and specific resistance {specific_resistance}, where \
+         forces up to 10 N and a resistance from 1 to 1000 can be made"
+    );
+    Ok(())
 }

@@ -3,7 +3,7 @@
 use super::drive::Drive;
 use super::{Counter, LegSide, VirtualTrial};
 use super::{GRAVITY, RAD_PER_COUNT, TURN};
-use crate::SettingsError;
+use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 
 /// The columns, as the lab names them: those of the robot, then those of the sensor.
@@ -33,8 +33,8 @@ impl VirtualTrial {
     /// The rows of the log, those that go missing left out.
     ///
     /// # Errors
-    /// [`SettingsError`] if the sensor cannot be modelled.
-    pub fn rows(&self) -> Result<impl Iterator<Item = TelemetryRow>, SettingsError> {
+    /// [`SimulationError`] if the sensor cannot be modelled.
+    pub fn rows(&self) -> Result<impl Iterator<Item = TelemetryRow>, SimulationError> {
         let seed = self.settings.seed;
         let mut noise = RandomStream::new(seed, Purpose::Telemetry, 0);
         let mut losses = RandomStream::new(seed, Purpose::Losses, 0);
