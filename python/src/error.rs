@@ -54,6 +54,8 @@ impl PythonMessage {
 fn in_python(hint: &str) -> String {
     let argument = |option: &str| {
         let (name, value) = option.split_once([' ', '=']).unwrap_or((option, ""));
+        let is_text = !value.is_empty() && value.parse::<f64>().is_err();
+        let value = if is_text { format!("\"{value}\"") } else { value.to_owned() };
         match name {
             "skip-bad-rows" | "edited" => format!("{}=True", name.replace('-', "_")),
             "no-intercept" => "intercept=False".to_owned(),
@@ -85,11 +87,8 @@ impl From<PythonMessage> for PythonFailure {
         Python::attach(|py| {
             let class = py.import("shellcal._errors").and_then(|errors| errors.getattr(told.class));
             let arguments = (told.message, told.file, told.line, told.column, told.hint);
-            Self(
-                class
-                    .and_then(|class| class.call1(arguments))
-                    .map_or_else(Into::into, PyErr::from_value),
-            )
+            let error = class.and_then(|class| class.call1(arguments));
+            Self(error.map_or_else(|error| error, PyErr::from_value))
         })
     }
 }
