@@ -96,20 +96,16 @@ impl Arrays<'_, '_> {
     /// What tells these rows from others, as checksums tell files.
     pub(crate) fn checksum(&self) -> String {
         let mut hash = XxHash3_128::new();
-        let readings = self.readings.ncols() * size_of::<f64>();
-        let width = readings + self.wrench.ncols() * size_of::<f64>();
         // A few bytes at a time are slow to hash.
-        let mut bytes = vec![0; CHECKSUM_ROWS * width];
+        let mut bytes = Vec::new();
         let rows = self.readings.nrows();
         for start in (0..rows).step_by(CHECKSUM_ROWS) {
-            let part = start..rows.min(start + CHECKSUM_ROWS);
-            let bytes = &mut bytes[..part.len() * width];
-            for (row, bytes) in part.zip(bytes.chunks_exact_mut(width)) {
-                let (of_readings, of_wrench) = bytes.split_at_mut(readings);
-                put(self.readings.row(row), of_readings);
-                put(self.wrench.row(row), of_wrench);
+            bytes.clear();
+            for row in start..rows.min(start + CHECKSUM_ROWS) {
+                let values = self.readings.row(row).into_iter().chain(self.wrench.row(row));
+                values.for_each(|value| bytes.extend_from_slice(&value.to_le_bytes()));
             }
-            hash.write(bytes);
+            hash.write(&bytes);
         }
         let mut end = 0;
         for times in self.repeats.iter().flat_map(|(repeats, _)| repeats) {
@@ -124,37 +120,7 @@ impl Arrays<'_, '_> {
 /// Rows that are hashed at a time.
 const CHECKSUM_ROWS: usize = 512;
 
-/// The numbers of a row as bytes, little-endian.
-fn put(row: ArrayView1<'_, f64>, bytes: &mut [u8]) {
-    let (bytes, _) = bytes.as_chunks_mut::<{ size_of::<f64>() }>();
-    match row.as_slice() {
-        Some(row) => bytes.iter_mut().zip(row).for_each(|(to, x)| *to = x.to_le_bytes()),
-        None => bytes.iter_mut().zip(row).for_each(|(to, x)| *to = x.to_le_bytes()),
-    }
-}
-
 /// Rows of an array that follow each other as columns, each one run of memory.
 pub(crate) fn range_of_columns(array: &ArrayView2<'_, f64>, rows: Range<usize>) -> Vec<Vec<f64>> {
-    let part = array.slice(s![rows, ..]);
-    let channels = part.ncols();
-    let mut out = vec![Vec::with_capacity(part.nrows()); channels];
-    // Rows one after the other, as numpy lays out an array unless told otherwise.
-    if let Some(values) = part.as_slice().filter(|_| channels > 0) {
-        for tile in values.chunks(TILE_ROWS * channels) {
-            for (position, column) in out.iter_mut().enumerate() {
-                column.extend(tile.chunks_exact(channels).map(|row| row[position]));
-            }
-        }
-        return out;
-    }
-    for (column, from) in out.iter_mut().zip(part.columns()) {
-        match from.as_slice() {
-            Some(from) => column.extend_from_slice(from),
-            None => column.extend(from.iter()),
-        }
-    }
-    out
+    array.slice(s![rows, ..]).columns().into_iter().map(|column| column.to_vec()).collect()
 }
-
-/// Rows that stay in a core's nearest cache while they become columns.
-const TILE_ROWS: usize = 64;

@@ -8,17 +8,13 @@ use calibration::physics::PhysicsError;
 use calibration_file::{CalibrationFileError, MergeError, Problem};
 use log_file::{FieldProblem, LogError, PlacedProblem, RowProblem};
 use pyo3::prelude::*;
-use shell_data::hint::with_causes;
+use shell_data::hint::{Hint, with_causes};
 use shellcal::workflow::WorkflowError;
 
-/// What went wrong.
+/// The exception that is raised: that of the package for an error of a library, or one of Python's own, such as an
+/// interrupt.
 #[derive(Debug)]
-pub(crate) enum PythonFailure {
-    /// As a library says it.
-    Told(PythonMessage),
-    /// As Python says it, such as an interrupt.
-    Python(PyErr),
-}
+pub(crate) struct PythonFailure(pub(crate) PyErr);
 
 /// An error in words, and where it is.
 #[derive(Debug, Default)]
@@ -29,7 +25,7 @@ pub(crate) struct PythonMessage {
     pub(crate) file: Option<String>,
     pub(crate) line: Option<u64>,
     pub(crate) column: Option<u64>,
-    pub(crate) hint: Option<&'static str>,
+    pub(crate) hint: Option<String>,
 }
 
 impl PythonMessage {
@@ -37,37 +33,68 @@ impl PythonMessage {
         Self { class, message, ..Self::default() }
     }
 
-    /// An error of this class, with its causes.
-    fn from_error(class: &'static str, error: &dyn Error) -> Self {
-        Self::new(class, with_causes(error))
+    /// An error of this class, with its causes and what to do about it.
+    fn from_error(class: &'static str, error: &(impl Error + Hint)) -> Self {
+        let hint = error.hint().map(|hint| in_python(&hint));
+        Self { hint, ..Self::new(class, with_causes(error)) }
     }
 
     fn in_file(self, path: &Path) -> Self {
         Self { file: Some(path.to_string_lossy().into_owned()), ..self }
     }
+
+    /// With another hint, where there is one.
+    fn with_hint(self, hint: Option<&str>) -> Self {
+        Self { hint: hint.map(str::to_owned).or(self.hint), ..self }
+    }
+}
+
+/// A hint with the options of the program as arguments: `` `--ridge 1e-6` `` as `` `ridge=1e-6` ``.
+fn in_python(hint: &str) -> String {
+    let argument = |option: &str| {
+        let (name, value) = option.split_once([' ', '=']).unwrap_or((option, ""));
+        let is_text = !value.is_empty() && value.parse::<f64>().is_err();
+        let value = if is_text { format!("\"{value}\"") } else { value.to_owned() };
+        match name {
+            "skip-bad-rows" | "edited" => format!("{}=True", name.replace('-', "_")),
+            "no-intercept" => "intercept=False".to_owned(),
+            "cv-seed" => "seed=".to_owned(),
+            _ => format!("{}={value}", name.replace('-', "_")),
+        }
+    };
+    let code = |text: &str| match text.strip_prefix("--") {
+        Some(options) => options.split(" --").map(argument).collect::<Vec<_>>().join(", "),
+        None => text.to_owned(),
+    };
+    hint.split('`').map(code).collect::<Vec<_>>().join("`")
 }
 
 impl From<PyErr> for PythonFailure {
     fn from(error: PyErr) -> Self {
-        Self::Python(error)
+        Self(error)
+    }
+}
+
+impl From<PythonFailure> for PyErr {
+    fn from(PythonFailure(error): PythonFailure) -> Self {
+        error
     }
 }
 
 impl From<PythonMessage> for PythonFailure {
     fn from(told: PythonMessage) -> Self {
-        Self::Told(told)
+        Python::attach(|py| {
+            let class = py.import("shellcal._errors").and_then(|errors| errors.getattr(told.class));
+            let arguments = (told.message, told.file, told.line, told.column, told.hint);
+            let error = class.and_then(|class| class.call1(arguments));
+            Self(error.map_or_else(|error| error, PyErr::from_value))
+        })
     }
 }
 
 impl From<LogError> for PythonFailure {
     fn from(error: LogError) -> Self {
         let told = PythonMessage::from_error("LogError", &error);
-        let hint = match &error {
-            LogError::Unpacking { .. } => Some("copy the file again: it is cut short or damaged"),
-            LogError::At { problem, .. } => hint_at(problem),
-            _ => None,
-        };
-        let told = PythonMessage { hint, ..told };
         let told = match &error {
             LogError::At { path, position, problem } => {
                 let column = match problem {
@@ -92,70 +119,29 @@ impl From<LogError> for PythonFailure {
     }
 }
 
-fn hint_at(problem: &PlacedProblem) -> Option<&'static str> {
-    Some(match problem {
-        PlacedProblem::MissingColumns { .. } => {
-            "name the columns with sensors=, wrench=, time= or group="
-        }
-        PlacedProblem::DuplicateColumn { .. } => {
-            "say which one is meant with sensors=, wrench= or time="
-        }
-        PlacedProblem::UnknownLayout { .. } => {
-            "say which columns are which: sensors=\"2-9\", wrench=\"10-15\", time=\"1\""
-        }
-        PlacedProblem::Row(_) => "correct the line, or leave such rows out with skip_bad_rows=True",
-        _ => return None,
-    })
-}
-
 impl From<CalibrationFileError> for PythonFailure {
     fn from(error: CalibrationFileError) -> Self {
         let told = PythonMessage::from_error("DocumentError", &error).in_file(&error.path);
-        placed(told, &error.problem).into()
-    }
-}
-
-impl From<Problem> for PythonFailure {
-    fn from(problem: Problem) -> Self {
-        placed(PythonMessage::from_error("DocumentError", &problem), &problem).into()
-    }
-}
-
-fn placed(told: PythonMessage, problem: &Problem) -> PythonMessage {
-    match problem {
-        Problem::NotJson(at) | Problem::Field(at) => {
-            PythonMessage { line: Some(at.line as u64), column: Some(at.column as u64), ..told }
-        }
-        Problem::SchemaVersion { .. } => PythonMessage {
-            hint: Some("use the version of shellcal that wrote it, or a later one"),
-            ..told
-        },
-        Problem::Checksum(_) => PythonMessage {
-            hint: Some(
-                "copy it again from where it was made; if you have edited it, say so with edited=True",
-            ),
-            ..told
-        },
-        _ => told,
+        let (line, column) = match &error.problem {
+            Problem::NotJson(at) | Problem::Field(at) => {
+                (Some(at.line as u64), Some(at.column as u64))
+            }
+            _ => (None, None),
+        };
+        PythonMessage { line, column, ..told }.into()
     }
 }
 
 impl From<MergeError> for PythonFailure {
     fn from(error: MergeError) -> Self {
-        let class = match error {
-            MergeError::Twice(_) => "CountedTwiceError",
-            _ => "MergeError",
+        let (class, hint) = match error {
+            MergeError::Twice(_) => {
+                let hint = "leave one of them out; has_counted() tells before";
+                ("CountedTwiceError", Some(hint))
+            }
+            _ => ("MergeError", None),
         };
-        let hint = match error {
-            MergeError::Model { .. } => Some("make both with the same model= and intercept="),
-            MergeError::Channels { .. } => Some("give both the same sensors"),
-            MergeError::Twice(_) => Some("leave one of them out; has_counted() tells before"),
-            MergeError::Groups { .. } => Some("make all with groups, or all without"),
-            MergeError::Split { .. } => Some("make all with the same seed="),
-            MergeError::SameName(_) => Some("groups are files: give them different names"),
-            _ => None,
-        };
-        PythonMessage { hint, ..PythonMessage::from_error(class, &error) }.into()
+        PythonMessage::from_error(class, &error).with_hint(hint).into()
     }
 }
 
@@ -172,24 +158,13 @@ impl From<WorkflowError> for PythonFailure {
 
 impl From<FitError> for PythonFailure {
     fn from(error: FitError) -> Self {
-        PythonMessage { hint: hint_after(&error), ..PythonMessage::from_error("FitError", &error) }
-            .into()
+        PythonMessage::from_error("FitError", &error).with_hint(hint_after(&error)).into()
     }
 }
 
+/// What to do after errors of arrays.
 fn hint_after(error: &FitError) -> Option<&'static str> {
     Some(match error {
-        FitError::TooFewRows { .. } => "record more poses, or choose a smaller model=",
-        FitError::IdenticalRows(_) => {
-            "the readings never move: check the cable, the shell and the columns"
-        }
-        FitError::RankDeficient(_) | FitError::NearlyDependent => {
-            "record loads that move the channels independently, drop a channel, choose a smaller \
-             model=, or accept a damped answer with ridge=1e-6"
-        }
-        FitError::Solver(_) => "use solver=\"exact\" or \"wide-tsqr\", or choose a smaller model=",
-        FitError::Overflow => "check the units of readings and wrench",
-        FitError::TooLarge(_) => "choose a smaller model=, or fewer channels",
         FitError::NotExact(_) => {
             "readings have to be counts of a converter; Calibration.fit solves others by QR"
         }
@@ -206,24 +181,6 @@ fn hint_after(error: &FitError) -> Option<&'static str> {
         FitError::Physics(PhysicsError::TooFewChannels(_)) => {
             "check the cable, the shell and the columns, or take model=\"linear\""
         }
-        FitError::Copy { .. } => "leave one of them out",
         _ => return None,
     })
-}
-
-impl From<PythonFailure> for PyErr {
-    fn from(failure: PythonFailure) -> Self {
-        let told = match failure {
-            PythonFailure::Python(error) => return error,
-            PythonFailure::Told(told) => told,
-        };
-        Python::attach(|py| {
-            let class = py.import("shellcal._errors").and_then(|errors| errors.getattr(told.class));
-            let arguments = (told.message, told.file, told.line, told.column, told.hint);
-            match class.and_then(|class| class.call1(arguments)) {
-                Ok(error) => PyErr::from_value(error),
-                Err(error) => error,
-            }
-        })
-    }
 }

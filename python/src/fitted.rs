@@ -50,7 +50,7 @@ pub(crate) type RowArrays<'py> = (
 /// A calibration that remembers, without times.
 fn no_time(error: NoTime) -> PythonMessage {
     let told = PythonMessage::new("OptionError", error.to_string());
-    PythonMessage { hint: Some("give `time`, in s"), ..told }
+    PythonMessage { hint: Some("give `time`, in s".to_owned()), ..told }
 }
 
 /// Passes the rows to `fit` without the interpreter's lock.
@@ -105,6 +105,12 @@ pub(crate) fn fit(
     serial: Option<String>,
     progress: Option<Py<PyAny>>,
 ) -> Result<(Fitted, Vec<String>, Vec<String>), PythonFailure> {
+    let for_polynomials_only = [
+        (ridge > 0.0, "ridge"),
+        (solver != SolverKind::Exact.name(), "solver"),
+        (!intercept, "intercept=False"),
+        (rows.1.as_array().ncols() < Axis::ALL.len(), "a wrench of fewer than six axes"),
+    ];
     let options = FitOptions {
         model: options::model(model)?,
         intercept,
@@ -120,7 +126,7 @@ pub(crate) fn fit(
         cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
         seed,
         covariance: options::covariance(covariance)?,
-        polynomials_only: polynomials_only(&rows, intercept, ridge, solver),
+        polynomials_only: for_polynomials_only.iter().find(|(given, _)| *given).map(|it| it.1),
         ..FitOptions::default()
     };
     over_rows(py, rows, progress, |rows| {
@@ -138,7 +144,15 @@ pub(crate) fn fit(
             warnings.push(format!("lag and memory were not searched for: {reason}"));
         }
         if let Some(Ok(found)) = &fitted.outliers {
-            let name = |row: &Outlier| row_name(row, channels);
+            let columns = (1..=channels).map(|i| format!("s{i}"));
+            let columns = columns.chain(Axis::ALL.map(|axis| axis.name().to_owned()));
+            let columns: Vec<String> = columns.collect();
+            // From 1, as the lines of a file.
+            let name = |row: &Outlier| RowName {
+                file: "<array>".to_owned(),
+                line: row.offset + row.row as u64 + 1,
+                columns: columns.clone(),
+            };
             let names: Vec<RowName> = found.rows.iter().map(name).collect();
             warnings.extend(found.warnings(Axes::ALL, &names));
         }
@@ -153,32 +167,6 @@ pub(crate) fn fit(
         let verdict = fitted.verdict().lines();
         Ok((calibration_file(&fitted, origin).into(), warnings, verdict))
     })
-}
-
-/// What was asked for that polynomials alone have.
-fn polynomials_only(
-    rows: &RowArrays<'_>,
-    intercept: bool,
-    ridge: f64,
-    solver: &str,
-) -> Option<&'static str> {
-    let asked = [
-        (ridge > 0.0, "ridge"),
-        (solver != SolverKind::Exact.name(), "solver"),
-        (!intercept, "intercept=False"),
-        (rows.1.as_array().ncols() < Axis::ALL.len(), "a wrench of fewer than six axes"),
-    ];
-    asked.into_iter().find_map(|(given, what)| given.then_some(what))
-}
-
-/// Where a row of arrays is, from 1 as the lines of a file.
-fn row_name(row: &Outlier, channels: usize) -> RowName {
-    let names = (1..=channels).map(|i| format!("s{i}"));
-    RowName {
-        file: "<array>".to_owned(),
-        line: row.offset + row.row as u64 + 1,
-        columns: names.chain(Axis::ALL.map(|axis| axis.name().to_owned())).collect(),
-    }
 }
 
 #[pymethods]

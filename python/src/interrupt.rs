@@ -68,8 +68,5 @@ pub(crate) fn without_lock<T: Send>(
             worker.join().unwrap_or_else(|panic| resume_unwind(panic))
         })
     });
-    match raised {
-        Some(error) => Err(PythonFailure::Python(error)),
-        None => result,
-    }
+    raised.map_or(result, |error| Err(PythonFailure(error)))
 }

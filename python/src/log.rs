@@ -39,11 +39,8 @@ pub(crate) fn read_log<'py>(
     let mapping = mapping(&names)?;
     let (columns, groups, about) = without_lock(py, None, |_| {
         let log = Log::open(&path, &mapping)?;
-        let telemetry = log.columns().iter().enumerate();
-        let others: Vec<usize> = telemetry
-            .filter(|(_, column)| matches!(column.meaning, Meaning::Telemetry(_)))
-            .map(|(position, _)| position)
-            .collect();
+        let is_telemetry = |&at: &usize| matches!(log.columns()[at].meaning, Meaning::Telemetry(_));
+        let others: Vec<usize> = (0..log.columns().len()).filter(is_telemetry).collect();
         let wanted = Wanted {
             time: log.has_time(),
             readings: log.channels() > 0,

@@ -7,7 +7,9 @@ use calibration::fit::{
 };
 use calibration::validation::grouped::{Apart, GroupKind, RandomSplit};
 use calibration::{Basis, FitError, Model};
-use calibration_file::{PartialFit, PartialGroups, PartialStream, SourceFile, Sums};
+use calibration_file::{
+    CalibrationFileError, PartialFit, PartialGroups, PartialStream, SourceFile, Sums,
+};
 use log_file::{Log, ReadOptions};
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -119,7 +121,8 @@ impl Partial {
     /// Reads a document.
     #[staticmethod]
     fn parse(py: Python<'_>, document: &[u8]) -> Result<Self, PythonFailure> {
-        py.detach(|| Ok(Self(PartialFit::parse(document)?)))
+        let error = |problem| CalibrationFileError { path: "<bytes>".into(), problem };
+        py.detach(|| Ok(Self(PartialFit::parse(document).map_err(error)?)))
     }
 
     /// Reads a file.

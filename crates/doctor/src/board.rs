@@ -42,13 +42,10 @@ pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
         findings.push(answerless(trouble));
         return findings;
     }
-    if let Some(identity) = &facts.handshake.identity {
-        findings.extend(check_identity(identity, facts));
-    }
-    if let Some(status) = &facts.handshake.status {
-        findings.extend(check_status(status, facts));
-    }
-    match &facts.handshake.stream {
+    let Handshake { identity, status, stream, .. } = facts.handshake;
+    findings.extend(identity.iter().flat_map(|identity| check_identity(identity, facts)));
+    findings.extend(status.iter().flat_map(|status| check_status(status, facts)));
+    match stream {
         Some(Ok(stretch)) => findings.extend(check_stream(stretch, facts)),
         Some(Err(error)) => {
             let advice = "switch the board off and on; if it stays silent, flash it with `cargo xtask flash`";

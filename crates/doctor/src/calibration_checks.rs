@@ -2,7 +2,6 @@
 
 use std::fs::File;
 use std::path::Path;
-use std::time::Duration;
 
 use calibration::reading_ranges::ReadingRange;
 use calibration::validation::excitation::Gap;
@@ -26,17 +25,14 @@ const ROWS_PER_FEATURE: u64 = 10;
 /// A share of the variance of an axis, less of which a calibration should explain.
 const EXPLAINED: f64 = 0.9;
 
-/// A calibration that is older should be made again, or at least tested.
-const OLD: Duration = Duration::from_secs(365 * 86_400);
+/// A calibration of more days should be made again, or at least tested.
+const OLD_DAYS: f64 = 365.0;
 
 /// The share of the training rows that may have been left out as wrong.
 const SKIPPED: f64 = 0.01;
 
-/// Reads a calibration file, and checks it. `age` is how old a date is, an error if it is to come.
-pub fn examine_calibration(
-    path: &Path,
-    age: &dyn Fn(&str) -> Option<Result<Duration, Duration>>,
-) -> Vec<Finding> {
+/// Reads a calibration file, and checks it. `age` gives how many days ago a date was, `None` if it is no date.
+pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Vec<Finding> {
     let file = match CalibrationFile::read(path) {
         Ok(file) => file,
         Err(error) => {
@@ -46,31 +42,7 @@ pub fn examine_calibration(
             return vec![Finding::fault("unreadable", seen, advice)];
         }
     };
-    let sources = file.origin.sources.iter();
-    let changed = sources.filter(|source| {
-        let then = source.checksum.as_deref();
-        let now = then.and_then(|_| checksum_of(&source.path));
-        now.is_some_and(|now| Some(now.as_str()) != then)
-    });
-    let changed: Vec<&Path> = changed.map(|source| source.path.as_path()).collect();
-    check_calibration(&file, age(&file.origin.date), &changed)
-}
-
-/// The checksum of a file, if it can be read.
-fn checksum_of(path: &Path) -> Option<String> {
-    let file = File::open(path).ok().filter(|_| path.is_file())?;
-    checksum::of_stream(file).ok()
-}
-
-/// What is wrong with a calibration. `age` is the time since its date: `None` if it has none that can be read, `Err` with
-/// the time until then if the date is in the future. `changed` are source files that exist with other content than when
-/// they were fitted.
-fn check_calibration(
-    file: &CalibrationFile,
-    age: Option<Result<Duration, Duration>>,
-    changed: &[&Path],
-) -> Vec<Finding> {
-    let CalibrationFile { calibration, origin, .. } = file;
+    let CalibrationFile { calibration, origin } = &file;
     let (name, channels) = (calibration.name(), calibration.channels());
     let mut findings = vec![Finding::fine("calibration", format!("{name}, {channels} channels"))];
     match &origin.diagnostics {
@@ -94,12 +66,24 @@ fn check_calibration(
         let advice = "fit it again without `--model`: it then takes a model that its groups of rows can judge";
         findings.push(Finding::warning("no-covariance", seen, advice));
     }
-    findings.extend(age.and_then(check_age));
-    findings.extend(changed.iter().map(|path| {
-        let seen = format!("`{}` is not what it was when this was fitted", path.display());
-        Finding::warning("source-changed", seen, "fit again, or find the file of that day")
-    }));
+    findings.extend(age(&origin.date).and_then(check_age));
+    for source in &origin.sources {
+        let then = source.checksum.as_deref();
+        let now = then.and_then(|_| checksum_of(&source.path));
+        if now.is_some_and(|now| Some(now.as_str()) != then) {
+            let path = source.path.display();
+            let seen = format!("`{path}` is not what it was when this was fitted");
+            let advice = "fit again, or find the file of that day";
+            findings.push(Finding::warning("source-changed", seen, advice));
+        }
+    }
     findings
+}
+
+/// The checksum of a file, if it can be read.
+fn checksum_of(path: &Path) -> Option<String> {
+    let file = File::open(path).ok().filter(|_| path.is_file())?;
+    checksum::of_stream(file).ok()
 }
 
 fn check_fit(known: &Diagnostics, calibration: &Calibration) -> Vec<Finding> {
@@ -248,15 +232,15 @@ fn is_at_an_end(range: &ReadingRange) -> bool {
     is_counts && (range.min == 0.0 || [4095.0, 65_535.0].contains(&range.max))
 }
 
-fn check_age(age: Result<Duration, Duration>) -> Option<Finding> {
-    let days = |age: Duration| age.as_secs() / 86_400;
-    let (seen, advice) = match age {
-        Ok(age) if age > OLD => (
-            format!("it was made {} days ago", days(age)),
+fn check_age(days: f64) -> Option<Finding> {
+    let whole_days = days.abs().floor();
+    let (seen, advice) = match days {
+        _ if days > OLD_DAYS => (
+            format!("it was made {whole_days} days ago"),
             "test it on a new recording with `shellcal eval --max-rms`",
         ),
-        Err(ahead) if ahead > Duration::from_secs(86_400) => (
-            format!("it will have been made in {} days", days(ahead)),
+        _ if days < -1.0 => (
+            format!("it will have been made in {whole_days} days"),
             "one of the clocks is wrong: that of this computer, or that of the one it was made on",
         ),
         _ => return None,

@@ -4,9 +4,15 @@ use super::load::{Pull, STANDARD_GRAVITY};
 use shell_data::hint::did_you_mean;
 use shell_data::wrench::{Axis, LoadErrors};
 
-/// A number that a column holds.
+/// What a column holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum ColumnQuantity {
+pub(crate) enum LoadColumn {
+    Group,
+    Mounting,
+    /// A direction in a word.
+    Direction,
+    /// What is carried along.
+    Other,
     Mass,
     Force,
     /// A coordinate of the point.
@@ -29,18 +35,6 @@ pub(crate) enum ColumnQuantity {
     LeverError,
 }
 
-/// What a column is.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum LoadColumn {
-    Group,
-    Mounting,
-    Direction,
-    /// A number, and what it is multiplied by to be in SI units (angles: radians).
-    Number(ColumnQuantity, f64),
-    /// Carried along.
-    Other,
-}
-
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
 /// Errors where nothing is stated: what a kitchen scale shows of a mass of some hundred grams, a protractor of a
@@ -49,70 +43,61 @@ const USUAL_SHARE: f64 = 0.002;
 const USUAL_ANGLE_RAD: f64 = DEGREE;
 const USUAL_LEVER_M: f64 = 1e-3;
 
-/// Known names, with what they are.
-const NAMES: [(&str, LoadColumn); 42] = {
-    use ColumnQuantity as Q;
-    use LoadColumn::{Direction, Group, Mounting, Number, Other};
-    [
-        ("group", Group),
-        ("pose", Group),
-        ("label", Group),
-        ("mounting", Mounting),
-        ("direction", Direction),
-        ("notes", Other),
-        ("mass_kg", Number(Q::Mass, 1.0)),
-        ("mass_g", Number(Q::Mass, 1e-3)),
-        ("force_n", Number(Q::Force, 1.0)),
-        ("force_mn", Number(Q::Force, 1e-3)),
-        ("x_m", Number(Q::Point(0), 1.0)),
-        ("y_m", Number(Q::Point(1), 1.0)),
-        ("z_m", Number(Q::Point(2), 1.0)),
-        ("x_cm", Number(Q::Point(0), 1e-2)),
-        ("y_cm", Number(Q::Point(1), 1e-2)),
-        ("z_cm", Number(Q::Point(2), 1e-2)),
-        ("x_mm", Number(Q::Point(0), 1e-3)),
-        ("y_mm", Number(Q::Point(1), 1e-3)),
-        ("z_mm", Number(Q::Point(2), 1e-3)),
-        ("dx", Number(Q::Along(0), 1.0)),
-        ("dy", Number(Q::Along(1), 1.0)),
-        ("dz", Number(Q::Along(2), 1.0)),
-        ("azimuth_deg", Number(Q::Azimuth, DEGREE)),
-        ("elevation_deg", Number(Q::Elevation, DEGREE)),
-        ("roll_deg", Number(Q::Roll, DEGREE)),
-        ("pitch_deg", Number(Q::Pitch, DEGREE)),
-        ("yaw_deg", Number(Q::Yaw, DEGREE)),
-        ("roll_rad", Number(Q::Roll, 1.0)),
-        ("pitch_rad", Number(Q::Pitch, 1.0)),
-        ("yaw_rad", Number(Q::Yaw, 1.0)),
-        ("ax", Number(Q::Accelerometer(0), 1.0)),
-        ("ay", Number(Q::Accelerometer(1), 1.0)),
-        ("az", Number(Q::Accelerometer(2), 1.0)),
-        ("azimuth_rad", Number(Q::Azimuth, 1.0)),
-        ("elevation_rad", Number(Q::Elevation, 1.0)),
-        ("mass_error_kg", Number(Q::MassError, 1.0)),
-        ("mass_error_g", Number(Q::MassError, 1e-3)),
-        ("force_error_n", Number(Q::ForceError, 1.0)),
-        ("force_error_mn", Number(Q::ForceError, 1e-3)),
-        ("angle_error_deg", Number(Q::AngleError, DEGREE)),
-        ("angle_error_rad", Number(Q::AngleError, 1.0)),
-        ("lever_error_mm", Number(Q::LeverError, 1e-3)),
-    ]
-};
+/// Endings of names, each with what its numbers are multiplied by to be in SI units (angles: radians).
+type Units = &'static [(&'static str, f64)];
+
+const NO_UNIT: Units = &[("", 1.0)];
+const MASS: Units = &[("_kg", 1.0), ("_g", 1e-3)];
+const FORCE: Units = &[("_n", 1.0), ("_mn", 1e-3)];
+const LENGTH: Units = &[("_m", 1.0), ("_cm", 1e-2), ("_mm", 1e-3)];
+const ANGLE: Units = &[("_deg", DEGREE), ("_rad", 1.0)];
+
+/// Known names without their units, with what they are.
+const NAMES: [(&str, Units, LoadColumn); 26] = [
+    ("group", NO_UNIT, LoadColumn::Group),
+    ("pose", NO_UNIT, LoadColumn::Group),
+    ("label", NO_UNIT, LoadColumn::Group),
+    ("mounting", NO_UNIT, LoadColumn::Mounting),
+    ("direction", NO_UNIT, LoadColumn::Direction),
+    ("notes", NO_UNIT, LoadColumn::Other),
+    ("mass", MASS, LoadColumn::Mass),
+    ("force", FORCE, LoadColumn::Force),
+    ("x", LENGTH, LoadColumn::Point(0)),
+    ("y", LENGTH, LoadColumn::Point(1)),
+    ("z", LENGTH, LoadColumn::Point(2)),
+    ("dx", NO_UNIT, LoadColumn::Along(0)),
+    ("dy", NO_UNIT, LoadColumn::Along(1)),
+    ("dz", NO_UNIT, LoadColumn::Along(2)),
+    ("azimuth", ANGLE, LoadColumn::Azimuth),
+    ("elevation", ANGLE, LoadColumn::Elevation),
+    ("roll", ANGLE, LoadColumn::Roll),
+    ("pitch", ANGLE, LoadColumn::Pitch),
+    ("yaw", ANGLE, LoadColumn::Yaw),
+    ("ax", NO_UNIT, LoadColumn::Accelerometer(0)),
+    ("ay", NO_UNIT, LoadColumn::Accelerometer(1)),
+    ("az", NO_UNIT, LoadColumn::Accelerometer(2)),
+    ("mass_error", MASS, LoadColumn::MassError),
+    ("force_error", FORCE, LoadColumn::ForceError),
+    ("angle_error", ANGLE, LoadColumn::AngleError),
+    ("lever_error", LENGTH, LoadColumn::LeverError),
+];
 
 impl LoadColumn {
-    /// What a column of this name is, or what is wrong with it.
-    pub(crate) fn from_name(name: &str) -> Result<Self, String> {
+    /// What a column of this name is with what its numbers are multiplied by, or what is wrong with the name.
+    pub(crate) fn from_name(name: &str) -> Result<(Self, f64), String> {
         let plain = name.trim().to_lowercase().replace([' ', '-'], "_");
         if plain.starts_with("plan_") {
-            return Ok(Self::Other);
+            return Ok((Self::Other, 1.0));
         }
-        if let Some(axis) = Axis::ALL.iter().find(|axis| axis.column() == plain) {
-            return Ok(Self::Number(ColumnQuantity::Wrench(axis.index()), 1.0));
-        }
-        let known = NAMES.iter().find(|(known, _)| *known == plain);
-        known.map(|(_, column)| *column).ok_or_else(|| {
-            let names = NAMES.iter().map(|(known, _)| *known);
-            let hint = did_you_mean(&plain, names.chain(Axis::ALL.map(Axis::column)));
+        let of_units = |(stem, units, column): (&'static str, Units, Self)| {
+            units.iter().map(move |(unit, factor)| (format!("{stem}{unit}"), (column, *factor)))
+        };
+        let axis = |axis: Axis| (axis.column().to_owned(), (Self::Wrench(axis.index()), 1.0));
+        let known: Vec<_> =
+            NAMES.into_iter().flat_map(of_units).chain(Axis::ALL.map(axis)).collect();
+        let found = known.iter().find(|(known, _)| *known == plain);
+        found.map(|(_, column)| *column).ok_or_else(|| {
+            let hint = did_you_mean(&plain, known.iter().map(|(known, _)| known.as_str()));
             format!("unknown column `{name}`{hint}")
         })
     }
@@ -120,17 +105,16 @@ impl LoadColumn {
 
 /// The load of a line: `number` gives what a column of it holds, `word` its direction.
 pub(crate) fn pull(
-    number: impl Fn(ColumnQuantity) -> Option<f64>,
+    number: impl Fn(LoadColumn) -> Option<f64>,
     word: Option<&str>,
 ) -> Result<Pull, String> {
-    let three = |of: fn(usize) -> ColumnQuantity| some_of([0, 1, 2].map(|axis| number(of(axis))));
-    let (mass_kg, force_n) = match (number(ColumnQuantity::Mass), number(ColumnQuantity::Force)) {
+    let three = |of: fn(usize) -> LoadColumn| some_of([0, 1, 2].map(|axis| number(of(axis))));
+    let (mass_kg, force_n) = match (number(LoadColumn::Mass), number(LoadColumn::Force)) {
         (Some(_), Some(_)) => return Err("both a mass and a force".to_owned()),
         (Some(mass), None) => (Some(mass), mass * STANDARD_GRAVITY),
         (None, Some(force)) => (None, force),
         (None, None) => {
-            let wrench =
-                some_of([0, 1, 2, 3, 4, 5].map(|axis| number(ColumnQuantity::Wrench(axis))));
+            let wrench = some_of([0, 1, 2, 3, 4, 5].map(|axis| number(LoadColumn::Wrench(axis))));
             let missing = || "no mass, no force and no wrench".to_owned();
             return wrench.map(Pull::Wrench).ok_or_else(missing);
         }
@@ -139,19 +123,19 @@ pub(crate) fn pull(
         return Err("a load below zero: turn its direction around".to_owned());
     }
     let angles = |first, second| some_of([number(first), number(second)]);
-    let turned = angles(ColumnQuantity::Roll, ColumnQuantity::Pitch)
-        .or_else(|| number(ColumnQuantity::Yaw).map(|_| [0.0, 0.0]));
+    let turned = angles(LoadColumn::Roll, LoadColumn::Pitch)
+        .or_else(|| number(LoadColumn::Yaw).map(|_| [0.0, 0.0]));
     let ways = [
         word.map(direction_of_word).transpose()?,
-        three(ColumnQuantity::Along),
-        angles(ColumnQuantity::Azimuth, ColumnQuantity::Elevation)
+        three(LoadColumn::Along),
+        angles(LoadColumn::Azimuth, LoadColumn::Elevation)
             .map(|[azimuth, up]| [up.cos() * azimuth.cos(), up.cos() * azimuth.sin(), up.sin()]),
         // −Rᵀ·z with R = Rz(yaw)·Ry(pitch)·Rx(roll), the sensor's axes in the room; yaw turns about the load.
         turned.map(|[roll, pitch]| {
             [pitch.sin(), -pitch.cos() * roll.sin(), -pitch.cos() * roll.cos()]
         }),
         // At rest it reads what holds it up.
-        three(ColumnQuantity::Accelerometer).map(|read| read.map(|value| -value)),
+        three(LoadColumn::Accelerometer).map(|read| read.map(|value| -value)),
     ];
     let mut given = ways.into_iter().flatten();
     let along = given.next().unwrap_or([0.0, 0.0, -1.0]);
@@ -162,7 +146,7 @@ pub(crate) fn pull(
     if length <= 0.0 {
         return Err("a direction of length 0".to_owned());
     }
-    let point_m = three(ColumnQuantity::Point).unwrap_or_default();
+    let point_m = three(LoadColumn::Point).unwrap_or_default();
     Ok(Pull::Force { force_n, mass_kg, point_m, direction: along.map(|x| x / length) })
 }
 
@@ -173,10 +157,10 @@ fn some_of<const N: usize>(numbers: [Option<f64>; N]) -> Option<[f64; N]> {
 
 /// The errors that a line states of its load, and those that are usual where it says nothing.
 pub(crate) fn errors(
-    number: impl Fn(ColumnQuantity) -> Option<f64>,
+    number: impl Fn(LoadColumn) -> Option<f64>,
     pull: &Pull,
 ) -> Result<LoadErrors, String> {
-    use ColumnQuantity::{AngleError, ForceError, LeverError, MassError};
+    use LoadColumn::{AngleError, ForceError, LeverError, MassError};
     let force_n = match pull {
         Pull::Force { force_n, .. } => *force_n,
         Pull::Wrench(_) => 0.0,

@@ -15,7 +15,7 @@
 //! | `ax`, `ay`, `az` | or what an accelerometer on the sensor reads at rest, in any unit |
 //! | `fx_n` … `mz_nm` | or the wrench itself, where no mass and no force is given |
 //! | `mounting` | loads of one mounting of the lever have one label |
-//! | `mass_error_g` (or `_kg`), `force_error_n` (or `_mn`), `angle_error_deg` (or `_rad`), `lever_error_mm` | standard errors; 0.2 %, 1° and 1 mm if absent |
+//! | `mass_error_g` (or `_kg`), `force_error_n` (or `_mn`), `angle_error_deg` (or `_rad`), `lever_error_mm` (or `_cm`, `_m`) | standard errors; 0.2 %, 1° and 1 mm if absent |
 //!
 //! `notes` and columns whose names begin with `plan_` are carried along. Frame: x forward, y left, z up.
 //!

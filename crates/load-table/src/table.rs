@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use csv::{ReaderBuilder, StringRecord, Trim, WriterBuilder};
 
-use super::columns::{ColumnQuantity, LoadColumn, errors, pull};
+use super::columns::{LoadColumn, errors, pull};
 use super::load::HungLoad;
 
 /// Loads, one a line, with the cells that they were read from.
@@ -53,7 +53,7 @@ impl HungLoads {
         for name in &header {
             let column =
                 LoadColumn::from_name(name).map_err(|why| fault(header_line, None, why))?;
-            if columns.contains(&column) && column != LoadColumn::Other {
+            if columns.contains(&column) && column.0 != LoadColumn::Other {
                 let message = "a second column for the same".to_owned();
                 return Err(fault(header_line, Some(name), message));
             }
@@ -101,7 +101,7 @@ impl HungLoads {
     /// # Panics
     /// If an index is not below the number of lines.
     pub fn to_csv(&self, lines: &[usize], more: &[(String, Vec<String>)]) -> String {
-        let is_group = |name: &String| LoadColumn::from_name(name) == Ok(LoadColumn::Group);
+        let is_group = |name: &String| LoadColumn::from_name(name) == Ok((LoadColumn::Group, 1.0));
         let is_own = |at: &usize| !self.header[*at].to_lowercase().starts_with("plan_");
         let kept: Vec<usize> = (0..self.header.len()).filter(is_own).collect();
         let unlabelled = !self.header.iter().any(is_group);
@@ -122,11 +122,9 @@ impl HungLoads {
 }
 
 fn fields(line: &str, separator: u8) -> Result<Vec<String>, String> {
-    let mut reader = ReaderBuilder::new()
-        .has_headers(false)
-        .delimiter(separator)
-        .trim(Trim::All)
-        .from_reader(line.as_bytes());
+    let mut csv = ReaderBuilder::new();
+    csv.has_headers(false).delimiter(separator).trim(Trim::All);
+    let mut reader = csv.from_reader(line.as_bytes());
     let mut record = StringRecord::new();
     reader.read_record(&mut record).map_err(|error| error.to_string())?;
     Ok(record.iter().map(str::to_owned).collect())
@@ -135,12 +133,12 @@ fn fields(line: &str, separator: u8) -> Result<Vec<String>, String> {
 /// The load of a line, or which column is wrong, and how.
 fn load(
     line: usize,
-    columns: &[LoadColumn],
+    columns: &[(LoadColumn, f64)],
     cells: &[String],
 ) -> Result<HungLoad, (Option<usize>, String)> {
-    let mut numbers: Vec<(ColumnQuantity, f64)> = Vec::new();
+    let mut numbers: Vec<(LoadColumn, f64)> = Vec::new();
     let (mut group, mut mounting, mut word) = (None, None, None);
-    for (at, (column, cell)) in columns.iter().zip(cells).enumerate() {
+    for (at, ((column, unit), cell)) in columns.iter().zip(cells).enumerate() {
         if cell.is_empty() {
             continue;
         }
@@ -149,7 +147,7 @@ fn load(
             LoadColumn::Mounting => mounting = Some(cell.clone()),
             LoadColumn::Direction => word = Some(cell.as_str()),
             LoadColumn::Other => {}
-            LoadColumn::Number(quantity, unit) => {
+            quantity => {
                 let value = cell.replace('−', "-").parse::<f64>().ok().filter(|x| x.is_finite());
                 let value = value.ok_or_else(|| (Some(at), format!("`{cell}` is not a number")))?;
                 // A point in m and one in mm are columns of one quantity.

@@ -269,13 +269,10 @@ pub enum ErrorKind {
 /// Run time against error, both logarithmic: a colour for each solver, a point for each model, and a
 /// line along the fastest solvers of each accuracy.
 pub fn figure(size: Size, benches: &[ModelBench], kind: ErrorKind) -> Figure {
+    use ErrorKind::{Coefficients, Prediction};
     let (error, quantity): (fn(&Measurement) -> Option<f64>, _) = match kind {
-        ErrorKind::Coefficients => {
-            (|m| m.coefficient_error, "largest relative error of a coefficient")
-        }
-        ErrorKind::Prediction => {
-            (|m| m.prediction_error, "largest error of a prediction, over RMS")
-        }
+        Coefficients => (|m| m.coefficient_error, "largest relative error of a coefficient"),
+        Prediction => (|m| m.prediction_error, "largest error of a prediction, over RMS"),
     };
     let (mut series, mut fronts) = (Vec::<Series>::new(), Vec::new());
     for bench in benches {

@@ -8,8 +8,7 @@ use super::noise::{NoiseOptions, noise};
 use super::recalibration::known_errors;
 use super::selection::RowFilter;
 use calibration::physics::COVERAGE_LEVEL;
-use calibration::validation::cross_validation::CrossValidation;
-use calibration_file::CalibrationFile;
+use calibration_file::{CalibrationFile, Diagnostics};
 use log_file::{Log, ReadOptions};
 use report::Contribution;
 use shell_data::wrench::{AxisValues, PerAxis};
@@ -60,22 +59,18 @@ fn measured(source: &'static str, basis: String, standard: Option<PerAxis<f64>>)
 
 /// Errors on loads that were not used, or the best that the file knows.
 fn of_model(file: &CalibrationFile) -> Contribution {
-    let known = file.origin.diagnostics.as_ref();
-    let held_out = known.and_then(|of| of.cross_validation.as_ref());
-    let test = known.and_then(|of| of.test.as_ref());
-    let basis = match (held_out, test, known) {
-        (Some(CrossValidation { groups, .. }), _, _) => {
-            format!(
-                "root mean square error on {groups} groups of rows that were not used for the fit"
-            )
+    let rows = match &file.origin.diagnostics {
+        Some(Diagnostics { cross_validation: Some(of), .. }) => {
+            format!("{} groups of rows that were not used for the fit", of.groups)
         }
-        (None, Some(_), _) => "root mean square error on test logs".to_owned(),
-        (None, None, Some(_)) => {
-            "root mean square error on the rows that were fitted: too small for new loads"
-                .to_owned()
+        Some(Diagnostics { test: Some(_), .. }) => "test logs".to_owned(),
+        Some(_) => "the rows that were fitted: too small for new loads".to_owned(),
+        None => {
+            let basis = "the calibration file does not say".to_owned();
+            return measured("model and mounting", basis, None);
         }
-        (None, None, None) => "the calibration file does not say".to_owned(),
     };
+    let basis = format!("root mean square error on {rows}");
     measured("model and mounting", basis, known_errors(file))
 }
 

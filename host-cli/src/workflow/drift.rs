@@ -6,7 +6,7 @@ use calibration::Calibration;
 use figures::WrenchTrace;
 use forces::by_column;
 use forces::drift::{Drift, FEWEST_RESTS};
-use forces::stationary::{QuietLevel, StationaryFinder, StationaryInterval};
+use forces::stationary::{QuietLevel, StationaryFinder};
 use log_file::{ColumnRef, Log, ReadOptions, Wanted};
 use shell_data::wrench::{AxisValues, PerAxis};
 
@@ -23,7 +23,7 @@ pub struct DriftOptions<'a> {
 }
 
 /// How the zero of a log moves.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, serde::Serialize)]
 pub struct DriftSummary {
     /// Rows in the log.
     pub rows: u64,
@@ -42,20 +42,12 @@ pub struct DriftSummary {
     pub axes: Option<AxisValues<Drift>>,
     /// The readings of each channel, counts.
     pub channels: Vec<Drift>,
-    /// The zeros at the stationary intervals.
+    /// The wrench at the stationary intervals less that at the first, to be drawn.
     #[serde(skip)]
-    pub zeros: Zeros,
-}
-
-/// The zeros at the stationary intervals, column by column.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Zeros {
-    /// The middle of each rest, s.
-    pub times_s: Vec<f64>,
-    /// The wrench, N and N·m; empty without a calibration.
-    axes: PerAxis<Vec<QuietLevel>>,
-    /// The readings of each channel, counts.
-    channels: Vec<Vec<QuietLevel>>,
+    pub trace: WrenchTrace,
+    /// The readings of each channel at the stationary intervals less those at the first, with their times.
+    #[serde(skip)]
+    pub channel_changes: Vec<Vec<(f64, f64)>>,
 }
 
 /// Finds the stationary intervals of a log, and how its zero moves from one to the next, in one pass.
@@ -80,8 +72,9 @@ pub fn drift(
         check_channels(log, calibration.channels())?;
     }
     let mut finder = StationaryFinder::default();
-    let channels = vec![Vec::new(); log.channels()];
-    let mut zeros = Zeros { channels, ..Zeros::default() };
+    let mut times_s = Vec::new();
+    let mut axes: PerAxis<Vec<QuietLevel>> = PerAxis::default();
+    let mut channels: Vec<Vec<QuietLevel>> = vec![Vec::new(); log.channels()];
     // A board says the temperature now and then: it holds until the next time.
     let mut said: Vec<(f64, f64)> = Vec::new();
     let summary = log.read(
@@ -105,12 +98,18 @@ pub fn drift(
                 row += rows;
             }
             finder.look_at(&block.time_s, &block.readings, &mut |rest| {
-                zeros.add(options.calibration, rest);
+                times_s.push(rest.middle_s());
+                for (levels, readings) in channels.iter_mut().zip(&rest.readings) {
+                    levels.push(QuietLevel::new(readings, &rest.parts));
+                }
+                if let Some(calibration) = options.calibration {
+                    let wrench = QuietLevel::from_wrench(calibration, rest);
+                    axes.iter_mut().zip(wrench).for_each(|(levels, level)| levels.push(level));
+                }
             });
             Ok::<(), WorkflowError>(())
         },
     )?;
-    let Zeros { axes, channels, times_s } = &zeros;
     let temperature_at = |&time_s: &f64| {
         let next = said.partition_point(|&(time, _)| time <= time_s);
         next.checked_sub(1).map(|last| said[last].1)
@@ -118,7 +117,7 @@ pub fn drift(
     let temperatures: Vec<Option<f64>> = times_s.iter().map(temperature_at).collect();
     let calibration_axes = options.calibration.map(|calibration| calibration.axes);
     let quantities = calibration_axes.map_or(channels.len(), |axes| axes.iter().count());
-    let of = |levels: &Vec<QuietLevel>| Drift::fit(levels, times_s, &temperatures, quantities);
+    let of = |levels: &Vec<QuietLevel>| Drift::fit(levels, &times_s, &temperatures, quantities);
     let too_few = || {
         let found = times_s.len();
         WorkflowError::refused(
@@ -138,6 +137,9 @@ pub fn drift(
     };
     let known = temperatures.iter().copied().flatten();
     let extremes = known.clone().reduce(f64::min).zip(known.reduce(f64::max));
+    let mut trace = WrenchTrace::default();
+    trace.add(&times_s, &axes.each_ref().map(|levels| from_first(levels)));
+    let points = |levels: &Vec<QuietLevel>| std::iter::zip(times_s.clone(), from_first(levels));
     Ok(DriftSummary {
         rows: summary.rows,
         skipped_rows: summary.skipped_rows,
@@ -147,21 +149,9 @@ pub fn drift(
         temperature: extremes.map(|(low, high)| [low, high]),
         axes: axis_drifts,
         channels: channel_drifts,
-        zeros,
+        trace,
+        channel_changes: channels.iter().map(|levels| points(levels).collect()).collect(),
     })
-}
-
-impl Zeros {
-    fn add(&mut self, calibration: Option<&Calibration>, rest: &StationaryInterval) {
-        self.times_s.push(rest.middle_s());
-        for (levels, readings) in self.channels.iter_mut().zip(&rest.readings) {
-            levels.push(QuietLevel::new(readings, &rest.parts));
-        }
-        if let Some(calibration) = calibration {
-            let wrench = QuietLevel::from_wrench(calibration, rest);
-            self.axes.iter_mut().zip(wrench).for_each(|(levels, level)| levels.push(level));
-        }
-    }
 }
 
 /// The number in a column of temperature, `None` if nothing stands there; what is no number is the error.
@@ -172,26 +162,6 @@ fn temperature_of(text: &str) -> Result<Option<f64>, String> {
     }
     let number = text.replace(',', ".").parse().ok().filter(|value: &f64| value.is_finite());
     number.map(Some).ok_or_else(|| text.to_owned())
-}
-
-impl DriftSummary {
-    /// The wrench at the stationary intervals less that at the first, to be drawn.
-    pub fn trace(&self) -> WrenchTrace {
-        let mut trace = WrenchTrace::default();
-        trace
-            .add(&self.zeros.times_s, &self.zeros.axes.each_ref().map(|column| from_first(column)));
-        trace
-    }
-}
-
-impl Zeros {
-    /// The readings of each channel at the stationary intervals less those at the first, with their times.
-    pub fn channel_changes(&self) -> Vec<Vec<(f64, f64)>> {
-        let points = |column: &Vec<QuietLevel>| {
-            self.times_s.iter().copied().zip(from_first(column)).collect::<Vec<_>>()
-        };
-        self.channels.iter().map(points).collect()
-    }
 }
 
 fn from_first(column: &[QuietLevel]) -> Vec<f64> {

@@ -11,7 +11,9 @@ use calibration_file::MergeError;
 use forces::ForceError;
 use forces::payload::PayloadError;
 use log_file::LogError;
-use shell_data::hint::{Hint, OTHER_CHANNELS};
+use output_file::OutputError;
+use shell_data::hint::Hint;
+use simulation::SimulationError;
 use trial::{NoWindow, TrialError};
 
 /// What to do where a log has no rows in a stretch of time.
@@ -27,16 +29,6 @@ pub enum WorkflowError {
     /// The rows do not determine a calibration, or nothing of what was asked of them.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// A log has another number of channels than the calibration, or than the first log.
-    #[error("`{}` has `{found}` sensor channels, expected `{expected}`", path.display())]
-    Channels {
-        /// The log.
-        path: PathBuf,
-        /// Channels of the calibration or of the first log.
-        expected: usize,
-        /// Channels of the log.
-        found: usize,
-    },
     /// Partial fits that cannot be merged.
     #[error(transparent)]
     Merge(MergeError),
@@ -46,14 +38,6 @@ pub enum WorkflowError {
     /// A calibration that cannot be brought up to date, or loads that do not serve for it.
     #[error(transparent)]
     Recalibration(#[from] RecalibrationError),
-    /// Too few frames to scatter.
-    #[error("`{path}` has `{found}` frames to tell the noise from, at least 2 are needed")]
-    TooFewFrames {
-        /// The log.
-        path: String,
-        /// Frames found.
-        found: u64,
-    },
     /// A log gives no forces as asked.
     #[error("`{path}`: {error}")]
     Forces {
@@ -68,17 +52,15 @@ pub enum WorkflowError {
     /// An interval was asked for that the calibration's groups cannot tell.
     #[error(transparent)]
     NoIntervals(#[from] NoIntervals),
-    /// Readings so large that the wrench overflows.
-    #[error("`{path}`: the wrench of frame `{frame}` is not finite")]
-    NotFinite {
-        /// The log.
-        path: String,
-        /// Number of the frame among those used, from 1.
-        frame: u64,
-    },
     /// The result cannot be written.
     #[error("cannot write the result")]
     Output(#[from] io::Error),
+    /// A file of it cannot be written.
+    #[error(transparent)]
+    File(#[from] OutputError),
+    /// Settings that make no synthetic trial.
+    #[error(transparent)]
+    Settings(#[from] SimulationError),
     /// The poses do not tell what a sensor carries.
     #[error(transparent)]
     Payload(#[from] PayloadError),
@@ -131,8 +113,8 @@ impl Hint for WorkflowError {
         let text = match self {
             Self::Log(error) => return error.hint(),
             Self::Fit(error) => return error.hint(),
-            Self::Channels { .. } => OTHER_CHANNELS,
             Self::Merge(error) => return error.hint(),
+            Self::File(error) => return error.hint(),
             Self::Payload(error) => return error.hint(),
             Self::Align { source, .. } => return source.hint(),
             Self::Trial(error) => return error.hint(),
@@ -140,7 +122,6 @@ impl Hint for WorkflowError {
             Self::Recalibration(RecalibrationError::NoErrors) => {
                 "an imported matrix says nothing of its errors: fit anew, without `--from`"
             }
-            Self::TooFewFrames { .. } => TIMES,
             Self::Forces { error, .. } => match error {
                 ForceError::TareFrames { .. } => "take fewer frames with `--tare`, or `--no-tare`",
                 ForceError::TareTime { .. } => TIMES,

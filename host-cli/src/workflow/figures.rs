@@ -34,11 +34,10 @@ impl<'a> FigureFolder<'a> {
         formats: &[Format],
         size: Size,
     ) -> Result<Self, OutputError> {
-        let directory = directory.to_owned();
-        match std::fs::create_dir_all(&directory) {
-            Ok(()) => Ok(Self { outputs, directory, formats: formats.to_vec(), size }),
-            Err(source) => Err(OutputError::failed(directory, source)),
-        }
+        std::fs::create_dir_all(directory)
+            .map_err(|source| OutputError::failed(directory, source))?;
+        let (directory, formats) = (directory.to_owned(), formats.to_vec());
+        Ok(Self { outputs, directory, formats, size })
     }
 
     /// Writes drag and lift over time, and the telemetry of some strides, of a trial with the trace of

@@ -29,6 +29,7 @@ mod error;
 
 pub use error::WorkflowError;
 use log_file::{Log, Wanted};
+use shell_data::hint::OTHER_CHANNELS;
 use shell_data::wrench::Axes;
 
 /// The axes of the wrench that a fit to `train` is of, which all of them have; of the others in `test`,
@@ -72,11 +73,13 @@ fn check_logs<'a>(
 /// Checks that a log has so many channels.
 ///
 /// # Errors
-/// [`WorkflowError::Channels`].
+/// [`WorkflowError::Refused`].
 pub fn check_channels(log: &Log, expected: usize) -> Result<(), WorkflowError> {
     let found = log.channels();
     if found == expected {
         return Ok(());
     }
-    Err(WorkflowError::Channels { path: log.path().to_path_buf(), expected, found })
+    let path = log.path().display();
+    let message = format!("`{path}` has `{found}` sensor channels, expected `{expected}`");
+    Err(WorkflowError::refused(message, OTHER_CHANNELS))
 }

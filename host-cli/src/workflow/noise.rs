@@ -4,7 +4,7 @@
 //! forces are those of the [pipeline](forces) without a low-pass, which would hide the noise.
 
 use super::selection::{RowFilter, TimeWindow, read_with_memory};
-use super::{WorkflowError, check_channels};
+use super::{WorkflowError, check_channels, error::TIMES};
 use calibration::Calibration;
 use forces::stationary::{ZeroMove, ZeroWatch};
 use forces::{ForcePipeline, by_column};
@@ -65,7 +65,6 @@ pub fn noise(
     options: &NoiseOptions,
     read: &ReadOptions<'_>,
 ) -> Result<NoiseSummary, WorkflowError> {
-    let path = || log.path().display().to_string();
     let time = options.window.is_some() || log.has_time() || calibration.needs_time();
     let wanted = Wanted { readings: true, time, ..Wanted::default() };
     log.require(&wanted)?;
@@ -100,7 +99,10 @@ pub fn noise(
     )?;
     let frames = axes[0].variance.count;
     if frames < 2 {
-        return Err(WorkflowError::TooFewFrames { path: path(), found: frames });
+        let path = log.path().display();
+        let message =
+            format!("`{path}` has `{frames}` frames to tell the noise from, at least 2 are needed");
+        return Err(WorkflowError::refused(message, TIMES));
     }
     Ok(NoiseSummary {
         rows: summary.rows,

@@ -4,12 +4,12 @@ use std::io;
 use std::path::Path;
 
 use super::batch::Batch;
-use super::trial::TrialJob;
+use super::selection::{RowFilter, fresh_rows};
 use forces::RowRule;
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted, checksum};
 use report::{Input, OutlierRow, OutlierTable};
 use shell_data::block::Block;
-use trial::{Diagnostic, Instrument, Profile, TrialOptions};
+use trial::{Diagnostic, Instrument, Profile, TrialOptions, TrialResult};
 
 /// Rows of one log that are named.
 const NAMED: usize = 20;
@@ -44,7 +44,7 @@ pub fn logs(batch: &Batch) -> Vec<Input> {
 }
 
 /// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration. Only
-/// logs that have some, as their diagnostics say, are read again.
+/// logs that have some, as their diagnostics say, are read again; of each, the first are named.
 ///
 /// # Errors
 /// [`LogError`] if one of those can no longer be read.
@@ -55,44 +55,12 @@ pub fn doubtful(
     options: TrialOptions,
     read: ReadOptions<'_>,
 ) -> Result<Option<OutlierTable>, LogError> {
-    if instrument.calibration.is_none() {
-        return Ok(None);
-    }
+    let Some(calibration) = instrument.calibration else { return Ok(None) };
     let read = ReadOptions { checksum: false, progress: None, ..read };
-    let mut all = OutlierTable::default();
-    for trial in &batch.trials {
-        let result = &trial.evaluated.result;
-        let is_doubt = |of: &Diagnostic| matches!(of.code, "out_of_range" | "saturated");
-        if !result.diagnostics.iter().any(is_doubt) {
-            continue;
-        }
-        let log = Log::open(&trial.path, mapping)?;
-        let job = TrialJob { log: &log, instrument, options, read };
-        let (rows, count) = doubtful_rows(&job, [result.row.t_enter_s, result.row.t_exit_s])?;
-        let file = &result.row.file;
-        let row = |(line, what)| OutlierRow { file: file.clone(), line, what };
-        all.rows.extend(rows.into_iter().map(row));
-        all.count += count;
-    }
-    Ok(Some(all))
-}
-
-/// The frames between two times (s on the log's clock) with a reading that cannot be trusted: lines of the first of
-/// them, with the readings in words, and how many there are. Without a calibration there are none.
-///
-/// # Errors
-/// [`LogError`] if the log cannot be read.
-fn doubtful_rows(
-    job: &TrialJob<'_>,
-    window_s: [f64; 2],
-) -> Result<(Vec<(u64, String)>, usize), LogError> {
-    let log = job.log;
-    let ranges = job.instrument.calibration.filter(|of| of.channels() == log.channels());
-    let Some(calibration) = ranges else { return Ok((Vec::new(), 0)) };
-    let doubt = |channel: usize, reading: f64| {
+    let doubt = |(channel, reading): (usize, f64)| {
         let range = calibration.valid_range.as_ref().and_then(|ranges| ranges.get(channel));
         let why = match range {
-            _ if !(reading > 0.0 && reading < job.options.full_scale) => {
+            _ if !(reading > 0.0 && reading < options.full_scale) => {
                 "an end of the converter".to_owned()
             }
             Some(range) if !range.contains(reading) => {
@@ -102,31 +70,39 @@ fn doubtful_rows(
         };
         Some(format!("`s{}` is {reading}, {why}", channel + 1))
     };
-    let are_stale = log.repeats_are_stale();
-    let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
-    let look = |block: &mut Block| -> Vec<(u64, String)> {
-        let fresh = if are_stale { block.fresh_rows() } else { vec![true; block.rows] };
-        let words = |row: usize| {
-            let time_s = block.time_s[row];
-            if !fresh[row] || !(window_s[0]..=window_s[1]).contains(&time_s) {
-                return None;
-            }
-            let readings = block.readings.iter().enumerate();
-            let doubts = readings.filter_map(|(channel, column)| doubt(channel, column[row]));
-            let doubts: Vec<String> = doubts.collect();
-            let words = || format!("{time_s:.3} s: {}", doubts.join("; "));
-            (!doubts.is_empty()).then(|| (block.lines.line(row), words()))
+    let mut all = OutlierTable::default();
+    for trial in &batch.trials {
+        let TrialResult { row, diagnostics, .. } = &trial.evaluated.result;
+        let is_doubt = |of: &Diagnostic| matches!(of.code, "out_of_range" | "saturated");
+        if !diagnostics.iter().any(is_doubt) {
+            continue;
+        }
+        let log = Log::open(&trial.path, mapping)?;
+        let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
+        let look = |block: &mut Block| -> Vec<OutlierRow> {
+            let fresh = fresh_rows(&log, RowFilter::All, block);
+            let doubtful = |at: usize| {
+                let time_s = block.time_s[at];
+                let is_used = fresh[at] && (row.t_enter_s..=row.t_exit_s).contains(&time_s);
+                let readings = block.readings.iter().map(|column| column[at]).enumerate();
+                let doubts: Vec<String> = readings.filter(|_| is_used).filter_map(doubt).collect();
+                (!doubts.is_empty()).then(|| OutlierRow {
+                    file: row.file.clone(),
+                    line: block.lines.line(at),
+                    what: format!("{time_s:.3} s: {}", doubts.join("; ")),
+                })
+            };
+            (0..block.rows).filter_map(doubtful).collect()
         };
-        (0..block.rows).filter_map(words).collect()
-    };
-    let (mut first, mut count) = (Vec::new(), 0);
-    log.read(&wanted, &job.read, look, |found| {
-        count += found.len();
-        let room = NAMED.saturating_sub(first.len());
-        first.extend(found.into_iter().take(room));
-        Ok::<_, LogError>(())
-    })?;
-    Ok((first, count))
+        let most = all.rows.len() + NAMED;
+        log.read(&wanted, &read, look, |found| {
+            all.count += found.len();
+            let room = most - all.rows.len();
+            all.rows.extend(found.into_iter().take(room));
+            Ok::<_, LogError>(())
+        })?;
+    }
+    Ok(Some(all))
 }
 
 /// How trials were evaluated: name and value.

@@ -64,9 +64,10 @@ pub fn read_trace(
     passage: Option<SteadyPassage>,
 ) -> Result<ChannelCurve, WorkflowError> {
     let table = CsvTable::open(path)?;
-    let position = table.column(if passage.is_some() { &["x_m", "t_s"] } else { &["x_m"] })?;
-    let drag = table.column(&["drag_n", "fx_n"])?;
-    let sign = if table.name(drag).eq_ignore_ascii_case("fx_n") { -1.0 } else { 1.0 };
+    let positions: &[&str] = if passage.is_some() { &["x_m", "t_s"] } else { &["x_m"] };
+    let (position, position_name) = table.column(positions)?;
+    let (drag, drag_name) = table.column(&["drag_n", "fx_n"])?;
+    let sign = if drag_name == "fx_n" { -1.0 } else { 1.0 };
     let mut points = Vec::new();
     for record in &table.records {
         let number = |column| table.number(record, column);
@@ -76,7 +77,7 @@ pub fn read_trace(
     }
     let Some(&(first, _)) = points.first() else { return Err(table.empty(drag)) };
     if let Some(SteadyPassage { speed_m_s, entry_s, entry_x_m }) = passage
-        && table.name(position).eq_ignore_ascii_case("t_s")
+        && position_name == "t_s"
     {
         let entry_s = entry_s.unwrap_or(first);
         for (position, _) in &mut points {
@@ -110,8 +111,8 @@ pub struct MeasuredCondition {
 /// [`WorkflowError`] naming file, line and column.
 pub fn read_trials(path: &Path) -> Result<Vec<MeasuredCondition>, WorkflowError> {
     let table = CsvTable::open(path)?;
-    let condition = table.column(&["condition"])?;
-    let drag = table.column(&["drag_mean_n"])?;
+    let (condition, _) = table.column(&["condition"])?;
+    let (drag, _) = table.column(&["drag_mean_n"])?;
     let mut groups: Vec<(String, Vec<f64>, usize)> = Vec::new();
     for record in &table.records {
         let name = record.get(condition).unwrap_or_default();
@@ -167,16 +168,12 @@ impl CsvTable {
     }
 
     /// The position and name of the first of `names` that is there.
-    fn column(&self, names: &[&str]) -> Result<usize, WorkflowError> {
-        let position = |name: &&str| self.header.iter().position(|h| h.eq_ignore_ascii_case(name));
-        names.iter().find_map(position).ok_or_else(|| {
+    fn column<'n>(&self, names: &[&'n str]) -> Result<(usize, &'n str), WorkflowError> {
+        let position = |name: &str| self.header.iter().position(|h| h.eq_ignore_ascii_case(name));
+        names.iter().find_map(|name| Some((position(name)?, *name))).ok_or_else(|| {
             let (wanted, found) = (quoted(names, " or "), quoted(&self.header, ", "));
             self.unusable(format!(", line 1: no column {wanted}; found {found}"))
         })
-    }
-
-    fn name(&self, column: usize) -> &str {
-        &self.header[column]
     }
 
     /// `None` where nothing stands.

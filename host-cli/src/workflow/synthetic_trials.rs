@@ -1,39 +1,24 @@
 //! Trials of the virtual robot as files: a log, its truth, and a set with a manifest.
 
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::Path;
 
+use super::WorkflowError;
 use output_file::{OutputError, Outputs};
-use simulation::SimulationError;
 use simulation::synthetic_log::{
     FRAME_HEADER, TrialLayout, write_frame, write_telemetry_header, write_telemetry_row,
 };
 use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTrial};
 
-/// A trial that could not be made.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum SyntheticTrialError {
-    /// The settings make no trial.
-    #[error(transparent)]
-    Settings(#[from] SimulationError),
-    /// The rows cannot be written.
-    #[error("cannot write the trial")]
-    Write(#[from] io::Error),
-    /// A file cannot be written.
-    #[error(transparent)]
-    Output(#[from] OutputError),
-}
-
 /// Writes the log of a trial; returns its number of rows.
 ///
 /// # Errors
-/// [`SyntheticTrialError`] if the sensor cannot be modelled or `out` fails.
+/// [`WorkflowError`] if the sensor cannot be modelled or `out` fails.
 pub fn write_log(
     out: &mut impl Write,
     trial: &VirtualTrial,
     layout: TrialLayout,
-) -> Result<u64, SyntheticTrialError> {
+) -> Result<u64, WorkflowError> {
     let mut rows = 0;
     // A row at a time is a system call too many for what may be a pipe.
     let mut text = Vec::new();
@@ -84,14 +69,14 @@ pub const MANIFEST: &str = "manifest.csv";
 /// `base` says all but seed and condition; seeds count up from its own.
 ///
 /// # Errors
-/// [`SyntheticTrialError`] if the settings make no trial or a file cannot be written.
+/// [`WorkflowError`] if the settings make no trial or a file cannot be written.
 pub fn write_set(
     outputs: &Outputs,
     directory: &Path,
     base: TrialSettings,
     per_condition: u64,
     mut progress: impl FnMut(u64),
-) -> Result<Vec<SetTrial>, SyntheticTrialError> {
+) -> Result<Vec<SetTrial>, WorkflowError> {
     std::fs::create_dir_all(directory)
         .map_err(|source| OutputError::failed(directory.to_owned(), source))?;
     let mut trials = Vec::new();

@@ -59,7 +59,11 @@ fn a_window_without_frames_and_another_sensor_are_refused() {
     let path = log(directory.path());
     let window = Some(TimeWindow { start_s: 10.0, end_s: 11.0 });
     let error = run(&path, NoiseOptions { rows: RowFilter::All, window }).unwrap_err();
-    assert!(matches!(error, WorkflowError::TooFewFrames { found: 0, .. }));
+    let expected = format!(
+        "`{}` has `0` frames to tell the noise from, at least 2 are needed",
+        path.display()
+    );
+    assert_eq!(error.to_string(), expected);
     let log = Log::open(&path, &Mapping::default()).unwrap();
     let options = NoiseOptions { rows: RowFilter::All, window: None };
     let error = noise(&log, &calibration(8), &options, &ReadOptions::default()).unwrap_err();

@@ -80,17 +80,13 @@ pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
                 .to_owned(),
         );
     }
-    let origin = match axes.iter().any(Axis::is_moment) {
-        true => {
-            "Moments are about the origin of the reference sensor that it was fitted with, x forward, y left, z \
-             up; the shell was mounted as it was. Another point, another mounting or another sensor needs \
-             another calibration."
-        }
-        false => {
-            "Forces are along the axes of the reference sensor that it was fitted with, x forward, y left, z up; \
-             the shell was mounted as it was. Another mounting or another sensor needs another calibration."
-        }
+    let (frame, place) = match axes.iter().any(Axis::is_moment) {
+        true => ("Moments are about the origin", "Another point, another mounting"),
+        false => ("Forces are along the axes", "Another mounting"),
     };
-    limits.push(origin.to_owned());
+    limits.push(format!(
+        "{frame} of the reference sensor that it was fitted with, x forward, y left, z up; the shell was mounted \
+         as it was. {place} or another sensor needs another calibration."
+    ));
     limits
 }

@@ -2,14 +2,12 @@
 
 pub(super) mod calibration;
 mod conditions;
-mod effect;
 mod trials;
 
 use std::fmt::Write;
 
 use calibration::calibration;
-use conditions::{conditions, phase};
-use effect::effect;
+use conditions::{conditions, effect, side_by_side};
 use trials::trials;
 
 use super::Report;
@@ -23,7 +21,7 @@ pub(super) fn of(report: &Report<'_>, plots: &Plots) -> Vec<PageSection> {
         ("effect", "What came out", effect(report, plots)),
         ("warnings", "Warnings", warnings(report)),
         ("conditions", "By condition", conditions(report, plots)),
-        ("phase", "Over a stride", phase(plots)),
+        ("phase", "Over a stride", side_by_side("phase", &plots.phases)),
         ("trials", "Trials", trials(report, plots)),
         ("doubtful", "Readings that cannot be trusted", doubtful(report)),
         ("calibration", "Calibration", report.calibration.map(calibration).unwrap_or_default()),

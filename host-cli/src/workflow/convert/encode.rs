@@ -143,20 +143,17 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
 /// Where encoded frames go, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    /// With its columns, which hold the rows that are not written yet.
-    Table(TableFile<'a>, Vec<(String, Cells<'static>)>),
+    /// With the rows that are not written yet.
+    Parquet(ParquetWriter<&'a mut dyn Write>, Columns),
+    /// A table that begins with the number of rows, with all of them and what writes it.
+    Whole(&'a mut dyn Write, Columns, WriteWhole),
     /// With the frame whose mount is still to be written.
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
 }
 
-type WriteWhole = fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>;
+type Columns = Vec<(String, Cells<'static>)>;
 
-/// A file with columns of numbers and texts.
-pub(super) enum TableFile<'a> {
-    Parquet(ParquetWriter<&'a mut dyn Write>),
-    /// One that begins with the number of rows, and what writes it.
-    Whole(&'a mut dyn Write, WriteWhole),
-}
+type WriteWhole = fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>;
 
 impl<'a> EncodedOutput<'a> {
     /// Writes what comes before the first frame.
@@ -165,11 +162,11 @@ impl<'a> EncodedOutput<'a> {
             true => (name, Cells::Text(Cow::default())),
             false => (name, Cells::Full(Cow::default())),
         };
-        let columns: Vec<_> = encoder.table.names().into_iter().map(column).collect();
-        let file = match encoder.format {
+        let columns: Columns = encoder.table.names().into_iter().map(column).collect();
+        Ok(match encoder.format {
             OutputFormat::Csv => {
                 out.write_all(encoder.table.header().as_bytes())?;
-                return Ok(Self::Text(out));
+                Self::Text(out)
             }
             OutputFormat::Mcap(frame) => {
                 let details = encoder.details_schema();
@@ -179,13 +176,12 @@ impl<'a> EncodedOutput<'a> {
                 ];
                 channels.extend(frame.mount.as_ref().map(|_| McapChannel::static_transforms()));
                 let writer = McapWriter::new(out, crate::PROGRAM, channels)?;
-                return Ok(Self::Recording(writer, Some(frame.clone())));
+                Self::Recording(writer, Some(frame.clone()))
             }
-            OutputFormat::Parquet => TableFile::Parquet(ParquetWriter::new(out, &columns)?),
-            OutputFormat::Matlab => TableFile::Whole(out, write_matlab),
-            OutputFormat::NumPy => TableFile::Whole(out, write_numpy),
-        };
-        Ok(Self::Table(file, columns))
+            OutputFormat::Parquet => Self::Parquet(ParquetWriter::new(out, &columns)?, columns),
+            OutputFormat::Matlab => Self::Whole(out, columns, write_matlab),
+            OutputFormat::NumPy => Self::Whole(out, columns, write_numpy),
+        })
     }
 
     /// Writes so many frames.
@@ -201,17 +197,18 @@ impl<'a> EncodedOutput<'a> {
                 writer.write(&chunk)
             }
             // An empty piece may lack columns.
-            (Self::Table(..), EncodedFrames::Columns(_)) if count == 0 => Ok(()),
-            (Self::Table(file, waiting), EncodedFrames::Columns(next)) => {
-                waiting.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
-                match file {
-                    TableFile::Parquet(writer) if waiting[0].1.rows() >= PART_ROWS => {
-                        writer.write(waiting)?;
-                        waiting.iter_mut().for_each(|(_, cells)| clear(cells));
-                        Ok(())
-                    }
-                    _ => Ok(()),
+            (_, EncodedFrames::Columns(_)) if count == 0 => Ok(()),
+            (Self::Whole(_, rows, _), EncodedFrames::Columns(next)) => {
+                rows.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
+                Ok(())
+            }
+            (Self::Parquet(writer, rows), EncodedFrames::Columns(next)) => {
+                rows.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
+                if rows[0].1.rows() >= PART_ROWS {
+                    writer.write(rows)?;
+                    rows.iter_mut().for_each(|(_, cells)| clear(cells));
                 }
+                Ok(())
             }
             _ => Err(io::Error::other("frames were encoded for another kind of file")),
         }
@@ -222,12 +219,12 @@ impl<'a> EncodedOutput<'a> {
         match self {
             Self::Text(_) => Ok(()),
             Self::Recording(mut writer, _) => writer.finish(),
-            Self::Table(TableFile::Parquet(mut writer), waiting) => {
-                writer.write(&waiting)?;
+            Self::Parquet(mut writer, rows) => {
+                writer.write(&rows)?;
                 writer.finish()
             }
-            Self::Table(TableFile::Whole(out, write), waiting) => {
-                write(out, &waiting)?;
+            Self::Whole(out, rows, write) => {
+                write(out, &rows)?;
                 out.flush()
             }
         }

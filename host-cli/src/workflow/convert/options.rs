@@ -176,15 +176,6 @@ pub struct OutputPlan {
 /// The frame of reference that is named unless another is.
 pub const DEFAULT_FRAME_ID: &str = "shell";
 
-const EXTENSIONS: [(&str, OutputFormat); 6] = [
-    ("csv", OutputFormat::Csv),
-    ("txt", OutputFormat::Csv),
-    ("parquet", OutputFormat::Parquet),
-    ("mat", OutputFormat::Matlab),
-    ("npy", OutputFormat::NumPy),
-    ("mcap", OutputFormat::Mcap(RecordingFrame { id: String::new(), mount: None })),
-];
-
 impl OutputFormat {
     /// What the name of a file says; devices and pipes, which have no such name, get CSV.
     ///
@@ -192,17 +183,19 @@ impl OutputFormat {
     /// [`WorkflowError::Refused`].
     pub fn from_path(path: &Path, frame: &RecordingFrame) -> Result<Self, WorkflowError> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
-        let known = EXTENSIONS.into_iter().find(|(known, _)| extension.as_deref() == Some(known));
-        match known {
-            Some((_, Self::Mcap(_))) => Ok(Self::Mcap(frame.clone())),
-            Some((_, format)) => Ok(format),
-            None if path.starts_with("/dev") => Ok(Self::Csv),
-            None => {
-                let known = EXTENSIONS.map(|(extension, _)| format!("`.{extension}`")).join(", ");
+        Ok(match extension.as_deref() {
+            Some("csv" | "txt") => Self::Csv,
+            Some("parquet") => Self::Parquet,
+            Some("mat") => Self::Matlab,
+            Some("npy") => Self::NumPy,
+            Some("mcap") => Self::Mcap(frame.clone()),
+            _ if path.starts_with("/dev") => Self::Csv,
+            _ => {
+                let known = "`.csv`, `.txt`, `.parquet`, `.mat`, `.npy`, `.mcap`";
                 let message = format!("`{}` ends in none of {known}", path.display());
-                Err(WorkflowError::refused(message, None))
+                return Err(WorkflowError::refused(message, None));
             }
-        }
+        })
     }
 }
 

@@ -160,20 +160,16 @@ pub(super) struct Totals {
 impl Totals {
     /// Adds the wrenches of some frames; the number of the first that is not finite is an error.
     pub(super) fn add(&mut self, wrench: &PerAxis<Vec<f64>>) -> Result<(), u64> {
-        for (total, column) in self.axes.iter_mut().zip(wrench) {
-            let (mut min, mut sum, mut max) = total.unwrap_or((f64::INFINITY, 0.0, -f64::INFINITY));
+        for (total, column) in self.axes.iter_mut().zip(wrench).filter(|(_, of)| !of.is_empty()) {
+            let (min, sum, max) = total.get_or_insert((f64::INFINITY, 0.0, -f64::INFINITY));
             for &value in column {
-                min = min.min(value);
-                max = max.max(value);
-                sum += value;
+                *min = min.min(value);
+                *max = max.max(value);
+                *sum += value;
             }
-            let finite = min.is_finite() && max.is_finite() && sum.is_finite();
-            if !finite && !column.is_empty() {
+            if !(min.is_finite() && max.is_finite() && sum.is_finite()) {
                 let bad = column.iter().position(|value| !value.is_finite()).unwrap_or(0);
                 return Err(self.frames + bad as u64 + 1);
-            }
-            if !column.is_empty() {
-                *total = Some((min, sum, max));
             }
         }
         for (scatter, column) in self.scatter.iter_mut().flatten().zip(wrench) {

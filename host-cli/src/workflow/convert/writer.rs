@@ -47,9 +47,11 @@ impl Writer<'_> {
     }
 
     fn add(&mut self, wrench: &PerAxis<Vec<f64>>) -> Result<(), WorkflowError> {
-        let path = || self.path.display().to_string();
-        let added = self.totals.add(wrench);
-        added.map_err(|frame| WorkflowError::NotFinite { path: path(), frame })
+        self.totals.add(wrench).map_err(|frame| {
+            let path = self.path.display();
+            let message = format!("`{path}`: the wrench of frame `{frame}` is not finite");
+            WorkflowError::refused(message, None)
+        })
     }
 
     fn write(

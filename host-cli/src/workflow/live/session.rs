@@ -207,11 +207,10 @@ impl LiveSession {
 
     /// Frames as rows to show. Those of a board that converts itself have their wrench.
     fn rows(&mut self, frames: &[BoardFrame]) -> Result<Vec<LiveRow>, ForceError> {
-        let has_readings = |frame: &BoardFrame| matches!(frame.measured, Measured::Readings(_));
         let mut rows: Vec<LiveRow> = frames.iter().map(row).collect();
         if let Some(running) = &mut self.forces
             && !frames.is_empty()
-            && frames.iter().all(has_readings)
+            && rows.iter().all(|row| row.readings.is_some())
         {
             for (row, force) in rows.iter_mut().zip(running.of(frames)?) {
                 row.wrench = Some(force.wrench);

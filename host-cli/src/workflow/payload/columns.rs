@@ -165,11 +165,6 @@ impl Orientation {
             let size = norm(up);
             up.map(|value| -value * gravity_m_s2 / size)
         };
-        let near = |row: usize, size: f64, expected: f64, what: &str| {
-            let is_near = (size / expected - 1.0).abs() <= ROUGH;
-            let text = || format!("{what} `{size:.4}` long, expected {expected:.4}");
-            if is_near { Ok(()) } else { Err((row, text())) }
-        };
         let vector = |row: usize| -> Vector { std::array::from_fn(|axis| columns[axis][row]) };
         let (mut expected, mut unit) = (1.0, gravity_m_s2);
         if self == Self::Gravity {
@@ -179,23 +174,26 @@ impl Orientation {
                 (expected, unit) = (median, 1.0);
             }
         }
-        let gravity = |row: usize| match self {
-            Self::Gravity => {
-                near(row, norm(vector(row)), expected, "gravity is")?;
-                Ok(vector(row).map(|value| value * unit))
-            }
-            Self::LastRow => {
-                near(row, norm(vector(row)), 1.0, "the last row of the rotation matrix is")?;
-                Ok(down(vector(row)))
-            }
-            Self::Quaternion => {
-                let [x, y, z, w]: [f64; 4] = std::array::from_fn(|i| columns[i][row]);
-                let square = x * x + y * y + z * z + w * w;
-                near(row, square.sqrt(), 1.0, "the quaternion is")?;
-                let up =
-                    [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), square - 2.0 * (x * x + y * y)];
-                Ok(down(up))
-            }
+        let gravity = |row: usize| {
+            let (what, size, gravity) = match self {
+                Self::Gravity => {
+                    ("gravity is", norm(vector(row)), vector(row).map(|value| value * unit))
+                }
+                Self::LastRow => {
+                    let what = "the last row of the rotation matrix is";
+                    (what, norm(vector(row)), down(vector(row)))
+                }
+                Self::Quaternion => {
+                    let [x, y, z, w]: [f64; 4] = std::array::from_fn(|i| columns[i][row]);
+                    let square = x * x + y * y + z * z + w * w;
+                    let (x_up, y_up) = (2.0 * (x * z - w * y), 2.0 * (y * z + w * x));
+                    let up = [x_up, y_up, square - 2.0 * (x * x + y * y)];
+                    ("the quaternion is", square.sqrt(), down(up))
+                }
+            };
+            let is_near = (size / expected - 1.0).abs() <= ROUGH;
+            let text = || format!("{what} `{size:.4}` long, expected {expected:.4}");
+            if is_near { Ok(gravity) } else { Err((row, text())) }
         };
         (0..rows).map(gravity).collect()
     }

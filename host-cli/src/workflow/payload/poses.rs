@@ -123,12 +123,9 @@ pub fn fit_payload(
     } else {
         return Err(no_motion(first));
     };
-    let poses: Vec<PayloadPose> = sums
-        .iter()
-        .zip(gravity)
-        .map(|(sum, gravity_m_s2)| PayloadPose { wrench: sum.wrench, gravity_m_s2 })
-        .collect();
-    let fit = fit(&poses)?;
+    let pose =
+        |(sum, gravity_m_s2): (&Sum, Vector)| PayloadPose { wrench: sum.wrench, gravity_m_s2 };
+    let fit = fit(&sums.iter().zip(gravity).map(pose).collect::<Vec<_>>())?;
     Ok(FittedPayload { fit, accelerometer, gravity_from, is_grouped, rows, skipped_rows })
 }
 

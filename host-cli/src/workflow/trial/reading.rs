@@ -44,12 +44,8 @@ impl RecordedTrial {
         let times = reading.log_times(summary.rows)?;
         let calibration = job.instrument.calibration;
         let zero = reading.watch.as_ref().zip(calibration).and_then(|(watch, of)| watch.finish(of));
-        let forces = match reading.setup {
-            None => None,
-            Some((calibration, setup)) => {
-                Some(setup.finish(calibration).map_err(TrialError::from)?)
-            }
-        };
+        let forces = reading.setup.map(|(calibration, setup)| setup.finish(calibration));
+        let forces = forces.transpose().map_err(TrialError::from)?;
         Ok(Self { times, rows: reading.trial_rows, forces, zero, summary })
     }
 
@@ -101,22 +97,21 @@ impl<'a> Reading<'a> {
         if options.trace != TraceExtent::Nothing {
             kinds.push(Telemetry::LeftLeg);
         }
-        let mut found = Vec::new();
+        let (mut telemetry, mut others) = (Vec::new(), Vec::new());
         for kind in kinds {
             let position = match instrument.profile.column_name(kind) {
                 Some(name) => Some(log.column_positions(&[ColumnRef::Name(name.to_owned())])?[0]),
                 None => log.telemetry(kind)?,
             };
-            found.extend(position.map(|position| (kind, position)));
+            telemetry.extend(position.map(|_| (kind, Vec::new())));
+            others.extend(position);
         }
-        let (kinds, others): (Vec<Telemetry>, Vec<_>) = found.into_iter().unzip();
         let readings = instrument.calibration.is_some() && channels > 0;
         let calibration = instrument.calibration;
         let calibration = calibration.filter(|of| of.channels() == channels);
         let setup = |of| (of, PipelineSetup::keeping_frames(options.forces));
         let tare = options.forces.tare;
         let watches = calibration.is_some() && tare != TareRule::Untared && !tare.follows_rests();
-        let telemetry = kinds.into_iter().map(|kind| (kind, Vec::new())).collect();
         Ok(Self {
             enter_s: window.0,
             exit_s: window.1,
@@ -152,10 +147,6 @@ impl<'a> Reading<'a> {
         Ok(*self.needed_s.insert((low, high)))
     }
 
-    fn wants_tare(&self, last_s: f64) -> bool {
-        self.setup.as_ref().is_some_and(|(_, setup)| setup.wants_frames(last_s))
-    }
-
     /// The times of the log, once it has been read.
     fn log_times(&self, rows: u64) -> Result<LogTimes, TrialError> {
         let ends = self.first_s.zip(self.last_s).zip(self.sampling.rate());
@@ -168,11 +159,8 @@ impl<'a> Reading<'a> {
         let times = &*block.time_s;
         for &time in times {
             self.rows += 1;
-            match self.last_s.replace(time) {
-                Some(before) if time < before => {
-                    Err(TrialError::Backward { row: self.rows, before, after: time })?;
-                }
-                _ => {}
+            if let Some(before) = self.last_s.replace(time).filter(|before| time < *before) {
+                Err(TrialError::Backward { row: self.rows, before, after: time })?;
             }
         }
         self.first_s = self.first_s.or(times.first().copied());
@@ -187,15 +175,14 @@ impl<'a> Reading<'a> {
         if let Some(memory) = &mut self.memory {
             memory.extend(&mut block).expect("times, which are wanted");
         }
-        if self.wants_tare(block.time_s[block.rows - 1]) {
+        if let Some((calibration, setup)) = &mut self.setup
+            && setup.wants_frames(block.time_s[block.rows - 1])
+        {
             let mut kinds = self.trial_rows.telemetry.iter().map(|(kind, _)| *kind);
             let leg = kinds.position(|kind| kind == Telemetry::RightLeg);
             let leg = leg.map(|at| &*block.others[at]);
             let (times_s, readings) = (&*block.time_s, &*block.readings);
-            if let Some((calibration, setup)) = &mut self.setup {
-                let rows = FirstRows { times_s, readings, fresh, leg };
-                setup.look_at_frames(calibration, rows);
-            }
+            setup.look_at_frames(calibration, FirstRows { times_s, readings, fresh, leg });
         }
         let (low, high) = self.needed_s()?;
         let times = &block.time_s;

@@ -201,10 +201,8 @@ fn is_document(path: &Path) -> anyhow::Result<bool> {
     Ok(head.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'{'))
 }
 
-/// How old a date is; an error if it is to come.
-fn age(date: &str) -> Option<Result<Duration, Duration>> {
+/// How many days ago a date was; `None` if it is no date.
+fn age(date: &str) -> Option<f64> {
     let now = seconds_of_iso(&outputs::date().ok()?)?;
-    let age_s = now - seconds_of_iso(date)?;
-    let age = Duration::try_from_secs_f64(age_s.abs()).ok()?;
-    Some(if age_s < 0.0 { Err(age) } else { Ok(age) })
+    Some((now - seconds_of_iso(date)?) / 86_400.0)
 }

@@ -164,12 +164,12 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) -> anyhow::Result
 fn figure(size: Size, name: &str, summary: &DriftSummary) -> Figure {
     let title = format!("{name}: zero at rest, less that at the start");
     if summary.axes.is_some() {
-        return trace_figure(size, &title, &summary.trace());
+        return trace_figure(size, &title, &summary.trace);
     }
     let series: Vec<Series> = summary
-        .zeros
-        .channel_changes()
-        .into_iter()
+        .channel_changes
+        .iter()
+        .cloned()
         .enumerate()
         .map(|(i, points)| Series { label: format!("s{}", i + 1), points, mark: ChartMark::Line })
         .collect();
