@@ -224,7 +224,7 @@ impl LogSource {
                     let mut whole = file(&ReadMeter { bytes: Arc::default(), ..meter.clone() })?;
                     io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
                 }
-                let text = table.text_by(threads).map_err(|problem| self.table_error(problem))?;
+                let text = table.text(threads).map_err(|problem| self.table_error(problem))?;
                 Box::new(TableStream { text, left: self.bytes, bytes: Arc::clone(&meter.bytes) })
             }
         };

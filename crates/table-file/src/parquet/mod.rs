@@ -48,12 +48,12 @@ struct RowGroup {
     chunks: Vec<ColumnChunk>,
 }
 
-/// The pages of a column in a row group.
+/// The pages of a column in a row group, from one position in the file to another.
 #[derive(Clone, Copy, Debug)]
 struct ColumnChunk {
     codec: Codec,
-    start: u64,
-    bytes: u64,
+    at: u64,
+    end: u64,
 }
 
 pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
@@ -120,10 +120,9 @@ fn row_group(
         let position = |number| data.whole(number).and_then(|at| u64::try_from(at).ok());
         let (first, bytes) = (position(9).ok_or_else(wrong)?, position(7).ok_or_else(wrong)?);
         // The dictionary comes first, if there is one.
-        let start = position(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
-        if start.checked_add(bytes).is_none_or(|end| end > length) {
-            return Err(KIND.damaged(format!("column `{}` lies beyond its end", leaf.name)));
-        }
+        let at = position(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
+        let beyond = || KIND.damaged(format!("column `{}` lies beyond its end", leaf.name));
+        let end = at.checked_add(bytes).filter(|&end| end <= length).ok_or_else(beyond)?;
         let codec = match data.whole(4) {
             Some(0) => Codec::None,
             Some(1) => Codec::Snappy,
@@ -143,7 +142,7 @@ fn row_group(
                 )));
             }
         };
-        Ok(ColumnChunk { codec, start, bytes })
+        Ok(ColumnChunk { codec, at, end })
     });
     Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
 }

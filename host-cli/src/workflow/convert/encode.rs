@@ -204,9 +204,10 @@ impl<'a> EncodedOutput<'a> {
             (Self::Table(..), EncodedFrames::Columns(_)) if count == 0 => Ok(()),
             (Self::Table(file, waiting), EncodedFrames::Columns(next)) => {
                 waiting.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
+                let rows = waiting[0].1.rows();
                 match file {
-                    TableFile::Parquet(writer) if waiting[0].1.rows() >= PART_ROWS => {
-                        writer.write(waiting)?;
+                    TableFile::Parquet(writer) if rows >= PART_ROWS => {
+                        writer.write(waiting, 0..rows)?;
                         waiting.iter_mut().for_each(|(_, cells)| clear(cells));
                         Ok(())
                     }
@@ -223,7 +224,7 @@ impl<'a> EncodedOutput<'a> {
             Self::Text(_) => Ok(()),
             Self::Recording(mut writer, _) => writer.finish(),
             Self::Table(TableFile::Parquet(mut writer), waiting) => {
-                writer.write(&waiting)?;
+                writer.write(&waiting, 0..waiting[0].1.rows())?;
                 writer.finish()
             }
             Self::Table(TableFile::Whole(out, write), waiting) => {
