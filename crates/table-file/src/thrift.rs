@@ -156,11 +156,8 @@ fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
             if count > bytes.rest.len() {
                 return None;
             }
-            let mut values = Vec::new();
-            for _ in 0..count {
-                values.push(value(bytes, head & 0xf, depth)?);
-            }
-            Value::List(values)
+            let values = (0..count).map(|_| value(bytes, head & 0xf, depth));
+            Value::List(values.collect::<Option<_>>()?)
         }
         STRUCT => structure(bytes, depth)?,
         // Parquet has no maps.
