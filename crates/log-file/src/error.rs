@@ -27,7 +27,7 @@ pub enum LogError {
     Unpacking {
         /// The file.
         path: PathBuf,
-        /// How it is compressed: gzip or Zstandard.
+        /// How it is compressed: gzip or zstd.
         method: &'static str,
         /// The error of the decoder.
         source: io::Error,
@@ -333,10 +333,7 @@ pub enum FieldProblem {
     /// It is NaN or infinite, or a number too large for a double.
     #[error("a finite number")]
     NotFinite,
-    /// A reading is beyond the largest that any converter gives: damage, or another quantity.
-    #[error("a reading of at most {0} counts")]
-    UnbelievableReading(f64),
-    /// A load is beyond the largest that any sensor measures: damage, or another quantity.
-    #[error("a load of at most {0:e} N or N·m")]
-    UnbelievableLoad(f64),
+    /// A reading or load is beyond what any converter gives or any sensor measures: damage, or another quantity.
+    #[error("{0}")]
+    BeyondLimit(&'static str),
 }

@@ -55,10 +55,10 @@ impl Log {
         mapping: &Mapping,
     ) -> Result<Self, LogError> {
         let source = LogSource::new(path, mapping.table.as_deref())?;
-        let source = source.with_companion(LogSource::new(companion, None)?);
+        let source = source.with_companion(LogSource::new(companion, None)?)?;
         let mut mapping = mapping.clone();
-        if let Some(sides) = source.sides()?.filter(|sides| !sides.has_names) {
-            let [readings, others] = sides.columns;
+        if !source.sides.has_names {
+            let [readings, others] = source.sides.columns;
             mapping.format = mapping.format.or(Some(LogFormat::Csv));
             if mapping.sensors.is_none() && mapping.time.is_none() {
                 mapping.sensors = Some((1..=readings).map(ColumnRef::Position).collect());
@@ -275,16 +275,14 @@ impl Log {
     /// [`PlacedProblem::DuplicateColumn`] if there are several.
     pub fn telemetry(&self, telemetry: Telemetry) -> Result<Option<usize>, LogError> {
         let columns = self.layout.columns.iter().enumerate();
-        let mut positions = columns
-            .filter(|(_, column)| column.meaning == Meaning::Telemetry(telemetry))
-            .map(|(position, _)| position);
-        match (positions.next(), positions.next()) {
-            (Some(first), Some(second)) => {
-                let names = self.column_names();
-                let problem = duplicate(&names, telemetry.name().to_owned(), [first, second]);
-                Err(self.error_in_names(problem))
+        let is_wanted = |column: &Column| column.meaning == Meaning::Telemetry(telemetry);
+        let found = columns.filter(|(_, column)| is_wanted(column)).map(|(position, _)| position);
+        match found.collect::<Vec<_>>().as_slice() {
+            [first, second, ..] => {
+                let (names, meaning) = (self.column_names(), telemetry.name().to_owned());
+                Err(self.error_in_names(duplicate(&names, meaning, [*first, *second])))
             }
-            (position, _) => Ok(position),
+            found => Ok(found.first().copied()),
         }
     }
 

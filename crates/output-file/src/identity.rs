@@ -1,68 +1,35 @@
 //! Which file a path means, whatever it is called.
 
-use std::collections::HashMap;
 use std::fs;
 use std::io;
+#[cfg(unix)]
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
 /// Links that lead to each other are given up after so many, as the systems do.
 const MOST_LINKS: usize = 40;
 
-/// What tells a file from others: where it is in the end and, if it is there, device and number.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct FileIdentity {
-    path: PathBuf,
-    number: Option<(u64, u64)>,
+/// What tells a file from others.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) enum FileKey {
+    /// Where it is in the end.
+    Path(PathBuf),
+    /// The device that it is on, and its number there.
+    #[cfg(unix)]
+    Number(u64, u64),
 }
 
-impl FileIdentity {
-    /// `None` for what is no file that could be replaced: devices, pipes, folders.
-    pub(super) fn from_path(path: &Path) -> Option<Self> {
-        let metadata = fs::metadata(path).ok();
-        if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
-            return None;
-        }
-        Some(Self { path: resolved(path), number: metadata.as_ref().and_then(number) })
+/// All that tells the file at `path` from others: it is one that has any of them. `None` for what is no file that
+/// could be replaced: devices, pipes, folders.
+pub(super) fn keys(path: &Path) -> Option<Vec<FileKey>> {
+    let metadata = fs::metadata(path).ok();
+    if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
+        return None;
     }
-}
-
-/// Something about each of many files.
-#[derive(Debug, Default)]
-pub(super) struct Files<T> {
-    entries: Vec<T>,
-    by_path: HashMap<PathBuf, usize>,
-    by_number: HashMap<(u64, u64), usize>,
-}
-
-impl<T> Files<T> {
-    pub(super) fn find(&mut self, identity: &FileIdentity) -> Option<&mut T> {
-        let by_number = || identity.number.and_then(|number| self.by_number.get(&number));
-        let index = self.by_path.get(&identity.path).or_else(by_number)?;
-        self.entries.get_mut(*index)
-    }
-
-    pub(super) fn insert(&mut self, identity: FileIdentity, entry: T) {
-        let index = self.entries.len();
-        self.entries.push(entry);
-        self.by_path.insert(identity.path, index);
-        self.by_number.extend(identity.number.map(|number| (number, index)));
-    }
-
-    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut T> {
-        self.entries.iter_mut()
-    }
-}
-
-#[cfg(unix)]
-#[expect(clippy::unnecessary_wraps, reason = "elsewhere there is no such number")]
-fn number(metadata: &fs::Metadata) -> Option<(u64, u64)> {
-    use std::os::unix::fs::MetadataExt;
-    Some((metadata.dev(), metadata.ino()))
-}
-
-#[cfg(not(unix))]
-fn number(_: &fs::Metadata) -> Option<(u64, u64)> {
-    None
+    let keys = std::iter::once(FileKey::Path(resolved(path)));
+    #[cfg(unix)]
+    let keys = keys.chain(metadata.map(|it| FileKey::Number(it.dev(), it.ino())));
+    Some(keys.collect())
 }
 
 /// Where a path leads, through links, even if nothing is there yet.
@@ -91,7 +58,8 @@ fn follow(path: &Path) -> io::Result<PathBuf> {
     Err(io::ErrorKind::InvalidInput.into())
 }
 
-#[cfg(all(test, unix))]
+#[cfg(unix)]
+#[cfg(test)]
 mod tests {
     use std::os::unix::fs::symlink;
 
@@ -107,9 +75,8 @@ mod tests {
         symlink("new", at("dangling")).unwrap();
         fs::create_dir(at("folder")).unwrap();
         let is = |a: &str, b: &str| {
-            let mut files = Files::default();
-            files.insert(FileIdentity::from_path(&at(a)).unwrap(), ());
-            files.find(&FileIdentity::from_path(&at(b)).unwrap()).is_some()
+            let known = keys(&at(a)).unwrap();
+            keys(&at(b)).unwrap().iter().any(|key| known.contains(key))
         };
         assert!(is("a", "hard") && is("a", "soft") && is("a", "folder/../a"));
         assert!(is("new", "dangling") && is("new", "folder/../new"));
@@ -118,8 +85,8 @@ mod tests {
 
     #[test]
     fn what_cannot_be_replaced_has_no_identity() {
-        assert!(FileIdentity::from_path(Path::new("/dev/null")).is_none());
-        assert!(FileIdentity::from_path(Path::new("/")).is_none());
+        assert!(keys(Path::new("/dev/null")).is_none());
+        assert!(keys(Path::new("/")).is_none());
     }
 
     #[test]

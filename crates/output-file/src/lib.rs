@@ -16,12 +16,13 @@ mod temporary;
 
 use shell_data::hint::Hint;
 use shell_data::lock::lock;
+use std::collections::HashMap;
 use std::fs::{self, File, Permissions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use identity::{FileIdentity, Files};
+use identity::FileKey;
 use temporary::Temporary;
 
 pub use temporary::{before_unfinished, remove_unfinished};
@@ -29,20 +30,26 @@ pub use temporary::{before_unfinished, remove_unfinished};
 /// What a command reads and writes.
 #[derive(Debug, Default)]
 pub struct Outputs {
-    known: Mutex<Files<KnownFile>>,
+    known: Mutex<KnownFiles>,
+}
+
+/// Files, and which of them has a key.
+#[derive(Debug, Default)]
+struct KnownFiles {
+    files: Vec<KnownFile>,
+    by_key: HashMap<FileKey, usize>,
 }
 
 /// A file that is read, or that was announced or opened as an output.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct KnownFile {
     path: PathBuf,
     stage: FileStage,
 }
 
 /// How far an output has come; no way leads back.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum FileStage {
-    #[default]
     Announced,
     Probed,
     Opened,
@@ -140,16 +147,7 @@ impl Outputs {
     /// # Errors
     /// [`OutputError::IsInput`] if it is an output that was announced.
     pub fn protect(&self, path: &Path) -> Result<(), OutputError> {
-        let Some(identity) = FileIdentity::from_path(path) else { return Ok(()) };
-        let (mut known, input) = (lock(&self.known), path.to_path_buf());
-        match known.find(&identity) {
-            None => known.insert(identity, KnownFile { path: input, stage: FileStage::Input }),
-            Some(KnownFile { stage: FileStage::Input, .. }) => {}
-            Some(KnownFile { path, .. }) => {
-                return Err(OutputError::IsInput { path: path.clone(), input });
-            }
-        }
-        Ok(())
+        self.claim(path, FileStage::Input)
     }
 
     /// Announces an output that is opened later, or not at all.
@@ -179,10 +177,7 @@ impl Outputs {
 
     fn open(&self, path: &Path, stage: FileStage) -> Result<AtomicFile, OutputError> {
         self.claim(path, stage)?;
-        match OutputTarget::open(path) {
-            Ok(target) => Ok(AtomicFile { path: path.to_path_buf(), target }),
-            Err(source) => Err(OutputError::failed(path, source)),
-        }
+        AtomicFile::open(path).map_err(|source| OutputError::failed(path, source))
     }
 
     /// Writes `bytes` to `path`, whole or not at all.
@@ -196,20 +191,30 @@ impl Outputs {
     /// Lets every output be written once more, for a command that does its work again.
     pub fn renew(&self) {
         let mut known = lock(&self.known);
-        let outputs = known.iter_mut().filter(|file| file.stage != FileStage::Input);
+        let outputs = known.files.iter_mut().filter(|file| file.stage != FileStage::Input);
         outputs.for_each(|output| output.stage = FileStage::Announced);
     }
 
     fn claim(&self, path: &Path, stage: FileStage) -> Result<(), OutputError> {
-        let Some(identity) = FileIdentity::from_path(path) else { return Ok(()) };
+        let Some(keys) = identity::keys(path) else { return Ok(()) };
         let (mut known, path) = (lock(&self.known), path.to_path_buf());
-        match known.find(&identity) {
-            None => known.insert(identity, KnownFile { path, stage }),
-            Some(KnownFile { path: input, stage: FileStage::Input }) => {
-                return Err(OutputError::IsInput { path, input: input.clone() });
+        let KnownFiles { files, by_key } = &mut *known;
+        let Some(&position) = keys.iter().find_map(|key| by_key.get(key)) else {
+            by_key.extend(keys.into_iter().map(|key| (key, files.len())));
+            files.push(KnownFile { path, stage });
+            return Ok(());
+        };
+        let file = &mut files[position];
+        match (file.stage, stage) {
+            (FileStage::Input, FileStage::Input) => {}
+            (FileStage::Input, _) => {
+                return Err(OutputError::IsInput { path, input: file.path.clone() });
             }
-            Some(file) if file.path == path && file.stage < stage => file.stage = stage,
-            Some(file) => return Err(OutputError::Twice { path, other: file.path.clone() }),
+            (_, FileStage::Input) => {
+                return Err(OutputError::IsInput { path: file.path.clone(), input: path });
+            }
+            (before, _) if before < stage && file.path == path => file.stage = stage,
+            _ => return Err(OutputError::Twice { path, other: file.path.clone() }),
         }
         Ok(())
     }
@@ -224,29 +229,71 @@ fn also(path: &Path, other: &Path) -> String {
 #[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,
-    target: OutputTarget,
+    /// The temporary file, or a device.
+    file: BufWriter<File>,
+    /// How the temporary file is put in place.
+    replacement: Option<Replacement>,
 }
 
+/// A temporary file, and what it replaces.
 #[derive(Debug)]
-enum OutputTarget {
-    Replace {
-        file: BufWriter<Temporary>,
-        /// The end of the links that the path leads through.
-        path: PathBuf,
-        /// Those of the file that is replaced.
-        permissions: Option<Permissions>,
-    },
-    Device(File),
+struct Replacement {
+    temporary: Temporary,
+    /// The end of the links that the path leads through.
+    target: PathBuf,
+    /// Those of the file that is replaced.
+    permissions: Option<Permissions>,
 }
 
 impl AtomicFile {
+    fn open(path: &Path) -> io::Result<Self> {
+        let metadata = fs::metadata(path).ok();
+        if metadata.as_ref().is_some_and(fs::Metadata::is_dir) {
+            return Err(io::ErrorKind::IsADirectory.into());
+        }
+        let named = path.to_path_buf();
+        if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
+            // Whoever reads from a pipe gets what is written at once.
+            let file = BufWriter::with_capacity(0, File::options().write(true).open(path)?);
+            return Ok(Self { path: named, file, replacement: None });
+        }
+        let target = identity::resolved(path);
+        let directory = match target.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        let (file, temporary) = match Temporary::create_in(directory) {
+            Ok(created) => created,
+            Err(_) if !directory.is_dir() => {
+                let text = format!("there is no directory `{}`", directory.display());
+                return Err(io::Error::new(io::ErrorKind::NotFound, text));
+            }
+            // The name of the temporary file says nothing to a user; the kind of error does.
+            Err(error) => return Err(error.kind().into()),
+        };
+        let permissions = metadata.map(|metadata| metadata.permissions());
+        let replacement = Some(Replacement { temporary, target, permissions });
+        Ok(Self { path: named, file: BufWriter::new(file), replacement })
+    }
+
     /// Puts the finished file in place.
     ///
     /// # Errors
     /// [`OutputError`] if the last bytes cannot be written or the file cannot be renamed.
-    pub fn commit(self) -> Result<(), OutputError> {
-        let Self { path, target } = self;
-        target.finish().map_err(|source| OutputError::failed(path, source))
+    pub fn commit(mut self) -> Result<(), OutputError> {
+        self.finish().map_err(|source| OutputError::failed(self.path, source))
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        self.file.flush()?;
+        let Some(Replacement { temporary, target, permissions }) = self.replacement.take() else {
+            return Ok(());
+        };
+        if let Some(permissions) = permissions {
+            // A file system without permissions keeps none.
+            let _ = self.file.get_ref().set_permissions(permissions);
+        }
+        temporary.rename(&target)
     }
 
     /// Writes all of the file, and puts it in place.
@@ -254,7 +301,7 @@ impl AtomicFile {
     /// # Errors
     /// As for [`commit`](Self::commit).
     pub fn commit_with(mut self, bytes: &[u8]) -> Result<(), OutputError> {
-        match self.target.writer().write_all(bytes) {
+        match self.file.write_all(bytes) {
             Ok(()) => self.commit(),
             Err(source) => Err(OutputError::failed(self.path, source)),
         }
@@ -266,62 +313,13 @@ impl AtomicFile {
     }
 }
 
-impl OutputTarget {
-    fn open(path: &Path) -> io::Result<Self> {
-        let metadata = fs::metadata(path).ok();
-        if metadata.as_ref().is_some_and(fs::Metadata::is_dir) {
-            return Err(io::ErrorKind::IsADirectory.into());
-        }
-        if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
-            return File::options().write(true).open(path).map(OutputTarget::Device);
-        }
-        let path = identity::resolved(path);
-        let directory = match path.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
-        match Temporary::create_in(directory) {
-            Ok(file) => Ok(OutputTarget::Replace {
-                file: BufWriter::new(file),
-                permissions: metadata.map(|metadata| metadata.permissions()),
-                path,
-            }),
-            Err(_) if !directory.is_dir() => Err(io::Error::new(
-                io::ErrorKind::NotFound,
-                format!("there is no directory `{}`", directory.display()),
-            )),
-            // The name of the temporary file says nothing to a user; the kind of error does.
-            Err(error) => Err(error.kind().into()),
-        }
-    }
-
-    fn writer(&mut self) -> &mut dyn Write {
-        match self {
-            OutputTarget::Replace { file, .. } => file,
-            OutputTarget::Device(file) => file,
-        }
-    }
-
-    fn finish(self) -> io::Result<()> {
-        if let OutputTarget::Replace { file, path, permissions } = self {
-            let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
-            if let Some(permissions) = permissions {
-                // A file system without permissions keeps none.
-                let _ = file.file()?.set_permissions(permissions);
-            }
-            file.rename(&path)?;
-        }
-        Ok(())
-    }
-}
-
 impl Write for AtomicFile {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.target.writer().write(bytes).map_err(|error| self.named(error))
+        self.file.write(bytes).map_err(|error| self.named(error))
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.target.writer().flush().map_err(|error| self.named(error))
+        self.file.flush().map_err(|error| self.named(error))
     }
 }
 

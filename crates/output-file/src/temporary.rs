@@ -2,12 +2,12 @@
 
 use std::collections::BTreeSet;
 use std::fs::File;
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
 use shell_data::lock::lock;
-use tempfile::NamedTempFile;
+use tempfile::TempPath;
 
 /// Each change of it is one call, so whoever panics while holding it leaves it whole.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
@@ -38,11 +38,11 @@ pub fn remove_unfinished() {
 #[derive(Debug)]
 pub(super) struct Temporary {
     /// `None` once it is in place.
-    file: Option<NamedTempFile>,
+    path: Option<TempPath>,
 }
 
 impl Temporary {
-    pub(super) fn create_in(directory: &Path) -> io::Result<Self> {
+    pub(super) fn create_in(directory: &Path) -> io::Result<(File, Self)> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(".shellcal-");
         // Temporary files are private by default; a result is as open as the umask allows. Elsewhere
@@ -53,42 +53,26 @@ impl Temporary {
             prepare();
         }
         let mut unfinished = lock(&UNFINISHED);
-        let file = builder.tempfile_in(directory)?;
-        unfinished.insert(file.path().to_path_buf());
-        Ok(Self { file: Some(file) })
+        let (file, path) = builder.tempfile_in(directory)?.into_parts();
+        unfinished.insert(path.to_path_buf());
+        Ok((file, Self { path: Some(path) }))
     }
 
-    /// The file itself, whose errors do not name it: its name says nothing to a user.
-    pub(super) fn file(&mut self) -> io::Result<&mut File> {
-        let file = self.file.as_mut().ok_or(io::ErrorKind::NotFound)?;
-        Ok(file.as_file_mut())
-    }
-
-    pub(super) fn rename(mut self, path: &Path) -> io::Result<()> {
+    pub(super) fn rename(mut self, target: &Path) -> io::Result<()> {
         let mut unfinished = lock(&UNFINISHED);
-        let Some(file) = self.file.take() else { return Ok(()) };
-        unfinished.remove(file.path());
-        file.persist(path).map(drop).map_err(|error| error.error)
-    }
-}
-
-impl Write for Temporary {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.file()?.write(bytes)
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        self.file()?.flush()
+        let Some(path) = self.path.take() else { return Ok(()) };
+        unfinished.remove(&*path);
+        path.persist(target).map_err(|error| error.error)
     }
 }
 
 impl Drop for Temporary {
     fn drop(&mut self) {
-        if let Some(file) = self.file.take() {
+        if let Some(path) = self.path.take() {
             let mut unfinished = lock(&UNFINISHED);
-            unfinished.remove(file.path());
+            unfinished.remove(&*path);
             // Removed before a signal, which waits for the list, can end the program.
-            drop(file);
+            drop(path);
         }
     }
 }

@@ -57,21 +57,11 @@ impl TimeUnit {
 
     /// How many of this unit make a second.
     pub const fn per_second(self) -> f64 {
-        match self {
-            TimeUnit::Second => 1.0,
-            TimeUnit::Millisecond => 1e3,
-            TimeUnit::Microsecond => 1e6,
-            TimeUnit::Nanosecond => 1e9,
-        }
+        [1.0, 1e3, 1e6, 1e9][self as usize]
     }
 
     /// The symbol of the unit.
     pub const fn symbol(self) -> &'static str {
-        match self {
-            TimeUnit::Second => "s",
-            TimeUnit::Millisecond => "ms",
-            TimeUnit::Microsecond => "µs",
-            TimeUnit::Nanosecond => "ns",
-        }
+        ["s", "ms", "µs", "ns"][self as usize]
     }
 }

@@ -200,10 +200,7 @@ impl MomentUnit {
 
     /// The symbol of the unit.
     pub const fn symbol(self) -> &'static str {
-        match self {
-            Self::NewtonMetre => "N·m",
-            Self::MillinewtonMetre => "mN·m",
-        }
+        ["N·m", "mN·m"][self as usize]
     }
 }
 

@@ -42,11 +42,6 @@ impl Array {
         };
         Some((0..numbers.len()).map(number).collect())
     }
-
-    /// Its columns; `None` where it has further sides, or is no array of real numbers.
-    pub(crate) fn into_columns(self) -> Option<ArrayColumns> {
-        ArrayColumns::new(self.name, &self.size)?.with(self.numbers?)
-    }
 }
 
 impl ArrayNumbers {

@@ -40,6 +40,11 @@ pub(crate) const DESCRIPTION: u64 = 16 << 20;
 /// The most columns of a table.
 pub(crate) const COLUMNS: usize = 4096;
 
+/// How many bytes may be made of a part that has `stored` bytes in the file.
+pub(crate) const fn limit(stored: u64) -> u64 {
+    ANY.saturating_add(stored.saturating_mul(RATIO))
+}
+
 /// Checks that so many `bytes` may be made of a part that has `stored` bytes in the file.
 pub(crate) fn check(
     kind: FileKind,
@@ -47,7 +52,7 @@ pub(crate) fn check(
     bytes: u64,
     stored: u64,
 ) -> Result<usize, TableError> {
-    within(kind, what, bytes, ANY.saturating_add(stored.saturating_mul(RATIO)))
+    within(kind, what, bytes, limit(stored))
 }
 
 /// Checks that a part takes no more than `limit`.

@@ -9,10 +9,12 @@ pub fn seconds_of_iso(text: &str) -> Option<f64> {
     let (date, rest) = bytes.split_at_checked(10)?;
     let [y1, y2, y3, y4, b'-', m1, m2, b'-', d1, d2] = *date else { return None };
     let (year, month, day) = (digits(&[y1, y2, y3, y4])?, digits(&[m1, m2])?, digits(&[d1, d2])?);
-    if !(1..=12).contains(&month) || !(1..=days_of_month(year, month)).contains(&day) {
+    let days = days_since_1970(year, month, day);
+    // Months and days that there are not are others.
+    if date_of(days) != (year, month, day) {
         return None;
     }
-    let midnight = days_since_1970(year, month, day) * 86_400;
+    let midnight = days * 86_400;
     let Some((b'T' | b't' | b' ', rest)) = rest.split_first() else {
         return rest.is_empty().then_some(midnight as f64);
     };
@@ -68,15 +70,6 @@ fn digits(bytes: &[u8]) -> Option<i64> {
     })
 }
 
-fn days_of_month(year: i64, month: i64) -> i64 {
-    match month {
-        2 if year % 4 == 0 && (year % 100 != 0 || year % 400 == 0) => 29,
-        2 => 28,
-        4 | 6 | 9 | 11 => 30,
-        _ => 31,
-    }
-}
-
 /// Days from 1970-01-01 to a date, by eras of 400 years that begin on 1 March.
 fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
     let year = year - i64::from(month <= 2);
@@ -93,7 +86,19 @@ pub fn iso_of_seconds(seconds: u64) -> String {
 /// The date and time at `units` of which `per_second` make a second, since 1970, in ISO 8601.
 pub(crate) fn iso_of(units: i64, per_second: i64) -> String {
     let (seconds, part) = (units.div_euclid(per_second), units.rem_euclid(per_second));
-    let (days, second) = (seconds.div_euclid(86_400), seconds.rem_euclid(86_400));
+    let (year, month, day) = date_of(seconds.div_euclid(86_400));
+    let second = seconds.rem_euclid(86_400);
+    let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
+    let mut text = format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}");
+    if part != 0 {
+        let digits = per_second.ilog10() as usize;
+        text.push_str(&format!(".{part:0digits$}"));
+    }
+    text
+}
+
+/// The year, month and day that begin so many days after 1970-01-01.
+fn date_of(days: i64) -> (i64, i64, i64) {
     let days = days.saturating_add(719_468);
     let (era, of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
     let year_of_era = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
@@ -102,13 +107,7 @@ pub(crate) fn iso_of(units: i64, per_second: i64) -> String {
     let day = of_year - (153 * month + 2) / 5 + 1;
     let month = if month < 10 { month + 3 } else { month - 9 };
     let year = year_of_era + era * 400 + i64::from(month <= 2);
-    let (hour, minute, second) = (second / 3600, second / 60 % 60, second % 60);
-    let mut text = format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}");
-    if part != 0 {
-        let digits = per_second.ilog10() as usize;
-        text.push_str(&format!(".{part:0digits$}"));
-    }
-    text
+    (year, month, day)
 }
 
 #[cfg(test)]

@@ -1,6 +1,7 @@
 //! Compressed parts of files, unpacked to a length that is known or bounded.
 
-use std::io::Read;
+use std::error::Error;
+use std::io::{self, Read};
 
 use ruzstd::decoding::StreamingDecoder;
 
@@ -17,37 +18,30 @@ pub(crate) enum Codec {
 }
 
 /// Unpacks `packed`, which makes `size` bytes. The caller has checked that size.
-pub(crate) fn unpack(codec: Codec, packed: &[u8], size: usize) -> Result<Vec<u8>, String> {
+pub(crate) fn unpack(codec: Codec, packed: &[u8], size: usize) -> Result<Vec<u8>, Box<dyn Error>> {
     let unpacked = match codec {
         Codec::None => packed.to_vec(),
         Codec::Snappy => {
-            let length = snap::raw::decompress_len(packed).map_err(|error| error.to_string())?;
+            let length = snap::raw::decompress_len(packed)?;
             if length != size {
-                return Err(format!("{length} bytes, expected {size}"));
+                return Err(format!("{length} bytes, expected {size}").into());
             }
-            let mut decoder = snap::raw::Decoder::new();
-            decoder.decompress_vec(packed).map_err(|error| error.to_string())?
+            snap::raw::Decoder::new().decompress_vec(packed)?
         }
-        Codec::Lz4Block => {
-            lz4_flex::block::decompress(packed, size).map_err(|error| error.to_string())?
-        }
+        Codec::Lz4Block => lz4_flex::block::decompress(packed, size)?,
         Codec::Gzip => read(flate2::bufread::MultiGzDecoder::new(packed), size)?,
         Codec::Lz4Frame => read(lz4_flex::frame::FrameDecoder::new(packed), size)?,
-        Codec::Zstd => {
-            let decoder = StreamingDecoder::new(packed).map_err(|error| error.to_string())?;
-            read(decoder, size)?
-        }
+        Codec::Zstd => read(StreamingDecoder::new(packed)?, size)?,
     };
     match unpacked.len() == size {
         true => Ok(unpacked),
-        false => Err(format!("{} bytes, expected {size}", unpacked.len())),
+        false => Err(format!("{} bytes, expected {size}", unpacked.len()).into()),
     }
 }
 
 /// Reads one byte more than there may be, at most.
-fn read(stream: impl Read, size: usize) -> Result<Vec<u8>, String> {
+fn read(stream: impl Read, size: usize) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
-    let mut stream = stream.take(size as u64 + 1);
-    stream.read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    stream.take(size as u64 + 1).read_to_end(&mut bytes)?;
     Ok(bytes)
 }

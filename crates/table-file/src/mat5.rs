@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
-use crate::arrays::{Array, ArrayNumbers, ArrayRows, columns_of_log};
+use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log};
 use crate::budget;
 use crate::element::Element;
 use crate::error::TableError;
@@ -71,17 +71,12 @@ pub fn arrays(file: Vec<u8>) -> Result<Vec<Array>, TableError> {
 /// `total` counts what has been inflated of a file of `file_bytes`.
 fn inflate(compressed: &[u8], file_bytes: usize, total: &mut u64) -> Result<Vec<u8>, TableError> {
     let mut inflated = Vec::new();
-    let mut stream = ZlibDecoder::new(compressed);
-    let mut piece = vec![0; 1 << 16];
-    loop {
-        let read = stream.read(&mut piece).map_err(|error| KIND.damaged(error.to_string()))?;
-        if read == 0 {
-            return Ok(inflated);
-        }
-        *total += read as u64;
-        budget::check(KIND, "what is compressed", *total, file_bytes as u64)?;
-        inflated.extend_from_slice(&piece[..read]);
-    }
+    let left = budget::limit(file_bytes as u64).saturating_sub(*total);
+    let mut stream = ZlibDecoder::new(compressed).take(left + 1);
+    stream.read_to_end(&mut inflated).map_err(|error| KIND.damaged(error.to_string()))?;
+    *total += inflated.len() as u64;
+    budget::check(KIND, "what is compressed", *total, file_bytes as u64)?;
+    Ok(inflated)
 }
 
 fn array(
@@ -182,13 +177,13 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     budget::within(KIND, "the file", file.length()?, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
     file.open()?.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
-    let arrays = arrays(bytes)?.into_iter().filter_map(Array::into_columns).collect();
+    let columns = |array: Array| ArrayColumns::new(array.name, &array.size)?.with(array.numbers?);
+    let arrays = arrays(bytes)?.into_iter().filter_map(columns).collect();
     let (names, arrays) = columns_of_log(KIND, arrays, part)?;
     Ok((names, Arc::new(ArrayRows { arrays, row: 0 })))
 }
 
-/// An array of so many rows and columns; its elements are of `kind`, `bytes` of them, written by
-/// `content`.
+/// An array of so many rows and columns; its elements are of `kind`, `content` their bytes.
 fn write_array(
     out: &mut dyn Write,
     name: &str,
@@ -197,34 +192,25 @@ fn write_array(
     kind: u32,
     content: &[u8],
 ) -> io::Result<()> {
-    let long = |length: usize| {
-        let error = || io::Error::other("a variable of a MATLAB file has at most 2 GB");
-        i32::try_from(length).map_err(|_| error()).map(|length| length as u32)
-    };
-    let [rows, columns] = [long(size[0])?, long(size[1])?];
-    let mut head = Vec::new();
-    write_element(&mut head, UINT32, &[class.to_le_bytes(), [0; 4]].concat());
-    write_element(&mut head, INT32, &[rows.to_le_bytes(), columns.to_le_bytes()].concat());
-    write_element(&mut head, INT8, name.as_bytes());
-    let padding = content.len().next_multiple_of(8) - content.len();
-    let bytes = long(head.len() + 8 + content.len() + padding)?;
-    for word in [MATRIX, bytes] {
-        out.write_all(&word.to_le_bytes())?;
-    }
-    out.write_all(&head)?;
-    for word in [kind, long(content.len())?] {
-        out.write_all(&word.to_le_bytes())?;
-    }
-    out.write_all(content)?;
-    out.write_all(&[0; 8][..padding])
+    let [rows, columns] = [length(size[0])?, length(size[1])?];
+    let mut array = Vec::with_capacity(content.len() + 128);
+    write_element(&mut array, UINT32, &[class.to_le_bytes(), [0; 4]].concat())?;
+    write_element(&mut array, INT32, &[rows, columns].concat())?;
+    write_element(&mut array, INT8, name.as_bytes())?;
+    write_element(&mut array, kind, content)?;
+    write_element(out, MATRIX, &array)
 }
 
 /// An element, its content filled up to a multiple of eight bytes.
-fn write_element(bytes: &mut Vec<u8>, kind: u32, content: &[u8]) {
-    bytes.extend(kind.to_le_bytes());
-    bytes.extend((content.len() as u32).to_le_bytes());
-    bytes.extend(content);
-    bytes.resize(bytes.len().next_multiple_of(8), 0);
+fn write_element(out: &mut dyn Write, kind: u32, content: &[u8]) -> io::Result<()> {
+    out.write_all(&[kind.to_le_bytes(), length(content.len())?].concat())?;
+    out.write_all(content)?;
+    out.write_all(&[0; 8][..content.len().next_multiple_of(8) - content.len()])
+}
+
+fn length(length: usize) -> io::Result<[u8; 4]> {
+    let error = |_| io::Error::other("a variable of a MATLAB file has at most 2 GB");
+    i32::try_from(length).map_err(error).map(i32::to_le_bytes)
 }
 
 /// A name that a variable may have.

@@ -33,24 +33,18 @@ impl Value {
     }
 
     pub(crate) fn whole(&self, number: i16) -> Option<i64> {
-        match self.field(number)? {
-            Self::Whole(value) => Some(*value),
-            _ => None,
-        }
+        let Self::Whole(value) = self.field(number)? else { return None };
+        Some(*value)
     }
 
     pub(crate) fn text(&self, number: i16) -> Option<String> {
-        match self.field(number)? {
-            Self::Bytes(bytes) => Some(String::from_utf8_lossy(bytes).into_owned()),
-            _ => None,
-        }
+        let Self::Bytes(bytes) = self.field(number)? else { return None };
+        Some(String::from_utf8_lossy(bytes).into_owned())
     }
 
     pub(crate) fn list(&self, number: i16) -> Option<&[Value]> {
-        match self.field(number)? {
-            Self::List(values) => Some(values),
-            _ => None,
-        }
+        let Self::List(values) = self.field(number)? else { return None };
+        Some(values)
     }
 
     fn kind(&self) -> u8 {
@@ -162,11 +156,8 @@ fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
             if count > bytes.rest.len() {
                 return None;
             }
-            let mut values = Vec::new();
-            for _ in 0..count {
-                values.push(value(bytes, head & 0xf, depth)?);
-            }
-            Value::List(values)
+            let values = (0..count).map(|_| value(bytes, head & 0xf, depth));
+            Value::List(values.collect::<Option<_>>()?)
         }
         STRUCT => structure(bytes, depth)?,
         // Parquet has no maps.

@@ -11,7 +11,7 @@ use table_file::{FileKind, Table};
 fn text(path: &Path) -> Result<String, String> {
     let table = Table::open(path, FileKind::Parquet, None).map_err(|error| error.to_string())?;
     let mut text = String::new();
-    let mut stream = table.text().map_err(|error| error.to_string())?;
+    let mut stream = table.text(1).map_err(|error| error.to_string())?;
     stream.read_to_string(&mut text).map_err(|error| error.to_string())?;
     Ok(text)
 }

@@ -161,7 +161,9 @@ fn a_matrix_of_another_lab_is_fitted_as_it_is() {
 fn matrices_are_readings_and_wrench_by_their_names_or_their_shapes() {
     let path = seeds().join("hdf5/by_shape.h5");
     let (by_shape, _) = rows(&path, 1).unwrap();
-    let names = |name: &str, count| ColumnRef::columns_of_matrix(name, count);
+    let names = |name: &str, count: usize| -> Vec<ColumnRef> {
+        (1..=count).map(|column| ColumnRef::Name(format!("{name}{column}"))).collect()
+    };
     let wrench: Vec<_> = names("ft", 6).into_iter().map(Some).collect();
     let mapping = Mapping {
         sensors: Some(vec![ColumnRef::Name("cells".to_owned())]),

@@ -106,38 +106,34 @@ fn apply_mapping(
     mapping: &Mapping,
     meanings: &mut [Meaning],
 ) -> Result<Option<usize>, PlacedProblem> {
-    let find = |references: Option<&[ColumnRef]>| {
-        references.map(|references| positions(names, references)).transpose()
-    };
-    let sensors = mapping.sensors.as_ref().map(|all| of_matrices(names, all));
-    let sensors = find(sensors.as_deref())?;
-    let axis_columns = |columns: &PerAxis<Option<ColumnRef>>| {
-        let columns = Axis::ALL.into_iter().zip(columns.iter().cloned());
-        columns.filter_map(|(axis, column)| Some((axis, column?))).unzip()
-    };
-    let (axes, wrench): (Vec<Axis>, Vec<ColumnRef>) =
-        mapping.wrench.as_ref().map(axis_columns).unwrap_or_default();
-    let wrench = find(mapping.wrench.as_ref().map(|_| &wrench[..]))?;
-    let time = find(mapping.time.as_ref().map(std::slice::from_ref))?;
-    let group = find(mapping.group.as_ref().map(std::slice::from_ref))?;
+    let mut mapped: Vec<(Meaning, ColumnRef)> = Vec::new();
+    if let Some(sensors) = &mapping.sensors {
+        let channels = of_matrices(names, sensors).into_iter().enumerate();
+        mapped.extend(channels.map(|(channel, column)| (Meaning::Sensor(channel), column)));
+    }
+    if let Some(wrench) = &mapping.wrench {
+        let loads = Axis::ALL.into_iter().zip(wrench.clone());
+        mapped
+            .extend(loads.filter_map(|(axis, column)| Some((Meaning::Load(axis, false), column?))));
+    }
+    let time = Meaning::Time(default_time_unit(format));
+    mapped.extend(mapping.time.clone().map(|column| (time, column)));
+    let columns = mapped.iter().map(|(_, column)| column).chain(&mapping.group);
+    let mut places = positions(names, &columns.cloned().collect::<Vec<_>>())?.into_iter();
     let is_replaced = |meaning: &Meaning| match meaning {
-        Meaning::Sensor(_) => sensors.is_some(),
-        Meaning::Load(..) => wrench.is_some(),
-        Meaning::Time(_) => time.is_some(),
-        Meaning::Group => group.is_some(),
+        Meaning::Sensor(_) => mapping.sensors.is_some(),
+        Meaning::Load(..) => mapping.wrench.is_some(),
+        Meaning::Time(_) => mapping.time.is_some(),
+        Meaning::Group => mapping.group.is_some(),
         Meaning::Telemetry(_) | Meaning::Other => false,
     };
     meanings.iter_mut().filter(|m| is_replaced(m)).for_each(|m| *m = Meaning::Other);
 
-    let mapped = |positions: Option<Vec<usize>>| positions.into_iter().flatten();
-    let sensors = mapped(sensors).enumerate().map(|(channel, at)| (at, Meaning::Sensor(channel)));
-    let wrench = mapped(wrench).zip(axes).map(|(at, axis)| (at, Meaning::Load(axis, false)));
-    let time = mapped(time).map(|at| (at, Meaning::Time(default_time_unit(format))));
-    let group = mapped(group).next();
     let mut is_mapped = vec![false; names.len()];
-    for (at, meaning) in sensors.chain(wrench).chain(time) {
+    for ((meaning, _), at) in mapped.into_iter().zip(&mut places) {
         if std::mem::replace(&mut is_mapped[at], true) {
-            let meaning = format!("mapped to {} and to something else", describe(meaning));
+            let words = meaning.in_words().unwrap_or_default();
+            let meaning = format!("mapped to {words} and to something else");
             return Err(duplicate(names, meaning, [at, at]));
         }
         // A unit in the name still counts.
@@ -151,6 +147,7 @@ fn apply_mapping(
             _ => meaning,
         };
     }
+    let group = places.next();
     if let Some(meaning) = group.map(|at| &mut meanings[at]).filter(|at| **at == Meaning::Other) {
         *meaning = Meaning::Group;
     }
@@ -237,25 +234,25 @@ fn position(names: &[String], reference: &ColumnRef) -> Option<usize> {
 fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, PlacedProblem> {
     let mut roles = ColumnRoles::default();
     let mut sensors: Vec<Option<usize>> = Vec::new();
-    let mut first_channel = usize::MAX;
-    let claim = |place: &mut Option<usize>, at: usize, meaning: Meaning| match place.replace(at) {
-        None => Ok(()),
-        Some(first) => Err(duplicate(names, describe(meaning), [first, at])),
+    let number = |meaning: &Meaning| match meaning {
+        Meaning::Sensor(number) => Some(*number),
+        _ => None,
     };
-    for (at, &meaning) in meanings.iter().enumerate() {
-        match meaning {
-            Meaning::Time(_) => claim(&mut roles.time, at, meaning)?,
+    // Names count from 0 or from 1; channels count from 0.
+    let first_number = meanings.iter().filter_map(number).min().map_or(0, |number| number.min(1));
+    for (at, meaning) in meanings.iter_mut().enumerate() {
+        let place = match meaning {
+            Meaning::Time(_) => &mut roles.time,
             Meaning::Sensor(channel) => {
-                if sensors.len() <= channel {
-                    sensors.resize(channel + 1, None);
-                }
-                first_channel = first_channel.min(channel);
-                claim(&mut sensors[channel], at, meaning)?;
+                *channel -= first_number;
+                sensors.resize(sensors.len().max(*channel + 1), None);
+                &mut sensors[*channel]
             }
-            Meaning::Load(axis, _) => {
-                claim(&mut roles.wrench[axis.index()], at, meaning)?;
-            }
-            Meaning::Group | Meaning::Telemetry(_) | Meaning::Other => {}
+            Meaning::Load(axis, _) => &mut roles.wrench[axis.index()],
+            Meaning::Group | Meaning::Telemetry(_) | Meaning::Other => continue,
+        };
+        if let Some(first) = place.replace(at) {
+            return Err(duplicate(names, meaning.in_words().unwrap_or_default(), [first, at]));
         }
     }
     let groups = meanings.iter().enumerate().filter(|(_, m)| **m == Meaning::Group);
@@ -267,19 +264,14 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Plac
         if *meaning == Meaning::Group && roles.group != Some(at) {
             *meaning = Meaning::Other;
         }
-        // Names count from 0 or from 1; channels count from 0.
-        if let Meaning::Sensor(channel) = meaning {
-            *channel -= first_channel.min(1);
-        }
     }
-    let sensors = sensors.get(first_channel.min(1)..).unwrap_or_default();
     let missing: Vec<_> = (0..sensors.len()).filter(|&i| sensors[i].is_none()).collect();
     if !missing.is_empty() {
-        let named = |i: usize| format!("s{}", i + first_channel.min(1));
+        let named = |i: usize| format!("s{}", i + first_number);
         let missing = missing.into_iter().map(named).collect();
         return Err(PlacedProblem::MissingColumns { missing, found: names.to_vec() });
     }
-    roles.sensors = sensors.iter().filter_map(|at| *at).collect();
+    roles.sensors = sensors.into_iter().flatten().collect();
     Ok(roles)
 }
 
@@ -319,17 +311,6 @@ fn prefer_usual_names(names: &[String], meanings: &mut [Meaning]) {
         if !usual.is_empty() {
             others.into_iter().for_each(|at| meanings[at] = Meaning::Other);
         }
-    }
-}
-
-fn describe(meaning: Meaning) -> String {
-    match meaning {
-        Meaning::Time(_) => "time".to_owned(),
-        Meaning::Sensor(channel) => format!("sensor {channel}"),
-        Meaning::Load(axis, _) => axis.name().to_owned(),
-        Meaning::Group => "the group".to_owned(),
-        Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
-        Meaning::Other => "nothing".to_owned(),
     }
 }
 
@@ -474,7 +455,7 @@ mod tests {
     #[test]
     fn two_columns_for_one_thing_are_an_error() {
         let error = csv("time,s0,s1,S0").unwrap_err();
-        assert_eq!(error.to_string(), "columns 2 (`s0`) and 4 (`S0`) are both sensor 0");
+        assert_eq!(error.to_string(), "columns 2 (`s0`) and 4 (`S0`) are both sensor 1");
         assert!(csv("time,Timestamp").is_err());
         assert!(csv("AX,AX").is_ok(), "columns that nobody needs may repeat");
     }

@@ -8,11 +8,10 @@ use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::meaning::{Meaning, names_a_unit};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::parse::console;
-use crate::parse::number::{parse_date, parse_field};
+use crate::parse::number::{parse_date, parse_field, with_points};
 use crate::parse::rows::{is_comment, quoted_fields};
 use crate::stream::chunk::line_ends;
 use crate::stream::clock_turns::ClockTurns;
-use crate::stream::decimal_comma::with_points;
 use crate::stream::source::LogSource;
 use shell_data::statistics::upper_median;
 use table_file::{FileKind, Table};
@@ -92,8 +91,7 @@ pub(crate) fn recognise_layout(
     };
     let (mut columns, roles) =
         recognise(names.clone(), &header.units, header.format, mapping).map_err(error)?;
-    let first =
-        LayoutLine::first_with_text(head, rows_start, 1).map(|line| fields(line.text, separator));
+    let first = lines(head, rows_start, 1).next().map(|line| fields(line.text, separator));
     let first_time = roles.time.and_then(|at| first.as_ref()?.get(at));
     let has_dates = first_time.is_some_and(|field| parse_date(field).is_ok());
     if let (true, Some(at)) = (has_dates, roles.time) {
@@ -146,10 +144,8 @@ const CLOCK_ROWS: usize = 64;
 
 /// The median step from one row's time to the next one's, of whole numbers that grow.
 fn median_step(head: &[u8], rows_start: usize, separator: u8, at: usize) -> Option<f64> {
-    let first = LayoutLine::first_with_text(head, rows_start, 1)?;
-    let lines = first.and_after(head);
     // The last line of the head may be cut off.
-    let lines = lines.filter(|line| line.next < head.len()).take(CLOCK_ROWS);
+    let lines = lines(head, rows_start, 1).filter(|line| line.next < head.len()).take(CLOCK_ROWS);
     let time = |line: LayoutLine<'_>| parse_field(fields(line.text, separator).get(at)?).ok();
     let times: Vec<f64> = lines.filter_map(time).collect();
     if times.iter().any(|time| time.fract() != 0.0) {
@@ -169,9 +165,14 @@ fn read_header(
     mapping: &Mapping,
 ) -> Result<Header, LogError> {
     let start = if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
-    let first = LayoutLine::first_with_text(head, start, 1);
-    let Some(first) = first else { return Err(LogError::NoRows(source.path.clone())) };
-    first.check(source, head, whole)?;
+    let first = lines(head, start, 1).next();
+    let first = first.ok_or_else(|| LogError::NoRows(source.path.clone()))?;
+    if memchr(b'\r', first.text).is_some() {
+        return Err(source.error_at(first.number, PlacedProblem::CarriageReturns));
+    }
+    if !whole && first.next == head.len() && !head.ends_with(b"\n") {
+        return Err(source.error_at(first.number, PlacedProblem::LineTooLong(head.len())));
+    }
     let format = match mapping.format {
         Some(format) => format,
         None if source.as_table().is_some() => LogFormat::Csv,
@@ -197,17 +198,11 @@ fn telemetry_header(
     head: &[u8],
     first: &LayoutLine<'_>,
 ) -> Result<Header, LogError> {
-    let (mut names, mut rows_start) = (None, head.len());
-    for line in first.and_after(head) {
-        if !line.text.starts_with(b"%") {
-            rows_start = line.start;
-            break;
-        }
-        if line.text.contains(&b'|') {
-            names = Some(line);
-        }
-    }
+    let lines = || lines(head, first.start, first.number);
+    let is_above = |line: &LayoutLine<'_>| line.text.starts_with(b"%");
+    let names = lines().take_while(is_above).filter(|line| line.text.contains(&b'|')).last();
     let names = names.ok_or_else(|| LogError::NoColumnNames(source.path.clone()))?;
+    let rows_start = lines().find(|line| !is_above(line)).map_or(head.len(), |line| line.start);
     let text = String::from_utf8_lossy(names.text);
     let line = names.number;
     let names = text.trim_start_matches('%').split('|').map(|name| name.trim().to_owned());
@@ -243,15 +238,12 @@ fn separated_header(
         ..Header::new(format, Vec::new(), rows_start, first.number)
     };
     let named_above = (!has_names).then(|| names_in_comment(head, first, separator, found.len()));
-    let fixed = match (mapping.format, found.len()) {
-        (Some(LogFormat::Training), _) => Some((LogFormat::Training, &TRAINING[..])),
-        (Some(LogFormat::Reference), _) => Some((LogFormat::Reference, &REFERENCE[..])),
-        _ if has_names || named_above.as_ref().is_some_and(Option::is_some) => None,
-        (None, 15) => Some((LogFormat::Training, &TRAINING[..])),
-        (None, 12) => Some((LogFormat::Reference, &REFERENCE[..])),
-        _ => None,
+    let are_named = has_names || named_above.as_ref().is_some_and(Option::is_some);
+    let is_of_layout = |(format, names): &&(LogFormat, &[&str])| match mapping.format {
+        Some(wanted) => *format == wanted,
+        None => !are_named && names.len() == found.len(),
     };
-    if let Some((format, names)) = fixed {
+    if let Some(&(format, names)) = NAMELESS.iter().find(is_of_layout) {
         if names.len() != found.len() {
             let (expected, found) = (names.len(), found.len());
             let problem = PlacedProblem::LayoutMismatch { format, expected, found };
@@ -266,11 +258,12 @@ fn separated_header(
     if has_names {
         header.names = table_names.map_or_else(|| texts(&found), <[String]>::to_vec);
         // A line of units is one of texts above one of numbers.
-        let second = LayoutLine::after(head, first).map(|line| (line, fields(&line)));
-        if let Some((line, units)) = second.filter(|_| table_names.is_none())
+        let mut below = lines(head, first.next, first.number + 1);
+        if let (None, Some(line)) = (table_names, below.next())
+            && let units = fields(&line)
             && units.len() == header.names.len()
             && !units.iter().any(|field| is_number(field) || is_number(&with_points(field)))
-            && LayoutLine::after(head, &line).is_some_and(|third| is_numeric(&fields(&third)))
+            && below.next().is_some_and(|third| is_numeric(&fields(&third)))
         {
             header.units = texts(&units);
             header.rows_start = line.next;
@@ -310,8 +303,7 @@ fn has_decimal_commas(head: &[u8], first: &LayoutLine<'_>, separator: u8) -> boo
     let is_decimal = |field: &Vec<u8>| {
         field.contains(&b',') && !is_number(field) && is_number(&with_points(field))
     };
-    first
-        .and_after(head)
+    lines(head, first.start, first.number)
         .take(LOOKED_AT)
         .any(|line| fields(line.text, separator).iter().any(is_decimal))
 }
@@ -321,6 +313,8 @@ const TRAINING: [&str; 15] =
     ["time", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "Fx", "Fy", "Fz", "Mx", "My", "Mz"];
 const REFERENCE: [&str; 12] =
     ["column 1", "column 2", "time", "Fx", "Fy", "Fz", "Mx", "My", "Mz", "ax", "ay", "az"];
+const NAMELESS: [(LogFormat, &[&str]); 2] =
+    [(LogFormat::Training, &TRAINING), (LogFormat::Reference, &REFERENCE)];
 const CONSOLE: [&str; 9] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "time_us"];
 
 /// The fields of one line, quotes removed.
@@ -387,43 +381,18 @@ struct LayoutLine<'a> {
     number: u64,
 }
 
-impl<'a> LayoutLine<'a> {
-    /// Whether it is a line by itself, and there to its end.
-    fn check(&self, source: &LogSource, head: &[u8], whole: bool) -> Result<(), LogError> {
-        if memchr(b'\r', self.text).is_some() {
-            return Err(source.error_at(self.number, PlacedProblem::CarriageReturns));
-        }
-        if !whole && self.next == head.len() && !head.ends_with(b"\n") {
-            let problem = PlacedProblem::LineTooLong(head.len());
-            return Err(source.error_at(self.number, problem));
-        }
-        Ok(())
-    }
-
-    /// The first line from `start` on that is neither blank nor a comment, counted from `number`.
-    fn first_with_text(head: &'a [u8], mut start: usize, mut number: u64) -> Option<Self> {
-        while start < head.len() {
-            let end = memchr(b'\n', &head[start..]).map_or(head.len(), |at| start + at);
-            let text = head[start..end].trim_ascii();
-            let next = (end + 1).min(head.len());
-            if !text.is_empty() && !is_comment(text) {
-                return Some(Self { text, start, next, number });
-            }
-            start = next;
-            number += 1;
-        }
-        None
-    }
-
-    /// The next such line.
-    fn after(head: &'a [u8], line: &Self) -> Option<Self> {
-        Self::first_with_text(head, line.next, line.number + 1)
-    }
-
-    /// This line and those after it.
-    fn and_after(self, head: &'a [u8]) -> impl Iterator<Item = Self> {
-        std::iter::successors(Some(self), move |line| Self::after(head, line))
-    }
+/// The lines from `start` on that are neither blank nor comments, counted from `number`.
+fn lines(head: &[u8], start: usize, number: u64) -> impl Iterator<Item = LayoutLine<'_>> {
+    let mut next = start;
+    let line = move |number| {
+        let start = next;
+        let rest = head.get(start..).filter(|rest| !rest.is_empty())?;
+        let end = memchr(b'\n', rest).map_or(head.len(), |at| start + at);
+        next = (end + 1).min(head.len());
+        Some(LayoutLine { text: head[start..end].trim_ascii(), start, next, number })
+    };
+    let is_text = |line: &LayoutLine<'_>| !line.text.is_empty() && !is_comment(line.text);
+    (number..).map_while(line).filter(is_text)
 }
 
 #[cfg(test)]

@@ -48,13 +48,6 @@ pub enum ColumnRef {
     Position(usize),
 }
 
-impl ColumnRef {
-    /// The first `count` columns of a matrix in a MATLAB or HDF5 file.
-    pub fn columns_of_matrix(name: &str, count: usize) -> Vec<Self> {
-        (1..=count).map(|column| Self::Name(format!("{name}{column}"))).collect()
-    }
-}
-
 impl fmt::Display for ColumnRef {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -157,7 +150,9 @@ pub fn parse_wrench(text: &str) -> Result<PerAxis<Option<ColumnRef>>, String> {
         let columns = parse_columns(text)?;
         let found = columns.len();
         let columns = match columns.as_slice() {
-            [ColumnRef::Name(matrix)] => ColumnRef::columns_of_matrix(matrix, 6),
+            [ColumnRef::Name(matrix)] => {
+                (1..=6).map(|column| ColumnRef::Name(format!("{matrix}{column}"))).collect()
+            }
             _ => columns,
         };
         let six = columns.into_iter().map(Some).collect::<Vec<_>>().try_into();

@@ -6,6 +6,8 @@
 //! are rounded by [`nearest`]. Everything else (longer mantissas, spaces, signs of plus) is left to the
 //! standard library, and so is the decision about what is a number at all.
 
+use memchr::memchr_iter;
+
 use super::nearest::nearest;
 use crate::error::FieldProblem;
 
@@ -102,6 +104,19 @@ pub(crate) fn parse_date(field: &[u8]) -> Result<f64, FieldProblem> {
     table_file::seconds_of_iso(text).ok_or(FieldProblem::NotADate)
 }
 
+/// The text with points for the commas between two digits, which are decimal ones in many languages where `;` stands
+/// between fields. It keeps its length, so that positions in it stay what they are.
+pub(crate) fn with_points(lines: &[u8]) -> Vec<u8> {
+    let mut text = lines.to_vec();
+    let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
+    let between_digits = |&at: &usize| {
+        is_digit(at.checked_sub(1).and_then(|before| lines.get(before)))
+            && is_digit(lines.get(at + 1))
+    };
+    memchr_iter(b',', lines).filter(between_digits).for_each(|at| text[at] = b'.');
+    text
+}
+
 /// The value and number of the digits, up to eight, that stand at `bytes[at]`; `None` where fewer
 /// than eight bytes are left.
 #[inline(always)]
@@ -171,10 +186,15 @@ mod tests {
         Ok(())
     }
 
+    #[test]
+    fn only_commas_between_digits_are_decimal() {
+        assert_eq!(with_points(b"1,5;-2,25e3;a,b;1,;,5;7"), b"1.5;-2.25e3;a,b;1,;,5;7");
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(20_000))]
 
-        #[test]
+    #[test]
         fn plain_decimals_have_the_bits_of_the_standard_library(
             text in "-?[0-9]{0,18}(\\.[0-9]{0,19})?"
         ) {

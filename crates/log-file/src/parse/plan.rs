@@ -3,22 +3,17 @@
 use memchr::{memchr, memrchr};
 
 use super::console;
+use super::number::with_points;
 use super::parsed_rows::ParsedRows;
-use super::rows::{ColumnUse, RowError, RowPlan};
+use super::rows::{ColumnUse, Limit, RowError, RowPlan};
 use crate::error::RowProblem;
 use crate::format::columns::Wanted;
 use crate::format::layout::FileLayout;
 use crate::format::mapping::LogFormat;
 use crate::stream::chunk::{Chunk, line_ends};
-use crate::stream::{clock_turns, decimal_comma};
+use crate::stream::clock_turns;
 use shell_data::block::Block;
 use shell_data::instructions::arch;
-
-/// The largest reading in the robot's telemetry, whose converter has at most 16 bits.
-const LARGEST_LOGGED: f64 = 65_535.0;
-
-/// The largest reading anywhere: no converter has more than 32 bits.
-const LARGEST_READING: f64 = 4_294_967_295.0;
 
 /// How the rows of one log become blocks.
 #[derive(Debug)]
@@ -96,12 +91,19 @@ impl ReadPlan {
         let outputs = |wanted: bool, positions: &[usize]| -> Vec<OutputColumn> {
             if wanted { positions.iter().map(output).collect() } else { Vec::new() }
         };
+        let reading_limit = match layout.header.format {
+            LogFormat::Telemetry => Limit::LOGGED_READING,
+            _ => Limit::READING,
+        };
+        let limit = |at: usize| match at {
+            _ if wanted.wrench && roles.wrench.contains(&Some(at)) => Some(Limit::LOAD),
+            _ if wanted.readings && roles.sensors.contains(&at) => Some(reading_limit),
+            _ => None,
+        };
         let column_use = |at: usize| match at {
             _ if positions.binary_search(&at).is_err() => ColumnUse::Skip,
             _ if layout.has_dates && roles.time == Some(at) => ColumnUse::Date,
-            _ if wanted.wrench && roles.wrench.contains(&Some(at)) => ColumnUse::Load,
-            _ if wanted.readings && roles.sensors.contains(&at) => ColumnUse::Reading,
-            _ => ColumnUse::Number,
+            _ => ColumnUse::Number(limit(at)),
         };
         let group = roles.group.filter(|_| wanted.groups);
         let labels: Vec<usize> = wanted.texts.iter().copied().chain(group).collect();
@@ -124,10 +126,6 @@ impl ReadPlan {
                     separator: layout.header.separator,
                     uses: (0..layout.columns.len()).map(column_use).collect(),
                     labels,
-                    largest_reading: match layout.header.format {
-                        LogFormat::Telemetry => LARGEST_LOGGED,
-                        _ => LARGEST_READING,
-                    },
                     names: layout.columns.iter().map(|column| column.name.clone()).collect(),
                 }),
             },
@@ -143,7 +141,7 @@ impl ReadPlan {
     ) -> Result<(), RowError> {
         match &self.rows {
             RowSyntax::Separated(plan) => {
-                let points = self.has_decimal_commas.then(|| decimal_comma::with_points(lines));
+                let points = self.has_decimal_commas.then(|| with_points(lines));
                 let (written, lines) = (lines, points.as_deref().unwrap_or(lines));
                 // Rows differ little in length; should they, the columns grow.
                 let first = memchr(b'\n', lines).unwrap_or(lines.len()) + 1;

@@ -17,11 +17,10 @@ use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 use super::neon::Neon;
-use super::number::{parse_date, parse_digits, parse_field, parse_long, signed};
+use super::number::{parse_date, parse_digits, parse_field, parse_long, signed, with_points};
 use super::parsed_rows::ParsedRows;
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
-use crate::stream::decimal_comma::with_points;
 
 /// Which columns of a row are parsed, and how.
 #[derive(Debug)]
@@ -33,26 +32,35 @@ pub(crate) struct RowPlan {
     pub(crate) labels: Vec<usize>,
     /// Names of all columns.
     pub(crate) names: Vec<String>,
-    /// No converter gives a reading of a larger magnitude.
-    pub(crate) largest_reading: f64,
 }
 
 /// The use of a column.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ColumnUse {
     Skip,
-    /// Parse it into the next column of the result.
-    Number,
-    /// The same, and refuse what no converter gives.
-    Reading,
-    /// The same, and refuse what no sensor measures.
-    Load,
+    /// Parse it into the next column of the result, and refuse what is beyond the limit, if there is one.
+    Number(Option<Limit>),
     /// Parse it into the next column of the result, as a date and time.
     Date,
 }
 
-/// The largest load anywhere, in the units of the log: its square is far from the largest number.
-const LARGEST_LOAD: f64 = 1e15;
+/// The largest magnitude of a number that is believed, and what is expected, in words.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Limit(f64, &'static str);
+
+impl Limit {
+    /// Readings in the robot's telemetry, whose converter has at most 16 bits.
+    pub(crate) const LOGGED_READING: Self = Self(65_535.0, "a reading of at most 65535 counts");
+    /// Readings anywhere: no converter has more than 32 bits.
+    pub(crate) const READING: Self =
+        Self(4_294_967_295.0, "a reading of at most 4294967295 counts");
+    /// Loads anywhere, in the units of the log: their squares are far from the largest number.
+    pub(crate) const LOAD: Self = Self(1e15, "a load of at most 1e15 N or N·m");
+
+    fn check(self, value: f64) -> Result<f64, FieldProblem> {
+        if value.abs() <= self.0 { Ok(value) } else { Err(FieldProblem::BeyondLimit(self.1)) }
+    }
+}
 
 /// A bad row.
 #[derive(Debug, PartialEq)]
@@ -188,8 +196,8 @@ impl RowPlan {
                 ),
             };
             right = wrong.unwrap_or(right);
-            if let Some(largest) = self.largest(*step) {
-                let is_believable = |value: &f64| value.abs() <= largest;
+            if let ColumnUse::Number(Some(Limit(largest, _))) = step {
+                let is_believable = |value: &f64| value.abs() <= *largest;
                 let values = &values[..right];
                 // As a rule all of them, which is found without a branch for each.
                 if !values.iter().fold(true, |all, value| all & is_believable(value)) {
@@ -205,26 +213,6 @@ impl RowPlan {
             }
         }
         right
-    }
-
-    /// The largest magnitude of a column that is believed.
-    fn largest(&self, step: ColumnUse) -> Option<f64> {
-        match step {
-            ColumnUse::Reading => Some(self.largest_reading),
-            ColumnUse::Load => Some(LARGEST_LOAD),
-            ColumnUse::Skip | ColumnUse::Number | ColumnUse::Date => None,
-        }
-    }
-
-    /// The number, unless it is too large for its column.
-    fn believed(&self, step: ColumnUse, value: f64) -> Result<f64, FieldProblem> {
-        match self.largest(step) {
-            Some(largest) if value.abs() > largest => Err(match step {
-                ColumnUse::Load => FieldProblem::UnbelievableLoad(largest),
-                _ => FieldProblem::UnbelievableReading(largest),
-            }),
-            _ => Ok(value),
-        }
     }
 
     /// Parses the row of a line; `None` if it is blank or a comment.
@@ -258,7 +246,10 @@ impl RowPlan {
             if let Some(step) = self.uses.get(column).filter(|step| **step != ColumnUse::Skip) {
                 let number = match step {
                     ColumnUse::Date => parse_date(field),
-                    _ => parse_field(field).and_then(|value| self.believed(*step, value)),
+                    ColumnUse::Number(Some(limit)) => {
+                        parse_field(field).and_then(|it| limit.check(it))
+                    }
+                    _ => parse_field(field),
                 };
                 match number {
                     Ok(value) => parsed.put(slot, value),

@@ -111,7 +111,9 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     let logs: Vec<&Log> = logs.iter().map(|(log, _)| *log).collect();
     let logs = &logs[..];
     let threads = threads_for(logs, options);
-    let mut chunks = LogChunks::new(logs, options.checksum, threads);
+    let (checksum, meter, checksums) = (options.checksum, ReadMeter::default(), Vec::new());
+    let mut chunks =
+        LogChunks { logs, checksum, threads, current: 0, chunks: None, meter, checksums };
     let bytes_read = Arc::clone(&chunks.meter.bytes);
     let mut found = vec![ReadSummary::default(); logs.len()];
     // How many logs have been read and have rows.
@@ -167,7 +169,7 @@ fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
 }
 
 /// The chunks of several logs as one sequence, so that no thread waits at the end of a log.
-pub(crate) struct LogChunks<'a> {
+struct LogChunks<'a> {
     logs: &'a [&'a Log],
     checksum: bool,
     /// How many threads read a table.
@@ -175,16 +177,9 @@ pub(crate) struct LogChunks<'a> {
     /// The log that is being read, or read next.
     current: usize,
     chunks: Option<ChunkStream<ByteStream>>,
-    pub(crate) meter: ReadMeter,
+    meter: ReadMeter,
     /// Checksums of the logs that have been read.
-    pub(crate) checksums: Vec<Option<String>>,
-}
-
-impl<'a> LogChunks<'a> {
-    pub(crate) fn new(logs: &'a [&'a Log], checksum: bool, threads: usize) -> Self {
-        let (meter, checksums) = (ReadMeter::default(), Vec::new());
-        Self { logs, checksum, threads, current: 0, chunks: None, meter, checksums }
-    }
+    checksums: Vec<Option<String>>,
 }
 
 impl Pieces for LogChunks<'_> {

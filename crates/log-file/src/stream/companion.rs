@@ -34,7 +34,7 @@ pub enum RowMismatch {
 }
 
 /// What the first lines of two files say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Sides {
     separator: u8,
     /// Whether there are names.
@@ -44,8 +44,20 @@ pub(crate) struct Sides {
 }
 
 impl Sides {
-    /// Of the first lines.
-    pub(crate) fn new([first, second]: [&[u8]; 2]) -> Result<Self, RowMismatch> {
+    /// Of the first lines that are not blank.
+    pub(crate) fn new<R: Read>(files: [R; 2]) -> io::Result<Self> {
+        let mut files = files.map(CompanionLines::new);
+        for file in &mut files {
+            let mut number = 1;
+            while file.next(number)? && file.line.is_empty() {
+                number += 1;
+            }
+        }
+        let [first, second] = files.each_ref().map(|file| file.line.as_slice());
+        Self::of_lines([first, second]).map_err(io::Error::other)
+    }
+
+    fn of_lines([first, second]: [&[u8]; 2]) -> Result<Self, RowMismatch> {
         if first.starts_with(b"%") {
             return Err(RowMismatch::Telemetry);
         }
@@ -96,9 +108,9 @@ fn is_number(field: &[u8], separator: u8) -> bool {
 }
 
 /// The text of two files.
-pub(crate) fn joined(first: impl Read, second: impl Read) -> impl Read {
-    let (mut first, mut second) = (CompanionLines::new(first), CompanionLines::new(second));
-    let (mut sides, mut line) = (None, 0);
+pub(crate) fn joined<R: Read>(files: [R; 2], sides: Sides) -> impl Read {
+    let [mut first, mut second] = files.map(CompanionLines::new);
+    let (mut are_names, mut line) = (sides.has_names, 0);
     TextStream::new(Vec::new(), move |text| {
         while text.len() < TEXT_BYTES {
             line += 1;
@@ -109,15 +121,11 @@ pub(crate) fn joined(first: impl Read, second: impl Read) -> impl Read {
                 // Blank lines at the end belong to nothing.
                 (_, [[], []]) => text.push(b'\n'),
                 ([true, true], [[_, ..], [_, ..]]) => {
-                    let known: Sides = match sides {
-                        Some(sides) => sides,
-                        None => Sides::new(lines).map_err(io::Error::other)?,
-                    };
                     text.extend_from_slice(lines[0]);
-                    text.push(known.separator);
-                    match sides.replace(known) {
-                        None if known.has_names => text.extend(known.names(lines)),
-                        _ => text.extend_from_slice(lines[1]),
+                    text.push(sides.separator);
+                    match std::mem::take(&mut are_names) {
+                        true => text.extend(sides.names(lines)),
+                        false => text.extend_from_slice(lines[1]),
                     }
                     text.push(b'\n');
                 }
@@ -130,18 +138,18 @@ pub(crate) fn joined(first: impl Read, second: impl Read) -> impl Read {
 
 /// The lines of a file, one at a time.
 #[derive(Debug)]
-pub(crate) struct CompanionLines<R> {
+struct CompanionLines<R> {
     stream: BufReader<R>,
-    pub(crate) line: Vec<u8>,
+    line: Vec<u8>,
 }
 
 impl<R: Read> CompanionLines<R> {
-    pub(crate) fn new(stream: R) -> Self {
+    fn new(stream: R) -> Self {
         Self { stream: BufReader::with_capacity(TEXT_BYTES, stream), line: Vec::new() }
     }
 
     /// Reads the next line, without what ends it; `false` if there is none.
-    pub(crate) fn next(&mut self, number: u64) -> io::Result<bool> {
+    fn next(&mut self, number: u64) -> io::Result<bool> {
         self.line.clear();
         let read = (&mut self.stream).take(LONGEST).read_until(b'\n', &mut self.line)?;
         if read as u64 == LONGEST && self.line.last() != Some(&b'\n') {
@@ -161,10 +169,10 @@ mod tests {
 
     fn joined(first: &str, second: &str) -> Result<String, String> {
         let mut text = String::new();
-        match super::joined(first.as_bytes(), second.as_bytes()).read_to_string(&mut text) {
-            Ok(_) => Ok(text),
-            Err(error) => Err(error.to_string()),
-        }
+        let files = [first.as_bytes(), second.as_bytes()];
+        let read = Sides::new(files)
+            .and_then(|sides| super::joined(files, sides).read_to_string(&mut text));
+        read.map(|_| text).map_err(|error| error.to_string())
     }
 
     #[test]

@@ -3,7 +3,6 @@
 pub(crate) mod chunk;
 pub(crate) mod clock_turns;
 pub(crate) mod companion;
-pub(crate) mod decimal_comma;
 pub mod pipeline;
 pub(crate) mod source;
 mod utf16;

@@ -17,7 +17,7 @@ use flate2::bufread::MultiGzDecoder;
 use table_file::{FileKind, FileSource, OpenFile, Recognised, Table, TableError};
 use tempfile::TempPath;
 
-use super::companion::{CompanionLines, RowMismatch, Sides, joined};
+use super::companion::{RowMismatch, Sides, joined};
 use super::utf16::as_utf8;
 use super::zstd::{self, Zstd};
 use crate::checksum::Checksum;
@@ -35,10 +35,19 @@ pub(crate) struct LogSource {
     container: Container,
     /// Whether the text is UTF-16, with the highest byte of each pair first.
     utf16: Option<bool>,
-    /// Keeps a file that stands in for standard input.
+    /// A file that stands in for standard input, as long as it is read.
     _spool: Option<Arc<TempPath>>,
     /// A file whose columns stand beside those of this one, row by row.
     pub(crate) companion: Option<Arc<LogSource>>,
+    /// What the first lines of both say.
+    pub(crate) sides: Sides,
+}
+
+/// A file with all of standard input: logs are read several times.
+fn spooled_stdin() -> io::Result<TempPath> {
+    let mut file = tempfile::NamedTempFile::new()?;
+    io::copy(&mut io::stdin().lock(), file.as_file_mut())?;
+    Ok(file.into_temp_path())
 }
 
 /// What the text of a log is in.
@@ -54,22 +63,20 @@ impl LogSource {
     /// The file at `path`, or all of standard input for `-`; `part` names the table to be read of a
     /// file that can hold several.
     pub(crate) fn new(path: &Path, part: Option<&str>) -> Result<Self, LogError> {
-        let mut source = Self::at(path);
-        if path.as_os_str() == "-" {
-            source = source.with_stdin()?;
+        let failed = |source| LogError::Io { path: path.to_owned(), source };
+        let is_stdin = path.as_os_str() == "-";
+        let spool = is_stdin.then(spooled_stdin).transpose().map_err(failed)?;
+        let file = spool.as_deref().unwrap_or(path);
+        // Before it is opened: whoever opens a pipe waits for its writer.
+        let metadata = std::fs::metadata(file).map_err(failed)?;
+        if metadata.is_dir() {
+            return Err(failed(io::ErrorKind::IsADirectory.into()));
         }
-        if let FileSource::Disk(path) = &source.file {
-            // Before it is opened: whoever opens a pipe waits for its writer.
-            let metadata = std::fs::metadata(path).map_err(|error| source.error(error))?;
-            if metadata.is_dir() {
-                return Err(source.error(io::ErrorKind::IsADirectory.into()));
-            }
-            if !metadata.is_file() {
-                let not_a_file = "not a regular file, which logs must be";
-                return Err(source.error(io::Error::other(not_a_file)));
-            }
+        if !metadata.is_file() {
+            return Err(failed(io::Error::other("not a regular file, which logs must be")));
         }
-        source.recognise(part)
+        let file = FileSource::from(file);
+        Self { _spool: spool.map(Arc::new), ..Self::plain(path, file) }.recognise(part)
     }
 
     /// A file in memory, called `name`.
@@ -78,96 +85,60 @@ impl LogSource {
         bytes: Arc<[u8]>,
         part: Option<&str>,
     ) -> Result<Self, LogError> {
-        Self { file: FileSource::Memory(bytes), ..Self::at(name) }.recognise(part)
+        Self::plain(name, FileSource::Memory(bytes)).recognise(part)
+    }
+
+    /// A plain file of unknown size.
+    fn plain(path: &Path, file: FileSource) -> Self {
+        let (path, container, sides) = (path.to_owned(), Container::Plain, Sides::default());
+        Self { path, bytes: 0, file, container, utf16: None, _spool: None, companion: None, sides }
     }
 
     /// The same with what it is by its first bytes.
-    fn recognise(self, part: Option<&str>) -> Result<Self, LogError> {
-        let mut source = self;
-        source.bytes = source.file.length().map_err(|error| source.error(error))?;
-        let start = source.start(source.open_file()?)?;
-        source.container = match start.as_slice() {
+    fn recognise(mut self, part: Option<&str>) -> Result<Self, LogError> {
+        self.bytes = self.file.length().map_err(|error| self.error(error))?;
+        let start = self.start(self.open_file()?)?;
+        self.container = match start.as_slice() {
             [0x1f, 0x8b, ..] => Container::Gzip,
             start if zstd::begins(start) => Container::Zstd,
             _ => Container::Plain,
         };
-        let text = match source.container {
+        let text = match self.container {
             Container::Plain => start,
-            _ => source.start(source.open()?)?,
+            _ => self.start(self.open()?)?,
         };
         match table_file::recognise(&text) {
             Recognised::Unknown => {}
-            _ if source.compression().is_some() => {
+            _ if self.compression().is_some() => {
                 let what = "a compressed file of something other than text";
                 let remedy = "unpack it first; compressed logs are text";
-                return Err(LogError::Foreign { path: source.path, what, remedy });
+                return Err(LogError::Foreign { path: self.path, what, remedy });
             }
             Recognised::Table(kind) => {
-                source.container = Container::Table(source.table(kind, part)?);
-                return Ok(source);
+                self.container = Container::Table(self.table(kind, part)?);
+                return Ok(self);
             }
             Recognised::Foreign { what, remedy } => {
-                return Err(LogError::Foreign { path: source.path, what, remedy });
+                return Err(LogError::Foreign { path: self.path, what, remedy });
             }
         }
         if let Some(part) = part {
-            return Err(LogError::NoParts { path: source.path, wanted: part.to_owned() });
+            return Err(LogError::NoParts { path: self.path, wanted: part.to_owned() });
         }
-        source.utf16 = match text.as_slice() {
+        self.utf16 = match text.as_slice() {
             [0xff, 0xfe, ..] => Some(false),
             [0xfe, 0xff, ..] => Some(true),
             _ => None,
         };
-        Ok(source)
-    }
-
-    /// A plain file of unknown size.
-    fn at(path: &Path) -> Self {
-        Self {
-            path: path.to_owned(),
-            bytes: 0,
-            file: FileSource::from(path),
-            container: Container::Plain,
-            utf16: None,
-            _spool: None,
-            companion: None,
-        }
-    }
-
-    /// The same with all of standard input in its place: logs are read several times.
-    fn with_stdin(self) -> Result<Self, LogError> {
-        let spool = || {
-            let mut file = tempfile::NamedTempFile::new()?;
-            io::copy(&mut io::stdin().lock(), file.as_file_mut())?;
-            Ok(file.into_temp_path())
-        };
-        let spool = spool().map_err(|error| self.error(error))?;
-        Ok(Self { file: FileSource::from(&*spool), _spool: Some(Arc::new(spool)), ..self })
+        Ok(self)
     }
 
     /// The same with the columns of another file, whose rows are those of this one.
-    pub(crate) fn with_companion(self, companion: Self) -> Self {
-        Self { companion: Some(Arc::new(companion)), ..self }
-    }
-
-    /// What the first lines of this and the file beside it say; `None` without such a file.
-    pub(crate) fn sides(&self) -> Result<Option<Sides>, LogError> {
-        let Some(companion) = &self.companion else { return Ok(None) };
-        let first_line = |source: &Self, stream: ByteStream| {
-            let mut lines = CompanionLines::new(stream);
-            lines.next(1).map_err(|error| source.error(error))?;
-            Ok::<_, LogError>(lines.line)
-        };
-        let first = first_line(self, self.open_alone(1, &ReadMeter::default())?)?;
-        let second = first_line(companion, companion.open()?)?;
-        let sides = Sides::new([&first, &second]);
-        sides.map(Some).map_err(|problem| self.row_mismatch(problem))
-    }
-
-    fn row_mismatch(&self, problem: RowMismatch) -> LogError {
-        let companion =
-            self.companion.as_ref().map(|companion| companion.path.clone()).unwrap_or_default();
-        LogError::RowMismatch { path: self.path.clone(), companion, problem }
+    pub(crate) fn with_companion(self, companion: Self) -> Result<Self, LogError> {
+        let streams = [self.open()?, companion.open()?];
+        let source = Self { companion: Some(Arc::new(companion)), ..self };
+        let sides = Sides::new(streams).map_err(|error| source.error(error))?;
+        Ok(Self { sides, ..source })
     }
 
     /// The first bytes of a stream.
@@ -200,13 +171,6 @@ impl LogSource {
         threads: usize,
         meter: &ReadMeter,
     ) -> Result<ByteStream, LogError> {
-        let stream = self.open_alone(threads, meter)?;
-        let Some(companion) = &self.companion else { return Ok(stream) };
-        Ok(Box::new(joined(stream, companion.open()?)))
-    }
-
-    /// Opens the text of the file itself.
-    fn open_alone(&self, threads: usize, meter: &ReadMeter) -> Result<ByteStream, LogError> {
         let file = |meter: &ReadMeter| {
             Ok::<_, LogError>(CountingFile { file: self.open_file()?, meter: meter.clone() })
         };
@@ -224,14 +188,16 @@ impl LogSource {
                     let mut whole = file(&ReadMeter { bytes: Arc::default(), ..meter.clone() })?;
                     io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
                 }
-                let text = table.text_by(threads).map_err(|problem| self.table_error(problem))?;
+                let text = table.text(threads).map_err(|problem| self.table_error(problem))?;
                 Box::new(TableStream { text, left: self.bytes, bytes: Arc::clone(&meter.bytes) })
             }
         };
-        Ok(match self.utf16 {
+        let text = match self.utf16 {
             None => text,
             Some(high_first) => Box::new(as_utf8(text, high_first)),
-        })
+        };
+        let Some(companion) = &self.companion else { return Ok(text) };
+        Ok(Box::new(joined([text, companion.open()?], self.sides)))
     }
 
     /// Whether the bytes of the file are those of the text.
@@ -288,15 +254,16 @@ impl LogSource {
             Err(source) => source,
         };
         let source = match source.downcast::<RowMismatch>() {
-            Ok(problem) => return self.row_mismatch(problem),
+            Ok(problem) => {
+                let companion = self.companion.as_ref().map(|companion| companion.path.clone());
+                let companion = companion.unwrap_or_default();
+                return LogError::RowMismatch { path, companion, problem };
+            }
             Err(source) => source,
         };
-        match (&self.container, source.kind()) {
-            (Container::Gzip, InvalidData | InvalidInput | UnexpectedEof) => {
-                LogError::Unpacking { path, method: "gzip", source }
-            }
-            (Container::Zstd, InvalidData | InvalidInput | UnexpectedEof | Other) => {
-                LogError::Unpacking { path, method: "Zstandard", source }
+        match (self.compression(), source.kind()) {
+            (Some(method), InvalidData | InvalidInput | Other | UnexpectedEof) => {
+                LogError::Unpacking { path, method, source }
             }
             _ => LogError::Io { path, source },
         }

@@ -85,11 +85,8 @@ fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
             bytes.take(read.next_multiple_of(8) - read)?;
         }
     }
-    let mut columns = Vec::with_capacity(AXES.len());
-    for name in AXES {
-        columns.push((name.to_owned(), Cell::Real(bytes.f64()?)));
-    }
-    Some(Message { stamp_ns, columns })
+    let columns = AXES.iter().map(|&name| Some((name.to_owned(), Cell::Real(bytes.f64()?))));
+    Some(Message { stamp_ns, columns: columns.collect::<Option<_>>()? })
 }
 
 /// Adds the values in an object or list: `outer.inner`, and the positions in a list from 1.

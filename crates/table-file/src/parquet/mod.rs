@@ -48,12 +48,12 @@ struct RowGroup {
     chunks: Vec<ColumnChunk>,
 }
 
-/// The pages of a column in a row group.
+/// The pages of a column in a row group, from one position in the file to another.
 #[derive(Clone, Copy, Debug)]
 struct ColumnChunk {
     codec: Codec,
-    start: u64,
-    bytes: u64,
+    at: u64,
+    end: u64,
 }
 
 pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
@@ -62,18 +62,13 @@ pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
     let footer = footer(&mut file, length)?;
     let leaves = schema::leaves(&footer)?;
     let groups = footer.list(4).ok_or_else(|| KIND.damaged("its footer lists no row groups"))?;
-    let groups: Result<Vec<RowGroup>, _> = groups
-        .iter()
-        .enumerate()
-        .map(|(at, group)| row_group(group, at, &leaves, length))
-        .collect();
-    let groups = groups?;
+    let groups = (1..).zip(groups).map(|(number, group)| row_group(group, number, &leaves, length));
+    let groups = groups.collect::<Result<Vec<_>, _>>()?;
     let rows = groups.iter().fold(0, |all: u64, group| all.saturating_add(group.rows));
     let values = rows.saturating_mul(leaves.len() as u64);
     if values > (1 << 22) + length.saturating_mul(VALUES_PER_BYTE) {
-        return Err(
-            KIND.damaged(format!("{rows} rows of {} columns in {length} bytes", leaves.len()))
-        );
+        let columns = leaves.len();
+        return Err(KIND.damaged(format!("{rows} rows of {columns} columns in {length} bytes")));
     }
     if rows > 0 && !leaves.iter().any(|leaf| leaf.kind.opaque().is_none()) {
         return Err(KIND.unsupported("no column of numbers or texts"));
@@ -105,11 +100,11 @@ fn footer(file: &mut OpenFile, length: u64) -> Result<Value, TableError> {
 
 fn row_group(
     group: &Value,
-    at: usize,
+    number: usize,
     leaves: &[Leaf],
     length: u64,
 ) -> Result<RowGroup, TableError> {
-    let wrong = || KIND.damaged(format!("row group {}", at + 1));
+    let wrong = || KIND.damaged(format!("row group {number}"));
     let rows = group.whole(3).and_then(|rows| u64::try_from(rows).ok()).ok_or_else(wrong)?;
     let chunks = group.list(1).filter(|chunks| chunks.len() == leaves.len()).ok_or_else(wrong)?;
     let chunks = chunks.iter().zip(leaves).map(|(chunk, leaf)| {
@@ -120,10 +115,9 @@ fn row_group(
         let position = |number| data.whole(number).and_then(|at| u64::try_from(at).ok());
         let (first, bytes) = (position(9).ok_or_else(wrong)?, position(7).ok_or_else(wrong)?);
         // The dictionary comes first, if there is one.
-        let start = position(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
-        if start.checked_add(bytes).is_none_or(|end| end > length) {
-            return Err(KIND.damaged(format!("column `{}` lies beyond its end", leaf.name)));
-        }
+        let at = position(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
+        let beyond = || KIND.damaged(format!("column `{}` lies beyond its end", leaf.name));
+        let end = at.checked_add(bytes).filter(|&end| end <= length).ok_or_else(beyond)?;
         let codec = match data.whole(4) {
             Some(0) => Codec::None,
             Some(1) => Codec::Snappy,
@@ -143,7 +137,7 @@ fn row_group(
                 )));
             }
         };
-        Ok(ColumnChunk { codec, start, bytes })
+        Ok(ColumnChunk { codec, at, end })
     });
     Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
 }

@@ -21,9 +21,8 @@ const HEAD: u64 = 1 << 20;
 
 /// The column of a row group that is being read.
 pub(super) struct ColumnReader {
-    codec: Codec,
-    at: u64,
-    end: u64,
+    /// What has not been read.
+    chunk: ColumnChunk,
     dictionary: Arc<Vec<Cell>>,
     dictionary_bytes: u64,
     page: Option<Page>,
@@ -32,13 +31,12 @@ pub(super) struct ColumnReader {
 /// A page that is being read.
 struct Page {
     left: u64,
-    levels: Option<Box<dyn Iterator<Item = u64> + Send>>,
-    values: PageValues,
+    cells: PageCells,
     bytes: u64,
 }
 
-/// The values of a page.
-type PageValues = Box<dyn Iterator<Item = Cell> + Send>;
+/// The cells of a page, or those of them that are there.
+type PageCells = Box<dyn Iterator<Item = Cell> + Send>;
 
 const DATA: i64 = 0;
 const DICTIONARY: i64 = 2;
@@ -46,14 +44,7 @@ const DATA_2: i64 = 3;
 
 impl ColumnReader {
     pub(super) fn new(chunk: ColumnChunk) -> Self {
-        Self {
-            codec: chunk.codec,
-            at: chunk.start,
-            end: chunk.start + chunk.bytes,
-            dictionary: Arc::default(),
-            dictionary_bytes: 0,
-            page: None,
-        }
+        Self { chunk, dictionary: Arc::default(), dictionary_bytes: 0, page: None }
     }
 
     /// How much memory its page and dictionary take.
@@ -76,14 +67,7 @@ impl ColumnReader {
                 continue;
             };
             page.left -= 1;
-            let is_there = match &mut page.levels {
-                None => true,
-                Some(levels) => levels.next().ok_or_else(wrong)? == u64::from(leaf.levels),
-            };
-            cells.push(match is_there {
-                true => page.values.next().ok_or_else(wrong)?,
-                false => Cell::Missing,
-            });
+            cells.push(page.cells.next().ok_or_else(wrong)?);
         }
         Ok(())
     }
@@ -97,19 +81,19 @@ impl ColumnReader {
         let wrong = || KIND.damaged(format!("column `{name}`: the head of a page"));
         let size = |number| head.whole(number).and_then(|size| u64::try_from(size).ok());
         let page_bytes = size(2).ok_or_else(wrong)?;
-        let left = self.end.saturating_sub(self.at + head_bytes);
+        let left = self.chunk.end.saturating_sub(self.chunk.at + head_bytes);
         let packed_bytes = size(3).filter(|size| *size <= left).ok_or_else(wrong)?;
         unpacked.add(KIND, page_bytes, stored)?;
         let held = others + self.dictionary_bytes + page_bytes;
         budget::check(KIND, format_args!("column `{name}`"), held, stored)?;
-        file.seek(SeekFrom::Start(self.at + head_bytes))?;
+        file.seek(SeekFrom::Start(self.chunk.at + head_bytes))?;
         let mut packed = vec![0; packed_bytes as usize];
         file.read_exact(&mut packed)?;
         // CRC-32 of the page as it is stored, if its writer gave it.
         if head.whole(4).is_some_and(|checksum| checksum as u32 != crc32fast::hash(&packed)) {
             return Err(KIND.damaged(format!("column `{name}`: the checksum of a page is wrong")));
         }
-        self.at += head_bytes + packed_bytes;
+        self.chunk.at += head_bytes + packed_bytes;
         let (kind, details) = match head.whole(1).ok_or_else(wrong)? {
             DATA => (DATA, 5),
             DICTIONARY => (DICTIONARY, 7),
@@ -126,7 +110,7 @@ impl ColumnReader {
         };
         let (bytes, levels, encoding) = match kind {
             DICTIONARY => {
-                let bytes = unpack(&packed, self.codec, page_bytes)?;
+                let bytes = unpack(&packed, self.chunk.codec, page_bytes)?;
                 let values = count(1).ok_or_else(wrong)?;
                 self.dictionary_bytes =
                     page_bytes + values.saturating_mul(size_of::<Cell>() as u64);
@@ -138,7 +122,7 @@ impl ColumnReader {
                 return Ok(());
             }
             DATA => {
-                let mut bytes = unpack(&packed, self.codec, page_bytes)?;
+                let mut bytes = unpack(&packed, self.chunk.codec, page_bytes)?;
                 let mut levels = Vec::new();
                 if leaf.levels > 0 {
                     if whole(3) != Some(3) {
@@ -157,7 +141,7 @@ impl ColumnReader {
                 let before = definition.checked_add(repetition).ok_or_else(wrong)?;
                 let (levels, values) = packed.split_at_checked(before).ok_or_else(wrong)?;
                 let is_packed = details.field(7) != Some(&Value::Truth(false));
-                let codec = if is_packed { self.codec } else { Codec::None };
+                let codec = if is_packed { self.chunk.codec } else { Codec::None };
                 let unpacked = page_bytes.checked_sub(before as u64).ok_or_else(wrong)?;
                 let values = match values.is_empty() {
                     true => Vec::new(),
@@ -167,27 +151,31 @@ impl ColumnReader {
             }
         };
         let left = count(1).ok_or_else(wrong)?;
-        let values = self.values(bytes, encoding, leaf)?;
-        let mut page = Page { left, levels: None, values, bytes: page_bytes };
-        if leaf.levels > 0 {
+        let mut cells = self.values(bytes, encoding, leaf)?;
+        let most = leaf.levels;
+        if most > 0 {
             // As many bits as the highest has.
-            let levels = integers(levels, u8::BITS - leaf.levels.leading_zeros());
-            page.levels = Some(Box::new(levels.ok_or_else(wrong)?));
+            let levels = integers(levels, u8::BITS - most.leading_zeros());
+            let (mut levels, mut values) = (levels.ok_or_else(wrong)?, cells);
+            cells = Box::new(std::iter::from_fn(move || match levels.next()? {
+                level if level == u64::from(most) => values.next(),
+                _ => Some(Cell::Missing),
+            }));
         }
-        self.page = Some(page);
+        self.page = Some(Page { left, cells, bytes: page_bytes });
         Ok(())
     }
 
     /// The head of the next page, and how many bytes it has.
     fn head(&self, file: &mut OpenFile, name: &str) -> Result<(Value, u64), TableError> {
-        let there = self.end.saturating_sub(self.at);
+        let there = self.chunk.end.saturating_sub(self.chunk.at);
         if there == 0 {
             return Err(KIND.damaged(format!("column `{name}` has fewer values than rows")));
         }
         // As a rule short; once more where it is not.
         for most in [1 << 10, HEAD] {
             let mut bytes = vec![0; there.min(most) as usize];
-            file.seek(SeekFrom::Start(self.at))?;
+            file.seek(SeekFrom::Start(self.chunk.at))?;
             file.read_exact(&mut bytes)?;
             let mut rest = ByteReader::new(&bytes);
             if let Some(head) = thrift::read(&mut rest) {
@@ -202,7 +190,7 @@ impl ColumnReader {
         bytes: Vec<u8>,
         encoding: Option<i64>,
         leaf: &Leaf,
-    ) -> Result<PageValues, TableError> {
+    ) -> Result<PageCells, TableError> {
         let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
         let kind = leaf.kind;
         let is_truth = kind == LeafType::Number(Element::Truth);
@@ -254,12 +242,12 @@ impl ColumnReader {
     }
 }
 
-fn truths(bits: impl Iterator<Item = u64> + Send + 'static) -> PageValues {
+fn truths(bits: impl Iterator<Item = u64> + Send + 'static) -> PageCells {
     Box::new(bits.map(|bit| Cell::Whole(i64::from(bit != 0))))
 }
 
 /// Values one after the other, texts with their lengths before them.
-fn plain(bytes: Vec<u8>, kind: LeafType) -> PageValues {
+fn plain(bytes: Vec<u8>, kind: LeafType) -> PageCells {
     let mut at = 0;
     Box::new(std::iter::from_fn(move || {
         let mut rest = ByteReader::new(bytes.get(at..)?);

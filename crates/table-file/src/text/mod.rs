@@ -99,21 +99,14 @@ impl Table {
     }
 
     /// The table as the text of a CSV file: a line of names, if the table has any, and a line for each row.
-    /// Numbers have the fewest digits that read back as the same number. Texts lose their line breaks.
+    /// Numbers have the fewest digits that read back as the same number. Texts lose their line breaks. So many
+    /// `threads` read it where the rows are stored in parts: the row groups of Parquet.
     ///
     /// Errors of the table are in the errors of reading, as [`TableError`].
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be opened.
-    pub fn text(&self) -> Result<Box<dyn Read + Send>, TableError> {
-        self.text_by(1)
-    }
-
-    /// The same, read by so many threads where the rows are stored in parts: the row groups of Parquet.
-    ///
-    /// # Errors
-    /// As [`Table::text`].
-    pub fn text_by(&self, threads: usize) -> Result<Box<dyn Read + Send>, TableError> {
+    pub fn text(&self, threads: usize) -> Result<Box<dyn Read + Send>, TableError> {
         let mut text = Vec::new();
         if let Some(names) = self.names() {
             let line = names.iter().map(|name| vec![Cell::Text(name.clone())]);

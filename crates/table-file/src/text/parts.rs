@@ -1,13 +1,16 @@
 //! The parts of a table made into text on several threads, and handed out in order.
 //!
 //! ```text
-//! thread 0: parts 0, 2, 4, … ─▶ pieces of text ─┐
-//! thread 1: parts 1, 3, 5, … ─▶ pieces of text ─┴▶ one part after the other
+//! thread of part 0 ─▶ pieces of text ─┐
+//! thread of part 1 ─▶ pieces of text ─┴▶ one part after the other
 //! ```
 //!
-//! A thread waits while as many of its pieces wait as there is room for, so memory does not grow with the parts.
+//! As many parts are read at once as there are threads. One waits while as many of its pieces wait as there is room
+//! for, so memory does not grow with the parts.
 
+use std::collections::VecDeque;
 use std::io;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::thread::JoinHandle;
@@ -20,8 +23,8 @@ use crate::rows::{RowBatch, RowSource};
 /// How many pieces of text may wait in all; one takes about half a megabyte.
 const WAITING_PIECES: usize = 48;
 
-/// A piece of text, or `None` at the end of a part.
-type TextPiece = Result<Option<Vec<u8>>, TableError>;
+/// The text of a part, piece by piece, and the thread that makes it.
+type PartReader = (Receiver<Vec<u8>>, JoinHandle<Result<(), TableError>>);
 
 /// The text of all parts, piece by piece. Threads are started when the first piece is asked for.
 pub(super) struct TextOfParts {
@@ -29,92 +32,75 @@ pub(super) struct TextOfParts {
     threads: usize,
     /// Of all parts.
     unpacked: Unpacked,
-    /// The part whose text is taken.
-    current: usize,
-    pieces: Vec<Receiver<TextPiece>>,
-    workers: Vec<JoinHandle<()>>,
+    /// The parts that have not been begun.
+    next: Range<usize>,
+    /// Those of the parts that are read, in their order.
+    readers: VecDeque<PartReader>,
 }
 
 impl TextOfParts {
     pub(super) fn new(rows: Arc<dyn RowSource>, threads: usize) -> Self {
-        let threads = threads.min(rows.parts());
-        let (pieces, workers) = (Vec::new(), Vec::new());
-        Self { rows, threads, unpacked: Unpacked::default(), current: 0, pieces, workers }
+        let (unpacked, next, readers) = (Unpacked::default(), 0..rows.parts(), VecDeque::new());
+        Self { rows, threads, unpacked, next, readers }
     }
 
     /// Puts the next piece into `text`; `false` if there are no more.
     pub(super) fn next(&mut self, text: &mut Vec<u8>) -> Result<bool, TableError> {
-        while self.current < self.rows.parts() {
-            if self.workers.len() < self.threads {
-                self.start()?;
+        loop {
+            while self.readers.len() < self.threads
+                && let Some(part) = self.next.next()
+            {
+                self.start(part)?;
             }
-            let piece = self.pieces[self.current % self.threads].recv();
-            // The other end is closed early by a panic alone.
+            let Some((pieces, thread)) = self.readers.pop_front() else { return Ok(false) };
+            if let Ok(piece) = pieces.recv() {
+                *text = piece;
+                self.readers.push_front((pieces, thread));
+                return Ok(true);
+            }
+            // The part has ended.
             let panicked = |_| io::Error::other("a thread that read the table has panicked");
-            match piece.map_err(panicked)?? {
-                Some(piece) => {
-                    *text = piece;
-                    return Ok(true);
-                }
-                None => self.current += 1,
-            }
+            thread.join().map_err(panicked)??;
         }
-        Ok(false)
     }
 
-    fn start(&mut self) -> io::Result<()> {
-        for first in self.workers.len()..self.threads {
-            let room = (WAITING_PIECES / self.threads).max(1);
-            let (pieces, received) = sync_channel(room);
-            let parts = (first..self.rows.parts()).step_by(self.threads);
-            let (rows, unpacked) = (Arc::clone(&self.rows), self.unpacked.clone());
-            let thread = std::thread::Builder::new().name("table part".to_owned());
-            self.workers.push(thread.spawn(move || work(&*rows, parts, &unpacked, &pieces))?);
-            self.pieces.push(received);
-        }
+    fn start(&mut self, part: usize) -> io::Result<()> {
+        let (pieces, received) = sync_channel((WAITING_PIECES / self.threads).max(1));
+        let (rows, unpacked) = (Arc::clone(&self.rows), self.unpacked.clone());
+        let thread = std::thread::Builder::new().name("table part".to_owned());
+        let thread = thread.spawn(move || send_part(&*rows, part, unpacked, &pieces))?;
+        self.readers.push_back((received, thread));
         Ok(())
     }
 }
 
 impl Drop for TextOfParts {
     fn drop(&mut self) {
-        // Threads end when nobody takes their text.
-        self.pieces.clear();
-        for worker in self.workers.drain(..) {
-            // A panic has been told where the text was asked for.
-            let _ = worker.join();
+        for (pieces, thread) in self.readers.drain(..) {
+            // A thread ends when nobody takes its text, and nobody asks any more how.
+            drop(pieces);
+            let _ = thread.join();
         }
     }
 }
 
-/// Sends the text of some parts, and the error that ends it; until nobody wants more.
-fn work(
+/// Sends the text of a part until nobody wants more.
+fn send_part(
     rows: &dyn RowSource,
-    parts: impl Iterator<Item = usize>,
-    unpacked: &Unpacked,
-    pieces: &SyncSender<TextPiece>,
-) {
-    let send_parts = || -> Result<(), TableError> {
-        for part in parts {
-            let mut rows = rows.rows(part..part + 1, unpacked.clone())?;
-            let mut batch = RowBatch::new();
-            while rows.next(&mut batch)? {
-                let mut text = Vec::new();
-                write_rows(&batch, &mut text);
-                if pieces.send(Ok(Some(text))).is_err() {
-                    return Ok(());
-                }
-            }
-            if pieces.send(Ok(None)).is_err() {
-                return Ok(());
-            }
+    part: usize,
+    unpacked: Unpacked,
+    pieces: &SyncSender<Vec<u8>>,
+) -> Result<(), TableError> {
+    let mut rows = rows.rows(part..part + 1, unpacked)?;
+    let mut batch = RowBatch::new();
+    while rows.next(&mut batch)? {
+        let mut text = Vec::new();
+        write_rows(&batch, &mut text);
+        if pieces.send(text).is_err() {
+            break;
         }
-        Ok(())
-    };
-    if let Err(error) = send_parts() {
-        // A receiver that is gone needs no text.
-        let _ = pieces.send(Err(error));
     }
+    Ok(())
 }
 
 #[cfg(test)]

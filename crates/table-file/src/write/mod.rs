@@ -13,9 +13,11 @@ use shell_data::escape;
 
 pub use self::npy::write_numpy;
 pub use self::parquet::ParquetWriter;
-use self::parquet::parquet_file;
 pub use crate::mat5::write_matlab;
 pub use crate::rows::Cells;
+
+/// How many rows of a table of results become one row group of Parquet.
+const GROUP_ROWS: usize = 1 << 16;
 
 /// A table of results: columns of one length, each with a name that carries its unit. Numbers in CSV have the fewest
 /// digits that read back as the same number; missing values are empty, and null in Parquet.
@@ -80,7 +82,13 @@ impl NamedTable {
     /// # Errors
     /// [`io::Error`] if a page takes more than the 2 GB that it may have.
     pub fn to_parquet(&self) -> io::Result<Vec<u8>> {
-        parquet_file(&self.columns)
+        let mut bytes = Vec::new();
+        let mut writer = ParquetWriter::new(&mut bytes, &self.columns)?;
+        for start in (0..self.rows()).step_by(GROUP_ROWS) {
+            writer.write(&self.columns, start..self.rows().min(start + GROUP_ROWS))?;
+        }
+        writer.finish()?;
+        Ok(bytes)
     }
 }
 
@@ -122,7 +130,7 @@ mod tests {
         for (table, line) in [(table(), 1), (long, 65_537)] {
             std::fs::write(file.path(), table.to_parquet().unwrap()).unwrap();
             let read = crate::Table::open(file.path(), FileKind::Parquet, None).unwrap();
-            let text = std::io::read_to_string(read.text().unwrap()).unwrap();
+            let text = std::io::read_to_string(read.text(1).unwrap()).unwrap();
             // The reader writes whole numbers as such.
             let expected = String::from_utf8(table.to_csv()).unwrap();
             let expected = expected.replace(".0,", ",").replace(".0\n", "\n");

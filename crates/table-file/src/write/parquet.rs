@@ -31,9 +31,6 @@ const DATA_PAGE: i32 = 0;
 const UNCOMPRESSED: i32 = 0;
 const SNAPPY: i32 = 1;
 
-/// How many rows of a table in memory become one row group.
-const GROUP_ROWS: usize = 1 << 16;
-
 /// The type of a column, and whether values may be missing.
 fn column_type(cells: &Cells<'_>) -> (i32, i32) {
     match cells {
@@ -42,21 +39,6 @@ fn column_type(cells: &Cells<'_>) -> (i32, i32) {
         Cells::Full(_) => (DOUBLE, REQUIRED),
         Cells::Count(_) => (INT64, OPTIONAL),
     }
-}
-
-/// A table in memory as a Parquet file.
-///
-/// # Errors
-/// [`io::Error`] if a page takes more than the 2 GB that it may have.
-pub(crate) fn parquet_file(columns: &[(String, Cells<'_>)]) -> io::Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let mut writer = ParquetWriter::new(&mut bytes, columns)?;
-    let rows = columns.first().map_or(0, |(_, cells)| cells.rows());
-    for start in (0..rows).step_by(GROUP_ROWS) {
-        writer.group(columns, start..rows.min(start + GROUP_ROWS))?;
-    }
-    writer.finish()?;
-    Ok(bytes)
 }
 
 /// Writes a Parquet file, a row group at a time.
@@ -91,13 +73,19 @@ impl<W: Write> ParquetWriter<W> {
         Ok(Self { out, at: MAGIC.len() as u64, schema, rows: 0, groups: Vec::new() })
     }
 
-    /// Writes rows as a group.
-    fn group(&mut self, columns: &[(String, Cells<'_>)], range: Range<usize>) -> io::Result<()> {
-        let (start, rows) = (self.at, range.len() as i64);
+    /// Writes some rows of columns as a group: of as many columns as the file has, of the same types.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn write(&mut self, columns: &[(String, Cells<'_>)], rows: Range<usize>) -> io::Result<()> {
+        if rows.is_empty() {
+            return Ok(());
+        }
+        let start = self.at;
         let (mut chunks, mut unpacked_bytes) = (Vec::new(), 0);
         for (name, cells) in columns {
             let at = self.at as i64;
-            let (bytes, unpacked, column) = column_chunk(name, cells, range.clone(), at)?;
+            let (bytes, unpacked, column) = column_chunk(name, cells, rows.clone(), at)?;
             self.out.write_all(&bytes)?;
             chunks.push(Struct(vec![(2, Whole(at)), (3, column)]));
             unpacked_bytes += unpacked;
@@ -107,23 +95,12 @@ impl<W: Write> ParquetWriter<W> {
         self.groups.push(Struct(vec![
             (1, List(chunks)),
             (2, Whole(unpacked_bytes)),
-            (3, Whole(rows)),
+            (3, Whole(rows.len() as i64)),
             (5, Whole(start as i64)),
             (6, Whole(bytes)),
         ]));
-        self.rows += rows as u64;
+        self.rows += rows.len() as u64;
         Ok(())
-    }
-
-    /// Writes rows as a group: as many columns as the file has, of the same types.
-    ///
-    /// # Errors
-    /// What the system says.
-    pub fn write(&mut self, columns: &[(String, Cells<'_>)]) -> io::Result<()> {
-        match columns.first().map_or(0, |(_, cells)| cells.rows()) {
-            0 => Ok(()),
-            rows => self.group(columns, 0..rows),
-        }
     }
 
     /// Writes the footer.

@@ -205,7 +205,7 @@ impl<'a> EncodedOutput<'a> {
             (Self::Parquet(writer, rows), EncodedFrames::Columns(next)) => {
                 rows.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
                 if rows[0].1.rows() >= PART_ROWS {
-                    writer.write(rows)?;
+                    writer.write(rows, 0..rows[0].1.rows())?;
                     rows.iter_mut().for_each(|(_, cells)| clear(cells));
                 }
                 Ok(())
@@ -220,7 +220,7 @@ impl<'a> EncodedOutput<'a> {
             Self::Text(_) => Ok(()),
             Self::Recording(mut writer, _) => writer.finish(),
             Self::Parquet(mut writer, rows) => {
-                writer.write(&rows)?;
+                writer.write(&rows, 0..rows[0].1.rows())?;
                 writer.finish()
             }
             Self::Whole(out, rows, write) => {

@@ -7,8 +7,9 @@ const NUMBERS: usize = 2;
 
 fn plan() -> RowPlan {
     let names = ["time", "group", "talk", "fx"].map(str::to_owned).to_vec();
-    let uses = vec![ColumnUse::Number, ColumnUse::Skip, ColumnUse::Skip, ColumnUse::Number];
-    RowPlan { separator: b',', uses, labels: vec![2, 1], names, largest_reading: 65_535.0 }
+    let uses =
+        vec![ColumnUse::Number(None), ColumnUse::Skip, ColumnUse::Skip, ColumnUse::Number(None)];
+    RowPlan { separator: b',', uses, labels: vec![2, 1], names }
 }
 
 fn parse(instructions: Arch, lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) {
@@ -141,10 +142,11 @@ fn quotes_around_whole_fields_say_nothing() {
 
 #[test]
 fn readings_that_no_converter_gives_and_loads_that_no_sensor_measures_are_wrong() {
-    let uses = vec![ColumnUse::Number, ColumnUse::Reading, ColumnUse::Load];
+    let uses =
+        [None, Some(Limit::LOGGED_READING), Some(Limit::LOAD)].map(ColumnUse::Number).to_vec();
     let names = ["t", "s1", "fx"].map(str::to_owned).to_vec();
     let labels = vec![1];
-    let plan = RowPlan { separator: b',', uses, labels, names, largest_reading: 65_535.0 };
+    let plan = RowPlan { separator: b',', uses, labels, names };
     let right = "1e63,1063,-1e15\n";
     for position in [0, 1, 40, 300] {
         for wrong in ["1,1e63,0", "1,-65536,0", "1,65535.1,0", "1,0,1e200", "1,0,-1.1e15"] {
@@ -153,10 +155,7 @@ fn readings_that_no_converter_gives_and_loads_that_no_sensor_measures_are_wrong(
             parsed.clear(3, 0);
             let error = plan.parse_lines(arch(), lines.as_bytes(), false, &mut parsed).unwrap_err();
             let RowProblem::Field { problem, .. } = &error.problem else { panic!("{error:?}") };
-            let is_unbelievable = matches!(
-                problem,
-                FieldProblem::UnbelievableReading { .. } | FieldProblem::UnbelievableLoad { .. }
-            );
+            let is_unbelievable = matches!(problem, FieldProblem::BeyondLimit(_));
             assert!(is_unbelievable, "{error:?}");
             assert_eq!(error.offset, position * right.len());
             parsed.clear(3, 0);
