@@ -237,9 +237,15 @@ enum OutputTarget {
         permissions: Option<Permissions>,
     },
     Device(File),
+    Stdout(BufWriter<io::Stdout>),
 }
 
 impl AtomicFile {
+    /// The standard output in place of a file, for what is not printed line by line.
+    pub fn stdout() -> Self {
+        Self { path: "-".into(), target: OutputTarget::Stdout(BufWriter::new(io::stdout())) }
+    }
+
     /// Puts the finished file in place.
     ///
     /// # Errors
@@ -299,19 +305,20 @@ impl OutputTarget {
         match self {
             OutputTarget::Replace { file, .. } => file,
             OutputTarget::Device(file) => file,
+            OutputTarget::Stdout(stdout) => stdout,
         }
     }
 
-    fn finish(self) -> io::Result<()> {
-        if let OutputTarget::Replace { file, path, permissions } = self {
-            let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
-            if let Some(permissions) = permissions {
-                // A file system without permissions keeps none.
-                let _ = file.file()?.set_permissions(permissions);
-            }
-            file.rename(&path)?;
+    fn finish(mut self) -> io::Result<()> {
+        let OutputTarget::Replace { file, path, permissions } = self else {
+            return self.writer().flush();
+        };
+        let mut file = file.into_inner().map_err(io::IntoInnerError::into_error)?;
+        if let Some(permissions) = permissions {
+            // A file system without permissions keeps none.
+            let _ = file.file()?.set_permissions(permissions);
         }
-        Ok(())
+        file.rename(&path)
     }
 }
 
