@@ -229,10 +229,33 @@ fn also(path: &Path, other: &Path) -> String {
 #[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,
-    /// The temporary file, or a device.
-    file: BufWriter<File>,
+    file: BufWriter<Target>,
     /// How the temporary file is put in place.
     replacement: Option<Replacement>,
+}
+
+/// What is written to.
+#[derive(Debug)]
+enum Target {
+    /// The temporary file, or a device.
+    File(File),
+    Stdout(io::Stdout),
+}
+
+impl Write for Target {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.write(bytes),
+            Self::Stdout(stdout) => stdout.write(bytes),
+        }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        match self {
+            Self::File(file) => file.flush(),
+            Self::Stdout(stdout) => stdout.flush(),
+        }
+    }
 }
 
 /// A temporary file, and what it replaces.
@@ -246,6 +269,12 @@ struct Replacement {
 }
 
 impl AtomicFile {
+    /// The standard output in place of a file, for what is not printed line by line.
+    pub fn stdout() -> Self {
+        let file = BufWriter::new(Target::Stdout(io::stdout()));
+        Self { path: "-".into(), file, replacement: None }
+    }
+
     fn open(path: &Path) -> io::Result<Self> {
         let metadata = fs::metadata(path).ok();
         if metadata.as_ref().is_some_and(fs::Metadata::is_dir) {
@@ -254,7 +283,8 @@ impl AtomicFile {
         let named = path.to_path_buf();
         if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
             // Whoever reads from a pipe gets what is written at once.
-            let file = BufWriter::with_capacity(0, File::options().write(true).open(path)?);
+            let device = Target::File(File::options().write(true).open(path)?);
+            let file = BufWriter::with_capacity(0, device);
             return Ok(Self { path: named, file, replacement: None });
         }
         let target = identity::resolved(path);
@@ -273,7 +303,7 @@ impl AtomicFile {
         };
         let permissions = metadata.map(|metadata| metadata.permissions());
         let replacement = Some(Replacement { temporary, target, permissions });
-        Ok(Self { path: named, file: BufWriter::new(file), replacement })
+        Ok(Self { path: named, file: BufWriter::new(Target::File(file)), replacement })
     }
 
     /// Puts the finished file in place.
@@ -289,9 +319,9 @@ impl AtomicFile {
         let Some(Replacement { temporary, target, permissions }) = self.replacement.take() else {
             return Ok(());
         };
-        if let Some(permissions) = permissions {
+        if let (Some(permissions), Target::File(file)) = (permissions, self.file.get_ref()) {
             // A file system without permissions keeps none.
-            let _ = self.file.get_ref().set_permissions(permissions);
+            let _ = file.set_permissions(permissions);
         }
         temporary.rename(&target)
     }

@@ -3,7 +3,8 @@
 /// A value that is written as a JSON object of these fields, in their order.
 ///
 /// `name?: value` takes an `Option` and leaves the field out where that is `None`; `..name: value` stands for the
-/// fields of another document.
+/// fields of another document; `name` alone is filled with the variable of that name, and `of.{a, b}` stands for the
+/// fields `a: of.a, b: of.b`.
 macro_rules! document {
     ($($fields:tt)+) => { document_of!([] [] [] $($fields)+) };
 }
@@ -35,5 +36,11 @@ macro_rules! document_of {
         document_of!(
             [$($n)* $name] [$($f)* pub(super) $name: $name,] [$($v)* $name: $value,] $($($rest)*)?
         )
+    };
+    ([$($n:tt)*] [$($f:tt)*] [$($v:tt)*] $name:ident $(, $($rest:tt)*)?) => {
+        document_of!([$($n)*] [$($f)*] [$($v)*] $name: $name $(, $($rest)*)?)
+    };
+    ([$($n:tt)*] [$($f:tt)*] [$($v:tt)*] $of:ident.{ $($name:ident),+ } $(, $($rest:tt)*)?) => {
+        document_of!([$($n)*] [$($f)*] [$($v)*] $($name: $of.$name),+ $(, $($rest)*)?)
     };
 }

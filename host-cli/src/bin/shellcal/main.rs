@@ -72,7 +72,8 @@ fn main() -> ExitCode {
     let said = parsed(&mut command, &matches);
     output_file::before_unfinished(signals::listen);
     let printer = printer::Printer::new(said.output);
-    match run(&mut command, &said.config, matches, &printer) {
+    let outcome = run(&mut command, &said.config, matches, &printer);
+    match outcome.and_then(|outcome| printer.printed().map(|()| outcome)) {
         Ok(outcome) => ExitCode::from(outcome as u8),
         Err(error) if printer::is_closed_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {

@@ -1,24 +1,26 @@
 //! The only place that writes to the terminal: results to stdout, talk to stderr.
 
-use std::borrow::Cow;
-use std::env;
 use std::error::Error;
 use std::io::{self, IsTerminal, Write};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread;
 use std::time::Duration;
 
 use beam_channel::SetupError;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, TermLike};
+use clap::ColorChoice;
+use console::{Color, Style, StyledObject};
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle, WeakProgressBar};
 use log_file::{Log, ReadOptions};
 use output_file::{AtomicFile, Outputs};
 use serde::Serialize;
 use shell_data::escape;
 use shell_data::hint::Hint;
+use shell_data::lock::lock;
 use shellcal::workflow;
 use shellcal::workflow::remark::Remark;
 
-use crate::files::OutputPath;
+use crate::files::{OutputPath, is_standard};
 use crate::tables::{self, TableForm};
 
 /// How a command that could run has ended, and the exit code for it.
@@ -64,67 +66,15 @@ pub(crate) struct OutputArgs {
     form: TableForm,
 
     /// Whether to colour what goes to a terminal: auto, always or never; `NO_COLOR` counts as never
-    #[arg(long, global = true, help_heading = GLOBAL, value_name = "WHEN", value_enum, default_value_t = ColorArg::Auto, hide_possible_values = true)]
-    color: ColorArg,
-}
-
-/// When to colour.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum ColorArg {
-    /// On a terminal, unless `NO_COLOR` is set
-    Auto,
-    /// Also in a pipe or a file
-    Always,
-    /// Not at all
-    Never,
-}
-
-impl ColorArg {
-    /// Whether a stream is coloured.
-    pub(crate) fn is_on(self, is_terminal: bool) -> bool {
-        match self {
-            ColorArg::Always => true,
-            ColorArg::Never => false,
-            // The environment may have something against colours (no-color.org).
-            ColorArg::Auto => {
-                let is_set = |name: &str| env::var_os(name).is_some_and(|value| !value.is_empty());
-                is_terminal
-                    && !is_set("NO_COLOR")
-                    && env::var_os("TERM").is_none_or(|it| it != "dumb")
-            }
-        }
-    }
-}
-
-/// What a colour says.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Tint {
-    None,
-    Good,
-    Warning,
-    Bad,
-    Hint,
-}
-
-impl Tint {
-    /// A word in bold and in this colour, by ECMA-48.
-    fn paint(self, word: &str, is_on: bool) -> Cow<'_, str> {
-        let code = match self {
-            Tint::None => return Cow::Borrowed(word),
-            Tint::Good => 32,
-            Tint::Warning => 33,
-            Tint::Bad => 31,
-            Tint::Hint => 36,
-        };
-        match is_on && !word.is_empty() {
-            true => Cow::Owned(format!("\u{1b}[1;{code}m{word}\u{1b}[0m")),
-            false => Cow::Borrowed(word),
-        }
-    }
+    #[arg(long, global = true, help_heading = GLOBAL, value_name = "WHEN", value_enum, default_value_t = ColorChoice::Auto, hide_possible_values = true)]
+    color: ColorChoice,
 }
 
 /// A column of a table: its name, and what it shows of a record.
 pub(crate) type TableColumn<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
+
+/// How often progress is told.
+const REDRAWN: Duration = Duration::from_millis(200);
 
 /// Where a command's results and remarks go.
 #[derive(Clone, Debug)]
@@ -132,13 +82,16 @@ pub(crate) struct Printer {
     options: OutputArgs,
     /// Whether a table was printed.
     has_table: Arc<AtomicBool>,
+    /// Whether the standard output has taken all that was printed.
+    printed: Arc<Mutex<io::Result<()>>>,
     /// The files that the command reads and writes.
     pub(crate) files: Arc<Outputs>,
 }
 
 impl Printer {
     pub(crate) fn new(options: OutputArgs) -> Self {
-        Self { options, has_table: Arc::default(), files: Arc::new(Outputs::new()) }
+        let printed = Arc::new(Mutex::new(Ok(())));
+        Self { options, has_table: Arc::default(), printed, files: Arc::default() }
     }
 
     /// Whether the user asked for one JSON document in place of tables.
@@ -146,17 +99,25 @@ impl Printer {
         self.options.json
     }
 
+    /// Whether a stream is coloured, which the environment has `usual`ly: no-color.org, a terminal or not.
+    fn is_painted(&self, usual: bool) -> bool {
+        match self.options.color {
+            ColorChoice::Always => true,
+            ColorChoice::Never => false,
+            ColorChoice::Auto => usual,
+        }
+    }
+
     /// Whether what goes to the standard output is coloured.
     pub(crate) fn is_colored(&self) -> bool {
-        self.options.color.is_on(io::stdout().is_terminal())
+        self.is_painted(console::colors_enabled())
     }
 
     /// Prints the result of a command as one JSON document, every figure at full precision.
     pub(crate) fn document(&self, value: &impl Serialize) -> anyhow::Result<()> {
-        // At one go: stdout would pass it on line by line.
-        let text = serde_json::to_string_pretty(value).map_err(io::Error::from)? + "\n";
-        io::stdout().lock().write_all(escape::json(&text).as_bytes())?;
-        Ok(())
+        let text = serde_json::to_string_pretty(value).expect("every document has keys of text");
+        self.print(&escape::json(&(text + "\n")));
+        self.printed()
     }
 
     /// Prints the result of a command that is done: as one JSON document where that was asked for, otherwise as
@@ -164,9 +125,13 @@ impl Printer {
     pub(crate) fn finish(
         &self,
         value: &impl Serialize,
-        print: impl FnOnce(&Self) -> anyhow::Result<()>,
+        print: impl FnOnce(&Self),
     ) -> anyhow::Result<()> {
-        if self.json() { self.document(value) } else { print(self) }
+        if self.json() {
+            return self.document(value);
+        }
+        print(self);
+        self.printed()
     }
 
     /// Creates an output file, if one is named.
@@ -174,38 +139,54 @@ impl Printer {
         Ok(path.map(|path| self.files.create(path)).transpose()?)
     }
 
-    /// Prints what would be a file of its own, as it stands.
-    pub(crate) fn file(&self, content: &[u8]) -> anyhow::Result<()> {
-        Ok(io::stdout().lock().write_all(content)?)
+    /// Creates the output file at `path`. Without one, or at `-`, it is the standard output, which `--json` has for
+    /// its document.
+    pub(crate) fn create_or_stdout(&self, path: Option<&OutputPath>) -> anyhow::Result<AtomicFile> {
+        if let Some(path) = path.filter(|path| !is_standard(path)) {
+            return Ok(self.files.create(path)?);
+        }
+        anyhow::ensure!(
+            !self.json(),
+            "`--json` needs `--output`, or a file in place of `-`: both would go to the standard output; or leave out `--json`"
+        );
+        Ok(AtomicFile::stdout())
+    }
+
+    /// Prints what would be a file of its own, as it stands, at one go; nothing, once the standard output has failed.
+    pub(crate) fn print(&self, content: &str) {
+        let mut printed = lock(&self.printed);
+        if printed.is_ok() {
+            *printed = io::stdout().lock().write_all(content.as_bytes());
+        }
+    }
+
+    /// Whether all that was printed has arrived.
+    pub(crate) fn printed(&self) -> anyhow::Result<()> {
+        Ok(std::mem::replace(&mut *lock(&self.printed), Ok(()))?)
     }
 
     /// Prints one line of a result that people read.
-    pub(crate) fn line(&self, text: impl AsRef<str>) -> anyhow::Result<()> {
-        self.tinted("", Tint::None, text.as_ref())
+    pub(crate) fn line(&self, text: impl AsRef<str>) {
+        self.tinted("", None, text.as_ref())
     }
 
     /// The same with a word before it that is coloured.
-    pub(crate) fn tinted(&self, word: &str, tint: Tint, text: &str) -> anyhow::Result<()> {
+    pub(crate) fn tinted(&self, word: &str, color: Option<Color>, text: &str) {
         let text = escape::terminal(text);
         match self.options.form {
             TableForm::Csv => self.note(format!("{word}{text}")),
             TableForm::Markdown if text.is_empty() => {}
             // Each line a paragraph of its own.
-            TableForm::Markdown => writeln!(io::stdout().lock(), "{word}{text}\n")?,
+            TableForm::Markdown => self.print(&format!("{word}{text}\n\n")),
             TableForm::Text => {
-                let word = tint.paint(word, self.is_colored());
-                writeln!(io::stdout().lock(), "{word}{text}")?;
+                let word = painted(word, color, self.is_colored());
+                self.print(&format!("{word}{text}\n"));
             }
         }
-        Ok(())
     }
 
     /// Prints a table: the first column is a label, the others are numbers.
-    pub(crate) fn table(
-        &self,
-        header: &[&str],
-        rows: impl IntoIterator<Item = Vec<String>>,
-    ) -> anyhow::Result<()> {
+    pub(crate) fn table(&self, header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) {
         let form = self.options.form;
         let mut text = String::new();
         // Of several tables every one stands on its own.
@@ -220,8 +201,7 @@ impl Printer {
         if form == TableForm::Markdown {
             text.push('\n');
         }
-        io::stdout().lock().write_all(text.as_bytes())?;
-        Ok(())
+        self.print(&text);
     }
 
     /// Prints a table with a row for each record.
@@ -229,16 +209,16 @@ impl Printer {
         &self,
         columns: &[TableColumn<'_, T>],
         records: impl IntoIterator<Item = T>,
-    ) -> anyhow::Result<()> {
+    ) {
         let header: Vec<&str> = columns.iter().map(|(name, _)| *name).collect();
         let row = |record: T| columns.iter().map(|(_, cell)| cell(&record)).collect();
-        self.table(&header, records.into_iter().map(row))
+        self.table(&header, records.into_iter().map(row));
     }
 
     /// Writes a note about the work to stderr, but not with `--quiet`.
     pub(crate) fn note(&self, text: impl AsRef<str>) {
         if !self.options.quiet {
-            self.talk("", Tint::None, text.as_ref());
+            self.talk("", None, text.as_ref());
         }
     }
 
@@ -260,29 +240,30 @@ impl Printer {
     /// Writes a note about how the work is done to stderr, with `--verbose` only.
     pub(crate) fn detail(&self, text: impl AsRef<str>) {
         if self.options.verbose {
-            self.talk("", Tint::None, text.as_ref());
+            self.talk("", None, text.as_ref());
         }
     }
 
     /// Warns on stderr, even when quiet: the user must not miss it.
     pub(crate) fn warning(&self, text: impl AsRef<str>) {
-        self.talk("warning: ", Tint::Warning, text.as_ref());
+        self.talk("warning: ", Some(Color::Yellow), text.as_ref());
     }
 
     /// Reports what could not be done among other things that could.
     pub(crate) fn failure(&self, text: impl AsRef<str>) {
-        self.talk("error: ", Tint::Bad, text.as_ref());
+        self.talk("error: ", Some(Color::Red), text.as_ref());
     }
 
     /// Reports why the command could not run.
     pub(crate) fn error(&self, error: &anyhow::Error) {
-        self.talk("error: ", Tint::Bad, &format!("{error:#}"));
+        self.talk("error: ", Some(Color::Red), &format!("{error:#}"));
         if let Some(hint) = for_error(error) {
-            self.talk("hint: ", Tint::Hint, &hint);
+            self.talk("hint: ", Some(Color::Cyan), &hint);
         }
     }
 
-    /// A progress bar over `bytes` on stderr; draws nothing when quiet or not on a terminal.
+    /// A progress bar over `bytes` on stderr, which goes when it is dropped; draws nothing when quiet or not on a
+    /// terminal.
     pub(crate) fn progress(&self, label: &str, bytes: u64) -> ProgressBar {
         self.bar(label, bytes, "{msg} {wide_bar} {bytes}/{total_bytes} {eta}")
     }
@@ -296,9 +277,7 @@ impl Printer {
     ) -> T {
         let bar = self.progress(&log.path().display().to_string(), log.bytes());
         let progress = |bytes| bar.set_position(bytes);
-        let done = work(ReadOptions { progress: Some(&progress), ..read });
-        bar.finish_and_clear();
-        done
+        work(ReadOptions { progress: Some(&progress), ..read })
     }
 
     /// The same over things that are counted.
@@ -309,14 +288,13 @@ impl Printer {
     fn bar(&self, label: &str, total: u64, template: &str) -> ProgressBar {
         let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::hidden());
         if self.options.progress_lines && !self.options.quiet {
-            let lines = Box::new(ProgressLines);
-            bar.set_style(style("{pos}/{len}"));
-            bar.set_draw_target(ProgressDrawTarget::term_like_with_hz(lines, LINES_A_SECOND));
+            let bar = bar.downgrade();
+            thread::spawn(move || tell(&bar, total));
         } else if !self.options.quiet && io::stderr().is_terminal() {
             bar.set_style(style(template));
             bar.set_message(escape::terminal(label).into_owned());
             bar.set_draw_target(ProgressDrawTarget::stderr());
-            bar.enable_steady_tick(Duration::from_millis(200));
+            bar.enable_steady_tick(REDRAWN);
         }
         bar
     }
@@ -332,67 +310,28 @@ impl Printer {
     }
 
     /// A closed stderr leaves nobody to tell.
-    fn talk(&self, word: &str, tint: Tint, text: &str) {
-        let word = tint.paint(word, self.options.color.is_on(io::stderr().is_terminal()));
+    fn talk(&self, word: &str, color: Option<Color>, text: &str) {
+        let word = painted(word, color, self.is_painted(console::colors_enabled_stderr()));
         let _ = writeln!(io::stderr().lock(), "{word}{}", escape::terminal(text));
     }
+}
+
+/// A word in bold and in a colour.
+fn painted(word: &str, color: Option<Color>, is_on: bool) -> StyledObject<&str> {
+    let style = color.map_or_else(Style::new, |color| Style::new().bold().fg(color));
+    style.force_styling(is_on).apply_to(word)
 }
 
 fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).expect("a template that parses")
 }
 
-/// How often progress is told as lines.
-const LINES_A_SECOND: u8 = 5;
-
-/// What a bar is drawn on where progress is told as lines, such as `progress: 3/25`.
-#[derive(Debug)]
-struct ProgressLines;
-
-impl ProgressLines {
-    fn say(text: &str) -> io::Result<()> {
-        match text.trim() {
-            "" => Ok(()),
-            text => writeln!(io::stderr().lock(), "progress: {text}"),
-        }
-    }
-}
-
-impl TermLike for ProgressLines {
-    fn width(&self) -> u16 {
-        80
-    }
-
-    fn move_cursor_up(&self, _: usize) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn move_cursor_down(&self, _: usize) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn move_cursor_right(&self, _: usize) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn move_cursor_left(&self, _: usize) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn write_line(&self, text: &str) -> io::Result<()> {
-        Self::say(text)
-    }
-
-    fn write_str(&self, text: &str) -> io::Result<()> {
-        Self::say(text)
-    }
-
-    fn clear_line(&self) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn flush(&self) -> io::Result<()> {
-        Ok(())
+/// Tells the progress of a bar as lines, such as `progress: 3/25`, until it is finished.
+fn tell(bar: &WeakProgressBar, total: u64) {
+    while let Some(bar) = bar.upgrade().filter(|bar| !bar.is_finished()) {
+        let _ = writeln!(io::stderr().lock(), "progress: {}/{total}", bar.position());
+        drop(bar);
+        thread::sleep(REDRAWN);
     }
 }
 

@@ -80,6 +80,11 @@ fn whole(
     std::iter::once(header).chain(rows.iter().map(row).collect::<Vec<_>>())
 }
 
+/// A number of things, as `1 file` or `2 files`.
+pub(crate) fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}
+
 /// What stands in a cell without a value.
 pub(crate) const NOTHING: &str = "–";
 

@@ -27,7 +27,8 @@ impl CompletionsArgs {
         let name = command.get_name().to_owned();
         let mut script = Vec::new();
         clap_complete::generate(self.shell, &mut command, name, &mut script);
-        printer.file(&script)
+        printer.print(&String::from_utf8(script)?);
+        Ok(())
     }
 }
 
@@ -95,8 +96,8 @@ impl LicencesArgs {
             "made_of": rows.iter().map(package).collect::<Vec<_>>(),
         });
         printer.finish(&document, |printer| {
-            printer.line(format!("shellcal {version}: {licence}, at your choice; made of"))?;
-            printer.table(&["package", "version", "licence"], rows)?;
+            printer.line(format!("shellcal {version}: {licence}, at your choice; made of"));
+            printer.table(&["package", "version", "licence"], rows);
             printer.line(
                 "The texts are in the packages of a release and, for each package, at \
                  https://crates.io/crates/PACKAGE/VERSION.",

@@ -11,7 +11,7 @@ use shellcal::workflow::selection::RowFilter;
 use super::choices::{number_in, one_of};
 use super::frames::FrameArgs;
 use super::mapping::MappingArgs;
-use super::outputs::{FigureArgs, OpenOutput};
+use super::outputs::FigureArgs;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::{Outcome, Printer};
 
@@ -85,7 +85,7 @@ impl AlignArgs {
         let reference = Log::open(&self.reference, &reference)?;
         let mapping = Mapping { wrench: None, moment_unit: None, group: None, ..all };
         let log = Log::open(&self.log, &mapping)?;
-        let mut output = OpenOutput::create(self.output.as_ref(), printer)?;
+        let mut output = printer.create_or_stdout(self.output.as_ref())?;
         let plot = self.figure.create(printer)?;
 
         let rows = self.frames.rows(&log);
@@ -121,7 +121,7 @@ impl AlignArgs {
                 format!("{name}: offset {offset_s:.6} s at {pivot_s:.3} s, skew {skew_ppm:.2} ppm");
             plot.draw(|size| match_figure(size, &title, quality))?;
         }
-        output.finish()?;
+        output.commit()?;
         self.report(printer, &aligned, rows)?;
         Ok(Outcome::Done)
     }
@@ -148,19 +148,16 @@ impl AlignArgs {
                 log: &self.log,
                 output: &self.output,
                 // t_reference = t_log + offset_s + skew · (t_log − pivot_s).
-                clock: clock,
+                clock, rows,
                 skew_ppm: 1e6 * clock.skew,
-                rows: rows,
                 // Edges of a sync signal, where the clock is by these.
                 edges?: found.edges.as_ref(),
                 // Unless they do not match and the clock is by edges.
                 ..loads: quality.map(|quality| document! {
-                    explained: quality.explained,
+                    quality.{explained, spring_delay_s, search_explained},
                     residual_counts: &quality.residual_counts,
-                    spring_delay_s: quality.spring_delay_s,
                     white_offset_se_s: quality.white_se[0],
                     white_skew_se: quality.white_se[1],
-                    search_explained: quality.search_explained,
                     search_second_best: quality.search_ratio,
                 }),
                 reference_left_out: found.reference_left_out,
@@ -193,8 +190,9 @@ impl AlignArgs {
             printer.note(explained);
             return Ok(());
         }
-        printer.table(&["reference minus log", "estimate", "standard error"], table)?;
-        printer.line(explained)
+        printer.table(&["reference minus log", "estimate", "standard error"], table);
+        printer.line(explained);
+        Ok(())
     }
 
     /// What the edges of a sync signal were, if one was named.

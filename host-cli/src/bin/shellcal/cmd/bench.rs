@@ -70,7 +70,7 @@ impl BenchArgs {
         if printer.json() {
             return printer.document(&benches);
         }
-        benches.iter().try_for_each(|bench| print(printer, bench))?;
+        benches.iter().for_each(|bench| print(printer, bench));
         printer.note("`*`: no other solver is both faster and more accurate");
         Ok(())
     }
@@ -99,11 +99,11 @@ impl BenchArgs {
     }
 }
 
-fn print(printer: &Printer, bench: &ModelBench) -> anyhow::Result<()> {
+fn print(printer: &Printer, bench: &ModelBench) {
     printer.line(format!(
         "{}: {} features, {} rows, condition {:.1e}; errors relative to `{}`",
         bench.model, bench.features, bench.rows, bench.condition, bench.reference
-    ))?;
+    ));
     let error = |error: Option<f64>| shown(error, |e| format!("{e:.1e}"));
     let columns: [TableColumn<'_, &bench::Measurement>; 4] = [
         ("solver", &|m| format!("{}{}", m.solver, if m.on_front { " *" } else { "" })),
@@ -114,11 +114,10 @@ fn print(printer: &Printer, bench: &ModelBench) -> anyhow::Result<()> {
         }),
         ("prediction error", &|m| error(m.prediction_error)),
     ];
-    printer.records(&columns, &bench.solvers)?;
+    printer.records(&columns, &bench.solvers);
     for m in &bench.solvers {
         if let Some(reason) = &m.refused {
             printer.note(format!("{}, {}: {reason}", bench.model, m.solver));
         }
     }
-    Ok(())
 }

@@ -56,14 +56,14 @@ impl CheckArgs {
         };
         let document = document! { passes: passes, axes: axes.columns(), loads: &checked };
         printer.finish(&document, |printer| {
-            print(printer, &checked, axes)?;
+            print(printer, &checked, axes);
             printer.line(verdict)
         })?;
         Ok(if passes { Outcome::Done } else { Outcome::CheckFailed })
     }
 }
 
-fn print(printer: &Printer, checked: &[CheckedLoad], axes: Axes) -> anyhow::Result<()> {
+fn print(printer: &Printer, checked: &[CheckedLoad], axes: Axes) {
     let difference = |of: &CheckedLoad, axis: usize| of.measured[axis] - of.stated[axis];
     let columns: [TableColumn<'_, (&CheckedLoad, Axis)>; 8] = [
         ("load", &|(of, _)| of.group.clone()),
@@ -135,10 +135,8 @@ impl CompareArgs {
                 let of = &found.axes[axis.index()];
                 document! {
                     axis: axis.column(),
-                    // Of both, N or N·m.
-                    rms: of.rms,
-                    // The first less the second.
-                    difference: of.difference,
+                    // Of both, N or N·m, and the first less the second.
+                    of.{rms, difference},
                     // The 95 % interval of the difference.
                     interval_95: of.interval(),
                     better: match of.better() {
@@ -149,8 +147,7 @@ impl CompareArgs {
                 }
             });
             return printer.document(&document! {
-                rows: found.rows,
-                groups: found.groups,
+                found.{rows, groups},
                 axes: compared.collect::<Vec<_>>(),
             });
         }
@@ -161,7 +158,7 @@ impl CompareArgs {
             found.rows,
             found.groups,
             found.group_by.plural(),
-        ))?;
+        ));
         let of = |axis: &Axis| &found.axes[axis.index()];
         let digits = |value: f64| significant(value, 3);
         let better = |axis: &Axis| match of(axis).better() {
@@ -178,6 +175,7 @@ impl CompareArgs {
             ("unit", &|axis| axis.unit().to_owned()),
             ("conclusion", &|axis| better(axis).to_owned()),
         ];
-        printer.records(&columns, axes.iter())
+        printer.records(&columns, axes.iter());
+        Ok(())
     }
 }

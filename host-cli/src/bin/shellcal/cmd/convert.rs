@@ -10,16 +10,17 @@ use clap::builder::TypedValueParser;
 use figures::{WrenchTrace, trace_figure};
 use forces::RowRule;
 use log_file::{ColumnRef, Log, Meaning, parse_columns};
+use output_file::AtomicFile;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
-    Conversion, ConvertOptions, ConvertSummary, DEFAULT_FRAME_ID, FrameMount, OutputFormat,
-    OutputPlan, RecordingFrame, TableColumns, convert, table_name,
+    Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
+    RecordingFrame, TableColumns, convert, table_name,
 };
 
 use super::choices::number_in;
 use super::frames::{ForceArgs, FrameArgs};
 use super::mapping::{ColumnList, EditedArg, MappingArgs};
-use super::outputs::{FigureArgs, OpenOutput};
+use super::outputs::FigureArgs;
 use super::payload::load::MotionArgs;
 use crate::files::{InputPath, OutputLocation, OutputPath};
 use crate::printer::Printer;
@@ -143,10 +144,10 @@ impl ConvertArgs {
             let mut plan = OutputPlan::default();
             (plan.keep_texts, plan.keep) = self.kept(log)?;
             let mut out = match &target {
-                None => OpenOutput::Stdout,
+                None => AtomicFile::stdout(),
                 Some(path) => {
                     plan.format = self.format(path)?;
-                    OpenOutput::File(printer.files.create(path)?)
+                    printer.files.create(path)?
                 }
             };
             let summary = printer.scan(log, read, |read| {
@@ -161,7 +162,7 @@ impl ConvertArgs {
                 );
                 printer.warning(text);
             }
-            out.finish()?;
+            out.commit()?;
             if let (Some(trace), Some(plot)) = (trace, plot.take()) {
                 let name = log.path().file_name().unwrap_or_default().to_string_lossy();
                 plot.draw(|size| trace_figure(size, &name, &trace))?;
@@ -169,8 +170,10 @@ impl ConvertArgs {
             printer.remarks(summary.remarks(log.path()));
             self.motion.report(printer, log, &summary);
             if let (Some(path), false) = (&target, printer.json()) {
-                printer.line(format!("{} -> {}", log.path().display(), path.display()))?;
-                print_axes(printer, &summary)?;
+                printer.line(format!("{} -> {}", log.path().display(), path.display()));
+                let axes = summary.axes.iter();
+                let rows = axes.map(|(axis, of)| axis_row(*axis, [of.min, of.mean, of.max]));
+                printer.table(&["axis", "min", "mean", "max"], rows);
             }
             conversions.push(document! {
                 log: log.path().display().to_string(),
@@ -252,11 +255,6 @@ impl ConvertArgs {
             }
         }
     }
-}
-
-fn print_axes(printer: &Printer, summary: &ConvertSummary) -> anyhow::Result<()> {
-    let rows = summary.axes.iter().map(|(axis, of)| axis_row(*axis, [of.min, of.mean, of.max]));
-    printer.table(&["axis", "min", "mean", "max"], rows)
 }
 
 /// A percentage to a share.

@@ -9,6 +9,7 @@ use anyhow::{Context, ensure};
 use board_link::recording::PROTOCOLS;
 use board_link::{HandshakeOptions, PortOptions, PortState, Uplink, handshake, ports};
 use calibration_file::CalibrationFile;
+use console::Color;
 use doctor::{
     BoardObservations, Finding, FindingSeverity, check_board, check_port, examine_calibration,
     examine_log,
@@ -23,8 +24,9 @@ use super::mapping::MappingArgs;
 use super::outputs;
 use super::ports::{SerialArgs, first_number, is_port, parse_duration};
 use crate::files::InputPath;
-use crate::printer::{Outcome, Printer, Tint};
+use crate::printer::{Outcome, Printer};
 use crate::signals;
+use crate::tables::counted;
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -106,14 +108,12 @@ impl DoctorArgs {
         let report =
             document! { sound: is_sound, faults: faults, warnings: warnings, examined: &examined };
         printer.finish(&report, |printer| {
-            examined.iter().try_for_each(|one| one.print(printer))?;
-            let count = |count: usize, what: &str| match count {
-                1 => format!("1 {what}"),
-                _ => format!("{count} {what}s"),
-            };
+            examined.iter().for_each(|one| one.print(printer));
             printer.line(match is_sound {
                 true => "no problems found".to_owned(),
-                false => format!("{}, {}", count(faults, "fault"), count(warnings, "warning")),
+                false => {
+                    format!("{}, {}", counted(faults, "fault"), counted(warnings, "warning"))
+                }
             })
         })?;
         Ok(if faults > 0 { Outcome::CheckFailed } else { Outcome::Done })
@@ -173,21 +173,20 @@ impl DoctorArgs {
 }
 
 impl Examination {
-    fn print(&self, printer: &Printer) -> anyhow::Result<()> {
-        printer.line(&self.name)?;
+    fn print(&self, printer: &Printer) {
+        printer.line(&self.name);
         for finding in &self.findings {
-            let (mark, tint) = match finding.severity {
-                FindingSeverity::Fine => ("ok", Tint::Good),
-                FindingSeverity::Warning => ("warning", Tint::Warning),
-                FindingSeverity::Fault => ("FAULT", Tint::Bad),
+            let (mark, color) = match finding.severity {
+                FindingSeverity::Fine => ("ok", Color::Green),
+                FindingSeverity::Warning => ("warning", Color::Yellow),
+                FindingSeverity::Fault => ("FAULT", Color::Red),
             };
             let seen = format!("{}: {}", finding.check, finding.seen);
-            printer.tinted(&format!("  {mark:7}  "), tint, &seen)?;
+            printer.tinted(&format!("  {mark:7}  "), Some(color), &seen);
             if let Some(advice) = &finding.advice {
-                printer.line(format!("  {:7}  → {advice}", ""))?;
+                printer.line(format!("  {:7}  → {advice}", ""));
             }
         }
-        Ok(())
     }
 }
 

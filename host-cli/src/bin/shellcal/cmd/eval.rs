@@ -133,13 +133,13 @@ impl EvalArgs {
             axes: axes.columns(),
             logs: reports.iter().map(|of| of.document(axes)).collect::<Vec<_>>(),
             all: all.document(axes),
-            above_limit: above_limit,
+            above_limit,
             // Axes that were asked for and are not in all logs.
             not_compared: not_compared.columns(),
         };
         printer.finish(&document, |printer| {
             let all = Some(&all).filter(|_| reports.len() > 1);
-            reports.iter().chain(all).try_for_each(|of| of.print(printer, axes))
+            reports.iter().chain(all).for_each(|of| of.print(printer, axes))
         })?;
         failures.iter().for_each(|failure| printer.warning(failure.to_string()));
         Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
@@ -198,22 +198,20 @@ impl LogEvaluation {
 
     /// What `--json` prints.
     fn document(&self, axes: Axes) -> impl Serialize {
+        let of = &self.evaluation;
         document! {
             log?: self.log.as_ref(),
-            rows: self.evaluation.rows,
-            skipped_rows: self.evaluation.skipped_rows,
-            repeated_rows: self.evaluation.repeated_rows,
-            out_of_range_rows: self.evaluation.out_of_range_rows,
+            of.{rows, skipped_rows, repeated_rows, out_of_range_rows},
             errors: axes.of(&self.quality),
         }
     }
 
-    fn print(&self, printer: &Printer, axes: Axes) -> anyhow::Result<()> {
+    fn print(&self, printer: &Printer, axes: Axes) {
         let (name, of) = (self.log.as_deref().unwrap_or("all logs"), &self.evaluation);
         printer.line(format!(
             "{name}: {} rows used, {} skipped, {} repeated, {} outside the calibrated range",
             of.rows, of.skipped_rows, of.repeated_rows, of.out_of_range_rows
-        ))?;
+        ));
         let row = |axis: Axis| {
             let mut row = table_row(axis, &[&self.quality]);
             row.insert(3, significant(self.quality[axis.index()].bias, 4));

@@ -49,20 +49,19 @@ impl InfoArgs {
         printer.finish(&documents, |printer| {
             let count = texts.len();
             if count > 1 {
-                printer.table(&OVERVIEW, overview)?;
+                printer.table(&OVERVIEW, overview);
             }
             if count > FILES_IN_FULL && !printer.is_verbose() {
                 printer.note("`--verbose` describes each, and so does `info` with fewer files");
-                return Ok(());
+                return;
             }
             for (lines, rows) in texts {
                 if count > 1 {
-                    printer.line("")?;
+                    printer.line("");
                 }
-                lines.iter().try_for_each(|line| printer.line(line))?;
-                printer.table(&COLUMNS, rows)?;
+                lines.iter().for_each(|line| printer.line(line));
+                printer.table(&COLUMNS, rows);
             }
-            Ok(())
         })
     }
 }
@@ -200,8 +199,8 @@ fn timing(timing: &LogTiming) -> Option<impl Serialize + use<>> {
     let (gaps, longest) = (timing.gaps(), timing.longest);
     timing.start_s.map(|start_s| {
         document! {
-            start_s: start_s,
-            end_s: timing.end_s,
+            start_s,
+            timing.{end_s, backward_steps, equal_times},
             duration_s: timing.duration_s(),
             median_rate_hz: timing.median_rate_hz(),
             median_interval_s: timing.median_interval_s(),
@@ -211,9 +210,7 @@ fn timing(timing: &LogTiming) -> Option<impl Serialize + use<>> {
             longest_interval_s: longest.map(|longest| longest.length_s),
             longest_interval_start_s: longest.map(|longest| longest.start_s),
             longest_interval_row: longest.map(|longest| longest.row + 1),
-            backward_steps: timing.backward_steps,
             first_backward_row: timing.first_backward_row.map(|row| row + 1),
-            equal_times: timing.equal_times,
         }
     })
 }
@@ -271,9 +268,8 @@ impl ColumnInfo<'_> {
         };
         let values = |of: &ColumnSummary| {
             document! {
-                min: of.min,
+                of.{min, max},
                 mean: of.mean(),
-                max: of.max,
                 sd: of.sd(),
                 constant: of.is_constant(),
                 ..limits: self.is_reading().then(|| limits(of)),

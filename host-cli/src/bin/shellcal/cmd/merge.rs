@@ -12,10 +12,11 @@ use shellcal::workflow::partial::{fit_merged, merged_file};
 
 use super::choices::{self, COVARIANCES, one_of};
 use super::mapping::EditedArg;
-use super::outputs::{self, OpenOutput};
+use super::outputs;
 use super::quality::{print_cross_validation, print_errors, print_selection};
 use crate::files::{InputPath, OutputPath, is_standard};
 use crate::printer::Printer;
+use crate::tables::counted;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct MergeArgs {
@@ -69,14 +70,11 @@ pub(crate) struct MergeArgs {
 }
 
 /// Each group alone, or so many folds of groups.
-fn parse_folds(text: &str) -> Result<HeldOut, String> {
-    match (text, text.parse::<usize>()) {
-        ("auto", _) => Ok(HeldOut::from(None)),
-        (_, Ok(folds @ 2..)) => Ok(HeldOut::from(Some(folds))),
-        _ => {
-            Err("expected a number of folds from 2 up; what a group is, the partial fits say"
-                .into())
-        }
+fn parse_folds(text: &str) -> Result<HeldOut, &'static str> {
+    match text.parse() {
+        _ if text == "auto" => Ok(HeldOut::from(None)),
+        Ok(folds @ 2..) => Ok(HeldOut::from(Some(folds))),
+        _ => Err("expected a number of folds from 2 up; what a group is, the partial fits say"),
     }
 }
 
@@ -93,13 +91,13 @@ impl MergeArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let output = printer.create(self.output.as_ref())?;
         let partial = self.partial.as_ref();
-        let destination = partial.map(|path| OpenOutput::create(Some(path), printer));
+        let destination = partial.map(|path| printer.create_or_stdout(Some(path)));
         let destination = destination.transpose()?;
         let merged = self.merged(printer)?;
         let sum = &merged.sum;
         if let Some(destination) = destination {
-            let to_stdout = matches!(destination, OpenOutput::Stdout);
-            destination.write(sum)?;
+            let to_stdout = partial.is_some_and(|path| is_standard(path));
+            destination.commit_with(sum.to_json().as_bytes())?;
             return self.report(printer, &merged, None, to_stdout);
         }
         anyhow::ensure!(
@@ -201,10 +199,8 @@ impl MergeArgs {
                 model: name,
                 partial_fits: merged.read,
                 skipped_partial_fits?: (merged.skipped > 0).then_some(merged.skipped),
-                files: files,
-                rows: rows,
-                skipped_rows: sum.skipped_rows,
-                repeated_rows: sum.repeated_rows,
+                files, rows,
+                sum.{skipped_rows, repeated_rows},
                 groups?: groups,
                 condition?: fit.and_then(|fit| fit.condition),
                 axes: axes.columns(),
@@ -215,26 +211,27 @@ impl MergeArgs {
                 selection?: fit.and_then(|fit| fit.selection.as_ref()).map(|of| Among(axes, of)),
             });
         }
-        let mut summary = format!("{name}: {rows} rows of {files} files");
+        let mut summary = format!("{name}: {rows} rows of {}", counted(files, "file"));
         if let Some(groups) = groups {
             summary += &format!(" in {groups} groups");
         }
         let Some(fit) = fit else {
             if to_stderr {
-                printer.note(summary);
-                return Ok(());
+                printer.note(summary)
+            } else {
+                printer.line(summary)
             }
-            return printer.line(summary);
+            return Ok(());
         };
         if let Some(selection) = &fit.selection {
-            print_selection(printer, selection, None, axes)?;
+            print_selection(printer, selection, None, axes);
         }
-        print_errors(printer, fit, axes)?;
+        print_errors(printer, fit, axes);
         let condition = fit.condition.map_or("infinite".into(), |c| significant(c, 3));
         summary += &format!(", rank {}, condition {condition}", fit.rank);
-        printer.line(summary)?;
+        printer.line(summary);
         if let Some(cross_validation) = &fit.cross_validation {
-            print_cross_validation(printer, cross_validation, axes)?;
+            print_cross_validation(printer, cross_validation, axes);
         }
         Ok(())
     }

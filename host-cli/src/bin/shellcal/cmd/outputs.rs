@@ -1,68 +1,16 @@
-//! What commands write: to a file or the standard output, figures, and who made it when.
+//! What commands write beside their results: figures, and who made it when.
 
-use std::io::{self, Write};
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use anyhow::Context;
-use calibration_file::PartialFit;
 use figures::{Figure, Format, Size};
 use output_file::AtomicFile;
 use table_file::iso_of_seconds;
 
 use super::choices::one_of;
-use crate::files::{InputPath, OutputPath, is_standard};
+use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
-
-/// A destination that is open before the work begins.
-pub(super) enum OpenOutput {
-    File(AtomicFile),
-    Stdout,
-}
-
-impl OpenOutput {
-    /// The file at `path`; without one, or at `-`, the standard output, which `--json` has for its document.
-    pub(super) fn create(path: Option<&OutputPath>, printer: &Printer) -> anyhow::Result<Self> {
-        if let Some(path) = path.filter(|path| !is_standard(path)) {
-            return Ok(Self::File(printer.files.create(path)?));
-        }
-        anyhow::ensure!(
-            !printer.json(),
-            "`--json` needs `--output`, or a file in place of `-`: both would go to the standard output; or leave out `--json`"
-        );
-        Ok(Self::Stdout)
-    }
-
-    pub(super) fn write(mut self, partial: &PartialFit) -> anyhow::Result<()> {
-        self.write_all(partial.to_json().as_bytes())?;
-        self.finish()
-    }
-
-    /// Puts the file in its place; all of it has been written.
-    pub(super) fn finish(mut self) -> anyhow::Result<()> {
-        match self {
-            Self::File(file) => file.commit()?,
-            Self::Stdout => self.flush()?,
-        }
-        Ok(())
-    }
-}
-
-impl Write for OpenOutput {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match self {
-            Self::File(file) => file.write(bytes),
-            Self::Stdout => io::stdout().write(bytes),
-        }
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        match self {
-            Self::File(file) => file.flush(),
-            Self::Stdout => io::stdout().flush(),
-        }
-    }
-}
 
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct FigureSize {

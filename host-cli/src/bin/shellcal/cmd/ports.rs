@@ -21,13 +21,13 @@ impl PortsArgs {
             if ports.is_empty() {
                 printer.note("no serial ports; is the adapter plugged in?");
             }
-            ports.iter().try_for_each(|port| {
+            ports.iter().for_each(|port| {
                 let serial = port.serial.as_deref().map(|serial| format!("serial {serial}"));
                 let description = (!port.description.is_empty()).then(|| port.description.clone());
                 let parts =
                     [Some(port.port.clone()), Some(port.kind.to_owned()), description, serial];
-                printer.line(parts.into_iter().flatten().collect::<Vec<_>>().join("  "))
-            })
+                printer.line(parts.into_iter().flatten().collect::<Vec<_>>().join("  "));
+            });
         })
     }
 }
@@ -132,10 +132,8 @@ fn parse_address(text: &str) -> Result<u16, String> {
     parsed.map_err(|error| format!("{error}; an address is 0x0000 to 0xFFFF"))
 }
 
-pub(crate) fn parse_duration(text: &str) -> Result<Duration, String> {
-    let seconds: f64 = text.parse().map_err(|_| "a time in s, such as 90".to_owned())?;
-    Duration::try_from_secs_f64(seconds)
-        .ok()
-        .filter(|duration| !duration.is_zero())
-        .ok_or_else(|| "a time in s above 0".to_owned())
+pub(crate) fn parse_duration(text: &str) -> Result<Duration, &'static str> {
+    let seconds = text.parse().map_err(|_| "a time in s, such as 90")?;
+    let duration = Duration::try_from_secs_f64(seconds).ok();
+    duration.filter(|duration| !duration.is_zero()).ok_or("a time in s above 0")
 }

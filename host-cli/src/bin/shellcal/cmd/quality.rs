@@ -31,7 +31,7 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
 }
 
 /// The table of errors on training and test rows.
-pub(super) fn print_errors(printer: &Printer, of: &Diagnostics, axes: Axes) -> anyhow::Result<()> {
+pub(super) fn print_errors(printer: &Printer, of: &Diagnostics, axes: Axes) {
     let sets: Vec<&PerAxis<AxisQuality>> =
         [Some(&of.train), of.test.as_ref()].into_iter().flatten().collect();
     let mut header = vec!["axis"];
@@ -70,11 +70,7 @@ pub(super) fn in_line(axes: Axes, values: &PerAxis<f64>, with_units: bool) -> St
     axes.iter().map(value).collect::<Vec<_>>().join(", ")
 }
 
-pub(super) fn print_cross_validation(
-    printer: &Printer,
-    cv: &CrossValidation,
-    axes: Axes,
-) -> anyhow::Result<()> {
+pub(super) fn print_cross_validation(printer: &Printer, cv: &CrossValidation, axes: Axes) {
     let ratios = cv.ratios();
     let random_rms = |axis: &Axis| cv.random.map(|random| random[axis.index()].rms);
     let columns: [TableColumn<'_, Axis>; 6] = [
@@ -85,8 +81,8 @@ pub(super) fn print_cross_validation(
         ("bias new groups", &|axis| significant(cv.grouped[axis.index()].bias, 2)),
         ("unit", &|axis| axis.unit().to_owned()),
     ];
-    printer.line("")?;
-    printer.records(&columns, axes.iter())?;
+    printer.line("");
+    printer.records(&columns, axes.iter());
     let how = match cv.folds == cv.groups {
         true => "leave-one-group-out".to_owned(),
         false => format!("{}-fold", cv.folds),
@@ -96,7 +92,7 @@ pub(super) fn print_cross_validation(
         parts => format!("; for comparison, {parts} random parts of the same rows"),
     };
     let (groups, rows) = (cv.groups, cv.rows);
-    printer.line(format!("{how} cross-validation ({groups} groups, {rows} rows){random}"))?;
+    printer.line(format!("{how} cross-validation ({groups} groups, {rows} rows){random}"));
     if !cv.undetermined.is_empty() {
         /// More names do not help to find the cause.
         const SHOWN: usize = 5;
@@ -107,7 +103,6 @@ pub(super) fn print_cross_validation(
             if cv.undetermined.len() > SHOWN { ", …" } else { "" },
         ));
     }
-    Ok(())
 }
 
 /// The closing word on which model to take.
@@ -117,8 +112,8 @@ pub(super) fn print_advice(
     model: Basis,
     cv: Option<&CrossValidation>,
     axes: Axes,
-) -> anyhow::Result<()> {
-    printer.line(advice.words(axes))?;
+) {
+    printer.line(advice.words(axes));
     if let Some(better) = advice.better_words(model, axes) {
         printer.warning(better);
     } else if let Some((axis, ratio)) = cv.and_then(CrossValidation::suspicious) {
@@ -129,7 +124,6 @@ pub(super) fn print_advice(
             axis.name()
         ));
     }
-    Ok(())
 }
 
 /// The models that were compared, each with its best ridge, and which was chosen; `physics` is what was held against
@@ -139,7 +133,7 @@ pub(super) fn print_selection(
     selection: &Selection,
     physics: Option<&ModelComparison>,
     axes: Axes,
-) -> anyhow::Result<()> {
+) {
     let mark = |is_chosen: bool| if is_chosen { " ←" } else { "" };
     let takes_physics = physics.is_some_and(ModelComparison::physics_is_better);
     let row = |candidate: &Candidate| {
@@ -166,8 +160,8 @@ pub(super) fn print_selection(
     }
     let mut header = vec!["model", "features", "ridge"];
     header.extend(axes.iter().map(Axis::name));
-    printer.line("")?;
-    printer.table(&header, rows)?;
+    printer.line("");
+    printer.table(&header, rows);
     printer.line(format!(
         "RMS on groups that were held out in {} folds, each polynomial with its best ridge; ← chosen: the fewest \
          features within one standard error of the best polynomial{}",
@@ -191,11 +185,7 @@ fn best_of_each(selection: &Selection) -> Vec<&Candidate> {
     best.collect()
 }
 
-pub(super) fn print_excitation(
-    printer: &Printer,
-    excitation: &Excitation,
-    axes: Axes,
-) -> anyhow::Result<()> {
+pub(super) fn print_excitation(printer: &Printer, excitation: &Excitation, axes: Axes) {
     let range = |axis: Axis| {
         let of = &excitation.axes[axis.index()];
         let (min, max) = (significant(of.min, 2), significant(of.max, 2));
@@ -205,9 +195,8 @@ pub(super) fn print_excitation(
         "loads: {}; load coupling: {} (aim for less than 10)",
         axes.iter().map(range).collect::<Vec<_>>().join(", "),
         excitation.condition.map_or("infinite".to_owned(), |c| significant(c, 2)),
-    ))?;
+    ));
     for gap in excitation.gaps(axes) {
         printer.note(gap.to_string());
     }
-    Ok(())
 }

@@ -165,12 +165,11 @@ fn report(recorded: &Recorded, printer: &Printer) -> anyhow::Result<()> {
         recorded.board_time_s,
         recorded.framing.unwrap_or("no framing"),
         recorded.losses.in_words(),
-    ))?;
+    ));
     for RecordedBoard { address, log, frames, losses } in &recorded.boards {
         let position =
             log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
-        printer
-            .line(format!("board {address}: {frames} frames{position}; {}", losses.in_words()))?;
+        printer.line(format!("board {address}: {frames} frames{position}; {}", losses.in_words()));
     }
     Ok(())
 }

@@ -21,7 +21,6 @@ use super::choices::{POSITIVE, number_in, number_within, one_of};
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::ports::{SourceArgs, is_port};
-use super::stream;
 use crate::files::InputPath;
 use crate::printer::Printer;
 use crate::signals;
@@ -109,9 +108,9 @@ impl StreamArgs {
             one_time: self.one_time,
             format: self.encoding,
             rate_hz: self.rate,
-            commands: Some(stream::commands(printer, at_end)?),
+            commands: Some(commands(printer, at_end)?),
         };
-        let readers = stream::open(printer, &self.output, self.overwrite)?;
+        let readers = open(printer, &self.output, self.overwrite)?;
         let stream = FrameStream::new(options, readers)?;
         let (watcher, handle) = StreamWatcher::new(stream, None, Some(Arc::clone(&stop)));
         let ended = match (source, &log) {
@@ -119,7 +118,7 @@ impl StreamArgs {
             (None, Some(log)) => self.play(log, watcher, &stop),
             (None, None) => Ok(()),
         };
-        let summary = stream::finish(printer, Some(&handle))?;
+        let summary = finish(printer, Some(&handle))?;
         let latency = summary.and_then(|summary| summary.latency).filter(|_| self.latency);
         latency.iter().for_each(|latency| printer.note(latency.to_string()));
         ended

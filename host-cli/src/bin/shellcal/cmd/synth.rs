@@ -11,7 +11,6 @@ use simulation::synthetic_log::{
 };
 
 use super::choices::one_of;
-use super::outputs::OpenOutput;
 use super::synth_trial::{SynthTrialArgs, TrialsArgs};
 use crate::files::OutputPath;
 use crate::printer::Printer;
@@ -120,40 +119,29 @@ impl RecordingArgs {
             adc_bits: self.adc_bits,
             elastic: self.elastic,
         })?;
-        let mut out = OpenOutput::create(self.output.as_ref(), printer)?;
-        /// Rows between two looks at the progress bar, and bytes in such a stretch, about.
-        const STRETCH: u64 = 1024;
-        const ROW_BYTES: u64 = 100;
+        let mut out = printer.create_or_stdout(self.output.as_ref())?;
         let layout = self.layout;
-        let progress = printer.progress("making rows", rows.saturating_mul(ROW_BYTES));
+        let progress = printer.count("making rows", rows);
         let mut text = layout.header(kind).as_bytes().to_vec();
         let (mut bytes, mut rows_saturated) = (0, 0);
-        for (row, sample) in (1..=rows).zip(recording) {
+        for sample in recording.take(rows as usize) {
             layout.write_row(&mut text, kind, &sample)?;
             rows_saturated += u64::from(sample.frame.saturated != 0);
-            if row % STRETCH == 0 {
-                out.write_all(&text)?;
-                bytes += text.len() as u64;
-                text.clear();
-                progress.inc(STRETCH * ROW_BYTES);
-            }
+            out.write_all(&text)?;
+            bytes += text.len();
+            text.clear();
+            progress.inc(1);
         }
-        out.write_all(&text)?;
-        bytes += text.len() as u64;
         progress.finish_and_clear();
-        out.finish()?;
+        out.commit()?;
         let Some(path) = &self.output else { return Ok(()) };
         let summary = document! {
             file: path,
-            rows: rows,
-            bytes: bytes,
-            rows_saturated: rows_saturated,
-            seed: self.seed,
-            unit_seed: self.unit_seed,
+            rows, bytes, rows_saturated,
+            self.{seed, unit_seed},
         };
         printer.finish(&summary, |printer| {
             printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
-            Ok(())
         })
     }
 }
@@ -259,9 +247,7 @@ impl PairArgs {
             // t_reference = t_log · (1 + skew) + offset_s.
             offset_s: self.offset,
             skew_ppm: self.skew,
-            reference_rows: reference_rows,
-            log_rows: log_rows,
-            settings: settings,
+            reference_rows, log_rows, settings,
         };
         if let Some(path) = &self.truth {
             let mut text = serde_json::to_vec_pretty(&truth)?;

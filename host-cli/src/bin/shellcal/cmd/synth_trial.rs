@@ -5,7 +5,6 @@ use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
 
 use super::choices::one_of;
-use super::outputs::OpenOutput;
 use crate::files::{OutputLocation, OutputPath};
 use crate::printer::Printer;
 
@@ -160,9 +159,9 @@ impl SynthTrialArgs {
         if let Some(path) = &self.truth {
             printer.files.write(path, &truth_json(&truth))?;
         }
-        let mut out = OpenOutput::create(self.output.as_ref(), printer)?;
+        let mut out = printer.create_or_stdout(self.output.as_ref())?;
         let rows = write_log(&mut out, &trial, layout)?;
-        out.finish()?;
+        out.commit()?;
         let Some(path) = &self.output else { return Ok(()) };
         let made = document! { file: path, rows: rows, truth: &truth };
         printer.finish(&made, |printer| {

@@ -72,14 +72,14 @@ impl DriftArgs {
         }
         let documents = drifts.iter().map(|(log, summary)| {
             document! {
-                log: log,
+                log,
                 // Whether a tare at the start holds to the end.
                 tare_holds: moved(summary).is_none(),
                 ..summary: summary,
             }
         });
         printer.finish(&documents.collect::<Vec<_>>(), |printer| {
-            drifts.iter().try_for_each(|(log, summary)| print(printer, log, summary))
+            drifts.iter().for_each(|(log, summary)| print(printer, log, summary))
         })
     }
 }
@@ -102,11 +102,11 @@ fn moved(summary: &DriftSummary) -> Option<(usize, ZeroChange)> {
     largest_change(all[..judged].iter().enumerate().map(|(i, (.., drift))| (i, drift.change)))
 }
 
-fn print(printer: &Printer, log: &str, summary: &DriftSummary) -> anyhow::Result<()> {
+fn print(printer: &Printer, log: &str, summary: &DriftSummary) {
     let DriftSummary { rests, first_s, last_s, .. } = *summary;
     printer.line(format!(
         "{log}: {rests} stretches at rest, the first about {first_s:.1} s, the last about {last_s:.1} s"
-    ))?;
+    ));
     let quantities = quantities(summary);
     let has_trend = quantities.iter().any(|(.., drift)| drift.per_degree.is_some());
     let mut header = vec!["zero of", "change", "noise", "wander", "per minute", "± SE"];
@@ -127,7 +127,7 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) -> anyhow::Result
         }
         row
     });
-    printer.table(&header, rows)?;
+    printer.table(&header, rows);
     match summary.temperature {
         Some([low, high]) if has_trend => {
             // Whether time or temperature follows the zeros better.
@@ -139,9 +139,9 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) -> anyhow::Result
                  {} of {}",
                 better.count(),
                 pairs.count()
-            ))?;
+            ));
         }
-        Some([at, _]) => printer.line(format!("temperature {at:.2} throughout"))?,
+        Some([at, _]) => printer.line(format!("temperature {at:.2} throughout")),
         None => {}
     }
     printer.line(match moved(summary) {
@@ -153,12 +153,11 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) -> anyhow::Result
                  with a noise of {noise:.decimals$}; `--tare rests` follows it"
             )
         }
-    })?;
+    });
     printer.note(format!(
         "a zero that stands still is said to move in {} % of logs at most",
         100.0 * FALSE_ALARMS
     ));
-    Ok(())
 }
 
 fn figure(size: Size, name: &str, summary: &DriftSummary) -> Figure {
@@ -225,13 +224,13 @@ impl NoiseArgs {
         }
         let documents = noises.iter().map(|(log, of)| document! { log: log, ..summary: of });
         printer.finish(&documents.collect::<Vec<_>>(), |printer| {
-            noises.iter().try_for_each(|(log, summary)| print_noise(printer, log, summary))
+            noises.iter().for_each(|(log, summary)| print_noise(printer, log, summary))
         })
     }
 }
 
-fn print_noise(printer: &Printer, log: &Path, summary: &NoiseSummary) -> anyhow::Result<()> {
-    printer.line(format!("{}: noise of {} frames", log.display(), summary.frames))?;
+fn print_noise(printer: &Printer, log: &Path, summary: &NoiseSummary) {
+    printer.line(format!("{}: noise of {} frames", log.display(), summary.frames));
     let values = |scatter: &Scatter| [scatter.rms, scatter.peak_to_peak, scatter.mean];
     let axes = summary.axes.iter().map(|(axis, scatter)| axis_row(*axis, values(scatter)));
     let channels = summary.channels.iter().enumerate();

@@ -54,7 +54,7 @@ fn name(quantity: LoadQuantity) -> &'static str {
 }
 
 /// The table of corrections.
-pub(super) fn print(printer: &Printer, hung: &HungReference) -> anyhow::Result<()> {
+pub(super) fn print(printer: &Printer, hung: &HungReference) {
     let degrees = |radians: f64| format!("{:.1}", radians.to_degrees());
     let columns: [TableColumn<'_, (&HungLoad, &CorrectedLoad)>; 6] = [
         ("load", &|(load, _)| load.group.clone()),
@@ -66,12 +66,11 @@ pub(super) fn print(printer: &Printer, hung: &HungReference) -> anyhow::Result<(
             found.suspicious.map_or_else(String::new, |of| format!("{}?", name(of)))
         }),
     ];
-    printer.records(&columns, hung.loads.iter().zip(&hung.corrected.loads))?;
+    printer.records(&columns, hung.loads.iter().zip(&hung.corrected.loads));
     for (label, offset) in hung.mountings.iter().zip(&hung.corrected.mountings) {
         let offset = millimetres(*offset);
-        printer.line(format!("mounting `{label}`: its levers are off by {offset} mm"))?;
+        printer.line(format!("mounting `{label}`: its levers are off by {offset} mm"));
     }
-    Ok(())
 }
 
 /// An offset along x, y and z.

@@ -5,8 +5,6 @@ mod plan;
 mod recalibration;
 mod report;
 
-use std::time::Instant;
-
 use calibration::Basis;
 use calibration::dynamics::LagRule;
 use calibration::fit::{CovarianceRule, Fit, HeldOut, ModelRule, OutlierRule};
@@ -16,15 +14,15 @@ use calibration_file::Sums;
 use shell_data::wrench::Axes;
 use shellcal::workflow::gates::ComparedAxes;
 use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
-use shellcal::workflow::remark::{about_table, absent_axes};
+use shellcal::workflow::remark::absent_axes;
 
-use self::plan::FitPlan;
 use super::choices::{self, COVARIANCES, number_in, one_of};
 use super::eval::RmsLimits;
 use super::mapping::{MappingArgs, open_logs};
-use super::outputs::{self, FigureArgs, OpenOutput};
+use super::outputs::{self, FigureArgs};
 use crate::files::{InputPath, OutputPath, is_standard};
 use crate::printer::{Outcome, Printer};
+use crate::tables::counted;
 
 #[derive(Debug, clap::Args)]
 #[command(before_help = "Examples:
@@ -205,7 +203,6 @@ const OUTLIERS: [(&str, &str, OutlierRule); 3] = [
 
 impl FitArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let start = Instant::now();
         if let Some(path) = &self.partial {
             self.write_partial(path, printer)?;
             return Ok(Outcome::Done);
@@ -213,21 +210,7 @@ impl FitArgs {
         if let Some(before) = &self.from {
             return self.recalibrate(before, printer);
         }
-        let mut plan = FitPlan::from_args(self, printer)?;
-        let (data, hung, fitted) = plan.fit(printer)?;
-        let named = plan.name_rows(&data, &fitted)?;
-        let file = plan.file(&data, &fitted)?;
-        plan.write(&file, &fitted, &named)?;
-        if !printer.json() {
-            fitted.verdict().lines().into_iter().try_for_each(|line| printer.line(line))?;
-            printer.line("")?;
-        }
-        plan.tell(&fitted, &named, printer);
-        let seconds = start.elapsed().as_secs_f64();
-        report::report(printer, &fitted, hung.as_ref(), &file, &named, seconds)?;
-        hung.iter().for_each(|hung| hung_loads::tell(hung, printer));
-        printer.remarks(about_table(&fitted));
-        Ok(self.outcome(&fitted, printer))
+        self.fit(printer)
     }
 
     /// Whether the errors on rows that were not used are within their limits.
@@ -252,37 +235,34 @@ impl FitArgs {
 }
 
 /// In ms, or rows.
-fn parse_lag(text: &str) -> Result<LagRule, String> {
-    match text {
-        "auto" => Ok(LagRule::Auto),
-        _ => match text.parse() {
-            Ok(lag) if f64::is_finite(lag) => Ok(LagRule::Given(lag)),
-            _ => Err("expected `auto`, or a time in ms such as 3.1".to_owned()),
-        },
+fn parse_lag(text: &str) -> Result<LagRule, &'static str> {
+    match text.parse() {
+        _ if text == "auto" => Ok(LagRule::Auto),
+        Ok(lag) if f64::is_finite(lag) => Ok(LagRule::Given(lag)),
+        _ => Err("expected `auto`, or a time in ms such as 3.1"),
     }
 }
 
-fn parse_memory(text: &str) -> Result<MemoryArg, String> {
+fn parse_memory(text: &str) -> Result<MemoryArg, &'static str> {
     let positive = |text: &str| text.trim().parse().ok().filter(|tau| *tau > 0.0 && *tau < 1e9);
     match text {
         "auto" => Ok(MemoryArg::Auto),
         "none" => Ok(MemoryArg::Given(Vec::new())),
-        _ => text
-            .split(',')
-            .map(positive)
-            .collect::<Option<Vec<f64>>>()
-            .map(MemoryArg::Given)
-            .ok_or_else(|| "expected `auto`, `none`, or times in s such as 0.03,1.2".to_owned()),
+        _ => {
+            let times: Option<Vec<f64>> = text.split(',').map(positive).collect();
+            let times = times.ok_or("expected `auto`, `none`, or times in s such as 0.03,1.2")?;
+            Ok(MemoryArg::Given(times))
+        }
     }
 }
 
 /// `LO:HI`.
-fn parse_range(text: &str) -> Result<[f64; 2], String> {
+fn parse_range(text: &str) -> Result<[f64; 2], &'static str> {
     let ends =
         text.split_once(':').map(|(least, most)| (least.trim().parse(), most.trim().parse()));
     match ends {
         Some((Ok(least), Ok(most))) if least < most => Ok([least, most]),
-        _ => Err("expected the least and the largest valid reading, such as 0:4095".to_owned()),
+        _ => Err("expected the least and the largest valid reading, such as 0:4095"),
     }
 }
 
@@ -304,7 +284,7 @@ impl FitArgs {
                 anyhow::bail!("`--partial` is for polynomials in the readings: physics has no sums")
             }
         };
-        let destination = OpenOutput::create(Some(path), printer)?;
+        let destination = printer.create_or_stdout(Some(path))?;
         // Whether R factors are wanted wherever sums could be had.
         let r_factors = match self.solver {
             SolverKind::Exact => false,
@@ -329,7 +309,7 @@ impl FitArgs {
         partial.columns = self.mapping.specified(&train);
         partial.sensor_serial = self.serial.clone();
         printer.remarks(absent_axes(partial.axes));
-        destination.write(&partial)?;
+        destination.commit_with(partial.to_json().as_bytes())?;
         let (rows, model) = (partial.sums.rows(), partial.model);
         if printer.json() {
             return printer.document(&serde_json::json!({ "model": model.name(), "rows": rows }));
@@ -338,14 +318,16 @@ impl FitArgs {
             Sums::Exact(_) => "sums over",
             Sums::Factored(_) => "the R factor of",
         };
-        let mut done = format!("{}: {kept} {rows} rows of {} files", model.name(), train.len());
+        let files = counted(train.len(), "file");
+        let mut done = format!("{}: {kept} {rows} rows of {files}", model.name());
         if let Some(groups) = &partial.groups {
             done += &format!(", in {} groups by {}", groups.groups.len(), groups.by.name());
         }
         if is_standard(path) {
-            printer.note(done);
-            return Ok(());
+            printer.note(done)
+        } else {
+            printer.line(done)
         }
-        printer.line(done)
+        Ok(())
     }
 }

@@ -1,103 +1,120 @@
-//! What `shellcal fit` has to do, with all arguments checked and all files open before the work begins.
+//! The fit, with all arguments checked and all files open before the work begins.
 
 use std::sync::OnceLock;
+use std::time::Instant;
 
 use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
 use calibration::fit::{
     CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, Outliers, Workers,
 };
 use calibration::solver::SolverKind;
-use calibration_file::{CalibrationFile, Origin, SourceFile, matrix};
+use calibration_file::{Origin, SourceFile, matrix};
 use figures::fit_figure;
 use indicatif::ProgressBar;
 use load_table::HungLoads;
 use log_file::{Log, ReadOptions};
-use output_file::AtomicFile;
 use report::{CalibrationReport, OutlierTable, plots};
 use shell_data::hint::quoted;
 use shell_data::wrench::Axes;
 use shellcal::workflow::agree_on_axes;
-use shellcal::workflow::fit::{FitData, calibration_file, sources};
+use shellcal::workflow::fit::{FitData, calibration_file as made_file, sources};
 use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::outliers::NamedOutliers;
-use shellcal::workflow::remark::about_fit;
+use shellcal::workflow::remark::{about_fit, about_table};
 
 use super::super::mapping::open_logs;
-use super::super::outputs::{self, FigureFile};
+use super::super::outputs;
 use super::super::plan::read_table;
-use super::{FitArgs, MemoryArg};
-use crate::printer::Printer;
+use super::report::{NamedRows, report};
+use super::{FitArgs, MemoryArg, hung_loads};
+use crate::printer::{Outcome, Printer};
 
-/// A fit to be made.
-pub(super) struct FitPlan<'a> {
-    pub(super) args: &'a FitArgs,
-    train: Vec<Log>,
-    test: Vec<Log>,
-    loads: Option<HungLoads>,
-    options: FitOptions<'a>,
-    calibration: Option<AtomicFile>,
-    matrix: Option<AtomicFile>,
-    plot: Option<FigureFile>,
-    report: Option<AtomicFile>,
-    dropped: Option<AtomicFile>,
-}
-
-/// Rows of a fit with their files and lines.
-pub(super) struct NamedRows {
-    /// Outliers that were used, where some were looked for.
-    pub(super) used: Option<NamedOutliers>,
-    /// Rows that were left out.
-    pub(super) dropped: Option<NamedOutliers>,
-}
-
-impl<'a> FitPlan<'a> {
-    /// Checks the arguments, opens the logs, and all files that are written.
-    pub(super) fn from_args(args: &'a FitArgs, printer: &Printer) -> anyhow::Result<Self> {
-        args.check()?;
-        let mapping = args.mapping.mapping();
-        let train = open_logs(&args.train, ("--wrench-from", &args.wrench_from), &mapping)?;
-        let wrenches = ("--test-wrench-from", args.test_wrench_from.as_slice());
-        let mut test = open_logs(&args.test, wrenches, &mapping)?;
-        let loads = args.loads.as_ref().map(read_table).transpose()?;
+impl FitArgs {
+    /// Fits, writes all files, and says what was found.
+    pub(super) fn fit(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let start = Instant::now();
+        self.check()?;
+        let mapping = self.mapping.mapping();
+        let train = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
+        let wrenches = ("--test-wrench-from", self.test_wrench_from.as_slice());
+        let mut test = open_logs(&self.test, wrenches, &mapping)?;
+        let loads = self.loads.as_ref().map(read_table).transpose()?;
         match loads {
             None => {
                 agree_on_axes(&train, &mut test)?;
             }
             Some(_) => test.iter_mut().try_for_each(|log| log.keep_axes(Axes::ALL))?,
         }
-        Ok(Self {
-            args,
-            options: args.options(train.iter().all(Log::has_time)),
-            train,
-            test,
-            loads,
-            dropped: printer.create(args.dropped.as_ref())?,
-            calibration: printer.create(args.output.as_ref())?,
-            matrix: printer.create(args.export_matrix.as_ref())?,
-            plot: args.figure.create(printer)?,
-            report: printer.create(args.report.as_ref())?,
-        })
+        let dropped_file = printer.create(self.dropped.as_ref())?;
+        let calibration_file = printer.create(self.output.as_ref())?;
+        let matrix_file = printer.create(self.export_matrix.as_ref())?;
+        let plot = self.figure.create(printer)?;
+        let report_file = printer.create(self.report.as_ref())?;
+
+        let (data, hung, fitted) = self.fit_logs((&train, &test), loads.as_ref(), printer)?;
+        let name = |found: &Outliers| NamedOutliers::new(found.clone(), &train, &data.train);
+        let used = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
+        let dropped = dropped_file.is_some().then(|| name(&fitted.dropped));
+        let named = NamedRows { used: used.map(name), dropped };
+        let sources = sources((&train, &test), &data, &fitted)?;
+        let file = made_file(&fitted, self.origin(sources, &train)?);
+
+        if let (Some(rows), Some(mut output)) = (&named.dropped, dropped_file) {
+            rows.write(&mut output)?;
+            output.commit()?;
+        }
+        if let Some(output) = report_file {
+            let path = self.output.as_ref();
+            let name = path.map_or("not written", |path| path.to_str().unwrap_or("?"));
+            let (outliers, command) = (self.outlier_rows(&named), &outputs::command_line());
+            let report = CalibrationReport { fit: &fitted, file: &file, name, command, outliers };
+            output.commit_with(report.html()?.as_bytes())?;
+        }
+        calibration_file.map(|it| it.commit_with(file.to_json().as_bytes())).transpose()?;
+        let axes = file.calibration.axes;
+        if let Some((output, polynomial)) = matrix_file.zip(file.calibration.polynomial()) {
+            output.commit_with(matrix::to_csv(polynomial, axes).as_bytes())?;
+        }
+        if let Some(plot) = plot {
+            let (train, test) = plots(&fitted);
+            let title = format!("Calibration {}", file.calibration.name());
+            plot.draw(|size| fit_figure(size, &title, axes, &train, test.as_ref()))?;
+        }
+
+        if !printer.json() {
+            fitted.verdict().lines().into_iter().for_each(|line| printer.line(line));
+            printer.line("");
+        }
+        self.tell(&fitted, &named, printer);
+        let seconds = start.elapsed().as_secs_f64();
+        report(printer, &fitted, hung.as_ref(), &file, &named, seconds)?;
+        hung.iter().for_each(|hung| hung_loads::tell(hung, printer));
+        printer.remarks(about_table(&fitted));
+        Ok(self.outcome(&fitted, printer))
     }
 
     /// Reads the logs and fits.
-    pub(super) fn fit(
+    fn fit_logs(
         &self,
+        (train, test): (&[Log], &[Log]),
+        loads: Option<&HungLoads>,
         printer: &Printer,
     ) -> anyhow::Result<(FitData, Option<HungReference>, Fit)> {
-        let bytes = self.train.iter().chain(&self.test).map(Log::bytes).sum();
+        let bytes = train.iter().chain(test).map(Log::bytes).sum();
         let bar = printer.progress("fit", bytes);
         let progress = |bytes| bar.set_position(bytes);
         let read = ReadOptions {
-            checksum: self.args.keeps(),
+            checksum: self.keeps(),
             progress: Some(&progress),
-            ..self.args.mapping.read_options()
+            ..self.mapping.read_options()
         };
-        let asked = (&self.options, self.args.report.is_some());
-        let (mut data, hung) = match &self.loads {
-            None => (FitData::read(&self.train, &self.test, asked, &read)?, None),
+        let options = self.options(train.iter().all(Log::has_time));
+        let asked = (&options, self.report.is_some());
+        let (mut data, hung) = match loads {
+            None => (FitData::read(train, test, asked, &read)?, None),
             Some(table) => {
-                let (mut data, hung) = HungReference::read(&self.train, table, &read)?;
-                data.read_tests(&self.test, asked, &read)?;
+                let (mut data, hung) = HungReference::read(train, table, &read)?;
+                data.read_tests(test, asked, &read)?;
                 (data, Some(hung))
             }
         };
@@ -107,38 +124,23 @@ impl<'a> FitPlan<'a> {
             let bar = folds.get_or_init(|| printer.count("folds of the physics model", of as u64));
             bar.set_position(done as u64);
         };
-        let workers = Workers { folds: Some(&told), ..self.options.workers };
+        let workers = Workers { folds: Some(&told), ..options.workers };
         let stated_loads = hung.as_ref().map(|hung| &hung.judged_by);
-        let options = FitOptions { workers, stated_loads, ..self.options };
-        let fitted = data.fit(&options);
-        folds.get().into_iter().for_each(ProgressBar::finish_and_clear);
-        let fitted = fitted.map_err(|error| {
+        let options = FitOptions { workers, stated_loads, ..options };
+        let fitted = data.fit(&options).map_err(|error| {
             let (is_about_rows, error) = (error.is_about_rows(), anyhow::Error::new(error));
             match is_about_rows {
                 // Those of the training logs.
-                true => error.context(quoted(self.args.train.iter().map(|it| it.display()), ", ")),
+                true => error.context(quoted(self.train.iter().map(|it| it.display()), ", ")),
                 false => error,
             }
         })?;
         Ok((data, hung, fitted))
     }
 
-    /// Names the outliers, and lists the rows that were left out.
-    pub(super) fn name_rows(&mut self, data: &FitData, fitted: &Fit) -> anyhow::Result<NamedRows> {
-        let output = self.dropped.take();
-        let name = |found: &Outliers| NamedOutliers::new(found.clone(), &self.train, &data.train);
-        let dropped = output.is_some().then(|| name(&fitted.dropped));
-        if let (Some(rows), Some(mut output)) = (&dropped, output) {
-            rows.write(&mut output)?;
-            output.commit()?;
-        }
-        let used = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
-        Ok(NamedRows { used: used.map(name), dropped })
-    }
-
     /// Says what is to be known of a fit beside its figures.
-    pub(super) fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &Printer) {
-        if let (Some(dropped), Some(path)) = (&named.dropped, &self.args.dropped) {
+    fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &Printer) {
+        if let (Some(dropped), Some(path)) = (&named.dropped, &self.dropped) {
             printer.remarks(dropped.remarks());
             let (rows, path) = (dropped.count(), path.display());
             printer.note(format!("left out {rows} rows, listed in `{path}`"));
@@ -155,17 +157,11 @@ impl<'a> FitPlan<'a> {
         }
     }
 
-    /// The calibration file.
-    pub(super) fn file(&self, data: &FitData, fitted: &Fit) -> anyhow::Result<CalibrationFile> {
-        let sources = sources((&self.train, &self.test), data, fitted)?;
-        Ok(calibration_file(fitted, self.args.origin(sources, &self.train)?))
-    }
-
     /// What a report says of outliers: those that were left out, or were named.
     fn outlier_rows(&self, named: &NamedRows) -> Option<OutlierTable> {
         let NamedRows { used, dropped } = named;
         let dropped = dropped.as_ref().map(|dropped| dropped.rows(true));
-        match self.args.outliers.unwrap_or(OutlierRule::Report) {
+        match self.outliers.unwrap_or(OutlierRule::Report) {
             OutlierRule::Keep => None,
             OutlierRule::Drop => dropped,
             OutlierRule::Report => dropped
@@ -175,37 +171,6 @@ impl<'a> FitPlan<'a> {
         }
     }
 
-    /// Writes all files.
-    pub(super) fn write(
-        &mut self,
-        file: &CalibrationFile,
-        fitted: &Fit,
-        named: &NamedRows,
-    ) -> anyhow::Result<()> {
-        if let Some(report) = self.report.take() {
-            let output = self.args.output.as_ref();
-            let name = output.map_or("not written", |path| path.to_str().unwrap_or("?"));
-            let outliers = self.outlier_rows(named);
-            let command = &outputs::command_line();
-            let html = CalibrationReport { fit: fitted, file, name, command, outliers }.html()?;
-            report.commit_with(html.as_bytes())?;
-        }
-        let output = self.calibration.take();
-        output.map(|output| output.commit_with(file.to_json().as_bytes())).transpose()?;
-        let axes = file.calibration.axes;
-        if let Some((output, polynomial)) = self.matrix.take().zip(file.calibration.polynomial()) {
-            output.commit_with(matrix::to_csv(polynomial, axes).as_bytes())?;
-        }
-        if let Some(plot) = self.plot.take() {
-            let (train, test) = plots(fitted);
-            let title = format!("Calibration {}", file.calibration.name());
-            plot.draw(|size| fit_figure(size, &title, axes, &train, test.as_ref()))?;
-        }
-        Ok(())
-    }
-}
-
-impl FitArgs {
     /// Whether the arguments go together.
     fn check(&self) -> anyhow::Result<()> {
         let is_physics = self.model() == ModelRule::Physics;

@@ -22,8 +22,7 @@ fn change(of: &Change) -> impl Serialize {
     document! {
         zeros: of.channels.iter().map(|channel| channel.zero).collect::<Vec<_>>(),
         gains: of.channels.iter().map(|channel| channel.gain).collect::<Vec<_>>(),
-        lever_m: of.lever_m,
-        turn_rad: of.turn_rad,
+        of.{lever_m, turn_rad},
     }
 }
 
@@ -67,18 +66,17 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
     let text = lines(&name, of);
     if printer.json() {
         return printer.document(&document! {
-            text: text,
+            text,
             loads: of.loads,
             rows: of.rows.rows(),
             // What has changed: of `zeros`, `gains`, `lever` and `turn`.
             changed: found.quantities.iter().map(|of| of.name()).collect::<Vec<_>>(),
-            // How much more probable that makes the loads, as a logarithm.
-            ln_evidence: found.ln_evidence,
+            // How much more probable that makes the loads, as a logarithm; and the root mean square of the differences
+            // before and after the change, in stated errors.
+            found.{ln_evidence, disagreement},
             change: change(&found.change),
             standard_errors: change(&found.standard_errors),
             contradicted: found.is_contradicted(),
-            // Root mean square of the differences before and after the change, in stated errors.
-            disagreement: found.disagreement,
             axes: axes.columns(),
             // Root mean square errors on the new loads, N and N·m.
             rms_before: axes.of(&found.before),
@@ -87,12 +85,12 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
             rms_held_out?: found.held_out.map(|of| axes.of(&of.map(|axis| axis.rms))),
         });
     }
-    text.iter().try_for_each(|line| printer.line(line))?;
-    printer.line("")?;
+    text.iter().for_each(|line| printer.line(line));
+    printer.line("");
     if !found.quantities.is_empty() {
-        print_change(printer, found)?;
+        print_change(printer, found);
     }
-    print_errors(printer, found, axes)?;
+    print_errors(printer, found, axes);
     if found.is_contradicted() {
         printer.warning(format!(
             "the loads contradict `{name}`: they differ from it by {} times the stated errors, whatever has changed of \
@@ -131,7 +129,7 @@ fn lines(name: &str, of: &Recalibrated) -> Vec<String> {
     said
 }
 
-fn print_change(printer: &Printer, found: &Recalibration) -> anyhow::Result<()> {
+fn print_change(printer: &Printer, found: &Recalibration) {
     let (change, errors) = (&found.change, &found.standard_errors);
     let is_in = |of: ChangedQuantity| found.quantities.contains(&of);
     let with_error = |scale: f64, value: f64, error: f64| {
@@ -151,7 +149,7 @@ fn print_change(printer: &Printer, found: &Recalibration) -> anyhow::Result<()> 
             let cells = of_channels.iter().map(cell);
             [format!("s{}", channel + 1)].into_iter().chain(cells).collect()
         });
-        printer.table(&header, rows)?;
+        printer.table(&header, rows);
     }
     let vector = |scale: f64, value: [f64; 3], error: [f64; 3]| {
         let axes = ["x", "y", "z"].into_iter().zip(value.into_iter().zip(error));
@@ -160,17 +158,16 @@ fn print_change(printer: &Printer, found: &Recalibration) -> anyhow::Result<()> 
     };
     if is_in(ChangedQuantity::Lever) {
         let lever = vector(1e3, change.lever_m, errors.lever_m);
-        printer.line(format!("lever: the calibrated origin lies at {lever} mm"))?;
+        printer.line(format!("lever: the calibrated origin lies at {lever} mm"));
     }
     if is_in(ChangedQuantity::Turn) {
         let degrees = 1_f64.to_degrees();
         let turn = vector(degrees, change.turn_rad, errors.turn_rad);
-        printer.line(format!("turn of the calibrated axes: {turn} °"))?;
+        printer.line(format!("turn of the calibrated axes: {turn} °"));
     }
-    Ok(())
 }
 
-fn print_errors(printer: &Printer, found: &Recalibration, axes: Axes) -> anyhow::Result<()> {
+fn print_errors(printer: &Printer, found: &Recalibration, axes: Axes) {
     let mut header = vec!["axis", "RMS before", "RMS after"];
     header.extend(found.held_out.map(|_| "RMS held out"));
     header.push("unit");

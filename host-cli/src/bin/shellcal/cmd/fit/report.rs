@@ -19,8 +19,15 @@ use super::super::quality::{
     in_line, print_advice, print_cross_validation, print_errors, print_excitation, print_selection,
 };
 use super::hung_loads;
-use super::plan::NamedRows;
 use crate::printer::Printer;
+
+/// Rows of a fit with their files and lines.
+pub(super) struct NamedRows {
+    /// Outliers that were used, where some were looked for.
+    pub(super) used: Option<NamedOutliers>,
+    /// Rows that were left out.
+    pub(super) dropped: Option<NamedOutliers>,
+}
 
 /// What `--json` prints of a verdict.
 fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
@@ -73,7 +80,7 @@ fn dynamics(of: &Result<Dynamics, NotSearched>, axes: Axes) -> impl Serialize {
 /// What held-out errors say to do, for `--json`.
 fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
     document! {
-        folds: advice.folds,
+        advice.{folds, ridge_is_at_limit},
         best: Among(axes, &advice.best),
         cautious: Among(axes, &advice.cautious),
         // Natural logarithm of the error of the cautious choice relative to that of the best, and its standard error;
@@ -81,7 +88,6 @@ fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
         log_ratio: advice.caution.map(|of| log_ratio(of.all)).unwrap_or_default(),
         // Whether another model predicts new groups better than the one that was fitted.
         another_is_better: advice.another_is_better(),
-        ridge_is_at_limit: advice.ridge_is_at_limit,
     }
 }
 
@@ -164,12 +170,11 @@ pub(super) fn report(
     if printer.json() {
         let of_polynomial = polynomial.map(|(solver, model)| {
             document! {
-                solver: solver,
+                solver,
                 // The share of test rows that were recorded at plateaus of the training data.
                 test_share_on_training_plateaus?: fitted.leaks.test,
                 features: model.term_count(),
-                rank: diagnostics.rank,
-                condition: diagnostics.condition,
+                diagnostics.{rank, condition},
                 advice?: fitted.advice.as_ref().map(|found| advice(found, axes)),
                 outliers?: named.used.as_ref().map(NamedOutliers::report),
                 dropped?: named.dropped.as_ref().map(NamedOutliers::report),
@@ -178,21 +183,17 @@ pub(super) fn report(
         });
         let tried = |of: &FactorTrial| {
             document! {
-                factors: of.factors,
                 // Mean gain of the log density of a held-out fold over the best of fewer.
-                gain: of.gain,
-                standard_error: of.standard_error,
+                of.{factors, gain, standard_error},
             }
         };
         let of_physics = physics.map(|(of_rows, physics)| {
             let (model, choice) = (physics.model(), &of_rows.choice);
             let coverage = validation.and_then(PhysicsValidation::coverage);
             document! {
-                observations: of_rows.observations,
-                groups: of_rows.groups,
+                of_rows.{observations, groups},
                 parameters: model.parameter_count(),
-                lambda: model.lambda,
-                prior_width: model.prior_width,
+                model.{lambda, prior_width},
                 // Factors that the sensors share.
                 factors: model.factor_count(),
                 factors_tried: choice.factor_trials.iter().map(tried).collect::<Vec<_>>(),
@@ -213,9 +214,7 @@ pub(super) fn report(
         return printer.document(&document! {
             model: polynomial.map_or_else(|| file.calibration.name(), |(_, model)| model.name()),
             verdict: verdict(&fitted.verdict()),
-            rows: of.rows,
-            skipped_rows: of.skipped_rows,
-            repeated_rows: of.repeated_rows,
+            of.{rows, skipped_rows, repeated_rows},
             test_rows: test.rows,
             test_rows_out_of_range: test.out_of_range_rows,
             axes: axes.columns(),
@@ -227,10 +226,7 @@ pub(super) fn report(
             weighing?: compared(fitted).map(comparison),
             groups_found?: fitted.found_groups.map(|of| document! {
                 found: of.kind.name(),
-                groups: of.groups,
-                rows_min: of.rows_min,
-                rows_median: of.rows_median,
-                rows_max: of.rows_max,
+                of.{groups, rows_min, rows_median, rows_max},
             }),
             excitation: Among(axes, &of.excitation),
             ..polynomial: of_polynomial,
@@ -238,7 +234,7 @@ pub(super) fn report(
             time_s: seconds,
         });
     }
-    print_errors(printer, diagnostics, axes)?;
+    print_errors(printer, diagnostics, axes);
     if let Some((solver, model)) = polynomial {
         let condition = diagnostics.condition.map_or("infinite".into(), |c| significant(c, 3));
         printer.line(format!(
@@ -248,7 +244,7 @@ pub(super) fn report(
             solver.name.name(),
             diagnostics.rank,
             model.term_count(),
-        ))?;
+        ));
     }
     if let Some((of_rows, physics)) = physics {
         let model = physics.model();
@@ -262,34 +258,34 @@ pub(super) fn report(
             model.lambda,
             model.prior_width,
             model.factor_count(),
-        ))?;
+        ));
     }
     let Diagnostics { rows, skipped_rows, repeated_rows, .. } = diagnostics;
     printer.line(format!(
         "{rows} rows used, {skipped_rows} skipped, {repeated_rows} repeated; {:.0} ms",
         seconds * 1e3,
-    ))?;
+    ));
     if let Some(excitation) = &diagnostics.excitation {
-        print_excitation(printer, excitation, axes)?;
+        print_excitation(printer, excitation, axes);
     }
     if let Some(cross_validation) = &diagnostics.cross_validation {
-        print_cross_validation(printer, cross_validation, axes)?;
+        print_cross_validation(printer, cross_validation, axes);
     }
     if let Some(validation) = validation {
         let medians = in_line(axes, &validation.median(), true);
-        printer.line(format!("median error of a group: {medians}"))?;
+        printer.line(format!("median error of a group: {medians}"));
         let scores = in_line(axes, &validation.scores(), false);
         printer.line(format!(
             "RMS of held-out errors in standard errors (1 where those are right): {scores}"
-        ))?;
+        ));
     }
     if let Some(selection) = &diagnostics.selection {
-        print_selection(printer, selection, compared(fitted), axes)?;
+        print_selection(printer, selection, compared(fitted), axes);
     } else if let (Some(advice), Some((_, model))) = (&fitted.advice, polynomial) {
-        print_advice(printer, advice, model.basis, diagnostics.cross_validation.as_ref(), axes)?;
+        print_advice(printer, advice, model.basis, diagnostics.cross_validation.as_ref(), axes);
     }
     if let Some(hung) = hung {
-        hung_loads::print(printer, hung)?;
+        hung_loads::print(printer, hung);
     }
     // How wide the intervals of `convert` are.
     let intervals = physics.and_then(|(_, physics)| physics.intervals.as_ref());

@@ -167,7 +167,7 @@ impl LiveArgs {
         shown?;
         stream::finish(printer, streamed.as_ref())?;
         for line in session.report() {
-            if printer.json() { printer.note(line) } else { printer.line(line)? }
+            if printer.json() { printer.note(line) } else { printer.line(line) }
         }
         ended
     }
@@ -220,13 +220,10 @@ fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<
              and end a recording",
         );
     }
-    match printer.json() {
-        true => printer.document(&json!({ "address": address })),
-        false => {
-            printer.line(format!("live at {address}"))?;
-            printer.line("Ctrl-C ends it")
-        }
-    }
+    printer.finish(&json!({ "address": address }), |printer| {
+        printer.line(format!("live at {address}"));
+        printer.line("Ctrl-C ends it");
+    })
 }
 
 /// What gives frames until the flag is set.

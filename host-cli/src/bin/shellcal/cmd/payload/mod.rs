@@ -19,7 +19,7 @@ use shellcal::workflow::selection::RowFilter;
 use self::load::{MotionArgs, MotionColumnArgs};
 use crate::cmd::frames::ForceArgs;
 use crate::cmd::mapping::{MappingArgs, open_logs};
-use crate::cmd::outputs::{self, OpenOutput};
+use crate::cmd::outputs;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 
@@ -95,9 +95,9 @@ impl PayloadFitArgs {
         };
         output.map(|output| output.commit_with(file.to_json().as_bytes())).transpose()?;
         if printer.json() {
-            printer.file(file.to_json().as_bytes())?;
+            printer.print(&file.to_json());
         } else {
-            print(printer, &found.fit)?;
+            print(printer, &found.fit);
         }
         say(printer, &found);
         Ok(())
@@ -105,7 +105,7 @@ impl PayloadFitArgs {
 }
 
 /// The ten numbers with their standard errors.
-fn print(printer: &Printer, fit: &PayloadFit) -> anyhow::Result<()> {
+fn print(printer: &Printer, fit: &PayloadFit) {
     let (payload, errors) = (&fit.payload, &fit.standard_errors);
     let row = |name: String, value: f64, error: f64, decimals: usize| {
         vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
@@ -122,7 +122,7 @@ fn print(printer: &Printer, fit: &PayloadFit) -> anyhow::Result<()> {
             rows.push(row(label, scale * value[axis], scale * error[axis], decimals));
         }
     }
-    printer.table(&["quantity", "value", "standard error"], rows)?;
+    printer.table(&["quantity", "value", "standard error"], rows);
     printer.line(format!(
         "{} poses; left over: {:.5} N, {:.6} N·m (RMS)",
         fit.poses, fit.residual_rms_n, fit.residual_rms_nm
@@ -223,13 +223,13 @@ impl SubtractArgs {
             full_scale: None,
         };
         let plan = OutputPlan { format, ..OutputPlan::default() };
-        let mut out = OpenOutput::create(self.output.as_ref(), printer)?;
+        let mut out = printer.create_or_stdout(self.output.as_ref())?;
         let (calibration, options) = (&calibration, &options);
         let summary = printer.scan(&log, read, |read| {
             let conversion = Conversion { log: &log, calibration, options, read };
             convert(&conversion, &plan, &mut out, None)
         })?;
-        out.finish()?;
+        out.commit()?;
         self.motion.report(printer, &log, &summary);
         if printer.json() {
             printer.document(&summary)?;

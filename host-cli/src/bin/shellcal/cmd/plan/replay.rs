@@ -65,17 +65,17 @@ impl PlanArgs {
     }
 }
 
-fn print(printer: &Printer, splits: NonZeroU64, replayed: &Replay) -> anyhow::Result<()> {
+fn print(printer: &Printer, splits: NonZeroU64, replayed: &Replay) {
     printer.line(format!(
         "error on poses that were held out, relative to the load, mean of {splits} splits"
-    ))?;
+    ));
     let header: Vec<&str> = std::iter::once("poses").chain(Order::ALL.map(Order::name)).collect();
     let row = |(at, poses): (usize, &usize)| {
         let errors = replayed.errors.iter().map(|errors| significant(errors[at], 3));
         std::iter::once(poses.to_string()).chain(errors).collect()
     };
     let rows = replayed.poses.iter().enumerate().map(row);
-    printer.table(&header, rows)?;
+    printer.table(&header, rows);
     let needed = |order| replayed.poses_within(order, NEAR);
     for order in Order::ALL {
         let share = 100.0 * needed(order) as f64 / needed(Order::Random) as f64;
@@ -83,7 +83,6 @@ fn print(printer: &Printer, splits: NonZeroU64, replayed: &Replay) -> anyhow::Re
             "{}: within 15 % of the error with all from {} poses on ({share:.0} % of those of a random order)",
             order.name(),
             needed(order)
-        ))?;
+        ));
     }
-    Ok(())
 }

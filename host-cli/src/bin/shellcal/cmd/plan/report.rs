@@ -8,6 +8,7 @@ use shell_data::wrench::Axis;
 
 use super::LoadPlan;
 use crate::printer::Printer;
+use crate::tables::counted;
 
 /// What `--json` prints of an error: in N and N·m, or relative to one pose.
 fn error(of: PredictedError) -> impl Serialize {
@@ -24,7 +25,7 @@ impl LoadPlan {
         let loads = self.table.loads();
         let load = |(step, planned): (usize, &PlannedLoad)| {
             document! {
-                step: step,
+                step,
                 group: &loads[planned.candidate].group,
                 load: loads[planned.candidate].to_string(),
                 wrench: loads[planned.candidate].wrench(),
@@ -85,7 +86,7 @@ impl LoadPlan {
         self.table.to_csv(&lines, &more)
     }
 
-    pub(super) fn print(&self, printer: &Printer) -> anyhow::Result<()> {
+    pub(super) fn print(&self, printer: &Printer) {
         let recorded = match self.recorded {
             0 => String::new(),
             poses => format!(" after {poses} poses"),
@@ -95,7 +96,7 @@ impl LoadPlan {
             self.order.len(),
             self.table.loads().len(),
             self.criterion
-        ))?;
+        ));
         let header: &[&str] = match self.before {
             PredictedError::Wrench(_) => &["step", "group", "load", "gain", "± N", "± N·m"],
             PredictedError::Relative(_) => &["step", "group", "load", "gain", "± poses"],
@@ -107,11 +108,10 @@ impl LoadPlan {
             row.extend(errors_of(planned.error));
             row
         });
-        printer.table(header, rows)?;
+        printer.table(header, rows);
         for line in self.conclusions() {
-            printer.line(line)?;
+            printer.line(line);
         }
-        Ok(())
     }
 
     /// How far the plan goes, and which axes it tells apart.
@@ -133,8 +133,8 @@ impl LoadPlan {
                 said.push(format!("no more loads are needed: predicted error {before}"));
             }
             Some(_) if self.is_reached() => {
-                let loads = if count == 1 { "load" } else { "loads" };
-                said.push(format!("{count} more {loads} for {after}; now {before}"));
+                let loads = counted(count, "more load");
+                said.push(format!("{loads} for {after}; now {before}"));
             }
             Some(_) => said.push(format!(
                 "not reached: after {count} more loads the predicted error is {after}, now it is {before}"

@@ -49,7 +49,7 @@ impl SimulateArgs {
             None => printer.finish(&reports, |printer| {
                 let figures = ["mean drag (N)", "minimum (N)", "peak (N)", "energy (mJ)"];
                 let header: Vec<&str> = names.iter().map(String::as_str).chain(figures).collect();
-                printer.table(&header, rows)
+                printer.table(&header, rows);
             })?,
         }
         if refused > 0 {

@@ -1,17 +1,23 @@
-//! `shellcal batch`: all trials of a manifest.
+//! `shellcal batch`: all trials of a manifest, and where their tables and figures go.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use anyhow::ensure;
+use figures::Format;
+use output_file::OutputError;
 use shellcal::workflow::batch::{Batch, BatchOptions, FileStamp, stamp};
-use trial::manifest::Shard;
-use trial::{ConditionRow, Profile, TrialOptions, TrialResult};
+use shellcal::workflow::figures::{FigureFolder, reduce_trace};
+use table_file::write::NamedTable;
+use trial::manifest::{CellPosition, Shard};
+use trial::tables::{conditions_table, strides_table, trace_table, trials_table};
+use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 
-use super::evaluation::EvaluationArgs;
-use super::outputs::ResultArgs;
-use super::{manifest, show};
-use crate::files::InputPath;
+use super::evaluation::{self, Equipment, EvaluationArgs, stem};
+use super::show;
+use crate::cmd::choices::one_of;
+use crate::cmd::outputs::FigureSize;
+use crate::files::{InputPath, OutputLocation, create_folder};
 use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
@@ -101,8 +107,8 @@ impl BatchArgs {
 
     /// The files that the results depend on.
     fn watched(&self) -> Vec<PathBuf> {
-        let folder = manifest::folder(&self.manifest);
-        let logs = manifest::parse(&self.manifest).map(|manifest| {
+        let folder = evaluation::folder(&self.manifest);
+        let logs = evaluation::parse(&self.manifest).map(|manifest| {
             let entries = manifest.rows.into_iter().flatten();
             entries.map(|entry| folder.join(entry.file.value)).collect::<Vec<_>>()
         });
@@ -112,22 +118,21 @@ impl BatchArgs {
     }
 
     fn once(&self, printer: &Printer, before: Option<&Batch>) -> anyhow::Result<(Batch, Outcome)> {
-        let equipment = self.evaluation.equipment()?;
-        let manifest = manifest::read(&self.manifest, printer)?;
-        manifest::check_reference(&manifest, self.reference.as_deref())?;
+        let equipment = self.evaluation.equipment(self.output.trace_extent())?;
+        let manifest = evaluation::read(&self.manifest, printer)?;
+        evaluation::check_reference(&manifest, self.reference.as_deref())?;
         let figures = self.output.figure_folder(printer)?;
         let options = BatchOptions {
             conditions: self.conditions.as_deref(),
             before,
             shard: self.shard,
-            ..self.evaluation.batch_options(&equipment, self.output.trace_extent())
+            ..equipment.batch_options()
         };
-        let trial = options.trial;
         let (path, profile) = (&self.manifest, &equipment.profile);
         let keep = |position, result: &mut _| {
             self.output.write_trial(printer, position, result, figures.as_ref(), profile)
         };
-        let batch = manifest::evaluate(printer, path, &manifest, &equipment, options, keep);
+        let batch = equipment.evaluate(printer, (path, &manifest), options, keep);
         let conditions = match self.shard {
             // Statistics are of all trials.
             Some(_) => Vec::new(),
@@ -138,7 +143,7 @@ impl BatchArgs {
             if self.shard.is_none() {
                 figures.write_batch(&conditions, &batch.phases())?;
             }
-            if let Some(note) = manifest::slow_filter(&batch, &trial) {
+            if let Some(note) = equipment.slow_filter(&batch) {
                 printer.warning(note);
             }
         }
@@ -146,7 +151,7 @@ impl BatchArgs {
         let path = path.display();
         let suspicious = manifest.suspicious().into_iter().filter(|_| self.conditions.is_none());
         let warnings: Vec<_> = suspicious.map(|problem| format!("{path}:{problem}")).collect();
-        self.show(printer, (&equipment.profile, &trial), &batch, &conditions, &warnings)?;
+        self.show(printer, &equipment, &batch, &conditions, &warnings)?;
         let is_whole = batch.failures.is_empty();
         Ok((batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
     }
@@ -154,7 +159,7 @@ impl BatchArgs {
     fn show(
         &self,
         printer: &Printer,
-        (profile, options): (&Profile, &TrialOptions),
+        equipment: &Equipment,
         batch: &Batch,
         conditions: &[ConditionRow],
         warnings: &[String],
@@ -165,10 +170,10 @@ impl BatchArgs {
             .iter()
             .map(|trial| (format!("{manifest}:{}", trial.position.line), &trial.evaluated.result))
             .collect();
-        self.evaluation.note_forces(printer, options);
+        equipment.note_forces(printer);
         show::diagnostics(printer, &results);
         warnings.iter().for_each(|warning| printer.warning(warning));
-        manifest::tell_failures(printer, &self.manifest, batch);
+        evaluation::tell_failures(printer, &self.manifest, batch);
         let bad = batch.failures.len();
         if bad > 0 {
             let of = batch.trials.len() + bad;
@@ -188,23 +193,22 @@ impl BatchArgs {
             return printer.document(&document! {
                 manifest: &self.manifest,
                 calibration: &self.evaluation.calibration,
-                profile: profile,
-                options: options,
+                profile: &equipment.profile,
+                options: equipment.options,
                 trials: trials.collect::<Vec<_>>(),
                 failures: &batch.failures,
                 excluded: batch.excluded,
                 // The name of the share, if not all trials were to be evaluated.
                 shard?: self.shard.map(Shard::stem),
-                warnings: warnings,
-                conditions: conditions,
+                warnings, conditions,
             });
         }
         let results: Vec<&TrialResult> = results.into_iter().map(|(_, result)| result).collect();
-        show::trials(printer, &results)?;
-        match self.shard {
-            Some(_) => Ok(()),
-            None => show::conditions(printer, conditions),
+        show::trials(printer, &results);
+        if self.shard.is_none() {
+            show::conditions(printer, conditions);
         }
+        Ok(())
     }
 }
 
@@ -214,4 +218,138 @@ fn parse_shard(text: &str) -> Result<Shard, String> {
         .and_then(|(number, of)| Shard::new(number.trim().parse().ok()?, of.trim().parse().ok()?));
     let most = Shard::MOST;
     parts.ok_or_else(|| format!("a share of at most {most}, from 1, such as `3/100`"))
+}
+
+/// The tables of a batch, which are also the names of their files. A share of the trials has no conditions.
+const TABLES: [&str; 3] = ["trials", "strides", "conditions"];
+
+/// The files of the tables in a directory: `trials.csv`, or `trials/part-00003-of-00100.csv` of a share.
+fn table_files(directory: &Path, shard: Option<Shard>, extension: &str) -> Vec<PathBuf> {
+    let Some(shard) = shard else {
+        return TABLES.map(|table| directory.join(format!("{table}.{extension}"))).to_vec();
+    };
+    let name = format!("{}.{extension}", shard.stem());
+    TABLES[..2].iter().map(|table| directory.join(table).join(&name)).collect()
+}
+
+/// What is written, and where.
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Results as files")]
+struct ResultArgs {
+    /// Write trials.csv, strides.csv and conditions.csv into a directory
+    #[arg(long, value_name = "DIR")]
+    csv: Option<OutputLocation>,
+
+    /// Write trials.parquet, strides.parquet and conditions.parquet into a directory
+    #[arg(long, value_name = "DIR")]
+    parquet: Option<OutputLocation>,
+
+    /// Write what happened in each window, row by row, into a directory: `LOG.LINE.csv`
+    #[arg(long, value_name = "DIR")]
+    traces: Option<OutputLocation>,
+
+    /// Let traces run over the whole log
+    #[arg(long, requires = "traces")]
+    whole_logs: bool,
+
+    /// Draw every figure into a directory: `boxes`, `phase`, and of each trial `LOG.LINE.drag` and
+    /// `LOG.LINE.telemetry`
+    #[arg(long, value_name = "DIR")]
+    figures: Option<OutputLocation>,
+
+    #[command(flatten)]
+    figure_size: FigureSize,
+
+    /// The formats of figures
+    #[arg(long, value_name = "FORMATS", value_parser = one_of(&FORMATS), value_delimiter = ',', default_values = ["svg", "png"], requires = "figures")]
+    figure_format: Vec<Format>,
+}
+
+/// Formats of figures.
+const FORMATS: [(&str, &str, Format); 3] = [
+    ("svg", "Scalable, for print", Format::Svg),
+    ("pdf", "Scalable, with its letters, for LaTeX and Word", Format::Pdf),
+    ("png", "Pixels, for slides and messages", Format::Png),
+];
+
+impl ResultArgs {
+    /// Makes the directories and finds out whether tables can be written, before any work.
+    fn prepare(&self, printer: &Printer, shard: Option<Shard>) -> anyhow::Result<()> {
+        self.traces.iter().try_for_each(OutputLocation::create)?;
+        for (directory, extension) in [(&self.csv, "csv"), (&self.parquet, "parquet")] {
+            let Some(directory) = directory else { continue };
+            for file in table_files(directory, shard, extension) {
+                create_folder(file.parent().unwrap_or(directory))?;
+                printer.files.probe(&file)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The directory of figures, made if it is not there.
+    fn figure_folder<'a>(&self, printer: &'a Printer) -> anyhow::Result<Option<FigureFolder<'a>>> {
+        let Some(directory) = &self.figures else { return Ok(None) };
+        let (formats, size) = (&self.figure_format, self.figure_size.size);
+        Ok(Some(FigureFolder::create(&printer.files, directory, formats, size)?))
+    }
+
+    /// What has to be kept of a log for the outputs.
+    fn trace_extent(&self) -> TraceExtent {
+        match &self.traces {
+            _ if self.whole_logs || self.figures.is_some() => TraceExtent::Log,
+            Some(_) => TraceExtent::Window,
+            None => TraceExtent::Nothing,
+        }
+    }
+
+    /// Writes figures and trace of a trial, and lets the trace go.
+    fn write_trial(
+        &self,
+        printer: &Printer,
+        position: CellPosition,
+        result: &mut TrialResult,
+        figures: Option<&FigureFolder<'_>>,
+        profile: &Profile,
+    ) -> Result<(), OutputError> {
+        if let (Some(figures), Some(trace)) = (figures, &result.trace) {
+            figures.write_trial(&stem(position, result), &result.row, trace, profile)?;
+        }
+        if let (Some(directory), Some(trace)) = (&self.traces, &result.trace) {
+            let path = directory.join(format!("{}.csv", stem(position, result)));
+            let table = match self.whole_logs {
+                true => trace_table(trace),
+                false => trace_table(&trace.within(result.row.t_enter_s, result.row.t_exit_s)),
+            };
+            printer.files.write(path, &table.to_csv())?;
+        }
+        match figures {
+            Some(_) => reduce_trace(result, profile, false),
+            None => result.trace = None,
+        }
+        Ok(())
+    }
+
+    /// Writes the tables.
+    fn write_tables(
+        &self,
+        printer: &Printer,
+        batch: &Batch,
+        conditions: &[ConditionRow],
+        shard: Option<Shard>,
+    ) -> anyhow::Result<()> {
+        if self.csv.is_none() && self.parquet.is_none() {
+            return Ok(());
+        }
+        let results = batch.trials.iter().map(|trial| &trial.evaluated.result);
+        let tables: [NamedTable; 3] =
+            [trials_table(results.clone()), strides_table(results), conditions_table(conditions)];
+        for (directory, extension) in [(&self.csv, "csv"), (&self.parquet, "parquet")] {
+            let Some(directory) = directory else { continue };
+            for (file, table) in table_files(directory, shard, extension).iter().zip(&tables) {
+                let bytes = if extension == "csv" { table.to_csv() } else { table.to_parquet()? };
+                printer.files.write(file, &bytes)?;
+            }
+        }
+        Ok(())
+    }
 }

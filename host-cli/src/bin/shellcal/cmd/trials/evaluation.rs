@@ -1,12 +1,18 @@
-//! The flags of every command that evaluates trials; `shellcal profile`.
+//! The flags of every command that evaluates trials, a manifest from its file, and the evaluation of all of its trials;
+//! `shellcal profile`.
 
 use std::path::Path;
 
+use anyhow::bail;
 use calibration_file::CalibrationFile;
 use forces::RowRule;
-use log_file::{Mapping, ReadOptions};
-use shellcal::workflow::batch::BatchOptions;
-use trial::{Instrument, Profile, TraceExtent, TrialOptions, VELOCIROACH};
+use log_file::{Log, Mapping, ReadOptions};
+use output_file::OutputError;
+use shell_data::hint::did_you_mean;
+use shellcal::workflow::batch::{self, Batch, BatchOptions, FailedRow};
+use shellcal::workflow::trial::TrialJob;
+use trial::manifest::{CellPosition, Manifest};
+use trial::{Instrument, Profile, TraceExtent, TrialOptions, TrialResult, VELOCIROACH};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
 use crate::cmd::mapping::{EditedArg, MappingArgs};
@@ -43,23 +49,18 @@ pub(crate) struct EvaluationArgs {
     pub(super) mapping: MappingArgs,
 }
 
-/// What trials are evaluated with, read from its files.
-#[derive(Debug)]
-pub(crate) struct Equipment {
-    pub(crate) profile: Profile,
-    pub(crate) calibration: Option<CalibrationFile>,
-    pub(crate) mapping: Mapping,
-}
-
-impl Equipment {
-    pub(crate) fn instrument(&self) -> Instrument<'_> {
-        let calibration = self.calibration.as_ref().map(|file| &file.calibration);
-        Instrument { profile: &self.profile, calibration }
-    }
+/// What trials are evaluated with, and how.
+pub(super) struct Equipment {
+    pub(super) profile: Profile,
+    pub(super) calibration: Option<CalibrationFile>,
+    pub(super) mapping: Mapping,
+    pub(super) options: TrialOptions,
+    read: ReadOptions<'static>,
 }
 
 impl EvaluationArgs {
-    pub(crate) fn equipment(&self) -> anyhow::Result<Equipment> {
+    /// Reads profile and calibration.
+    pub(super) fn equipment(&self, trace: TraceExtent) -> anyhow::Result<Equipment> {
         let calibration =
             self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let profile = match &self.profile {
@@ -67,30 +68,49 @@ impl EvaluationArgs {
             Some(path) => Profile::parse(&read_text(path)?)
                 .map_err(|problem| anyhow::anyhow!("{}:{problem}", path.display()))?,
         };
-        let mapping = self.mapping.mapping_for(calibration.as_ref());
-        Ok(Equipment { profile, calibration, mapping })
-    }
-
-    pub(crate) fn options(&self, equipment: &Equipment, trace: TraceExtent) -> TrialOptions {
         let rule = if self.by_row { RowRule::Rows } else { RowRule::Time };
-        TrialOptions {
+        let options = TrialOptions {
             forces: self.forces.options(rule),
             trace,
             full_scale: self.full_scale,
-            unexplained: equipment.calibration.as_ref().and_then(CalibrationFile::unexplained),
+            unexplained: calibration.as_ref().and_then(CalibrationFile::unexplained),
+        };
+        let mapping = self.mapping.mapping_for(calibration.as_ref());
+        let read = ReadOptions { checksum: true, ..self.mapping.read_options() };
+        Ok(Equipment { profile, calibration, mapping, options, read })
+    }
+
+    /// The files that results depend on beside manifest and logs, and what they are.
+    pub(super) fn files_by_role(&self) -> impl Iterator<Item = (&'static str, &Path)> {
+        let calibration = self.calibration.iter().map(|path| ("calibration", path.as_path()));
+        calibration.chain(self.profile.iter().map(|path| ("profile", path.as_path())))
+    }
+}
+
+impl Equipment {
+    pub(super) fn instrument(&self) -> Instrument<'_> {
+        let calibration = self.calibration.as_ref().map(|file| &file.calibration);
+        Instrument { profile: &self.profile, calibration }
+    }
+
+    /// The evaluation of a log.
+    pub(super) fn job<'a>(&'a self, log: &'a Log) -> TrialJob<'a> {
+        TrialJob { log, instrument: self.instrument(), options: self.options, read: self.read }
+    }
+
+    /// Says how forces are made, where there are any.
+    pub(super) fn note_forces(&self, printer: &Printer) {
+        if self.calibration.is_some() {
+            printer.note(describe_forces(&self.options.forces));
         }
     }
 
-    /// Those of all trials of a manifest.
-    pub(crate) fn batch_options<'a>(
-        &self,
-        equipment: &'a Equipment,
-        trace: TraceExtent,
-    ) -> BatchOptions<'a> {
+    /// How all trials of a manifest are evaluated.
+    pub(super) fn batch_options(&self) -> BatchOptions<'_> {
         BatchOptions {
-            trial: self.options(equipment, trace),
-            mapping: &equipment.mapping,
-            read: self.read_options(),
+            trial: self.options,
+            mapping: &self.mapping,
+            read: self.read,
             conditions: None,
             before: None,
             shard: None,
@@ -98,22 +118,99 @@ impl EvaluationArgs {
         }
     }
 
-    /// Says how forces are made, where there are any.
-    pub(crate) fn note_forces(&self, printer: &Printer, options: &TrialOptions) {
-        if self.calibration.is_some() {
-            printer.note(describe_forces(&options.forces));
-        }
+    /// Evaluates the trials of a manifest, with a progress bar. `keep` may use traces and should reduce them.
+    pub(super) fn evaluate(
+        &self,
+        printer: &Printer,
+        (path, manifest): (&Path, &Manifest),
+        options: BatchOptions<'_>,
+        keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
+    ) -> Batch {
+        let rows = manifest.rows.len();
+        let share = options.shard.map_or(rows, |shard| shard.rows(rows).len());
+        let bar = printer.count("trials", share as u64);
+        let progress = |done: usize| bar.set_position(done as u64);
+        let options = BatchOptions { progress: Some(&progress), ..options };
+        batch::run(manifest, folder(path), self.instrument(), &options, keep)
     }
 
-    pub(crate) fn read_options(&self) -> ReadOptions<'static> {
-        ReadOptions { checksum: true, ..self.mapping.read_options() }
+    /// What to know about forces over a stride, where the low-pass leaves little of them.
+    pub(super) fn slow_filter(&self, batch: &Batch) -> Option<String> {
+        let rows = batch.trials.iter().map(|trial| &trial.evaluated.result.row);
+        let strides_hz = rows.filter_map(|row| row.stride_frequency_hz).fold(0.0, f64::max);
+        let cutoff_hz = self.options.forces.low_pass?.cutoff_hz;
+        (strides_hz > 0.5 * cutoff_hz).then(|| {
+            format!(
+                "{strides_hz:.1} strides per second are near or above the low-pass of {cutoff_hz} Hz: it \
+                 leaves little of what forces do within a stride; raise `--lowpass` to see more"
+            )
+        })
     }
+}
 
-    /// The files that results depend on beside manifest and logs, and what they are.
-    pub(crate) fn files_by_role(&self) -> impl Iterator<Item = (&'static str, &Path)> {
-        let calibration = self.calibration.iter().map(|path| ("calibration", path.as_path()));
-        calibration.chain(self.profile.iter().map(|path| ("profile", path.as_path())))
+/// Reads a manifest, and sees to it that no output replaces its logs.
+pub(super) fn read(path: &Path, printer: &Printer) -> anyhow::Result<Manifest> {
+    let manifest = parse(path)?;
+    for entry in manifest.rows.iter().flatten() {
+        printer.files.protect(&folder(path).join(&entry.file.value))?;
     }
+    Ok(manifest)
+}
+
+/// A manifest from its file: CSV or `.toml`.
+pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
+    let shown = path.display();
+    let text = read_text(path)?;
+    let is_toml = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("toml"));
+    Manifest::parse(&text, is_toml).map_err(|problem| anyhow::anyhow!("{shown}:{problem}"))
+}
+
+/// Whether the trials of a manifest have the condition that others are to be compared with.
+pub(super) fn check_reference(manifest: &Manifest, reference: Option<&str>) -> anyhow::Result<()> {
+    let entries = manifest.rows.iter().flatten().filter(|entry| !entry.exclude);
+    require_condition("trial", entries.map(|entry| &*entry.condition.value), reference)
+}
+
+/// Whether one of the `conditions` is the `reference`, if there is to be one.
+pub(super) fn require_condition<'a>(
+    what: &str,
+    conditions: impl Iterator<Item = &'a str>,
+    reference: Option<&str>,
+) -> anyhow::Result<()> {
+    let Some(reference) = reference else { return Ok(()) };
+    let names: Vec<&str> = conditions.collect();
+    if names.contains(&reference) {
+        return Ok(());
+    }
+    let hint = did_you_mean(reference, names);
+    bail!("no {what} has the condition `{reference}` of `--reference`{hint}")
+}
+
+/// The folder that the logs of a manifest are relative to.
+pub(super) fn folder(path: &Path) -> &Path {
+    path.parent().unwrap_or(Path::new(""))
+}
+
+/// The name that files about a trial start with: that of its log, and its line in the manifest.
+pub(super) fn stem(position: CellPosition, result: &TrialResult) -> String {
+    let stem = Path::new(&result.row.file).file_stem().unwrap_or_default().to_string_lossy();
+    format!("{stem}.{}", position.line)
+}
+
+/// Tells which trials could not be evaluated: the files of these, and why.
+pub(super) fn tell_failures(
+    printer: &Printer,
+    path: &Path,
+    batch: &Batch,
+) -> Vec<(String, String)> {
+    let of = |FailedRow { position, file, message }: &FailedRow| {
+        let path = path.display();
+        // Reading errors name the file themselves.
+        let named = if message.contains(file) { String::new() } else { format!("`{file}`: ") };
+        printer.failure(format!("{path}:{position}: {named}{message}"));
+        (file.clone(), format!("{path}:{position}: {message}"))
+    };
+    batch.failures.iter().map(of).collect()
 }
 
 #[derive(Debug, clap::Args)]

@@ -2,8 +2,6 @@
 
 pub(crate) mod batch;
 pub(crate) mod evaluation;
-mod manifest;
-mod outputs;
 pub(crate) mod plot;
 pub(crate) mod report;
 mod show;

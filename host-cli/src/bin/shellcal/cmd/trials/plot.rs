@@ -6,11 +6,10 @@ use figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
 use log_file::Log;
 use shellcal::workflow::figures::{passage, reduce_trace, some_strides, title};
 use shellcal::workflow::selection::TimeWindow;
-use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
+use shellcal::workflow::trial::{WindowTimes, evaluate_in_window};
 use trial::{TraceExtent, Trial, TrialRow};
 
-use super::evaluation::EvaluationArgs;
-use super::manifest;
+use super::evaluation::{self, EvaluationArgs};
 use crate::cmd::frames::parse_window;
 use crate::cmd::outputs::{FigureFile, FigureSize};
 use crate::files::{InputPath, OutputPath};
@@ -108,18 +107,15 @@ impl PlotArgs {
 
 impl OneArgs {
     fn run(&self, printer: &Printer, telemetry: bool) -> anyhow::Result<()> {
-        let DrawingArgs { output, figure_size, evaluation } = &self.drawing;
+        let DrawingArgs { output, figure_size, evaluation: args } = &self.drawing;
         let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
-        let equipment = evaluation.equipment()?;
+        let equipment = args.equipment(TraceExtent::Log)?;
         let log = Log::open(&self.log, &equipment.mapping)?;
-        let options = evaluation.options(&equipment, TraceExtent::Log);
-        let read = evaluation.read_options();
-        let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
         let name = self.log.display().to_string();
         let trial = Trial::from_window(name, (f64::NAN, f64::NAN));
         let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
-        let result = evaluate_in_window(&job, trial, window)?.result;
-        evaluation.note_forces(printer, &options);
+        let result = evaluate_in_window(&equipment.job(&log), trial, window)?.result;
+        equipment.note_forces(printer);
         let (row, trace) = (&result.row, result.trace.unwrap_or_default());
         let title = self.title.clone().unwrap_or_else(|| title(row));
         let passage = passage(row, &equipment.profile);
@@ -147,22 +143,21 @@ impl OneArgs {
 
 impl ManyArgs {
     fn run(&self, printer: &Printer, phase: bool) -> anyhow::Result<Outcome> {
-        let DrawingArgs { output, figure_size, evaluation } = &self.drawing;
+        let DrawingArgs { output, figure_size, evaluation: args } = &self.drawing;
         let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
-        let equipment = evaluation.equipment()?;
-        let manifest = manifest::read(&self.manifest, printer)?;
+        let equipment = args.equipment(TraceExtent::Log)?;
+        let path = &self.manifest;
+        let manifest = evaluation::read(path, printer)?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, false);
             Ok(())
         };
-        let path = &self.manifest;
-        let options = evaluation.batch_options(&equipment, TraceExtent::Log);
-        let batch = manifest::evaluate(printer, path, &manifest, &equipment, options, keep);
-        let failures = manifest::tell_failures(printer, path, &batch);
+        let options = equipment.batch_options();
+        let batch = equipment.evaluate(printer, (path, &manifest), options, keep);
+        let failures = evaluation::tell_failures(printer, path, &batch);
         let title = |usual: &str| self.title.clone().unwrap_or_else(|| usual.to_owned());
         let figure = if phase {
-            let options = evaluation.options(&equipment, TraceExtent::Log);
-            if let Some(note) = manifest::slow_filter(&batch, &options) {
+            if let Some(note) = equipment.slow_filter(&batch) {
                 printer.warning(note);
             }
             let phases = batch.phases();
@@ -192,7 +187,6 @@ impl DrawingArgs {
         let document = serde_json::json!({ "file": self.output, "window_s": window });
         printer.finish(&document, |printer| {
             printer.note(format!("figure in `{}`", self.output.display()));
-            Ok(())
         })
     }
 }

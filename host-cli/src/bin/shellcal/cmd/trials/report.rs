@@ -4,15 +4,15 @@ use std::path::Path;
 
 use ::report::{Certificate, Heading, Input, Report};
 use anyhow::Context;
-use log_file::{Log, ReadOptions};
+use log_file::Log;
+use shellcal::workflow::batch::BatchOptions;
 use shellcal::workflow::certificate::{budget, intervals};
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
 
-use super::evaluation::EvaluationArgs;
-use super::manifest;
+use super::evaluation::{self, EvaluationArgs};
 use crate::cmd::choices::numbers;
 use crate::cmd::mapping::open_logs;
 use crate::cmd::outputs;
@@ -76,36 +76,35 @@ impl ReportArgs {
             return self.certify(printer);
         }
         let out = printer.files.create(&self.output)?;
-        let equipment = self.evaluation.equipment()?;
+        let equipment = self.evaluation.equipment(TraceExtent::Log)?;
         let path = &self.manifest;
-        let manifest = manifest::read(path, printer)?;
-        manifest::check_reference(&manifest, self.reference.as_deref())?;
+        let manifest = evaluation::read(path, printer)?;
+        evaluation::check_reference(&manifest, self.reference.as_deref())?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, true);
             Ok(())
         };
-        let evaluation = &self.evaluation;
-        let options = evaluation.batch_options(&equipment, TraceExtent::Log);
-        let mut batch = manifest::evaluate(printer, path, &manifest, &equipment, options, keep);
-        let failures = manifest::tell_failures(printer, path, &batch);
+        let options = equipment.batch_options();
+        let mut batch = equipment.evaluate(printer, (path, &manifest), options, keep);
+        let failures = evaluation::tell_failures(printer, path, &batch);
         anyhow::ensure!(!batch.trials.is_empty(), "no trial could be evaluated");
 
         let conditions = batch.statistics(self.reference.as_deref(), self.seed);
         let phases = batch.phases();
-        let files = [("manifest", path.as_path())].into_iter().chain(evaluation.files_by_role());
+        let files =
+            [("manifest", path.as_path())].into_iter().chain(self.evaluation.files_by_role());
         let mut inputs =
             files.map(|(role, path)| input(role, path)).collect::<anyhow::Result<Vec<_>>>()?;
         inputs.extend(report::logs(&batch));
         let shown = path.display();
-        let options = evaluation.options(&equipment, TraceExtent::Log);
         let mut warnings: Vec<String> =
             manifest.suspicious().iter().map(|problem| format!("{shown}:{problem}")).collect();
-        warnings.extend(manifest::slow_filter(&batch, &options));
-        let (mapping, read) = (&equipment.mapping, evaluation.read_options());
-        let doubtful = report::doubtful(&batch, mapping, equipment.instrument(), options, read)?;
+        warnings.extend(equipment.slow_filter(&batch));
+        let BatchOptions { trial, mapping, read, .. } = options;
+        let doubtful = report::doubtful(&batch, mapping, equipment.instrument(), trial, read)?;
         let trials: Vec<TrialResult> =
             batch.trials.drain(..).map(|trial| trial.evaluated.result).collect();
-        let name = evaluation.calibration.as_ref().map(|path| path.display().to_string());
+        let name = self.evaluation.calibration.as_ref().map(|path| path.display().to_string());
         let title = self.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
         let document = Report {
             heading: Heading {
@@ -118,7 +117,7 @@ impl ReportArgs {
             failed: &failures,
             conditions: &conditions,
             phases: &phases,
-            settings: &report::settings(&options, &equipment.profile, self.seed),
+            settings: &report::settings(&trial, &equipment.profile, self.seed),
             calibration: name.as_deref().zip(equipment.calibration.as_ref()),
             robot_length_m: equipment.profile.robot.length_m,
             channel_length_m: equipment.profile.channel.length_m,
@@ -140,11 +139,11 @@ impl ReportArgs {
 
     /// Certifies a calibration.
     fn certify(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let (path, evaluation, output) = (&self.manifest, &self.evaluation, &self.output);
+        let (path, args, output) = (&self.manifest, &self.evaluation, &self.output);
         let out = printer.files.create(output)?;
-        let file = evaluation.edited.read(path)?;
-        let mapping = evaluation.mapping.mapping_for(Some(&file));
-        let read = ReadOptions { checksum: false, ..evaluation.read_options() };
+        let file = args.edited.read(path)?;
+        let mapping = args.mapping.mapping_for(Some(&file));
+        let read = args.mapping.read_options();
         let unloaded = self.unloaded.as_ref();
         let unloaded = unloaded.map(|path| Log::open(path, &mapping)).transpose()?;
         let budget = budget(&file, unloaded.as_ref(), self.reference_error, &read)?;

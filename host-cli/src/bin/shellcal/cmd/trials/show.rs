@@ -9,7 +9,7 @@ use crate::printer::{Printer, TableColumn};
 use crate::tables::{or_dash, shown};
 
 /// One row a trial.
-pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) -> anyhow::Result<()> {
+pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) {
     let columns: [TableColumn<'_, &TrialRow>; 11] = [
         ("trial", &|row| row.file.clone()),
         ("condition", &|row| row.condition.clone()),
@@ -29,7 +29,7 @@ pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) -> anyhow::Res
 }
 
 /// One row a stride.
-pub(super) fn strides(printer: &Printer, strides: &[StrideRow]) -> anyhow::Result<()> {
+pub(super) fn strides(printer: &Printer, strides: &[StrideRow]) {
     let columns: [TableColumn<'_, &StrideRow>; 8] = [
         ("stride", &|row| row.stride.to_string()),
         ("start (s)", &|row| format!("{:.4}", row.t_start_s)),
@@ -46,7 +46,7 @@ pub(super) fn strides(printer: &Printer, strides: &[StrideRow]) -> anyhow::Resul
 }
 
 /// One table a quantity, per trial and per stride.
-pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) -> anyhow::Result<()> {
+pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) {
     for quantity in Quantity::COMPARED {
         for per in Per::ALL {
             let wanted = |row: &&ConditionRow| row.quantity == quantity && row.per == per;
@@ -59,27 +59,22 @@ pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) -> anyhow::Re
                 "J" => (" (J)", 1.0),
                 _ => ("", 1.0),
             };
-            printer.line("")?;
-            printer.line(format!("{}{unit} per {}", quantity.name(), per.name()))?;
+            printer.line("");
+            printer.line(format!("{}{unit} per {}", quantity.name(), per.name()));
             let numbers: Vec<_> = rows
                 .iter()
                 .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))
                 .collect();
-            statistics(printer, &numbers, factor)?;
+            statistics(printer, &numbers, factor);
         }
     }
-    Ok(())
 }
 
 /// The numbers of a condition.
 pub(super) type ConditionNumbers<'a> = (&'a str, &'a Statistics, Option<&'a MeanDifference>);
 
 /// The numbers of some conditions, times `factor`.
-pub(super) fn statistics(
-    printer: &Printer,
-    rows: &[ConditionNumbers<'_>],
-    factor: f64,
-) -> anyhow::Result<()> {
+pub(super) fn statistics(printer: &Printer, rows: &[ConditionNumbers<'_>], factor: f64) {
     let decimals = decimals(rows.iter().map(|(_, s, _)| factor * s.mean));
     let value = |value: Option<f64>| or_dash(value.map(|value| factor * value), decimals);
     let interval = |of: Option<Interval>| interval(of, factor, decimals);

@@ -2,7 +2,7 @@
 
 use trial::ValueTable;
 
-use super::manifest::require_condition;
+use super::evaluation::require_condition;
 use super::show;
 use crate::files::{InputPath, read_text};
 use crate::printer::Printer;
@@ -64,11 +64,11 @@ impl StatsArgs {
         }
         let rows = table.statistics(self.reference.as_deref(), self.seed);
         printer.finish(&rows, |printer| {
-            table.quantities.iter().enumerate().try_for_each(|(at, quantity)| {
+            table.quantities.iter().enumerate().for_each(|(at, quantity)| {
                 if at > 0 {
-                    printer.line("")?;
+                    printer.line("");
                 }
-                printer.line(format!("{quantity} by {}", table.by))?;
+                printer.line(format!("{quantity} by {}", table.by));
                 let rows = rows.iter().filter(|row| row.quantity == *quantity);
                 let numbers: Vec<_> = rows
                     .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))

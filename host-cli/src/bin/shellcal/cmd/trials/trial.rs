@@ -6,7 +6,7 @@ use shellcal::workflow::trial::{
     TrialJob, WindowSearch, WindowTimes, evaluate_in_window, search_window,
 };
 use trial::tables::{strides_table, trace_table};
-use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, Trial, TrialOptions};
+use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, Trial};
 
 use super::evaluation::EvaluationArgs;
 use super::show;
@@ -62,13 +62,12 @@ pub(crate) struct TrialArgs {
 
 impl TrialArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let equipment = self.evaluation.equipment()?;
         let trace = match (&self.trace, self.whole_log) {
             (None, _) => TraceExtent::Nothing,
             (Some(_), false) => TraceExtent::Window,
             (Some(_), true) => TraceExtent::Log,
         };
-        let options = self.evaluation.options(&equipment, trace);
+        let equipment = self.evaluation.equipment(trace)?;
         let log = Log::open(&self.log, &equipment.mapping)?;
         let trace_file = printer.create(self.trace.as_ref())?;
         let name = self.log.display().to_string();
@@ -79,9 +78,9 @@ impl TrialArgs {
             ..Trial::from_window(name.clone(), (f64::NAN, f64::NAN))
         };
         let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
-        let evaluated = printer.scan(&log, self.evaluation.read_options(), |read| {
-            let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
-            evaluate_in_window(&job, trial, window)
+        let job = equipment.job(&log);
+        let evaluated = printer.scan(&log, job.read, |read| {
+            evaluate_in_window(&TrialJob { read, ..job }, trial, window)
         })?;
         let result = &evaluated.result;
         if let (Some(file), Some(trace)) = (trace_file, &result.trace) {
@@ -90,21 +89,20 @@ impl TrialArgs {
         if let Some(path) = &self.strides {
             printer.files.write(path, &strides_table(std::iter::once(result)).to_csv())?;
         }
-        self.evaluation.note_forces(printer, &options);
+        equipment.note_forces(printer);
         show::diagnostics(printer, &[(name, result)]);
         let document = document! {
             ..result: result,
             checksum: &evaluated.checksum,
-            options: options,
+            options: equipment.options,
             profile: &equipment.profile,
         };
         printer.finish(&document, |printer| {
-            show::trials(printer, &[result])?;
+            show::trials(printer, &[result]);
             if !result.stride_rows.is_empty() {
-                printer.line("")?;
-                show::strides(printer, &result.stride_rows)?;
+                printer.line("");
+                show::strides(printer, &result.stride_rows);
             }
-            Ok(())
         })
     }
 }
@@ -133,30 +131,28 @@ type LogWindow = (String, Result<Proposal, NoWindow>);
 
 impl WindowArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let equipment = self.evaluation.equipment()?;
+        let mut equipment = self.evaluation.equipment(TraceExtent::Log)?;
+        // As windows are looked for, whatever was asked.
+        equipment.options.forces = equipment.options.forces.with_delay(false);
         anyhow::ensure!(
             equipment.calibration.is_some(),
             "without a calibration there is no drag to find a window in: name one with `--calibration`"
         );
         let mut plot = self.figure.create_of_one(&self.logs, printer)?;
-        let options = self.evaluation.options(&equipment, TraceExtent::Log);
         let mut found = Vec::new();
         for path in &self.logs {
             let log = Log::open(path, &equipment.mapping)?;
-            let read = self.evaluation.read_options();
-            let job = TrialJob { log: &log, instrument: equipment.instrument(), options, read };
-            let WindowSearch { time_s, drag_n, proposal } = search_window(&job)?;
+            let WindowSearch { time_s, drag_n, proposal } = search_window(&equipment.job(&log))?;
             let name = path.display().to_string();
             if let Some(plot) = plot.take() {
                 plot.draw(|size| window_figure(size, &name, &time_s, &drag_n, proposal.as_ref()))?;
             }
             found.push((name, proposal));
         }
-        let forces = options.forces.with_delay(false);
-        self.evaluation.note_forces(printer, &TrialOptions { forces, ..options });
+        equipment.note_forces(printer);
         let documents = found.iter().map(|(log, proposal)| {
             document! {
-                log: log,
+                log,
                 ..proposal: proposal.as_ref().ok(),
                 // Whether it can be used without a look at it.
                 good: proposal.as_ref().is_ok_and(Proposal::is_good),
@@ -170,7 +166,7 @@ impl WindowArgs {
     }
 }
 
-fn print(printer: &Printer, found: &[LogWindow]) -> anyhow::Result<()> {
+fn print(printer: &Printer, found: &[LogWindow]) {
     let columns: [TableColumn<'_, (&String, Proposal)>; 8] = [
         ("log", &|(log, _)| (*log).clone()),
         ("entry (s)", &|(_, found)| format!("{:.3}", found.t_enter_s)),
@@ -183,7 +179,7 @@ fn print(printer: &Printer, found: &[LogWindow]) -> anyhow::Result<()> {
     ];
     let proposed = found.iter().filter_map(|(log, of)| Some((log, *of.as_ref().ok()?)));
     if proposed.clone().next().is_some() {
-        printer.records(&columns, proposed)?;
+        printer.records(&columns, proposed);
     }
     for (log, proposal) in found {
         match proposal {
@@ -194,5 +190,4 @@ fn print(printer: &Printer, found: &[LogWindow]) -> anyhow::Result<()> {
             Err(reason) => printer.warning(format!("{log}: {reason}")),
         }
     }
-    Ok(())
 }
