@@ -31,7 +31,8 @@ mod synth_trial;
 mod trials;
 mod zero;
 
-use clap::Subcommand;
+use clap::builder::Resettable;
+use clap::{ArgMatches, Args, Error, FromArgMatches, Subcommand};
 
 use crate::printer::{Outcome, Printer};
 
@@ -46,7 +47,7 @@ macro_rules! commands {
         pub(crate) enum Command {$(
             $(#[$about])*
             $(#[cfg(feature = $feature)])?
-            $name(Box<$args>),
+            $name(Deferred<$args>),
         )+}
 
         impl Command {
@@ -58,7 +59,7 @@ macro_rules! commands {
             ) -> anyhow::Result<Outcome> {
                 match self {$(
                     $(#[cfg(feature = $feature)])?
-                    Self::$name(args) => args.run($printer $(, $more)?).map(Outcome::from),
+                    Self::$name(args) => args.0.run($printer $(, $more)?).map(Outcome::from),
                 )+}
             }
         }
@@ -256,4 +257,43 @@ commands! {
 
     /// List the packages that the program is made of, with their licences
     Licences(about::LicencesArgs),
+}
+
+/// The arguments of one subcommand among many: to set up those of all of them would take half of
+/// the time that it takes to start.
+///
+/// What they are for is said where the subcommands are listed, as it is wanted there.
+#[derive(Debug)]
+pub(crate) struct Deferred<T>(Box<T>);
+
+impl<T: Args> Args for Deferred<T> {
+    fn augment_args(command: clap::Command) -> clap::Command {
+        command.defer(keep_about::<T>)
+    }
+
+    /// clap's updates in place are not used.
+    fn augment_args_for_update(command: clap::Command) -> clap::Command {
+        Self::augment_args(command)
+    }
+}
+
+/// Sets of arguments that are part of others would say what they are for, too. What is there before are the
+/// options of every command, which go to the end of help.
+fn keep_about<T: Args>(command: clap::Command) -> clap::Command {
+    let about = Resettable::from(command.get_about().cloned());
+    let long_about = Resettable::from(command.get_long_about().cloned());
+    let shared: Vec<_> = command.get_arguments().map(|arg| arg.get_id().clone()).collect();
+    let to_the_end = |command: clap::Command, id: clap::Id| command.mut_arg(id, |arg| arg);
+    let command = shared.into_iter().fold(T::augment_args(command), to_the_end);
+    command.about(about).long_about(long_about)
+}
+
+impl<T: FromArgMatches> FromArgMatches for Deferred<T> {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, Error> {
+        T::from_arg_matches(matches).map(Box::new).map(Self)
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), Error> {
+        self.0.update_from_arg_matches(matches)
+    }
 }
