@@ -21,14 +21,9 @@ pub enum MotionError {
     /// Too few.
     #[error("it has `{0}` samples of motion at different times, at least 2 are needed")]
     TooFewSamples(usize),
-    /// The clock was set back.
+    /// The clock was set back: times of two samples in a row, s.
     #[error("its time goes back from `{before}` to `{after}` s")]
-    Backward {
-        /// Time of a sample, s.
-        before: f64,
-        /// Time of the next, s.
-        after: f64,
-    },
+    Backward { before: f64, after: f64 },
 }
 
 impl Motion {
