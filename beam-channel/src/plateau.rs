@@ -6,6 +6,8 @@
 //! snaps. All of these are known beforehand; between two of them the extremes are roots of the
 //! derivative.
 
+use crate::force::Law;
+use crate::path::{Contact, Path};
 use crate::side::turn;
 use crate::{Model, Side, Wall};
 
@@ -115,18 +117,21 @@ impl Smooth<'_> {
         0.5 * (self.from + self.to)
     }
 
-    /// Sums `f` over the beams that touch in the middle of this stretch, in an endless channel; each
+    /// Sums `of` over the beams that touch in the middle of this stretch, in an endless channel; each
     /// is held to the arc that it is on there.
-    fn sum(&self, side: &Side, x: f64, f: impl Fn(&crate::Contact) -> f64) -> f64 {
-        let pitch = self.model.setup().channel.pitch_m;
-        let travel = |x: f64, beam: f64| x + side.engagement_m - pitch * beam;
-        let (first, count) = self.touching(side);
-        let forces = (0..count).map(|i| first + f64::from(i)).filter_map(|beam| {
-            let in_middle = travel(self.middle(), beam);
-            let arc = side.arcs().iter().find(|arc| in_middle <= arc.travel[1])?;
-            Some(f(&arc.locate(&side.path, travel(x, beam))))
-        });
-        forces.fold(0.0, |sum, force| sum + force)
+    fn sum(&self, x: f64, of: impl Fn(&Law, &Path, &Contact) -> f64) -> f64 {
+        let (law, pitch) = (&self.model.law, self.model.setup().channel.pitch_m);
+        let of_side = |side: &Side| {
+            let travel = |x: f64, beam: f64| x + side.engagement_m - pitch * beam;
+            let (first, count) = self.touching(side);
+            let of_beams = (0..count).map(|i| first + f64::from(i)).filter_map(|beam| {
+                let in_middle = travel(self.middle(), beam);
+                let arc = side.arcs().iter().find(|arc| in_middle <= arc.travel[1])?;
+                Some(of(law, &side.path, &arc.locate(&side.path, travel(x, beam))))
+            });
+            of_beams.fold(0.0, |sum, of_beam| sum + of_beam)
+        };
+        self.model.solved().map(of_side).sum()
     }
 
     /// The first of the beams that touch in the middle, which may be negative, and their number.
@@ -138,15 +143,11 @@ impl Smooth<'_> {
     }
 
     fn drag(&self, x: f64) -> f64 {
-        let law = &self.model.law;
-        let of = |side: &Side| self.sum(side, x, |contact| law.drag(&side.path, contact));
-        self.model.weight() * self.model.solved().map(of).sum::<f64>()
+        self.model.weight() * self.sum(x, Law::drag)
     }
 
     fn slope(&self, x: f64) -> f64 {
-        let law = &self.model.law;
-        let of = |side: &Side| self.sum(side, x, |contact| law.drag_slope(&side.path, contact));
-        self.model.solved().map(of).sum()
+        self.sum(x, Law::drag_slope)
     }
 
     fn count(&self, plateau: &mut BeamPlateau) {

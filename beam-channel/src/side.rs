@@ -158,12 +158,6 @@ impl Side {
         self.first_touch_rad + contact.turn()
     }
 
-    /// The contact with a beam whose base is `ahead_m` forward of the body's middle, `u`, in m;
-    /// `None` if the beam does not touch.
-    pub fn contact(&self, ahead_m: f64) -> Option<Contact> {
-        self.contact_after(self.engagement_m - ahead_m)
-    }
-
     /// The contact with a beam that the body first touched `travel_m` ago; `None` before that, and
     /// once the beam has slipped off.
     pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {

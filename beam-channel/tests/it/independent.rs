@@ -104,7 +104,7 @@ fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally 
         // Somewhat more than the way on which they touch.
         let travel = side.travel_m() * random.between(-0.1, 1.1);
         let ahead = side.engagement_m - travel;
-        let found = side.contact(ahead);
+        let found = side.contact_after(side.engagement_m - ahead);
         let expected = pick(&setup, side, intersections(&tip(&setup, ahead)));
         let what = format!("seed {seed}, number {i}: {setup:?} at {ahead}");
         assert_eq!(found.is_some(), expected.is_some(), "{what}: {found:?} {expected:?}");

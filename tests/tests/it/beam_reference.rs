@@ -58,7 +58,7 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
     }
     for (ahead, beam) in values["beam"].as_object().unwrap() {
         let ahead: f64 = ahead.parse().unwrap();
-        let contact = side.contact(ahead).unwrap();
+        let contact = side.contact_after(side.engagement_m - ahead).unwrap();
         close(&format!("phi {ahead}"), side.place_rad(&contact), &beam["phi"]);
         // The first beam's base is at 0.
         let (_, _, force) = model.beams(Wall::Left, -ahead).find(|beam| beam.0 == 0).unwrap();
