@@ -178,22 +178,14 @@ impl Butterworth {
         }
         let (first, last) = (samples[0], samples[samples.len() - 1]);
         let inner = &samples[1..samples.len() - 1];
-        let mut before: Vec<f64> =
-            samples[1..=reach].iter().rev().map(|x| 2.0 * first - x).collect();
+        let before = samples[1..=reach].iter().rev().map(|x| 2.0 * first - x);
         let after = inner.iter().rev().take(reach).map(|x| 2.0 * last - x);
-        let mut after: Vec<f64> = after.collect();
-
-        let mut forward = Filter::settled(self, before[0]);
-        forward.process(&mut before);
-        forward.process(samples);
-        forward.process(&mut after);
-
-        after.reverse();
-        samples.reverse();
-        let mut backward = Filter::settled(self, after[0]);
-        backward.process(&mut after);
-        backward.process(samples);
-        samples.reverse();
+        let mut longer: Vec<f64> = before.chain(samples.iter().copied()).chain(after).collect();
+        for _direction in ["forward", "backward"] {
+            Filter::settled(self, longer[0]).process(&mut longer);
+            longer.reverse();
+        }
+        samples.copy_from_slice(&longer[reach..][..samples.len()]);
         Ok(())
     }
 }
