@@ -3,16 +3,46 @@
 //! Sums are kept in eight lanes whatever the registers, so that results are the same bits on every
 //! machine.
 
+use pulp::NullaryFnOnce;
+use shell_data::instructions::arch;
 use shell_data::vectorised;
 
-vectorised! {
-    /// Σ a b for each `b` of `others`.
-    pub(super) fn dots(a: &[f64], others: &mut dyn Iterator<Item = &[f64]>, sums: &mut [f64]) {
-        for (sum, b) in sums.iter_mut().zip(others) {
-            *sum = dot(a, b);
+/// Σ a b for each `b` of `others`.
+pub(super) fn dots<'b>(a: &[f64], others: impl Iterator<Item = &'b [f64]>, sums: &mut [f64]) {
+    arch().dispatch(Dots { a, others, sums });
+}
+
+struct Dots<'a, I> {
+    a: &'a [f64],
+    others: I,
+    sums: &'a mut [f64],
+}
+
+impl<'b, I: Iterator<Item = &'b [f64]>> NullaryFnOnce for Dots<'_, I> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (sum, b) in self.sums.iter_mut().zip(self.others) {
+            *sum = dot(self.a, b);
         }
     }
+}
 
+#[inline(always)]
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.as_chunks::<8>(), b.as_chunks::<8>());
+    let mut sums = [0.0; 8];
+    for (a, b) in a.0.iter().zip(b.0) {
+        for i in 0..8 {
+            sums[i] += a[i] * b[i];
+        }
+    }
+    let rest: f64 = a.1.iter().zip(b.1).map(|(a, b)| a * b).sum();
+    sums.iter().sum::<f64>() + rest
+}
+
+vectorised! {
     /// Σ_j w_j r_j, where the rows r_j follow one another in `rows`, for two sets of weights.
     pub(super) fn combine(
         rows: &[f64],
@@ -31,17 +61,4 @@ vectorised! {
             slopes[i] = s[0] * a[i] + s[1] * b[i] + s[2] * c[i] + s[3] * d[i];
         }
     }
-}
-
-#[inline(always)]
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (a.as_chunks::<8>(), b.as_chunks::<8>());
-    let mut sums = [0.0; 8];
-    for (a, b) in a.0.iter().zip(b.0) {
-        for i in 0..8 {
-            sums[i] += a[i] * b[i];
-        }
-    }
-    let rest: f64 = a.1.iter().zip(b.1).map(|(a, b)| a * b).sum();
-    sums.iter().sum::<f64>() + rest
 }

@@ -93,8 +93,8 @@ impl<'a> Resampler<'a> {
         let weight = |(&t, &v): (&f64, &f64)| self.kernel.at(t - time_s) * v;
         self.weights.extend(time[rows.clone()].iter().zip(spacing).map(weight));
         let total: f64 = self.weights.iter().sum();
-        let mut columns = self.source.columns.iter().map(|column| &column[rows.clone()]);
-        dots(&self.weights, &mut columns, values);
+        let columns = self.source.columns.iter().map(|column| &column[rows.clone()]);
+        dots(&self.weights, columns, values);
         values.iter_mut().for_each(|value| *value /= total);
         total > 0.5
     }
