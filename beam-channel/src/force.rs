@@ -4,7 +4,7 @@ use libm::{atan2, sqrt};
 
 use crate::path::{Contact, Path};
 use crate::setup::LEAST_FRICTION;
-use crate::{Angle, Normal, Setup};
+use crate::{Angle, Normal, Setup, Wall};
 
 /// What one beam does to the body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -46,16 +46,17 @@ impl Law {
         }
     }
 
-    /// The force of a beam of the left wall.
+    /// The force of a beam of a wall.
     #[inline]
-    pub(crate) fn force(&self, path: &Path, contact: &Contact) -> BeamForce {
+    pub(crate) fn force(&self, path: &Path, contact: &Contact, wall: Wall) -> BeamForce {
         let deflection_rad = self.deflection(path, contact);
         let push = self.stiffness * deflection_rad / self.divisor(path, contact);
         let Contact { sin, cos, back, out, .. } = *contact;
         let fx_n = -push * (out + self.friction * back);
         let fy_n = -push * (back - self.friction * out);
         let (x, y) = (path.half_length * cos + path.shear * sin, path.half_width * sin);
-        BeamForce { fx_n, fy_n, mz_nm: x * fy_n - y * fx_n, deflection_rad }
+        let (mz_nm, sign) = (x * fy_n - y * fx_n, wall.sign());
+        BeamForce { fx_n, fy_n: sign * fy_n, mz_nm: sign * mz_nm, deflection_rad }
     }
 
     /// The drag of a beam in N.
@@ -71,7 +72,7 @@ impl Law {
     /// With `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, and `dΔθ/dτ = ±out/r`,
     /// `ds/dτ = steepness/r`.
     pub(crate) fn drag_slope(&self, path: &Path, contact: &Contact) -> f64 {
-        let Contact { rise, reach, sin, cos, back, out, steepness, .. } = *contact;
+        let Contact { rise, reach_m: reach, sin, cos, back, out, steepness, .. } = *contact;
         let push = out + self.friction * back;
         let back_slope = path.half_length * cos + path.shear * sin;
         let out_slope = -path.half_width * sin;
@@ -102,8 +103,8 @@ impl Law {
     fn deflection(&self, path: &Path, contact: &Contact) -> f64 {
         let upright = path.beam - contact.rise;
         match self.angle {
-            Angle::Folded => atan2(contact.reach, upright.abs()),
-            Angle::True => atan2(contact.reach, upright),
+            Angle::Folded => atan2(contact.reach_m, upright.abs()),
+            Angle::True => atan2(contact.reach_m, upright),
         }
     }
 
@@ -123,7 +124,7 @@ impl Law {
 
     /// The part across the bar of normal and tangent, unscaled, in m.
     fn across(&self, path: &Path, contact: &Contact) -> f64 {
-        let Contact { rise, reach, back, out, .. } = *contact;
+        let Contact { rise, reach_m: reach, back, out, .. } = *contact;
         let (push, along) = (out + self.friction * back, back - self.friction * out);
         ((path.beam - rise) * push + reach * along) / path.beam
     }

@@ -49,6 +49,6 @@ mod side;
 pub use force::BeamForce;
 pub use model::{Model, Total};
 pub use path::Contact;
-pub use plateau::{BeamPlateau, Extreme, Turn};
+pub use plateau::{BeamPlateau, Extreme};
 pub use setup::{Angle, Beam, Channel, Ellipse, Normal, Pose, Rules, Setup, SetupError, Wall};
 pub use side::Side;

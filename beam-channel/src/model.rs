@@ -1,6 +1,5 @@
 //! The channel as a whole.
 
-use core::array::from_fn;
 use core::ops::Range;
 
 use crate::force::{BeamForce, Law};
@@ -77,14 +76,9 @@ impl Model {
         self.sides[wall as usize].as_ref()
     }
 
-    /// The sides that are touched, by the number of their wall.
-    pub(crate) fn sides(&self) -> impl Iterator<Item = (usize, &Side)> {
-        self.sides.iter().enumerate().filter_map(|(i, side)| Some((i, side.as_ref()?)))
-    }
-
-    /// Those that have to be solved.
+    /// The sides that are touched and have to be solved.
     pub(crate) fn solved(&self) -> impl Iterator<Item = &Side> {
-        self.sides().filter(|(i, _)| !(self.mirrored && *i == 1)).map(|(_, side)| side)
+        self.sides[..if self.mirrored { 1 } else { 2 }].iter().flatten()
     }
 
     /// What a solved side counts for: a body in the middle has two equal ones.
@@ -114,8 +108,7 @@ impl Model {
         self.touching(wall, x_m).filter_map(move |beam| {
             let side = side?;
             let contact = side.contact_after(side.travel_at(x_m, self.base_m(beam)))?;
-            let force = self.law.force(&side.path, &contact);
-            Some((beam, contact, force.of(wall)))
+            Some((beam, contact, self.law.force(&side.path, &contact, wall)))
         })
     }
 
@@ -137,32 +130,19 @@ impl Model {
         let Some(side) = self.side(wall) else { return };
         let touching = self.touching(wall, x_m);
         total.contacts[wall as usize] = touching.end - touching.start;
-        let mut beam = touching.start;
-        loop {
-            // Three fit into the processor's view; more wait again.
-            match touching.end - beam {
-                0 => return,
-                1 => self.add_beams::<1>(total, wall, side, beam, x_m),
-                2 => self.add_beams::<2>(total, wall, side, beam, x_m),
-                _ => self.add_beams::<3>(total, wall, side, beam, x_m),
+        // Three beams side by side fit into the processor's view; more wait again.
+        for first in touching.clone().step_by(3) {
+            let beams = (first..touching.end).take(3);
+            // Where there are fewer, the last one is solved again, which takes no longer.
+            let beam = |i: u32| (first + i).min(touching.end - 1);
+            let travels = [0, 1, 2].map(|i| side.travel_at(x_m, self.base_m(beam(i))));
+            for (_, contact) in beams.zip(side.contacts(travels)) {
+                let BeamForce { fx_n, fy_n, mz_nm, .. } =
+                    self.law.force(&side.path, &contact, wall);
+                total.fx_n += fx_n;
+                total.fy_n += fy_n;
+                total.mz_nm += mz_nm;
             }
-            beam = touching.end.min(beam + 3);
-        }
-    }
-
-    /// Adds the forces of `N` beams that all touch, solved side by side.
-    #[inline]
-    fn add_beams<const N: usize>(
-        &self,
-        total: &mut Total,
-        wall: Wall,
-        side: &Side,
-        first: u32,
-        x_m: f64,
-    ) {
-        let travels = from_fn(|i| side.travel_at(x_m, self.base_m(first + i as u32)));
-        for contact in side.contacts::<N>(travels) {
-            total.add(&self.law.force(&side.path, &contact).of(wall));
         }
     }
 
@@ -170,25 +150,8 @@ impl Model {
     /// in m; `None` if it touches none.
     pub fn extent_m(&self) -> Option<[f64; 2]> {
         let last = self.base_m(self.setup.channel.beams - 1);
-        let ends = self.solved().map(|side| [-side.engagement_m(), last - side.release_m()]);
+        let ends = self.solved().map(|side| [-side.engagement_m, last - side.release_m()]);
         ends.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
-    }
-}
-
-impl Total {
-    fn add(&mut self, force: &BeamForce) {
-        self.fx_n += force.fx_n;
-        self.fy_n += force.fy_n;
-        self.mz_nm += force.mz_nm;
-    }
-}
-
-impl BeamForce {
-    /// The force of the left wall's beam, at the wall that it is of.
-    fn of(self, wall: Wall) -> Self {
-        let Self { fx_n, fy_n, mz_nm, deflection_rad } = self;
-        let sign = wall.sign();
-        Self { fx_n, fy_n: sign * fy_n, mz_nm: sign * mz_nm, deflection_rad }
     }
 }
 
@@ -217,7 +180,7 @@ mod tests {
             model.law = Law::new(&setup);
             for side in model.solved() {
                 let end = side.contact_after(side.travel_m()).unwrap();
-                let deflection = model.law.force(&side.path, &end).deflection_rad;
+                let deflection = model.law.force(&side.path, &end, Wall::Left).deflection_rad;
                 let energy = 0.5 * setup.beam.torsional_stiffness() * deflection * deflection;
                 let work = model.passage(side);
                 // Where the tip slips off the travel stands still: its angle is known to half the digits.

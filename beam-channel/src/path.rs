@@ -50,7 +50,7 @@ impl Path {
         Contact {
             travel: 2.0 * sin_a * (half_length * sin_mid - shear * cos_mid) + reach,
             rise,
-            reach,
+            reach_m: reach,
             sin,
             cos,
             back,
@@ -119,7 +119,8 @@ impl Path {
 pub struct Contact {
     pub(crate) travel: f64,
     pub(crate) rise: f64,
-    pub(crate) reach: f64,
+    /// How far the body pushes the tip forward, in m.
+    pub reach_m: f64,
     /// Sine and cosine of `τ`.
     pub(crate) sin: f64,
     pub(crate) cos: f64,
@@ -136,11 +137,6 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// How far the body pushes the tip forward, in m.
-    pub fn reach_m(&self) -> f64 {
-        self.reach
-    }
-
     /// `ds/dz`, in m.
     pub(crate) fn slope(&self) -> f64 {
         4.0 * self.steepness / (self.cos_a * self.root)

@@ -6,8 +6,10 @@
 //! snaps. All of these are known beforehand; between two of them the extremes are roots of the
 //! derivative.
 
+use crate::force::Law;
+use crate::path::{Contact, Path};
 use crate::side::turn;
-use crate::{Model, Side};
+use crate::{Model, Side, Wall};
 
 /// The drag of a body that is wholly among the beams.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,17 +38,8 @@ pub struct Extreme {
     pub drag_n: f64,
     /// The first position on the plateau at which it occurs, in m; again at every spacing.
     pub x_m: f64,
-    /// What the drag does there.
-    pub turn: Turn,
-}
-
-/// What the drag does where it is extreme.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Turn {
-    /// It turns smoothly.
-    Smooth,
-    /// It has a corner or a jump, and this is its limit from one side.
-    Limit,
+    /// Whether the drag has a corner or a jump there, and this is its limit from one side; else it turns smoothly.
+    pub is_limit: bool,
 }
 
 /// Corners and jumps of one spacing: two sides with five ends of arcs each, and the two ends.
@@ -61,7 +54,7 @@ impl Model {
     pub fn plateau(&self) -> Option<BeamPlateau> {
         let channel = &self.setup().channel;
         let last = self.base_m(channel.beams - 1);
-        let ends = self.solved().map(|side| [-side.release_m(), last - side.engagement_m()]);
+        let ends = self.solved().map(|side| [-side.release_m(), last - side.engagement_m]);
         let extent_m = ends.reduce(|a, b| [a[0].max(b[0]), a[1].min(b[1])])?;
         if extent_m[0] > extent_m[1] {
             return None;
@@ -69,28 +62,22 @@ impl Model {
         let start = extent_m[0];
         let passages: f64 = self.solved().map(|side| self.passage(side)).sum();
         let mean_drag_n = self.weight() * passages / channel.pitch_m;
-        let limit = |drag_n| Extreme { drag_n, x_m: start, turn: Turn::Limit };
+        let limit = |drag_n| Extreme { drag_n, x_m: start, is_limit: true };
         let mut plateau = BeamPlateau {
             extent_m,
             mean_drag_n,
             peak: limit(f64::NEG_INFINITY),
             minimum: limit(f64::INFINITY),
-            mean_contacts: [0.0; 2],
+            mean_contacts: Wall::BOTH
+                .map(|wall| self.side(wall).map_or(0.0, |side| side.travel_m() / channel.pitch_m)),
             min_contacts: [u32::MAX; 2],
             max_contacts: [0; 2],
         };
-        for (i, side) in self.sides() {
-            plateau.mean_contacts[i] = side.travel_m() / channel.pitch_m;
-        }
         let (breaks, count) = self.breaks(start);
         for ends in breaks[..count].windows(2) {
             let smooth = Smooth { model: self, from: ends[0], to: ends[1] };
             smooth.count(&mut plateau);
             smooth.search(&mut plateau);
-        }
-        // A wall that is not touched has no least number yet.
-        for (least, greatest) in plateau.min_contacts.iter_mut().zip(plateau.max_contacts) {
-            *least = (*least).min(greatest);
         }
         Some(plateau)
     }
@@ -105,7 +92,7 @@ impl Model {
         for side in self.solved() {
             let ends = side.arcs().iter().map(|arc| arc.travel[1]);
             for travel in core::iter::once(0.0).chain(ends) {
-                let past = travel - side.engagement_m() - start;
+                let past = travel - side.engagement_m - start;
                 let position = start + (past - pitch * libm::floor(past / pitch));
                 if position > start && position < start + pitch {
                     breaks[count] = position;
@@ -130,50 +117,42 @@ impl Smooth<'_> {
         0.5 * (self.from + self.to)
     }
 
-    /// Sums `f` over the beams that touch in the middle of this stretch, in an endless channel; each
+    /// Sums `of` over the beams that touch in the middle of this stretch, in an endless channel; each
     /// is held to the arc that it is on there.
-    fn sum(&self, side: &Side, x: f64, f: impl Fn(&crate::Contact) -> f64) -> f64 {
-        let pitch = self.model.setup().channel.pitch_m;
-        let middle = self.middle() + side.engagement_m();
-        let (first, end) = self.touching(side);
-        let mut sum = 0.0;
-        let mut beam = first;
-        while beam < end {
-            let travel = middle - pitch * beam;
-            let arc = side.arcs().iter().find(|arc| travel <= arc.travel[1]);
-            if let Some(arc) = arc {
-                let travel = x + side.engagement_m() - pitch * beam;
-                sum += f(&arc.locate(&side.path, travel));
-            }
-            beam += 1.0;
-        }
-        sum
+    fn sum(&self, x: f64, of: impl Fn(&Law, &Path, &Contact) -> f64) -> f64 {
+        let (law, pitch) = (&self.model.law, self.model.setup().channel.pitch_m);
+        let of_side = |side: &Side| {
+            let travel = |x: f64, beam: f64| x + side.engagement_m - pitch * beam;
+            let (first, count) = self.touching(side);
+            let of_beams = (0..count).map(|i| first + f64::from(i)).filter_map(|beam| {
+                let in_middle = travel(self.middle(), beam);
+                let arc = side.arcs().iter().find(|arc| in_middle <= arc.travel[1])?;
+                Some(of(law, &side.path, &arc.locate(&side.path, travel(x, beam))))
+            });
+            of_beams.fold(0.0, |sum, of_beam| sum + of_beam)
+        };
+        self.model.solved().map(of_side).sum()
     }
 
-    /// The beams that touch in the middle, as whole numbers that may be negative.
-    fn touching(&self, side: &Side) -> (f64, f64) {
+    /// The first of the beams that touch in the middle, which may be negative, and their number.
+    fn touching(&self, side: &Side) -> (f64, u32) {
         let pitch = self.model.setup().channel.pitch_m;
-        let nose = self.middle() + side.engagement_m();
+        let nose = self.middle() + side.engagement_m;
         let first = libm::ceil((nose - side.travel_m()) / pitch);
-        (first, libm::floor(nose / pitch) + 1.0)
+        (first, (libm::floor(nose / pitch) + 1.0 - first).max(0.0) as u32)
     }
 
     fn drag(&self, x: f64) -> f64 {
-        let law = &self.model.law;
-        let of = |side: &Side| self.sum(side, x, |contact| law.drag(&side.path, contact));
-        self.model.weight() * self.model.solved().map(of).sum::<f64>()
+        self.model.weight() * self.sum(x, Law::drag)
     }
 
     fn slope(&self, x: f64) -> f64 {
-        let law = &self.model.law;
-        let of = |side: &Side| self.sum(side, x, |contact| law.drag_slope(&side.path, contact));
-        self.model.solved().map(of).sum()
+        self.sum(x, Law::drag_slope)
     }
 
     fn count(&self, plateau: &mut BeamPlateau) {
-        for (i, side) in self.model.sides() {
-            let (first, end) = self.touching(side);
-            let touching = (end - first).max(0.0) as u32;
+        let touching = |wall| self.model.side(wall).map_or(0, |side| self.touching(side).1);
+        for (i, touching) in Wall::BOTH.map(touching).into_iter().enumerate() {
             plateau.min_contacts[i] = plateau.min_contacts[i].min(touching);
             plateau.max_contacts[i] = plateau.max_contacts[i].max(touching);
         }
@@ -181,7 +160,7 @@ impl Smooth<'_> {
 
     fn search(&self, plateau: &mut BeamPlateau) {
         for x in [self.from, self.to] {
-            plateau.offer(Extreme { drag_n: self.drag(x), x_m: x, turn: Turn::Limit });
+            plateau.offer(Extreme { drag_n: self.drag(x), x_m: x, is_limit: true });
         }
         let at = |i: u32| {
             // Closer towards the ends, where a jump of the slope may leave an extreme nearby; not at
@@ -196,7 +175,7 @@ impl Smooth<'_> {
             if before.1 * after.1 < 0.0 {
                 let sign = before.1.signum();
                 let x_m = turn(|x| sign * self.slope(x), before.0, after.0);
-                plateau.offer(Extreme { drag_n: self.drag(x_m), x_m, turn: Turn::Smooth });
+                plateau.offer(Extreme { drag_n: self.drag(x_m), x_m, is_limit: false });
             }
             before = after;
         }

@@ -74,19 +74,13 @@ impl Wall {
 
     /// +1 for the left wall, −1 for the right.
     pub(crate) fn sign(self) -> f64 {
-        match self {
-            Self::Left => 1.0,
-            Self::Right => -1.0,
-        }
+        if self == Self::Left { 1.0 } else { -1.0 }
     }
 }
 
 impl fmt::Display for Wall {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Left => "left",
-            Self::Right => "right",
-        })
+        f.write_str(if *self == Self::Left { "left" } else { "right" })
     }
 }
 

@@ -14,18 +14,21 @@ use crate::{Setup, SetupError, Wall};
 /// the body: until the ellipse, seen from the beam's base, falls away, which is where the body's
 /// travel `s(z)` has its greatest value. On the way in `s` may fall on one stretch of `z` if the
 /// body reaches farther past the tips than a beam is long (`d > L`) or is yawed; a tip cannot stay
-/// there and snaps across ([`snaps`](Self::snaps)). What is left are arcs on which `s` rises.
+/// there and snaps across ([`snaps`](Self#structfield.snaps)). What is left are arcs on which `s` rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     pub(crate) path: Path,
     /// In the order of travel, which has no gaps; `z` may have one, where the tip snaps.
     arcs: [Arc; 4],
     count: usize,
-    snaps: bool,
-    /// `x(τ_e)`: how far forward of the body's middle the first touch is.
-    engagement: f64,
-    /// `φ` at the first touch.
-    phi_e: f64,
+    /// Whether tips snap across a part of the body where they cannot rest.
+    pub snaps: bool,
+    /// How far forward of the body's middle a beam's base is when the body first touches the beam,
+    /// `u_e = x(τ_e)`, in m.
+    pub engagement_m: f64,
+    /// The position on the ellipse where a beam first touches, `φ_e`, in rad from the nose towards
+    /// the wall.
+    pub first_touch_rad: f64,
 }
 
 impl Side {
@@ -67,8 +70,8 @@ impl Side {
             arcs: [Arc::default(); 4],
             count: 0,
             snaps: false,
-            engagement: half_length * cos_e + shear * sin_e,
-            phi_e: atan2(sin_e, cos_e) - lead,
+            engagement_m: half_length * cos_e + shear * sin_e,
+            first_touch_rad: atan2(sin_e, cos_e) - lead,
         };
         side.find_arcs();
         Ok(Some(side))
@@ -132,16 +135,10 @@ impl Side {
         self.arcs[self.count - 1].travel[1]
     }
 
-    /// How far forward of the body's middle a beam's base is when the body first touches the beam,
-    /// `u_e`, in m.
-    pub fn engagement_m(&self) -> f64 {
-        self.engagement
-    }
-
     /// How far forward of the body's middle a beam's base is when the beam slips off, `u_f`, in m:
     /// negative.
     pub fn release_m(&self) -> f64 {
-        self.engagement - self.travel_m()
+        self.engagement_m - self.travel_m()
     }
 
     /// Whether beams turn past 90° while the body passes: it is then nearer to the wall than their
@@ -150,32 +147,15 @@ impl Side {
         self.path.depth() > self.path.beam
     }
 
-    /// Whether tips snap across a part of the body where they cannot rest.
-    pub fn snaps(&self) -> bool {
-        self.snaps
-    }
-
     /// Whether the body, because it is yawed, meets the beams' faces before it reaches their tips:
     /// the model knows of no force on a face.
     pub fn meets_faces_first(&self) -> bool {
         self.path.shear * self.path.cos_e > self.path.half_length * self.path.sin_e
     }
 
-    /// The position on the ellipse where a beam first touches, `φ_e`, in rad from the nose towards
-    /// the wall.
-    pub fn first_touch_rad(&self) -> f64 {
-        self.phi_e
-    }
-
     /// The position on the ellipse where `contact` is, `φ`, in rad from the nose towards the wall.
     pub fn place_rad(&self, contact: &Contact) -> f64 {
-        self.phi_e + contact.turn()
-    }
-
-    /// The contact with a beam whose base is `ahead_m` forward of the body's middle, `u`, in m;
-    /// `None` if the beam does not touch.
-    pub fn contact(&self, ahead_m: f64) -> Option<Contact> {
-        self.contact_after(self.engagement - ahead_m)
+        self.first_touch_rad + contact.turn()
     }
 
     /// The contact with a beam that the body first touched `travel_m` ago; `None` before that, and
@@ -199,7 +179,7 @@ impl Side {
 
     /// The beams that touch a body at `x_m`, of a row whose first base is at 0.
     pub(crate) fn touching(&self, x_m: f64, beams: u32, pitch: f64) -> Range<u32> {
-        let nose = x_m + self.engagement;
+        let nose = x_m + self.engagement_m;
         let travel = |i: u32| nose - pitch * f64::from(i);
         // The quotients may round across a whole number; a step to either side puts that right.
         let first = libm::ceil((nose - self.travel_m()) / pitch);
@@ -222,7 +202,7 @@ impl Side {
 
     /// How far the body at `x_m` has moved since it first touched a beam whose base is at `base_m`.
     pub(crate) fn travel_at(&self, x_m: f64, base_m: f64) -> f64 {
-        x_m + self.engagement - base_m
+        x_m + self.engagement_m - base_m
     }
 }
 

@@ -73,7 +73,7 @@ fn tip(setup: &Setup, ahead_m: f64) -> Tip {
 /// first touch, because a yawed ellipse may come round to the tip from behind.
 fn pick(setup: &Setup, side: &Side, found: Vec<Intersection>) -> Option<f64> {
     let found = found.into_iter();
-    let beyond = |at: &Intersection| (at.phi - side.first_touch_rad()).rem_euclid(TAU);
+    let beyond = |at: &Intersection| (at.phi - side.first_touch_rad).rem_euclid(TAU);
     let picked = if setup.pose.yaw_rad == 0.0 {
         found.max_by(|a, b| a.forward.total_cmp(&b.forward))
     } else {
@@ -103,8 +103,8 @@ fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally 
         }
         // Somewhat more than the way on which they touch.
         let travel = side.travel_m() * random.between(-0.1, 1.1);
-        let ahead = side.engagement_m() - travel;
-        let found = side.contact(ahead);
+        let ahead = side.engagement_m - travel;
+        let found = side.contact_after(side.engagement_m - ahead);
         let expected = pick(&setup, side, intersections(&tip(&setup, ahead)));
         let what = format!("seed {seed}, number {i}: {setup:?} at {ahead}");
         assert_eq!(found.is_some(), expected.is_some(), "{what}: {found:?} {expected:?}");
@@ -113,7 +113,7 @@ fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally 
             let error = (difference - TAU * (difference / TAU).round()).abs();
             assert!(error <= TOLERANCE, "{what}: off by {error:e}");
             tally.in_contact += 1;
-            tally.snapped += u64::from(side.snaps());
+            tally.snapped += u64::from(side.snaps);
         }
     }
     tally

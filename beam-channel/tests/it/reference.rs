@@ -157,8 +157,8 @@ fn the_reference_solution_is_met() {
     for reference in &REFERENCES {
         let model = Model::new(&setup(reference.semi_width_m, reference.width_m)).unwrap();
         let side = model.side(Wall::Left).unwrap();
-        assert_close("phi_e", side.first_touch_rad(), reference.phi_e);
-        assert_close("u_e", side.engagement_m(), reference.u_e);
+        assert_close("phi_e", side.first_touch_rad, reference.phi_e);
+        assert_close("u_e", side.engagement_m, reference.u_e);
         assert_close("u_f", side.release_m(), reference.u_f);
         let release = side.contact_after(side.travel_m()).unwrap();
         assert_close("phi_f", side.place_rad(&release), reference.phi_f);

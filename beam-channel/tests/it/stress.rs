@@ -28,7 +28,7 @@ fn check(setup: &Setup) -> Result<Model, SetupError> {
                 for value in [force.fx_n, force.fy_n, force.mz_nm, force.deflection_rad] {
                     finite("force", value);
                 }
-                assert!(force.deflection_rad >= 0.0 && contact.reach_m() >= 0.0);
+                assert!(force.deflection_rad >= 0.0 && contact.reach_m >= 0.0);
             }
         }
         // Beams that are solved side by side are the same, to the bit, as each by itself.

@@ -57,22 +57,9 @@ pub(super) fn find_match(
     let bin_s = BIN_S.max(1.5 * reference.period_s).max(1.5 * board.period_s);
     let x = Changes::new(reference, bin_s, (0.0, reference.span_s()));
     let y = Changes::new(board, bin_s, (from_s, to_s));
-    let correlation = Correlation::new(&x, &y);
-    let needed_bins = LEAST_OVERLAP_S / bin_s;
-    let lags = x.bins + y.bins - 1;
-    let dims = x.columns.len() as f64;
     // Offsets run from −(y.bins − 1) to x.bins − 1.
-    let (mut explained, mut energy) = (vec![0.0; lags], vec![0.0; lags]);
-    for i in 0..lags {
-        if correlation.overlap[i] < 0.5 * needed_bins {
-            continue;
-        }
-        let (ex, ey) = (correlation.x_energy[i], correlation.y_energy[i]);
-        if ex > 1e-6 * x.energy && ey > 1e-6 * y.energy {
-            explained[i] = (correlation.squared[i] / (ex / dims * ey)).min(1.0);
-            energy[i] = ey;
-        }
-    }
+    let (explained, energy) = explained(&x, &y, 0.5 * LEAST_OVERLAP_S / bin_s);
+    let lags = energy.len();
     let most = energy.iter().copied().fold(0.0, f64::max);
     let scores: Vec<f64> = explained.iter().zip(&energy).map(|(r, e)| r * e / most).collect();
     let offset_of = |i: usize| (i as f64 - (y.bins as f64 - 1.0)) * bin_s - from_s;
@@ -217,40 +204,34 @@ fn whiten(columns: &mut Vec<Vec<f64>>, present: &[f64]) {
         .collect();
 }
 
-/// Sums over the overlap at each offset, from −(y.bins − 1) on.
-struct Correlation {
-    /// Σ_ij c_ij².
-    squared: Vec<f64>,
-    x_energy: Vec<f64>,
-    y_energy: Vec<f64>,
-    /// Bins that have a change on both sides.
-    overlap: Vec<f64>,
-}
-
-impl Correlation {
-    fn new(x: &Changes, y: &Changes) -> Self {
-        let fft = Fft::new(x.bins + y.bins - 1, y.bins);
-        let xs: Vec<_> = x.columns.iter().map(|column| fft.forward(column)).collect();
-        let mut squared = vec![0.0; x.bins + y.bins - 1];
-        for column in &y.columns {
-            let column = fft.forward(column);
-            for other in &xs {
-                for (sum, c) in squared.iter_mut().zip(fft.correlate(other, &column)) {
-                    *sum += c * c;
-                }
+/// The share of the readings' changes that the wrench explains at each offset, from −(y.bins − 1) on, and their energy
+/// in the overlap; zero where so few bins or next to no energy overlap.
+fn explained(x: &Changes, y: &Changes, fewest_bins: f64) -> (Vec<f64>, Vec<f64>) {
+    let fft = Fft::new(x.bins + y.bins - 1, y.bins);
+    let xs: Vec<_> = x.columns.iter().map(|column| fft.forward(column)).collect();
+    // Σ_ij c_ij².
+    let mut squared = vec![0.0; fft.lags];
+    for column in &y.columns {
+        let column = fft.forward(column);
+        for other in &xs {
+            for (sum, c) in squared.iter_mut().zip(fft.correlate(other, &column)) {
+                *sum += c * c;
             }
         }
-        let correlate = |x: &[f64], y: &[f64]| {
-            let (x, y) = (fft.forward(x), fft.forward(y));
-            fft.correlate(&x, &y).collect::<Vec<f64>>()
-        };
-        Self {
-            squared,
-            x_energy: correlate(&x.squared, &y.present),
-            y_energy: correlate(&x.present, &y.squared),
-            overlap: correlate(&x.present, &y.present),
-        }
     }
+    let correlate = |x: &[f64], y: &[f64]| -> Vec<f64> {
+        fft.correlate(&fft.forward(x), &fft.forward(y)).collect()
+    };
+    let overlap = correlate(&x.present, &y.present);
+    let x_energy = correlate(&x.squared, &y.present);
+    let y_energy = correlate(&x.present, &y.squared);
+    let dims = x.columns.len() as f64;
+    let at = |i: usize| {
+        let (ex, ey) = (x_energy[i], y_energy[i]);
+        let is_enough = ex > 1e-6 * x.energy && ey > 1e-6 * y.energy && overlap[i] >= fewest_bins;
+        if is_enough { ((squared[i] / (ex / dims * ey)).min(1.0), ey) } else { (0.0, 0.0) }
+    };
+    (0..fft.lags).map(at).unzip()
 }
 
 /// Transforms of one length, a power of two.

@@ -32,40 +32,18 @@ pub enum RecordingSide {
 /// Two recordings that cannot be lined up, or not with certainty.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AlignError {
-    /// Columns of unequal length, or none.
+    /// Columns of unequal length, or none: the number of times, and the first other length (0 without columns).
     #[error("{side}: columns of {found} rows beside {expected} times")]
-    Shape {
-        /// Which recording.
-        side: RecordingSide,
-        /// The number of times.
-        expected: usize,
-        /// The first other length; 0 if there are no columns.
-        found: usize,
-    },
-    /// The clock of a recording goes backward more than now and then.
+    Shape { side: RecordingSide, expected: usize, found: usize },
+    /// The clock of a recording goes backward more than now and then: in `rows` rows, which are not later than all
+    /// before them.
     #[error("{side}: time does not go forward in {rows} of {of} rows")]
-    TimeGoesBack {
-        /// Which recording.
-        side: RecordingSide,
-        /// Rows that are not later than all before them.
-        rows: usize,
-        /// All rows.
-        of: usize,
-    },
-    /// Too little was recorded.
+    TimeGoesBack { side: RecordingSide, rows: usize, of: usize },
+    /// Too little was recorded: too few usable rows, or too short a time from the first to the last.
     #[error(
         "{side}: {rows} usable rows over {span_s:.3} s, where {needed_s} s and 100 rows are needed"
     )]
-    TooShort {
-        /// Which recording.
-        side: RecordingSide,
-        /// Rows that can be used.
-        rows: usize,
-        /// Time from the first to the last, s.
-        span_s: f64,
-        /// The least time, s.
-        needed_s: f64,
-    },
+    TooShort { side: RecordingSide, rows: usize, span_s: f64, needed_s: f64 },
     /// Nothing moves in a recording.
     #[error("{0}: no column changes")]
     Constant(RecordingSide),
@@ -77,20 +55,14 @@ pub enum AlignError {
         100.0 * .0, 100.0 * LEAST_EXPLAINED
     )]
     NoMatch(f64),
-    /// Two offsets fit about equally well.
+    /// Two offsets (reference minus board, s) fit about equally well; `ratio` is the score of the second over that of
+    /// the best.
     #[error(
         "the match is ambiguous: an offset of {second_s:.3} s is {:.0} % as good as the best, \
          {best_s:.3} s (up to {:.0} % is accepted)",
         100.0 * ratio, 100.0 * HIGHEST_RATIO
     )]
-    Ambiguous {
-        /// The best offset, s, reference minus board.
-        best_s: f64,
-        /// The best of the others, s.
-        second_s: f64,
-        /// Its score over that of the best.
-        ratio: f64,
-    },
+    Ambiguous { best_s: f64, second_s: f64, ratio: f64 },
     /// The overlap of the recordings, s, is too short for offset and skew.
     #[error("the recordings overlap for {0:.3} s, where {LEAST_OVERLAP_S} s are needed")]
     ShortOverlap(f64),
@@ -101,23 +73,14 @@ pub enum AlignError {
     #[error(
         "{side}: {edges} edges, where a sync signal has {MOST_EDGES} at most; is it the right column?"
     )]
-    TooManyEdges {
-        /// Which recording.
-        side: RecordingSide,
-        /// How many.
-        edges: usize,
-    },
-    /// Which edge is which follows neither from the gaps between them nor from the loads.
+    TooManyEdges { side: RecordingSide, edges: usize },
+    /// Which edge is which follows neither from the gaps between them nor from the loads; the best of the ways to pair
+    /// them has `matched` pairs.
     #[error(
         "which edge is which is not clear: there are {ways} ways to pair them, the best of {matched} \
          pairs, and the loads do not tell"
     )]
-    EdgesUnclear {
-        /// Ways to pair them.
-        ways: usize,
-        /// Pairs of the best.
-        matched: usize,
-    },
+    EdgesUnclear { ways: usize, matched: usize },
     /// The clocks drift apart faster than clocks do; the drift, ppm.
     #[error(
         "the clocks differ by {0:.0} ppm, more than the {LARGEST_SKEW_PPM:.0} ppm of any crystal"

@@ -38,6 +38,7 @@ use coarse::Match;
 use recording::{BoardFrames, Clean};
 use refine::{Warp, WarpEstimate, refine};
 use resample::{Resampler, STOPBAND_DB};
+use shell_data::statistics::RunningVariance;
 use trajectory::Trajectory;
 
 /// Loads faster than this are not matched: hands and taps are slower, and there are fewer rows to
@@ -250,16 +251,10 @@ fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), Align
 fn activity(board: &Clean, (from_s, to_s): (f64, f64)) -> f64 {
     let first = board.time_s.partition_point(|&t| t < from_s);
     let last = board.time_s.partition_point(|&t| t <= to_s);
-    let variance = |values: &[f64]| {
-        let n = values.len().max(1) as f64;
-        let mean = values.iter().sum::<f64>() / n;
-        values.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / n
-    };
-    let relative = |column: &Vec<f64>| match variance(column) {
-        whole if whole > 0.0 => variance(&column[first..last]) / whole,
-        _ => 0.0,
-    };
-    board.columns.iter().map(relative).sum()
+    let spread = |values: &[f64]| RunningVariance::new(values).rms_about_mean();
+    // 0 / 0 where a channel rests, or a stretch has no rows.
+    let relative = |column: &Vec<f64>| (spread(&column[first..last]) / spread(column)).powi(2);
+    board.columns.iter().map(relative).filter(|relative| relative.is_finite()).sum()
 }
 
 /// What a match is refined on.

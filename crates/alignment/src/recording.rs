@@ -67,8 +67,7 @@ impl Clean {
         } {
             return Err(AlignError::Shape { side, expected, found });
         }
-        let mut left_out = LeftOut::default();
-        let keep = rows_to_keep(&time_s, &columns, all_repeats, &mut left_out);
+        let (keep, mut left_out) = rows_to_keep(&time_s, &columns, all_repeats);
         if left_out.not_later as f64 > OUT_OF_ORDER * expected as f64 {
             return Err(AlignError::TimeGoesBack { side, rows: left_out.not_later, of: expected });
         }
@@ -87,7 +86,8 @@ impl Clean {
         }
         let start_s = time_s[0];
         time_s.iter_mut().for_each(|t| *t -= start_s);
-        let period_s = median_step(&time_s);
+        let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let period_s = upper_median(&mut steps).expect("a recording has two rows at least");
         let in_range = in_range(&columns);
         left_out.saturated = in_range.iter().filter(|&&inside| !inside).count();
         Ok(Self { time_s, columns, in_range, start_s, period_s, left_out })
@@ -147,12 +147,8 @@ impl BoardFrames {
 /// latter repeats rows amid a movement, with a jump before and after: only such are left out,
 /// unless it is known that all repeats are the logger's. (At rest they do no harm. Leaving out rows
 /// at rest would: it takes away one side of each tap.)
-fn rows_to_keep(
-    time_s: &[f64],
-    columns: &[Vec<f64>],
-    all_repeats: bool,
-    left_out: &mut LeftOut,
-) -> Vec<bool> {
+fn rows_to_keep(time_s: &[f64], columns: &[Vec<f64>], all_repeats: bool) -> (Vec<bool>, LeftOut) {
+    let mut left_out = LeftOut::default();
     let mut keep = vec![true; time_s.len()];
     let mut latest = f64::NEG_INFINITY;
     for (row, keep) in keep.iter_mut().enumerate() {
@@ -185,7 +181,7 @@ fn rows_to_keep(
             left_out.repeated += run.len() - 1;
         }
     }
-    keep
+    (keep, left_out)
 }
 
 /// Rows in which no column stays at its own extreme.
@@ -215,11 +211,6 @@ fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
         }
     }
     inside
-}
-
-fn median_step(time_s: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    upper_median(&mut steps).expect("a recording has two rows at least")
 }
 
 /// The smallest change from row to row that is not none.

@@ -1,11 +1,10 @@
 //! Curves with a legend beside the panels, or below them where a figure is narrow: any series on one pair of axes, linear or
 //! logarithmic, and a body in a channel of beams (drag over position, and the beams that touch below).
 
-use super::canvas::{Figure, Pen, Rect, Style, polyline, text_width};
+use super::canvas::{Figure, Pen, Rect, Size, Style, polyline, text_width};
 use super::palette::{self, Colour};
 use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{PlotAxis, ValueRange};
-use super::size::Size;
 
 /// How the points of a series are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +56,10 @@ impl Chart {
         let panel = Panel { area, x: self.x.clone(), y: self.y.clone() };
         panel.draw(&mut canvas, |canvas| {
             for (i, series) in self.series.iter().enumerate() {
-                series.draw(canvas, &panel, palette::series(i));
+                let placed = series.points.iter().map(|&(x, y)| panel.place(x, y));
+                let placed: Vec<_> =
+                    placed.filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
+                series.draw_marks(canvas, &placed, &placed, palette::series(i));
             }
         });
         legend.draw(&mut canvas, [area; 2], |canvas, i, [from, to]| {
@@ -69,12 +71,6 @@ impl Chart {
 }
 
 impl Series {
-    fn draw(&self, canvas: &mut Figure, panel: &Panel, colour: Colour) {
-        let placed = self.points.iter().map(|&(x, y)| panel.place(x, y));
-        let placed: Vec<_> = placed.filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
-        self.draw_marks(canvas, &placed, &placed, colour);
-    }
-
     fn draw_marks(
         &self,
         canvas: &mut Figure,

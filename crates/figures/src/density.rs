@@ -5,7 +5,7 @@ use super::canvas::{Figure, Pen, Rect, Style, number, point};
 use super::histogram::{Histogram2d, HistogramCell};
 use super::palette::{self, Colour};
 use super::panel::Panel;
-use super::scale::{decimal, superscript};
+use super::scale::log_label;
 
 /// Steps of the colour scale: more than the eye separates, few enough paths.
 const LEVELS: usize = 48;
@@ -42,11 +42,7 @@ impl ColourScale {
         for decade in (0..=decades as u32).step_by(every as usize) {
             let x = bar.left + bar.width * f64::from(decade) / decades;
             canvas.line((x, bar.bottom()), (x, bar.bottom() + 3.0), palette::INK, 1.0);
-            let text = if decade < 4 {
-                decimal(10f64.powi(decade as i32), 0)
-            } else {
-                format!("10{}", superscript(decade as i32))
-            };
+            let text = log_label(1, decade as i32);
             canvas.text((x, bar.bottom() + 14.0), &text, Style::LABEL);
         }
         canvas.text((bar.left - 8.0, bar.bottom()), quantity, Style::END);

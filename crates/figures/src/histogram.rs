@@ -187,24 +187,20 @@ impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
     /// If the slices differ in length.
     pub(super) fn add(&mut self, x: &[f64], y: &[f64]) {
         assert_eq!(x.len(), y.len(), "one y for every x");
-        let mut range = [ValueRange::EMPTY; 2];
-        let mut finite = 0;
-        for (&x, &y) in x.iter().zip(y) {
-            if x.is_finite() && y.is_finite() {
-                range = [range[0].including(x), range[1].including(y)];
-                finite += 1;
-            }
-        }
-        if finite == 0 {
+        let points = || {
+            let pairs = x.iter().copied().zip(y.iter().copied());
+            pairs.filter(|(x, y)| x.is_finite() && y.is_finite())
+        };
+        let with = |[x, y]: [ValueRange; 2], (a, b)| [x.including(a), y.including(b)];
+        let ranges = points().fold([ValueRange::EMPTY; 2], with);
+        if ranges[0].low > ranges[0].high {
             return;
         }
-        self.points += finite;
-        let grid = Grid::cover(&mut self.grid, range, [X, Y]);
+        let grid = Grid::cover(&mut self.grid, ranges, [X, Y]);
         let ([column, row], width) = (grid.bins.map(|bins| bins.locator()), grid.bins[0].count);
-        for (&x, &y) in x.iter().zip(y) {
-            if x.is_finite() && y.is_finite() {
-                grid.cells[row(y) * width + column(x)] += 1;
-            }
+        for (x, y) in points() {
+            grid.cells[row(y) * width + column(x)] += 1;
+            self.points += 1;
         }
     }
 

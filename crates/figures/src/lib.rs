@@ -23,7 +23,6 @@ mod panel;
 mod pdf;
 mod pixels;
 mod scale;
-mod size;
 mod svg;
 mod trace;
 pub mod trial;
@@ -33,13 +32,12 @@ use std::path::{Path, PathBuf};
 
 use ruzstd::decoding::StreamingDecoder;
 
-pub use canvas::Figure;
+pub use canvas::{Figure, Size};
 pub use chart::{ChannelCurve, Chart, ChartMark, Series, channel_figure};
 pub use coverage::coverage_figure;
 pub use fit::{FitPlot, fit_figure};
 pub use matching::match_figure;
 pub use scale::{PlotAxis, Spacing};
-pub use size::Size;
 pub use trace::{WrenchTrace, trace_figure};
 
 /// A file format for pictures.

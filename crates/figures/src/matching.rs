@@ -1,11 +1,10 @@
 //! How well two recordings match: the search over all offsets, and readings beside what the aligned
 //! reference predicts.
 
-use super::canvas::{Figure, Pen, Style, polyline};
+use super::canvas::{Figure, Pen, Size, Style, polyline};
 use super::palette;
 use super::panel::{BOTTOM_MARGIN, Panel, wide_area};
 use super::scale::{PlotAxis, ValueRange};
-use super::size::Size;
 use alignment::Quality;
 
 const WIDTH: f64 = 860.0;

@@ -93,10 +93,10 @@ impl PdfPage {
             return self.circle(*centre, *radius, paint);
         }
         // As in pixels, what is no path of lines is not drawn.
-        let Some(steps) = outline.steps().filter(|steps| !steps.is_empty()) else {
-            self.content.push_str(if paint == "W n" { "0 0 0 0 re W n\n" } else { "" });
+        let steps = outline.steps().unwrap_or_default();
+        if steps.is_empty() {
             return;
-        };
+        }
         for step in steps {
             let (x, y, operator) = match step {
                 Step::Move(x, y) => (x, y, "m"),
@@ -264,7 +264,7 @@ mod tests {
     use flate2::read::ZlibDecoder;
 
     use super::super::canvas::Rect;
-    use super::super::size::Size;
+    use super::super::canvas::Size;
     use super::*;
 
     fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {

@@ -189,7 +189,8 @@ pub(super) fn decimal(value: f64, decimals: usize) -> String {
     if is_zero { text.replace('-', "") } else { text.replace('-', "\u{2212}") }
 }
 
-fn log_label(digit: i32, power: i32) -> String {
+/// A digit times a power of ten.
+pub(super) fn log_label(digit: i32, power: i32) -> String {
     match (digit, power) {
         (digit, 0..=3) => (digit * 10i32.pow(power as u32)).to_string(),
         (digit, -2..=-1) => {
@@ -200,7 +201,7 @@ fn log_label(digit: i32, power: i32) -> String {
     }
 }
 
-pub(super) fn superscript(number: i32) -> String {
+fn superscript(number: i32) -> String {
     let digit = |c| match c {
         '-' => '⁻',
         '1' => '¹',

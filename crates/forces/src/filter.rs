@@ -24,37 +24,20 @@ pub enum FilterError {
     /// A sampling rate that is no positive number.
     #[error("sampling rate `{0}` Hz is not a positive number")]
     Rate(f64),
-    /// A cutoff that a signal sampled at this rate does not contain.
+    /// A cutoff that a signal does not contain: not between 0 and half the rate that it is sampled at.
     #[error(
         "cutoff `{cutoff_hz}` Hz is not between 0 and half the sampling rate, `{nyquist_hz}` Hz"
     )]
-    Cutoff {
-        /// The cutoff asked for, Hz.
-        cutoff_hz: f64,
-        /// Half the sampling rate, Hz.
-        nyquist_hz: f64,
-    },
-    /// A cutoff so low that the filter would remember more than memory holds.
+    Cutoff { cutoff_hz: f64, nyquist_hz: f64 },
+    /// A cutoff so low that the filter would remember more than memory holds; `least_hz` is the lowest.
     #[error(
         "cutoff `{cutoff_hz}` Hz is too low for {} samples per second: at least `{}` Hz",
         *rate_hz as f32, *least_hz as f32
     )]
-    TooSlow {
-        /// The cutoff asked for, Hz.
-        cutoff_hz: f64,
-        /// The sampling rate, Hz.
-        rate_hz: f64,
-        /// The lowest cutoff, Hz.
-        least_hz: f64,
-    },
+    TooSlow { cutoff_hz: f64, rate_hz: f64, least_hz: f64 },
     /// A signal too short to be filtered without phase.
     #[error("`{samples}` samples are too few to filter without phase: at least `{needed}` needed")]
-    TooFewSamples {
-        /// Length of the signal.
-        samples: usize,
-        /// The least that will do.
-        needed: usize,
-    },
+    TooFewSamples { samples: usize, needed: usize },
 }
 
 impl Hint for FilterError {
@@ -195,22 +178,14 @@ impl Butterworth {
         }
         let (first, last) = (samples[0], samples[samples.len() - 1]);
         let inner = &samples[1..samples.len() - 1];
-        let mut before: Vec<f64> =
-            samples[1..=reach].iter().rev().map(|x| 2.0 * first - x).collect();
+        let before = samples[1..=reach].iter().rev().map(|x| 2.0 * first - x);
         let after = inner.iter().rev().take(reach).map(|x| 2.0 * last - x);
-        let mut after: Vec<f64> = after.collect();
-
-        let mut forward = Filter::settled(self, before[0]);
-        forward.process(&mut before);
-        forward.process(samples);
-        forward.process(&mut after);
-
-        after.reverse();
-        samples.reverse();
-        let mut backward = Filter::settled(self, after[0]);
-        backward.process(&mut after);
-        backward.process(samples);
-        samples.reverse();
+        let mut longer: Vec<f64> = before.chain(samples.iter().copied()).chain(after).collect();
+        for _direction in ["forward", "backward"] {
+            Filter::settled(self, longer[0]).process(&mut longer);
+            longer.reverse();
+        }
+        samples.copy_from_slice(&longer[reach..][..samples.len()]);
         Ok(())
     }
 }

@@ -35,11 +35,9 @@ pub enum TareRule {
     First(usize),
     /// The fresh frames from one time to another, s on the log's clock.
     Between(f64, f64),
-    /// All stretches at rest: the zero runs straight from one to the next.
-    Rests {
-        /// The zero of the last stretch that has ended is held, as it must be while a log is recorded.
-        causal: bool,
-    },
+    /// All stretches at rest: the zero runs straight from one to the next. Where it is `causal`, that of the last
+    /// stretch that has ended is held, as it must be while a log is recorded.
+    Rests { causal: bool },
 }
 
 /// A Butterworth low-pass.

@@ -8,7 +8,7 @@ use super::clock::{Clock, ClockSearch, Grid};
 use super::filter::{Butterworth, FilterError};
 use super::signal::{BlockPlan, SignalFilter};
 use super::stationary::StationaryInterval;
-use super::tare::{FirstRows, FoundTare, StationaryZeros, TareSearch};
+use super::tare::{FirstRows, StationaryZeros, TareSearch};
 use super::{ForceOptions, LowPass, RowRule, TareFrames, TareResult, TareRule};
 
 /// From readings to forces, for one log. The default has the calibration's own zero, unfiltered: what
@@ -22,6 +22,8 @@ pub struct ForcePipeline {
     pub(super) zeros: Option<StationaryZeros>,
     /// What was taken as unloaded.
     pub tare_result: Option<TareResult>,
+    /// The frames of the tare, if they were kept.
+    pub tare_frames: Option<TareFrames>,
     /// The low-pass; `None` if forces are not filtered.
     pub low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
@@ -40,8 +42,8 @@ pub struct AppliedLowPass {
 /// The low-pass over rows in order; without one, rows pass as they are.
 #[derive(Clone, Debug)]
 pub struct ForceStream {
-    grid: Option<Grid>,
-    filters: PerAxis<Option<SignalFilter>>,
+    /// The grid, and a filter for each axis that is wanted.
+    low_pass: Option<(Grid, Vec<(Axis, SignalFilter)>)>,
 }
 
 impl ForcePipeline {
@@ -84,13 +86,11 @@ impl ForcePipeline {
     /// The low-pass along `axes`, from the first row of the log on, or, by time, from any row of those
     /// [needed](super::PipelineSetup::needed_s).
     pub fn stream(&self, axes: &[Axis]) -> ForceStream {
-        let filter = |axis: usize| {
-            let (_, plan) = self.filter.as_ref()?;
-            let wanted = axes.iter().any(|wanted| wanted.index() == axis);
-            wanted.then(|| SignalFilter::new(plan.clone()))
-        };
-        let grid = self.filter.as_ref().map(|(clock, _)| Grid::new(*clock, self.rule));
-        ForceStream { grid, filters: std::array::from_fn(filter) }
+        let low_pass = self.filter.as_ref().map(|(clock, plan)| {
+            let filters = axes.iter().map(|axis| (*axis, SignalFilter::new(plan.clone())));
+            (Grid::new(*clock, self.rule), filters.collect())
+        });
+        ForceStream { low_pass }
     }
 }
 
@@ -105,13 +105,11 @@ impl ForceStream {
         times_s: &[f64],
         wrench: PerAxis<Vec<f64>>,
     ) -> Result<PerAxis<Vec<f64>>, FilterError> {
-        let Some(grid) = &mut self.grid else { return Ok(wrench) };
+        let Some((grid, filters)) = &mut self.low_pass else { return Ok(wrench) };
         let slots = grid.slots(times_s);
         let mut answers = PerAxis::<Vec<f64>>::default();
-        for ((filter, values), answers) in self.filters.iter_mut().zip(&wrench).zip(&mut answers) {
-            if let Some(filter) = filter {
-                filter.push(&slots, values, answers)?;
-            }
+        for (axis, filter) in filters {
+            filter.push(&slots, &wrench[axis.index()], &mut answers[axis.index()])?;
         }
         Ok(answers)
     }
@@ -122,10 +120,8 @@ impl ForceStream {
     /// [`FilterError::TooFewSamples`].
     pub fn finish(&mut self) -> Result<PerAxis<Vec<f64>>, FilterError> {
         let mut answers = PerAxis::<Vec<f64>>::default();
-        for (filter, answers) in self.filters.iter_mut().zip(&mut answers) {
-            if let Some(filter) = filter {
-                filter.finish(answers)?;
-            }
+        for (axis, filter) in self.low_pass.iter_mut().flat_map(|(_, filters)| filters) {
+            filter.finish(&mut answers[axis.index()])?;
         }
         Ok(answers)
     }
@@ -158,7 +154,7 @@ impl PipelineSetup {
     /// and [`ForcePipeline::follow`] is told of all of them.
     pub fn while_recording(options: ForceOptions) -> Self {
         let mut setup = Self::new(options);
-        setup.tare.ends_at_first_rest = true;
+        setup.tare.finder = None;
         setup
     }
 
@@ -224,20 +220,15 @@ impl PipelineSetup {
         }
     }
 
-    /// The pipeline from here on, and the frames of the tare if they were kept.
+    /// The pipeline from here on.
     ///
     /// # Errors
     /// [`ForceError`] if the rows were too few for tare or clock, or the filter is impossible.
-    pub fn finish(
-        self,
-        calibration: &Calibration,
-    ) -> Result<(ForcePipeline, Option<TareFrames>), ForceError> {
+    pub fn finish(self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {
         let (low_pass, plan) = self.low_pass()?.unzip();
         let filter = self.clock.finish(self.options.rate_hz).zip(plan);
-        let FoundTare { tare, result: tare_result, frames, zeros } =
-            self.tare.finish(calibration)?;
-        let rule = self.options.rule;
-        Ok((ForcePipeline { rule, tare, zeros, tare_result, low_pass, filter }, frames))
+        let tared = self.tare.finish(calibration)?;
+        Ok(ForcePipeline { rule: self.options.rule, low_pass, filter, ..tared })
     }
 }
 
@@ -246,26 +237,12 @@ impl PipelineSetup {
 pub enum ForceError {
     /// Too few frames to tare on.
     #[error("only `{found}` frames to tare on, `{wanted}` wanted")]
-    TareFrames {
-        /// Frames wanted.
-        wanted: usize,
-        /// Frames found.
-        found: usize,
-    },
-    /// No frame between the times of the tare.
+    TareFrames { wanted: usize, found: usize },
+    /// No frame between the times of the tare; those that were read are from `first_s` to `last_s`.
     #[error(
         "no frame between `{start_s}` and `{end_s}` s to tare on: frames run from `{first_s}` to `{last_s}` s"
     )]
-    TareTime {
-        /// Start of the tare, s.
-        start_s: f64,
-        /// Its end, s.
-        end_s: f64,
-        /// Time of the first frame read, s.
-        first_s: f64,
-        /// Time of the last frame read, s.
-        last_s: f64,
-    },
+    TareTime { start_s: f64, end_s: f64, first_s: f64, last_s: f64 },
     /// The low-pass needs the rate, and the log does not give it.
     #[error("the sampling rate, which a low-pass needs, is not known: {0}")]
     NoRate(&'static str),

@@ -1,5 +1,5 @@
 //! The frames that are taken as unloaded, and whether they were, judged by what the calibration knows of its training
-//! data.
+//! data; and a zero that is taken while frames come.
 
 use calibration::Calibration;
 use calibration::quality::AxisQuality;
@@ -9,7 +9,7 @@ use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, AxisValues, PerAxis};
 
 use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryInterval};
-use super::{ForceError, RowRule, TareRule};
+use super::{DEFAULT_TARE_FRAMES, ForceError, ForcePipeline, RowRule, TareRule};
 
 /// Frames that are summed at once: fixed, so that the mean has the same bits however the log is cut.
 const CHUNK: usize = 4096;
@@ -30,10 +30,10 @@ pub(super) struct TareSearch {
     seen_s: Option<(f64, f64)>,
     /// The frames themselves, if they are kept.
     pub(super) frames: Option<TareFrames>,
-    /// Where the tare follows them: the stationary intervals, and the zeros at these.
-    rests: Option<(StationaryFinder, StationaryZeros)>,
-    /// Leave all stationary intervals but the first to somebody else.
-    pub(super) ends_at_first_rest: bool,
+    /// Where the tare follows the stationary intervals: the zeros at these.
+    zeros: Option<StationaryZeros>,
+    /// Finds these; `None` if somebody else does, and only the first is looked for.
+    pub(super) finder: Option<StationaryFinder>,
 }
 
 /// The frames of a tare: of one that follows the stationary intervals, those of the first.
@@ -86,11 +86,12 @@ pub struct FirstRows<'a> {
 impl TareSearch {
     /// Nothing found yet.
     pub(super) fn new(rule: TareRule, rows: RowRule) -> Self {
-        let rests = match rule {
-            TareRule::Rests { causal } => Some((<_>::default(), StationaryZeros::new(causal))),
-            _ => None,
-        };
-        Self { rule, rows, is_done: rule == TareRule::Untared, rests, ..Self::default() }
+        let mut search = Self { rule, rows, is_done: rule == TareRule::Untared, ..Self::default() };
+        if let TareRule::Rests { causal } = rule {
+            search.zeros = Some(StationaryZeros { causal, knots: Vec::new() });
+            search.finder = Some(StationaryFinder::default());
+        }
+        search
     }
 
     /// Whether rows that end at `last_s` may be among what is looked for.
@@ -112,36 +113,33 @@ impl TareSearch {
 
     /// Looks at the next rows, in order.
     pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
-        if !self.ends_at_first_rest {
-            self.look_for_rests(calibration, rows);
-        }
+        self.look_for_rests(calibration, rows);
         let wanted = self.wanted();
-        // Further stationary intervals are looked for after the first.
-        let ends = self.ends_at_first_rest || !self.rule.follows_rests();
         for row in 0..rows.fresh.len() {
-            let time = rows.times_s.get(row).copied();
-            if let (Some(time), false) = (time, self.is_done) {
-                self.seen_s = Some((self.seen_s.map_or(time, |(first, _)| first), time));
-            }
-            let (is_early, is_late) = match self.rule {
-                TareRule::Between(start_s, end_s) => {
-                    (time.is_some_and(|time| time < start_s), time.is_none_or(|time| time > end_s))
-                }
-                _ => (false, false),
-            };
-            self.is_done |= is_late || ends && self.found >= wanted;
+            // Further stationary intervals are looked for after the first.
+            self.is_done |= self.found >= wanted && self.finder.is_none();
             if self.is_done || self.found >= wanted {
                 return;
             }
+            let time = rows.times_s.get(row).copied();
+            extend(&mut self.seen_s, time);
+            let is_early = match self.rule {
+                TareRule::Between(_, end_s) if time.is_none_or(|time| time > end_s) => {
+                    self.is_done = true;
+                    return;
+                }
+                TareRule::Between(start_s, _) => time.is_some_and(|time| time < start_s),
+                _ => false,
+            };
             if !is_early && (self.rows == RowRule::Rows || rows.fresh[row]) {
                 self.take(calibration, rows, row);
-                self.is_done = ends && self.found >= wanted;
             }
         }
+        self.is_done |= self.found >= wanted && self.finder.is_none();
     }
 
     fn look_for_rests(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
-        let Some((finder, zeros)) = &mut self.rests else { return };
+        let (Some(finder), Some(zeros)) = (&mut self.finder, &mut self.zeros) else { return };
         let by_row = self.rows == RowRule::Rows;
         let frames: Vec<bool> = rows.fresh.iter().map(|&fresh| fresh || by_row).collect();
         let pick = |column: &[f64]| -> Vec<f64> {
@@ -163,9 +161,7 @@ impl TareSearch {
             frames.leg.extend(rows.leg.map(|leg| leg[row]));
         }
         self.found += 1;
-        if let Some(time) = time {
-            self.found_s = Some((self.found_s.map_or(time, |(first, _)| first), time));
-        }
+        extend(&mut self.found_s, time);
         if self.chunk[0].len() == CHUNK {
             self.add_chunk(calibration);
         }
@@ -185,14 +181,14 @@ impl TareSearch {
         });
     }
 
-    /// The tare and what it was taken from; nothing where none is to be taken.
+    /// A pipeline with the tare and what it was taken from; with nothing where none is to be taken.
     ///
     /// # Errors
     /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few.
-    pub(super) fn finish(mut self, calibration: &Calibration) -> Result<FoundTare, ForceError> {
+    pub(super) fn finish(mut self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {
         let (found, wanted) = (self.found, self.wanted());
         match self.rule {
-            TareRule::Untared => return Ok(<_>::default()),
+            TareRule::Untared => return Ok(ForcePipeline::default()),
             TareRule::Between(start_s, end_s) if found == 0 => {
                 let (first_s, last_s) = self.seen_s.unwrap_or((f64::NAN, f64::NAN));
                 return Err(ForceError::TareTime { start_s, end_s, first_s, last_s });
@@ -202,30 +198,29 @@ impl TareSearch {
             }
             _ => {}
         }
-        let zeros = self.rests.take().map(|(_, zeros)| zeros);
         if !self.chunk[0].is_empty() {
             self.add_chunk(calibration);
         }
-        let result = self.mean.as_ref().map(|mean| TareResult {
+        let knots = self.zeros.as_ref().map(|zeros| &zeros.knots);
+        let tare_result = self.mean.as_ref().map(|mean| TareResult {
             frames: mean.frames,
             start_s: self.found_s.map(|(start, _)| start),
             end_s: self.found_s.map(|(_, end)| end),
             wrench: calibration.axes.values(&mean.wrench),
             sd: calibration.axes.values(&self.spread.map(|axis| axis.rms_about_mean())),
-            rests: zeros.as_ref().map(|zeros| zeros.knots.len()),
-            last_rest_s: zeros.as_ref().and_then(|zeros| Some(zeros.knots.last()?.end_s)),
+            rests: knots.map(Vec::len),
+            last_rest_s: knots.and_then(|knots| Some(knots.last()?.end_s)),
         });
-        Ok(FoundTare { tare: self.mean, result, frames: self.frames, zeros })
+        let Self { mean: tare, zeros, frames: tare_frames, .. } = self;
+        Ok(ForcePipeline { tare, zeros, tare_result, tare_frames, ..ForcePipeline::default() })
     }
 }
 
-/// What a search has found: the frames are there if they were kept.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct FoundTare {
-    pub(super) tare: Option<Tare>,
-    pub(super) result: Option<TareResult>,
-    pub(super) frames: Option<TareFrames>,
-    pub(super) zeros: Option<StationaryZeros>,
+/// Makes a span of times reach to one, if that is known.
+fn extend(span_s: &mut Option<(f64, f64)>, time_s: Option<f64>) {
+    if let Some(time_s) = time_s {
+        *span_s = Some((span_s.map_or(time_s, |(first, _)| first), time_s));
+    }
 }
 
 /// The zero at every time, from stationary intervals in their order.
@@ -245,10 +240,6 @@ struct Knot {
 }
 
 impl StationaryZeros {
-    pub(super) fn new(causal: bool) -> Self {
-        Self { causal, knots: Vec::new() }
-    }
-
     pub(super) fn add(&mut self, calibration: &Calibration, rest: &StationaryInterval) {
         if let Some(tare) = calibration.tare(&rest.readings) {
             let (middle_s, end_s) = (rest.middle_s(), rest.end_s());
@@ -351,6 +342,41 @@ impl TareResult {
     }
 }
 
+/// The zero of a stream of wrenches, taken when somebody asks for it: the mean of the next
+/// [`DEFAULT_TARE_FRAMES`] wrenches. It comes after tare and low-pass of the pipeline.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RunningTare {
+    /// What is subtracted, N and N·m.
+    pub zero: PerAxis<f64>,
+    /// Wrenches of a tare that is being taken, and their sum.
+    pending: Option<(usize, PerAxis<f64>)>,
+}
+
+impl RunningTare {
+    /// Takes the mean of the next wrenches as zero.
+    pub fn begin(&mut self) {
+        self.pending = Some((0, [0.0; 6]));
+    }
+
+    /// Whether a tare is being taken.
+    pub fn is_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Takes in the next wrench. Whether that has completed a tare, which then holds from this wrench on.
+    pub fn push(&mut self, wrench: PerAxis<f64>) -> bool {
+        let Some((count, sum)) = &mut self.pending else { return false };
+        *count += 1;
+        sum.iter_mut().zip(wrench).for_each(|(sum, value)| *sum += value);
+        if *count < DEFAULT_TARE_FRAMES {
+            return false;
+        }
+        let (count, sum) = (*count as f64, *sum);
+        *self = Self { zero: sum.map(|sum| sum / count), pending: None };
+        true
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use calibration::scaling::Scaling;
@@ -366,7 +392,7 @@ mod tests {
     }
 
     /// Twelve rows a second apart, each frame in two rows: 0, 0, 1, 1, …, looked at in pieces.
-    fn search(rule: TareRule, rows: RowRule) -> Result<FoundTare, ForceError> {
+    fn search(rule: TareRule, rows: RowRule) -> Result<ForcePipeline, ForceError> {
         let mut search = TareSearch::new(rule, rows);
         search.frames = Some(TareFrames::default());
         let times: Vec<f64> = (0..12).map(f64::from).collect();
@@ -390,13 +416,15 @@ mod tests {
     #[test]
     fn first_frames_count_once_by_time_and_rows_count_by_row() {
         let found = search(TareRule::First(4), RowRule::Time).unwrap();
-        let frames = found.frames.unwrap();
+        let frames = found.tare_frames.unwrap();
         assert_eq!(frames.readings, [[0.0, 1.0, 2.0, 3.0]]);
         assert_eq!((frames.times_s[0], frames.end_s()), (0.0, 6.0));
         assert_eq!(found.tare.unwrap().wrench[0], 1.5);
         let by_row = search(TareRule::First(4), RowRule::Rows).unwrap();
-        assert_eq!(by_row.frames.unwrap().readings, [[0.0, 0.0, 1.0, 1.0]]);
-        assert_eq!(search(TareRule::Untared, RowRule::Time), Ok(FoundTare::default()));
+        assert_eq!(by_row.tare_frames.unwrap().readings, [[0.0, 0.0, 1.0, 1.0]]);
+        let untared = search(TareRule::Untared, RowRule::Time).unwrap();
+        assert!(untared.tare.is_none() && untared.tare_result.is_none());
+        assert!(untared.tare_frames.is_none() && untared.zeros.is_none());
         let error = search(TareRule::First(7), RowRule::Time).unwrap_err();
         assert_eq!(error, ForceError::TareFrames { wanted: 7, found: 6 });
     }
@@ -404,8 +432,8 @@ mod tests {
     #[test]
     fn a_tare_by_time_takes_the_frames_between() {
         let found = search(TareRule::Between(3.0, 8.5), RowRule::Time).unwrap();
-        assert_eq!(found.frames.unwrap().readings, [[2.0, 3.0, 4.0]]);
-        let result = found.result.unwrap();
+        assert_eq!(found.tare_frames.unwrap().readings, [[2.0, 3.0, 4.0]]);
+        let result = found.tare_result.unwrap();
         assert_eq!((result.frames, result.start_s, result.end_s), (3, Some(4.0), Some(8.0)));
         let error = search(TareRule::Between(20.0, 30.0), RowRule::Time).unwrap_err();
         assert!(matches!(error, ForceError::TareTime { .. }), "{error}");
@@ -444,7 +472,8 @@ mod tests {
         assert_eq!(straight, [1.0, 1.0, 2.0, 3.0, 2.0, 0.0, 0.0]);
         let held = [0.0, 2.0, 5.9, 6.0, 11.9, 12.0, 20.0].map(|t| fx(true, t));
         assert_eq!(held, [1.0, 1.0, 1.0, 3.0, 3.0, 0.0, 0.0]);
-        assert_eq!(StationaryZeros::new(true).at(1.0), [0.0; 6]);
+        let none = StationaryZeros { causal: true, knots: Vec::new() };
+        assert_eq!(none.at(1.0), [0.0; 6]);
     }
 
     /// Loads up to 10 N and 1 N·m, errors of 0.1 and 0.01.

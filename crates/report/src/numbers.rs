@@ -210,7 +210,6 @@ fn of_trial(trace: &Trace, passage: &Passage) -> Value {
         at(&smoothed(&trace.t_s, column, width_s), of)
     };
     let [fx, fy, fz, ..] = &trace.wrench;
-    let (partly, wholly) = passage.stretches();
     json!({
         "t_s": at(&trace.t_s, same),
         // Fx is the drag turned round, and Fz the lift.
@@ -225,7 +224,7 @@ fn of_trial(trace: &Trace, passage: &Passage) -> Value {
         "left_power_w": at(&trace.left_power_w, same),
         // Of both motors together, where the log has no more.
         "power_w": at(&trace.power_w, same),
-        "partly": partly,
-        "wholly": wholly,
+        "partly": passage.partly_s,
+        "wholly": passage.wholly_s,
     })
 }

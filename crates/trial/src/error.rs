@@ -13,79 +13,36 @@ pub enum TrialError {
     /// The calibration does not give the axes that results are made of.
     #[error("drag and lift are made of Fx and Fz: the calibration has no {0}")]
     Axes(Axes),
-    /// The window is not within the log.
+    /// The window from `enter` to `exit` is not within the log, whose rows are from `first` to `last`, s.
     #[error(
         "the window from `{enter}` to `{exit}` s is not within the log, which runs from `{first}` to \
          `{last}` s"
     )]
-    OutsideLog {
-        /// Entry, s.
-        enter: f64,
-        /// Exit, s.
-        exit: f64,
-        /// The log's first row, s.
-        first: f64,
-        /// The log's last row, s.
-        last: f64,
-    },
-    /// No rows where the window begins or ends.
+    OutsideLog { enter: f64, exit: f64, first: f64, last: f64 },
+    /// No rows where the window begins or ends, s.
     #[error("the log has a gap where the window from `{enter}` to `{exit}` s begins or ends")]
-    Gap {
-        /// Entry, s.
-        enter: f64,
-        /// Exit, s.
-        exit: f64,
-    },
-    /// The exit is not after the entry.
+    Gap { enter: f64, exit: f64 },
+    /// The exit is not after the entry, s.
     #[error("the exit at `{exit}` s is not after the entry at `{enter}` s")]
-    ExitBeforeEntry {
-        /// Entry, s.
-        enter: f64,
-        /// Exit, s.
-        exit: f64,
-    },
-    /// The window is too short for a mean over its rows.
+    ExitBeforeEntry { enter: f64, exit: f64 },
+    /// The window is too short for a mean over its rows, which are a `period` apart, s.
     #[error(
         "the window from `{enter}` to `{exit}` s is shorter than {FEWEST_PERIODS} periods of the log, \
          `{period}` s each"
     )]
-    Short {
-        /// Entry, s.
-        enter: f64,
-        /// Exit, s.
-        exit: f64,
-        /// The log's period, s.
-        period: f64,
-    },
+    Short { enter: f64, exit: f64, period: f64 },
     /// A velocity, mass or length that nothing can be computed with.
     #[error("{what} is `{value}`, expected a positive number")]
-    NotPositive {
-        /// Which.
-        what: &'static str,
-        /// What it is.
-        value: f64,
-    },
-    /// Time runs backwards.
+    NotPositive { what: &'static str, value: f64 },
+    /// Time runs backwards: row `row`, from 1, is at `after`, s, and the row before it at `before`.
     #[error("the clock jumps back from `{before}` to `{after}` s at row {row}")]
-    Backward {
-        /// The row that is earlier than the one before, from 1.
-        row: u64,
-        /// Time of the row before, s.
-        before: f64,
-        /// Its own time, s.
-        after: f64,
-    },
+    Backward { row: u64, before: f64, after: f64 },
     /// The clock stands still over all rows of the log, so many.
     #[error("the clock does not move on: `{0}` rows, all at one time")]
     NoClock(u64),
-    /// The sensors are not those of the calibration.
+    /// The sensors are not those of the calibration: numbers of channels.
     #[error("the log has `{found}` sensor channels, the calibration `{expected}`")]
-    Channels {
-        /// Channels of the calibration.
-        expected: usize,
-        /// Channels of the log.
-        found: usize,
-    },
+    Channels { expected: usize, found: usize },
     /// Neither forces nor energies can be computed.
     #[error("nothing to compute: {0}")]
     Nothing(String),

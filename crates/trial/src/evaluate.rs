@@ -9,13 +9,12 @@
 
 use std::ops::Range;
 
-use super::diagnostic::Diagnostic;
 use super::error::{FEWEST_PERIODS, TrialError};
 use super::input::{LogTimes, TraceExtent, Trial, TrialInput};
 use super::integral::{Span, rows_within};
 use super::leg::Strides;
 use super::profile::Profile;
-use super::results::{Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
+use super::results::{Diagnostic, Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
 use super::signals::{Signals, count_fresh};
 use super::statistics::Interval;
 use super::trace::Trace;
@@ -40,13 +39,17 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let signals = Signals::new(input, window.clone(), &mut diagnostics)?;
     let evaluation =
         TrialEvaluation { input, channel_length_m, velocity_m_s, weight_power_w, window, signals };
-    let half_widths = evaluation.half_widths(&span);
-    if evaluation.signals.forces.is_some() && half_widths.is_none() {
+    let forces = evaluation.signals.forces.as_ref();
+    let half_widths = forces.and_then(|forces| half_widths(input, forces, &span));
+    if forces.is_some() && half_widths.is_none() {
         let text = "the calibration carries no covariance: intervals are left out";
         diagnostics.push(Diagnostic::note("no_intervals", text));
     }
     let row = evaluation.trial_row(&span, half_widths);
-    check_finite(&row.measures)?;
+    let is_wrong = |of: &Quantity| of.of(&row.measures).is_some_and(|value| !value.is_finite());
+    if let Some(wrong) = Quantity::ALL.into_iter().find(is_wrong) {
+        return Err(TrialError::NotFinite(wrong.name()));
+    }
     let spans = evaluation.signals.strides.iter().flat_map(Strides::spans);
     let stride_rows = (1..).zip(spans).map(|(k, span)| evaluation.stride_row(k, span)).collect();
     let trace = evaluation.trace();
@@ -117,15 +120,6 @@ impl TrialEvaluation<'_> {
         }
     }
 
-    /// Half the width of the 95 % interval of the mean force, if there are forces whose errors are
-    /// known.
-    fn half_widths(&self, span: &Span) -> Option<PerAxis<f64>> {
-        let TrialInput { instrument, pipeline, tare_frames, options, .. } = *self.input;
-        let tare = tare_frames.zip(pipeline?.tare.as_ref());
-        let forces = self.signals.forces.as_ref()?;
-        half_widths(instrument.calibration?, tare, forces, span, options.unexplained)
-    }
-
     fn trial_row(&self, span: &Span, half_widths: Option<PerAxis<f64>>) -> TrialRow {
         let TrialInput { trial, rows, .. } = *self.input;
         let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
@@ -178,13 +172,5 @@ impl TrialEvaluation<'_> {
             TraceExtent::Log => 0..self.input.rows.times_s.len(),
         };
         Some(self.signals.trace(self.input.rows, rows))
-    }
-}
-
-fn check_finite(measures: &RunMeasures) -> Result<(), TrialError> {
-    let is_wrong = |of: &Quantity| of.of(measures).is_some_and(|value| !value.is_finite());
-    match Quantity::ALL.into_iter().find(is_wrong) {
-        Some(of) => Err(TrialError::NotFinite(of.name())),
-        None => Ok(()),
     }
 }

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::profile::Profile;
 use calibration::Calibration;
-use forces::{ForceOptions, ForcePipeline, TareFrames};
+use forces::{ForceOptions, ForcePipeline};
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::PerAxis;
 
@@ -128,10 +128,8 @@ pub struct TrialInput<'a> {
     pub times: &'a LogTimes,
     /// The rows around its window.
     pub rows: &'a TrialRows,
-    /// From its readings to forces; `None` where there are no forces.
+    /// From its readings to forces, with the frames of the tare if there is one; `None` where there are no forces.
     pub pipeline: Option<&'a ForcePipeline>,
-    /// The frames of the tare, if there is one.
-    pub tare_frames: Option<&'a TareFrames>,
     /// How it is evaluated.
     pub options: &'a TrialOptions,
 }

@@ -25,7 +25,18 @@ impl Span {
     pub(super) fn new(rule: RowRule, times: &[f64], from_s: f64, to_s: f64) -> Option<Self> {
         let around = rows_around(times, from_s, to_s)?;
         if rule == RowRule::Time {
-            let weights = trapezoid_weights(times, around, from_s, to_s);
+            // What the value of each row counts for: ∫f dt = Σ weight·f.
+            let mut weights: Vec<(usize, f64)> = around.clone().map(|row| (row, 0.0)).collect();
+            for (i, pair) in times[around].windows(2).enumerate() {
+                let (a, b) = (pair[0].max(from_s), pair[1].min(to_s));
+                let (length, step) = (b - a, pair[1] - pair[0]);
+                if length > 0.0 {
+                    // The line between the two, at the middle of what lies in the window.
+                    let share = (0.5 * (a + b) - pair[0]) / step;
+                    weights[i].1 += length * (1.0 - share);
+                    weights[i + 1].1 += length * share;
+                }
+            }
             let share = |&(row, weight): &(usize, f64)| (row, weight / (to_s - from_s));
             return Some(Self { shares: weights.iter().map(share).collect(), weights });
         }
@@ -62,27 +73,6 @@ pub(super) fn rows_around(times: &[f64], from_s: f64, to_s: f64) -> Option<Range
     }
     let start = times.partition_point(|&t| t <= from_s) - 1;
     Some(start..times.partition_point(|&t| t < to_s) + 1)
-}
-
-/// What the value of each of the rows around a window counts for in the integral over it: `∫f dt = Σ weight·f`.
-fn trapezoid_weights(
-    times: &[f64],
-    rows: Range<usize>,
-    from_s: f64,
-    to_s: f64,
-) -> Vec<(usize, f64)> {
-    let mut weights: Vec<(usize, f64)> = rows.clone().map(|row| (row, 0.0)).collect();
-    for (i, pair) in times[rows].windows(2).enumerate() {
-        let (a, b) = (pair[0].max(from_s), pair[1].min(to_s));
-        let (length, step) = (b - a, pair[1] - pair[0]);
-        if length > 0.0 {
-            // The line between the two, at the middle of what lies in the window.
-            let share = (0.5 * (a + b) - pair[0]) / step;
-            weights[i].1 += length * (1.0 - share);
-            weights[i + 1].1 += length * share;
-        }
-    }
-    weights
 }
 
 #[cfg(test)]

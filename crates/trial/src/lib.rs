@@ -12,7 +12,6 @@
 //! and definitions, the crate `forces` the way from readings to forces.
 
 mod cell_position;
-mod diagnostic;
 mod error;
 mod evaluate;
 mod input;
@@ -31,16 +30,18 @@ mod uncertainty;
 mod value_table;
 mod window;
 
-pub use diagnostic::{Diagnostic, Severity};
 pub use error::TrialError;
 pub use evaluate::{check_window, evaluate};
 pub use input::{Instrument, LogTimes, TraceExtent, Trial, TrialInput, TrialOptions, TrialRows};
 pub use phase::{PhaseForce, PhaseProfile};
-pub use power::MEASURED_POWER;
 pub use profile::{
     Motor, Profile, Robot, TelemetryColumn, TelemetryScales, TrialChannel, VELOCIROACH,
+    used_telemetry,
 };
-pub use results::{ConditionRow, Per, Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
+pub use results::{
+    ConditionRow, Diagnostic, Per, Quantity, RunMeasures, Severity, StrideRow, TrialResult,
+    TrialRow,
+};
 pub use statistics::{Interval, MeanDifference, Statistics, ValueSample};
 pub use trace::Trace;
 pub use value_table::{ValueRow, ValueTable};

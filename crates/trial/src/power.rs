@@ -6,9 +6,9 @@
 
 use std::ops::Range;
 
-use super::diagnostic::Diagnostic;
 use super::input::TrialRows;
 use super::profile::{Profile, key_of};
+use super::results::Diagnostic;
 use shell_data::statistics::upper_median;
 use shell_data::telemetry::Telemetry;
 
@@ -24,10 +24,6 @@ pub(super) struct Power {
 const POWERS: [Telemetry; 3] = [Telemetry::Power, Telemetry::RightPower, Telemetry::LeftPower];
 const CURRENTS: [Telemetry; 3] =
     [Telemetry::Current, Telemetry::RightCurrent, Telemetry::LeftCurrent];
-
-/// What the power of a robot is measured as, if it is.
-pub const MEASURED_POWER: [Telemetry; 6] =
-    [POWERS[0], POWERS[1], POWERS[2], CURRENTS[0], CURRENTS[1], CURRENTS[2]];
 
 const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
 
@@ -113,23 +109,20 @@ impl PowerColumns<'_> {
         let missing = Telemetry::MOTORS.iter().filter(|kind| self.rows.telemetry(**kind).is_none());
         let missing: Vec<&str> = missing.map(|kind| kind.name()).collect();
         if !missing.is_empty() {
-            let unknown =
-                MEASURED_POWER.into_iter().filter(|kind| self.profile.unit(*kind).is_none());
-            let unknown = unknown.into_iter().find(|kind| self.rows.telemetry(*kind).is_some());
-            return Err(match unknown.and_then(|kind| Some((kind, key_of(kind)?))) {
+            let has_no_unit = |kind: &Telemetry| {
+                self.profile.unit(*kind).is_none() && self.rows.telemetry(*kind).is_some()
+            };
+            let unknown = POWERS.into_iter().chain(CURRENTS).find(has_no_unit);
+            let (code, what) = match unknown.and_then(|kind| Some((kind, key_of(kind)?))) {
                 Some((kind, key)) => {
-                    let text = format!(
-                        "the log has {}, whose unit is not known: give the profile `{key} = {{ unit = … }}` \
-                         under `[columns]`; {NO_ENERGY}",
-                        kind.name()
-                    );
-                    Diagnostic::warning("no_unit", text)
+                    let hint =
+                        format!("give the profile `{key} = {{ unit = … }}` under `[columns]`");
+                    ("no_unit", format!("{}, whose unit is not known: {hint};", kind.name()))
                 }
-                None => {
-                    let text = format!("the log has no {}: {NO_ENERGY}", missing.join(", no "));
-                    Diagnostic::warning("no_power", text)
-                }
-            });
+                None => ("no_power", format!("no {}:", missing.join(", no "))),
+            };
+            let text = format!("the log has {what} {NO_ENERGY}");
+            return Err(Diagnostic::warning(code, text));
         }
         let battery = self.battery(window)?;
         let scales = self.profile.telemetry;

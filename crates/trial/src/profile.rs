@@ -220,7 +220,7 @@ const VOLTAGE: Units = &[("V", 1.0), ("mV", 1e-3)];
 const CURRENT: Units = &[("A", 1.0), ("mA", 1e-3)];
 const POWER: Units = &[("W", 1.0), ("mW", 1e-3)];
 
-/// The columns that results are computed from.
+/// The columns that results are computed from: their keys in a profile, and the units that they may be in.
 const COLUMNS: [(&str, Telemetry, Units); 13] = [
     ("right_leg", Telemetry::RightLeg, ANGLE),
     ("left_leg", Telemetry::LeftLeg, ANGLE),
@@ -236,6 +236,11 @@ const COLUMNS: [(&str, Telemetry, Units); 13] = [
     ("right_power", Telemetry::RightPower, POWER),
     ("left_power", Telemetry::LeftPower, POWER),
 ];
+
+/// The columns that results are computed from.
+pub fn used_telemetry() -> impl Iterator<Item = Telemetry> {
+    COLUMNS.into_iter().map(|(_, kind, _)| kind)
+}
 
 /// The key of a column in a profile, if it has one.
 pub(super) fn key_of(kind: Telemetry) -> Option<&'static str> {

@@ -1,13 +1,13 @@
-//! What trials give: rows of tables, and traces to draw.
+//! What trials give: rows of tables, traces to draw, and what a reader of these should know about them.
 
 use std::collections::BTreeMap;
 
 use serde::Serialize;
 
-use super::diagnostic::{Diagnostic, Severity};
 use super::phase::PhaseProfile;
 use super::statistics::{Interval, MeanDifference, Statistics};
 use super::trace::Trace;
+use super::window::Proposal;
 
 /// The results of one trial. What the log or the calibration does not allow is `None`, and
 /// [`TrialResult::diagnostics`] say why.
@@ -46,6 +46,51 @@ impl TrialResult {
             2 => (severity, first + " (also in another trial)"),
             _ => (severity, format!("{first} (also in {} other trials)", count - 1)),
         })
+    }
+}
+
+/// How much a diagnostic matters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Severity {
+    /// How the log was recorded.
+    Note,
+    /// The results may be worse than they look.
+    Warning,
+}
+
+/// Something that a reader of a trial's results should know.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Diagnostic {
+    /// How much it matters.
+    pub severity: Severity,
+    /// A short name for scripts, the same for all of a kind.
+    pub code: &'static str,
+    /// What it is, in words.
+    pub text: String,
+}
+
+impl Diagnostic {
+    /// How the log was recorded.
+    pub(super) fn note(code: &'static str, text: impl Into<String>) -> Self {
+        Self { severity: Severity::Note, code, text: text.into() }
+    }
+
+    /// What may make results worse than they look.
+    pub fn warning(code: &'static str, text: impl Into<String>) -> Self {
+        Self { severity: Severity::Warning, code, text: text.into() }
+    }
+
+    /// The window was found in the forces.
+    pub fn found_window(found: &Proposal) -> Self {
+        let text = format!(
+            "the window was found in the drag: confidence {:.0} %, entry ± {:.3} s, exit ± {:.3} s",
+            100.0 * found.confidence,
+            found.t_enter_se_s,
+            found.t_exit_se_s
+        );
+        let severity = if found.is_good() { Severity::Note } else { Severity::Warning };
+        Self { severity, code: "found_window", text }
     }
 }
 

@@ -3,15 +3,15 @@
 
 use std::ops::Range;
 
-use super::diagnostic::{Diagnostic, Severity};
 use super::error::TrialError;
 use super::input::{TraceExtent, TrialInput, TrialRows};
 use super::leg::{STILL_RAD, Strides, unwrap};
 use super::power::Power;
 use super::profile::Profile;
+use super::results::{Diagnostic, Severity};
 use super::trace::Trace;
 use calibration::Calibration;
-use forces::{ForceError, ForcePipeline, RowRule, TareFrames};
+use forces::{ForceError, RowRule, TareFrames};
 use shell_data::statistics::{extremes, upper_median};
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -41,7 +41,7 @@ impl Signals {
         window: Range<usize>,
         diagnostics: &mut Vec<Diagnostic>,
     ) -> Result<Self, TrialError> {
-        let TrialInput { trial, instrument, rows, tare_frames, options, .. } = *input;
+        let TrialInput { trial, instrument, rows, pipeline, options, .. } = *input;
         let forces = find_forces(input, diagnostics)?;
         let power = Power::new(rows, instrument.profile, window.clone());
         let power = power.map_err(|why| diagnostics.push(why)).ok();
@@ -59,10 +59,16 @@ impl Signals {
             (!right_leg.is_empty()).then(|| Strides::new(&rows.times_s, &right_leg, enter, exit));
         diagnose_rows(input, window.clone(), diagnostics);
         if let (Some(calibration), Some(forces)) = (instrument.calibration, &forces) {
-            if let Some(tare) = tare_frames {
-                diagnose_tare(tare, instrument.profile, enter, diagnostics);
+            if let Some(tare) = pipeline.and_then(|of| of.tare_frames.as_ref()) {
+                diagnostics.extend(diagnose_tare(tare, instrument.profile, enter));
             }
-            diagnose_frames(calibration, forces, window, options.full_scale, diagnostics);
+            let of_rows = &forces.frame_of_row[window];
+            if let (Some(&first), Some(&last)) = (of_rows.first(), of_rows.last()) {
+                let cut = |column: &Vec<f64>| column[first..=last].to_vec();
+                let channels = forces.frames.iter().take(calibration.channels());
+                let readings: Vec<Vec<f64>> = channels.map(cut).collect();
+                diagnostics.extend(diagnose_frames(calibration, &readings, options.full_scale));
+            }
         }
         diagnostics.extend(diagnose_legs(strides.as_ref()));
         let left_leg = leg(Telemetry::LeftLeg);
@@ -127,7 +133,20 @@ fn find_forces(
     }
     let traced = input.options.trace != TraceExtent::Nothing;
     let axes: Vec<Axis> = if traced { calibration.axes } else { needed }.iter().collect();
-    TrialForces::new(input.rows, calibration, pipeline, &axes).map(Some)
+    let rows = input.rows;
+    let (frames, frame_of_row) = frames(rows);
+    let mut by_frame = PerAxis::default();
+    calibration.wrench(&frames, &mut by_frame);
+    let mut wrench = PerAxis::<Vec<f64>>::default();
+    for axis in axes.iter().map(|axis| axis.index()) {
+        wrench[axis] = frame_of_row.iter().map(|&frame| by_frame[axis][frame]).collect();
+    }
+    pipeline.tare_off(&rows.times_s, &mut wrench);
+    let mut stream = pipeline.stream(&axes);
+    let mut wrench = stream.push(&rows.times_s, wrench).map_err(ForceError::from)?;
+    let rest = stream.finish().map_err(ForceError::from)?;
+    wrench.iter_mut().zip(rest).for_each(|(wrench, rest)| wrench.extend(rest));
+    Ok(Some(TrialForces { wrench, frame_of_row, frames }))
 }
 
 /// The forces of the rows of a trial.
@@ -139,30 +158,6 @@ pub(super) struct TrialForces {
     pub(super) frame_of_row: Vec<usize>,
     /// Readings of each frame, counts, one column a channel.
     pub(super) frames: Vec<Vec<f64>>,
-}
-
-impl TrialForces {
-    /// The forces along `axes`.
-    pub(super) fn new(
-        rows: &TrialRows,
-        calibration: &Calibration,
-        pipeline: &ForcePipeline,
-        axes: &[Axis],
-    ) -> Result<Self, TrialError> {
-        let (frames, frame_of_row) = frames(rows);
-        let mut by_frame = PerAxis::default();
-        calibration.wrench(&frames, &mut by_frame);
-        let mut wrench = PerAxis::<Vec<f64>>::default();
-        for axis in axes.iter().map(|axis| axis.index()) {
-            wrench[axis] = frame_of_row.iter().map(|&frame| by_frame[axis][frame]).collect();
-        }
-        pipeline.tare_off(&rows.times_s, &mut wrench);
-        let mut stream = pipeline.stream(axes);
-        let mut wrench = stream.push(&rows.times_s, wrench).map_err(ForceError::from)?;
-        let rest = stream.finish().map_err(ForceError::from)?;
-        wrench.iter_mut().zip(rest).for_each(|(wrench, rest)| wrench.extend(rest));
-        Ok(Self { wrench, frame_of_row, frames })
-    }
 }
 
 /// Each frame once: its readings, and for every row the number of its frame.
@@ -213,12 +208,8 @@ fn missing_rows(times: &[f64], period_s: f64) -> u64 {
 }
 
 /// A tare that was not taken at rest.
-fn diagnose_tare(
-    tare: &TareFrames,
-    profile: &Profile,
-    enter_s: f64,
-    diagnostics: &mut Vec<Diagnostic>,
-) {
+fn diagnose_tare(tare: &TareFrames, profile: &Profile, enter_s: f64) -> Vec<Diagnostic> {
+    let mut diagnostics = Vec::new();
     // By how much the right leg moves; 0 if that is not known.
     let per_count = profile.leg_rad(Telemetry::RightLeg);
     let (low, high) = extremes(unwrap(&tare.times_s[..tare.leg.len()], &tare.leg, per_count));
@@ -234,38 +225,27 @@ fn diagnose_tare(
             format!("the tare ends at {end_s:.3} s, after the robot has entered the channel");
         diagnostics.push(Diagnostic::warning("late_tare", text));
     }
+    diagnostics
 }
 
-/// Readings that cannot be trusted.
+/// Readings of frames that cannot be trusted.
 fn diagnose_frames(
     calibration: &Calibration,
-    forces: &TrialForces,
-    window: Range<usize>,
+    readings: &[Vec<f64>],
     full_scale: f64,
-    diagnostics: &mut Vec<Diagnostic>,
-) {
-    let of_rows = &forces.frame_of_row[window];
-    let (Some(&first), Some(&last)) = (of_rows.first(), of_rows.last()) else { return };
-    let of = last - first + 1;
-    let cut = |column: &Vec<f64>| column[first..=last].to_vec();
-    let channels = forces.frames.iter().take(calibration.channels());
-    let readings: Vec<Vec<f64>> = channels.map(cut).collect();
+) -> impl Iterator<Item = Diagnostic> {
+    let of = readings.first().map_or(0, Vec::len);
     let inside = |reading: f64| reading > 0.0 && reading < full_scale;
     let is_saturated = |frame: &usize| readings.iter().any(|column| !inside(column[*frame]));
     let saturated = (0..of).filter(is_saturated).count() as u64;
-    for (code, count, what) in [
-        (
-            "out_of_range",
-            calibration.rows_out_of_range(&readings),
-            "reading outside the range of the training data",
-        ),
+    let out_of_range = calibration.rows_out_of_range(readings);
+    let kinds = [
+        ("out_of_range", out_of_range, "reading outside the range of the training data"),
         ("saturated", saturated, "saturated reading"),
-    ] {
-        if count > 0 {
-            let text = format!("{count} of {of} frames have a {what}");
-            diagnostics.push(Diagnostic::warning(code, text));
-        }
-    }
+    ];
+    kinds.into_iter().filter(|(_, count, _)| *count > 0).map(move |(code, count, what)| {
+        Diagnostic::warning(code, format!("{count} of {of} frames have a {what}"))
+    })
 }
 
 /// Legs that do not turn.

@@ -1,7 +1,6 @@
 //! Results as tables, to be written as CSV or Parquet.
 
-use super::diagnostic::Diagnostic;
-use super::results::{ConditionRow, StrideRow, TrialResult, TrialRow};
+use super::results::{ConditionRow, Diagnostic, StrideRow, TrialResult, TrialRow};
 use super::trace::Trace;
 use shell_data::wrench::Axis;
 use table_file::write::{Cells, NamedTable};

@@ -16,25 +16,24 @@
 //!
 //! The interval is that of Student's t with the degrees of freedom of Welch and Satterthwaite.
 
+use super::input::TrialInput;
 use super::integral::Span;
 use super::signals::TrialForces;
-use calibration::uncertainty::{CoefficientCovariance, Tare, student_quantile};
-use calibration::{Calibration, Polynomial};
-use forces::TareFrames;
+use calibration::Polynomial;
+use calibration::uncertainty::{CoefficientCovariance, student_quantile};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// The share of the truth that intervals are to hold.
 const LEVEL: f64 = 0.95;
 
 /// Half the width of the 95 % interval of the mean of `forces` over `span` along Fx and Fz, N; `None` if the
-/// calibration carries no covariance. `unexplained` is 1 − R² of the training loads, where it is known.
+/// calibration carries no covariance.
 pub(super) fn half_widths(
-    calibration: &Calibration,
-    tare: Option<(&TareFrames, &Tare)>,
+    input: &TrialInput<'_>,
     forces: &TrialForces,
     span: &Span,
-    unexplained: Option<PerAxis<f64>>,
 ) -> Option<PerAxis<f64>> {
+    let (calibration, pipeline) = (input.instrument.calibration?, input.pipeline?);
     let covariance = calibration.covariance.as_ref()?;
     let polynomial = calibration.polynomial()?;
     // What each frame counts for in the mean.
@@ -42,7 +41,7 @@ pub(super) fn half_widths(
     span.shares.iter().for_each(|&(row, share)| shares[forces.frame_of_row[row]] += share);
     let mut difference = mean_features(polynomial, &forces.frames, &shares);
     let mut of_tare = PerAxis::default();
-    if let Some((frames, tare)) = tare {
+    if let (Some(frames), Some(tare)) = (&pipeline.tare_frames, &pipeline.tare) {
         difference.iter_mut().zip(&tare.features).for_each(|(x, tare)| *x -= tare);
         calibration.wrench(&frames.readings, &mut of_tare);
     }
@@ -58,15 +57,16 @@ pub(super) fn half_widths(
         let degrees_of_freedom = covariance.degrees_of_freedom as f64;
         let mut parts = vec![(variance, degrees_of_freedom)];
         let noise: &[f64] = &of_tare[axis];
-        if let Some(unexplained) = unexplained {
+        if let Some(unexplained) = input.options.unexplained {
             let residual = covariance.residual[axis][axis];
-            let lack = if residual > 0.0 { 1.0 - variance_of(noise) / residual } else { 0.0 };
+            let own = if noise.len() > 1 { variances(noise)[0] } else { 0.0 };
+            let lack = if residual > 0.0 { 1.0 - own / residual } else { 0.0 };
             let load = span.mean(&forces.wrench[axis]);
             parts.push((unexplained[axis] * lack.max(0.0) * load * load, degrees_of_freedom));
         }
         if noise.len() > 1 {
             let frames = noise.len() as f64;
-            let variance = long_run_variance(noise) * (1.0 / frames + own_frames);
+            let variance = variances(noise)[1] * (1.0 / frames + own_frames);
             parts.push((variance, frames - 1.0));
         } else {
             // Nothing is known of its zero and its noise but what the training rows scattered.
@@ -103,18 +103,9 @@ fn square(factor: &[Vec<f64>], x: &[f64]) -> f64 {
     factor.iter().map(|column| product(column).powi(2)).sum()
 }
 
-/// The variance of a value of `x`, 0 of fewer than two.
-fn variance_of(x: &[f64]) -> f64 {
-    if x.len() < 2 {
-        return 0.0;
-    }
-    let mean = x.iter().sum::<f64>() / x.len() as f64;
-    x.iter().map(|x| (x - mean) * (x - mean)).sum::<f64>() / (x.len() - 1) as f64
-}
-
-/// The variance of the mean of `x`, times its length: Bartlett's weights over the cube root of the
+/// The variance of a value of `x`, of two or more, and that of their mean, times its length: Bartlett's weights over the cube root of the
 /// length, and never less than if values had nothing in common.
-fn long_run_variance(x: &[f64]) -> f64 {
+fn variances(x: &[f64]) -> [f64; 2] {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
     let product = |lag: usize| {
@@ -124,7 +115,7 @@ fn long_run_variance(x: &[f64]) -> f64 {
     let lags = n.cbrt().round() as usize;
     let weighed = |lag: usize| 2.0 * (1.0 - lag as f64 / (lags + 1) as f64) * product(lag);
     let own = product(0);
-    own + (1..=lags.min(x.len() - 1)).map(weighed).sum::<f64>().max(0.0)
+    [own, own + (1..=lags.min(x.len() - 1)).map(weighed).sum::<f64>().max(0.0)]
 }
 
 /// Of variances, with the degrees of freedom that each was found with.
@@ -157,7 +148,7 @@ mod tests {
                         last
                     })
                     .collect();
-                found += long_run_variance(&x) / 200.0;
+                found += variances(&x)[1] / 200.0;
             }
             let expected = 1.0 / (1.0 - phi) / (1.0 - phi);
             // Bartlett's weights up to lag 7 leave 1 − 2.50/3 out of the second; white noise is

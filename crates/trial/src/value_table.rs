@@ -1,6 +1,7 @@
 //! Tables of values by condition, such as are published: one row a stride or a trial.
 
 use std::collections::HashMap;
+use std::hash::Hash;
 
 use super::manifest::{CellPosition, ManifestProblem};
 use super::statistics::{MeanDifference, Statistics, ValueSample};
@@ -33,29 +34,19 @@ pub struct ValueRow {
     pub difference: Option<MeanDifference>,
 }
 
-/// The rows of each trial.
-type Trials<'a> = Vec<Vec<&'a csv::StringRecord>>;
-
-/// Conditions, then trials, in the order in which they are named; the columns by number.
-fn group(rows: &[csv::StringRecord], by: usize, trial: Option<usize>) -> Vec<(&str, Trials<'_>)> {
-    let mut grouped: Vec<(&str, Trials<'_>)> = Vec::new();
-    // Where each condition and each of its trials stands.
-    let (mut positions, mut positions_of_trials) = (HashMap::new(), HashMap::new());
-    for (number, row) in rows.iter().enumerate() {
-        let position = *positions.entry(&row[by]).or_insert_with(|| {
-            grouped.push((&row[by], Vec::new()));
-            grouped.len() - 1
-        });
-        let trials = &mut grouped[position].1;
-        // Without names of trials each row is one.
-        let name = trial.map(|column| &row[column]).ok_or(number);
-        let trial = *positions_of_trials.entry((position, name)).or_insert_with(|| {
-            trials.push(Vec::new());
-            trials.len() - 1
-        });
-        trials[trial].push(row);
+/// Items in groups of one key each, in the order in which the keys first occur.
+fn groups<T, K: Eq + Hash>(
+    items: impl IntoIterator<Item = T>,
+    key: impl Fn(&T) -> K,
+) -> Vec<Vec<T>> {
+    let mut groups: Vec<Vec<T>> = Vec::new();
+    let mut positions = HashMap::new();
+    for item in items {
+        let position = *positions.entry(key(&item)).or_insert(groups.len());
+        groups.resize_with(groups.len().max(position + 1), Vec::new);
+        groups[position].push(item);
     }
-    grouped
+    groups
 }
 
 impl ValueTable {
@@ -114,17 +105,19 @@ impl ValueTable {
         if columns.is_empty() {
             return Err(at(1, "no column holds numbers alone".to_owned()));
         }
-        let grouped = group(&rows, by, trial);
-        let sample = |trials: &Trials<'_>, column: usize| {
-            let mut sample = ValueSample::default();
-            for rows in trials {
-                sample.add_cluster(rows.iter().filter_map(|row| number(&row[column])));
-            }
-            sample
-        };
-        let conditions = grouped.iter().map(|(name, trials)| {
-            let samples = columns.iter().map(|&column| sample(trials, column)).collect();
-            ((*name).to_owned(), samples)
+        let conditions = groups(rows.iter().enumerate(), |(_, row)| &row[by]).into_iter();
+        let conditions = conditions.map(|rows| {
+            let condition = rows[0].1[by].to_owned();
+            // Without names of trials each row is one.
+            let trials = groups(rows, |(at, row)| trial.map(|column| &row[column]).ok_or(*at));
+            let sample = |&column: &usize| {
+                let mut sample = ValueSample::default();
+                for rows in &trials {
+                    sample.add_cluster(rows.iter().filter_map(|(_, row)| number(&row[column])));
+                }
+                sample
+            };
+            (condition, columns.iter().map(sample).collect())
         });
         Ok(Self {
             by: header[by].clone(),

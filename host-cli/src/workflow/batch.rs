@@ -14,8 +14,8 @@ use serde::Serialize;
 use shell_data::hint::with_causes;
 use trial::manifest::{CellPosition, Entry, Manifest, ManifestProblem, Shard};
 use trial::{
-    ConditionRow, Instrument, Per, PhaseProfile, Quantity, Trial, TrialError, TrialOptions,
-    TrialResult, ValueSample,
+    ConditionRow, Instrument, Per, PhaseProfile, Quantity, TrialError, TrialOptions, TrialResult,
+    ValueSample,
 };
 
 /// How a batch is run.
@@ -102,7 +102,7 @@ pub fn run(
     let read = ReadOptions { progress: None, threads: 1, ..options.read };
     let work = |(): &mut (), number: &mut usize| -> Option<Result<BatchTrial, FailedRow>> {
         let row = &manifest.rows[*number];
-        let file = row.as_ref().map_or_else(|_| String::new(), |entry| entry.file.value.clone());
+        let file = row.as_ref().map_or_else(|_| String::new(), |entry| entry.trial.file.clone());
         let failed = |position, message| FailedRow { position, file, message };
         let entry = match (faults.get(number), row) {
             (Some(problem), _) | (None, Err(problem)) => {
@@ -114,7 +114,7 @@ pub fn run(
         Some(match evaluate_entry(entry, folder, instrument, options, &read) {
             Err(error) => Err(failed(faulty_cell(entry, &error), with_causes(&error))),
             Ok(mut trial) => match keep(trial.position, &mut trial.evaluated.result) {
-                Err(error) => Err(failed(entry.file.position, with_causes(&error))),
+                Err(error) => Err(failed(entry.file_position, with_causes(&error))),
                 Ok(()) => Ok(trial),
             },
         })
@@ -144,7 +144,7 @@ fn evaluate_entry(
     options: &BatchOptions<'_>,
     read: &ReadOptions<'_>,
 ) -> Result<BatchTrial, WorkflowError> {
-    let path = folder.join(&entry.file.value);
+    let path = folder.join(&entry.trial.file);
     let stamp = stamp(&path);
     let same = |trial: &&BatchTrial| trial.entry == *entry && trial.stamp == stamp;
     if let Some(same) = options.before.and_then(|before| before.trials.iter().find(same)) {
@@ -152,16 +152,8 @@ fn evaluate_entry(
     }
     let log = Log::open(&path, options.mapping)?;
     let window = WindowTimes { enter_s: entry.enter.value, exit_s: entry.exit.value };
-    let trial = Trial {
-        condition: entry.condition.value.clone(),
-        velocity_m_s: entry.velocity_m_s,
-        mass_kg: entry.mass_kg,
-        channel_length_m: entry.channel_length_m,
-        notes: entry.notes.clone(),
-        ..Trial::from_window(entry.file.value.clone(), (f64::NAN, f64::NAN))
-    };
     let job = TrialJob { log: &log, instrument, options: options.trial, read: *read };
-    let evaluated = evaluate_in_window(&job, trial, window)?;
+    let evaluated = evaluate_in_window(&job, entry.trial.clone(), window)?;
     Ok(BatchTrial { position: entry.position, path, evaluated, entry: entry.clone(), stamp })
 }
 
@@ -176,7 +168,7 @@ fn faulty_cell(entry: &Entry, error: &WorkflowError) -> CellPosition {
         | WorkflowError::Window(_)
         | WorkflowError::NoForces
         | WorkflowError::NoCalibration => entry.enter.position,
-        _ => entry.file.position,
+        _ => entry.file_position,
     }
 }
 

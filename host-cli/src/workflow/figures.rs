@@ -116,7 +116,7 @@ pub fn passage(row: &TrialRow, profile: &Profile) -> Passage {
 pub fn reduce_trace(result: &mut TrialResult, profile: &Profile, thinned: bool) {
     let Some(trace) = result.trace.take() else { return };
     let window_s = [result.row.t_enter_s, result.row.t_exit_s];
-    let inside_s = passage(&result.row, profile).stretches().1;
+    let inside_s = passage(&result.row, profile).wholly_s;
     let of = |window_s| PhaseProfile::new(&trace, window_s);
     result.phase = inside_s.and_then(of).or_else(|| of(window_s));
     result.trace = thinned.then(|| trace.thinned(THIN_S));

@@ -25,7 +25,7 @@ pub fn curve(model: &Model, label: String, from_m: f64, to_m: f64) -> ChannelCur
     for side in Wall::BOTH.into_iter().filter_map(|wall| model.side(wall)) {
         // More jumps than points do not show.
         for beam in 0..channel.beams.min(POINTS) {
-            for position in [side.engagement_m(), side.release_m()] {
+            for position in [side.engagement_m, side.release_m()] {
                 let jump = model.base_m(beam) - position;
                 positions.extend([-BESIDE, BESIDE].map(|share| jump + share * channel.pitch_m));
             }

@@ -86,16 +86,17 @@ fn manifests_mean_what_they_meant() {
         )
         .unwrap();
         assert_eq!(
-            (first.file.value.as_str(), first.condition.value.as_str()),
+            (first.trial.file.as_str(), first.trial.condition.as_str()),
             ("free-1.txt", "free")
         );
         assert_eq!((first.enter.value, first.exit.value), (Some(2.218), Some(8.008)));
-        let constants = [first.velocity_m_s, first.mass_kg, first.channel_length_m];
+        let constants =
+            [first.trial.velocity_m_s, first.trial.mass_kg, first.trial.channel_length_m];
         assert_eq!(constants.map(Option::unwrap), [0.048, 0.0416, 0.28]);
-        assert!(first.notes.is_none() && !first.exclude);
+        assert!(first.trial.notes.is_none() && !first.exclude);
         assert_eq!((second.enter.value, second.exit.value), (None, None));
-        assert_eq!(second.notes.as_deref(), Some("slow, at first"));
-        assert!(second.exclude && second.mass_kg.is_none());
+        assert_eq!(second.trial.notes.as_deref(), Some("slow, at first"));
+        assert!(second.exclude && second.trial.mass_kg.is_none());
     }
 }
 

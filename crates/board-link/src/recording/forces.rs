@@ -162,7 +162,7 @@ impl RunningForces {
             row += 1;
         }
         if setup.is_done() {
-            let mut pipeline = setup.as_ref().clone().finish(&self.calibration)?.0;
+            let mut pipeline = setup.as_ref().clone().finish(&self.calibration)?;
             follow(&mut self.rests, &mut pipeline, &self.calibration, kept_s, kept);
             let mut stream = pipeline.stream(&Axis::ALL);
             stream.push(kept_s, pipeline.wrench(&self.calibration, kept_s, kept))?;

@@ -1,9 +1,8 @@
 //! What stands below the panels of box plots: names side by side, in a line where there is room, broken at their
 //! separators, or upright.
 
-use super::super::canvas::{Anchor, Figure, Rect, Style};
+use super::super::canvas::{Anchor, Figure, Rect, Size, Style};
 use super::super::lettering;
-use super::super::size::Size;
 use trial::ConditionRow;
 
 /// From one line to the next.

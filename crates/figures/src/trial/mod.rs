@@ -9,11 +9,10 @@ pub use boxes::box_figure;
 pub use over_time::{Passage, drag_lift_figure, stack_figure, window_figure};
 pub use phase::phase_figure;
 
-use super::canvas::{Figure, Pen, Rect, Style, number, point, text_width};
+use super::canvas::{Figure, Pen, Rect, Size, Style, number, point, text_width};
 use super::palette::{self, Colour};
 use super::panel::{self, BOTTOM_MARGIN, LEFT_MARGIN, Panel};
 use super::scale::{PlotAxis, ValueRange};
-use super::size::Size;
 use super::trace::{TraceCurve, draw_curves};
 use shell_data::statistics::upper_median;
 use trial::Trace;

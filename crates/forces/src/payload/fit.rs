@@ -31,28 +31,19 @@ pub enum PayloadError {
     /// So many are too few.
     #[error("`{0}` poses are too few to tell what the sensor carries, `{LEAST_POSES}` are needed")]
     TooFewPoses(usize),
-    /// Gravity has always pulled the same way, or its directions lie on a line.
+    /// Gravity has always pulled the same way, or its directions lie on a line: how far they spread, and what is
+    /// not determined by that.
     #[error(
         "gravity turns too little in the sensor's frame: by `{spread_deg:.2}`° in all but one direction, \
          which tells {lost}"
     )]
-    SameOrientation {
-        /// The spread of directions, in degrees.
-        spread_deg: f64,
-        /// What is not determined.
-        lost: &'static str,
-    },
+    SameOrientation { spread_deg: f64, lost: &'static str },
     /// A body that falls upwards.
     #[error(
         "the mass comes out as `{mass_kg:.4}` kg (standard error {standard_error_kg:.4}): the forces do not \
          follow gravity"
     )]
-    NoMass {
-        /// The mass.
-        mass_kg: f64,
-        /// Its standard error.
-        standard_error_kg: f64,
-    },
+    NoMass { mass_kg: f64, standard_error_kg: f64 },
     /// A value of a pose, counted from 1, is infinite or NaN.
     #[error("pose `{0}` has a value that is not finite")]
     NotFinite(usize),

@@ -21,14 +21,9 @@ pub enum MotionError {
     /// Too few.
     #[error("it has `{0}` samples of motion at different times, at least 2 are needed")]
     TooFewSamples(usize),
-    /// The clock was set back.
+    /// The clock was set back: times of two samples in a row, s.
     #[error("its time goes back from `{before}` to `{after}` s")]
-    Backward {
-        /// Time of a sample, s.
-        before: f64,
-        /// Time of the next, s.
-        after: f64,
-    },
+    Backward { before: f64, after: f64 },
 }
 
 impl Motion {
@@ -85,10 +80,9 @@ impl Motion {
     /// Whether a time is so far from any sample that the motion there is not known.
     pub fn is_far(&self, time_s: f64) -> bool {
         let after = self.times_s.partition_point(|&time| time <= time_s);
-        let nearest = |at: Option<&f64>| at.map_or(f64::INFINITY, |time| (time - time_s).abs());
-        let before = nearest(after.checked_sub(1).and_then(|at| self.times_s.get(at)));
-        let distance = before.min(nearest(self.times_s.get(after)));
-        distance.is_nan() || distance > FAR * self.period_s
+        let neighbours = &self.times_s[after.saturating_sub(1)..self.times_s.len().min(after + 1)];
+        let distances = neighbours.iter().map(|time| (time - time_s).abs());
+        distances.fold(f64::INFINITY, f64::min) > FAR * self.period_s
     }
 }
 

@@ -94,7 +94,7 @@ impl ChannelSummary {
         });
         let remarks = [
             (any(Side::turns_past_a_right_angle), ChannelDiagnostic::PastRightAngle),
-            (any(Side::snaps), ChannelDiagnostic::Snaps),
+            (any(|side| side.snaps), ChannelDiagnostic::Snaps),
             (any(Side::meets_faces_first), ChannelDiagnostic::FacesFirst),
             (!free && plateau.is_none(), ChannelDiagnostic::NoPlateau),
             (short, ChannelDiagnostic::ShortPlateau),

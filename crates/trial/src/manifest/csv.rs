@@ -155,9 +155,9 @@ mod tests {
         let message = rows[0].clone().unwrap_err().to_string();
         assert_eq!(message, "6:9: `t_exit_s` is `5,0`, expected a time in s or `auto`");
         let second = rows[1].clone().unwrap();
-        assert!(second.exclude && second.notes.is_none());
+        assert!(second.exclude && second.trial.notes.is_none());
         assert_eq!(second.enter.value, None);
-        assert_eq!((second.position.line, second.file.position.column), (7, 18));
+        assert_eq!((second.position.line, second.file_position.column), (7, 18));
         assert_eq!(rows.len(), 2);
     }
 

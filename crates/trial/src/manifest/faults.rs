@@ -15,7 +15,7 @@ impl Manifest {
         let mut faults = Vec::new();
         let mut before: BTreeMap<PathBuf, Vec<&Entry>> = BTreeMap::new();
         for (row, entry) in self.entries() {
-            let file = without_dots(&entry.file.value);
+            let file = without_dots(&entry.trial.file);
             let twin = before.get(&file).into_iter().flatten().find(|e| overlap(e, entry));
             if let Some(twin) = twin {
                 let message = format!(
@@ -28,11 +28,11 @@ impl Manifest {
                 continue;
             }
             before.entry(file).or_default().push(entry);
-            let condition = &entry.condition;
-            if let Some(declared) = declared.filter(|known| !known.contains(&condition.value)) {
-                let hint = did_you_mean(&condition.value, declared.iter().map(String::as_str));
-                let message = format!("`{}` is none of the conditions{hint}", condition.value);
-                faults.push((row, ManifestProblem::new(condition.position, message)));
+            let condition = &entry.trial.condition;
+            if let Some(declared) = declared.filter(|known| !known.contains(condition)) {
+                let hint = did_you_mean(condition, declared.iter().map(String::as_str));
+                let message = format!("`{condition}` is none of the conditions{hint}");
+                faults.push((row, ManifestProblem::new(entry.condition_position, message)));
             }
         }
         faults
@@ -46,7 +46,7 @@ impl Manifest {
         }
         let mut seen: BTreeMap<&str, (usize, CellPosition)> = BTreeMap::new();
         for (_, entry) in self.entries() {
-            seen.entry(&entry.condition.value).or_insert((0, entry.condition.position)).0 += 1;
+            seen.entry(&entry.trial.condition).or_insert((0, entry.condition_position)).0 += 1;
         }
         let mut remarks = Vec::new();
         for (&name, &(count, position)) in &seen {

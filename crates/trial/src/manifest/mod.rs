@@ -20,6 +20,7 @@ use std::ops::Range;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
+use crate::Trial;
 use crate::cell_position::parse_toml;
 pub use crate::cell_position::{CellPosition, ManifestProblem};
 use shell_data::hint::did_you_mean;
@@ -38,22 +39,16 @@ pub struct Manifest {
 pub struct Entry {
     /// Where it starts.
     pub position: CellPosition,
-    /// The log, relative to the manifest's folder.
-    pub file: Placed<String>,
-    /// The condition.
-    pub condition: Placed<String>,
+    /// What it says of the trial but for its times; the log is relative to the manifest's folder.
+    pub trial: Trial,
+    /// Where the log is named.
+    pub file_position: CellPosition,
+    /// Where the condition stands.
+    pub condition_position: CellPosition,
     /// Entry into the channel, s on the log's clock; `None` if it is to be found in the forces.
     pub enter: Placed<Option<f64>>,
     /// Exit from it, likewise.
     pub exit: Placed<Option<f64>>,
-    /// Mean velocity, m/s.
-    pub velocity_m_s: Option<f64>,
-    /// Mass, kg.
-    pub mass_kg: Option<f64>,
-    /// Length of the channel, m.
-    pub channel_length_m: Option<f64>,
-    /// Notes.
-    pub notes: Option<String>,
     /// Whether it is left out.
     pub exclude: bool,
 }
@@ -162,16 +157,22 @@ impl Entry {
                 }
             })
         };
+        let (file, condition) = (text("file")?, text("condition")?);
         let entry = Self {
             position,
-            file: text("file")?,
-            condition: text("condition")?,
+            file_position: file.position,
+            condition_position: condition.position,
             enter: moment("t_enter_s")?,
             exit: moment("t_exit_s")?,
-            velocity_m_s: positive("velocity_m_s")?,
-            mass_kg: positive("mass_kg")?,
-            channel_length_m: positive("channel_length_m")?,
-            notes: cells.get("notes").map(|notes| notes.value.clone()),
+            trial: Trial {
+                file: file.value,
+                condition: condition.value,
+                velocity_m_s: positive("velocity_m_s")?,
+                mass_kg: positive("mass_kg")?,
+                channel_length_m: positive("channel_length_m")?,
+                notes: cells.get("notes").map(|notes| notes.value.clone()),
+                ..Trial::default()
+            },
             exclude: cells.get("exclude").map_or(Ok(false), flag)?,
         };
         if let (Some(enter), Some(exit)) = (entry.enter.value, entry.exit.value)
@@ -255,7 +256,7 @@ conditon = "free"
 "#;
         let manifest = Manifest::parse(text, true).unwrap();
         let first = manifest.rows[0].clone().unwrap();
-        assert_eq!((first.condition.value.as_str(), first.exclude), ("3", true));
+        assert_eq!((first.trial.condition.as_str(), first.exclude), ("3", true));
         assert_eq!(first.exit.value, Some(2.5));
         assert_eq!(first.exit.position, CellPosition { line: 8, column: 12 });
         let problem = |row: usize| manifest.rows[row].clone().unwrap_err().to_string();

@@ -68,42 +68,23 @@ impl Proposal {
 /// Why no window can be proposed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoWindow {
-    /// Too few rows to find an onset in.
+    /// Too few rows with a force, over too short a time, to find an onset in.
     #[error("{rows} rows of force over {duration_s:.3} s are too few to find a window in")]
-    TooShort {
-        /// Rows with a force.
-        rows: usize,
-        /// Time that they cover, s.
-        duration_s: f64,
-    },
-    /// There is no drag, or no more than chance makes.
+    TooShort { rows: usize, duration_s: f64 },
+    /// There is no drag, or no more than chance makes: the stretch that comes nearest, its drag, and the standard
+    /// error of that.
     #[error(
         "no sustained drag: the best stretch, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
         if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
     )]
-    NoDrag {
-        /// Start of the stretch that comes nearest, s.
-        t_enter_s: f64,
-        /// Its end, s.
-        t_exit_s: f64,
-        /// Its drag, N.
-        drag_n: f64,
-        /// The standard error of that, N.
-        drag_se_n: f64,
-    },
-    /// There is drag, but not one plateau of it.
+    NoDrag { t_enter_s: f64, t_exit_s: f64, drag_n: f64, drag_se_n: f64 },
+    /// There is drag, but not one plateau of it: the stretch that comes nearest, and the share of the variation that
+    /// it explains.
     #[error(
         "onset and end of the drag are not clear: {t_enter_s:.2} s to {t_exit_s:.2} s explains \
          {:.0} % of its variation", 100.0 * confidence
     )]
-    Unclear {
-        /// Start of the stretch that comes nearest, s.
-        t_enter_s: f64,
-        /// Its end, s.
-        t_exit_s: f64,
-        /// Share of the variation that it explains.
-        confidence: f64,
-    },
+    Unclear { t_enter_s: f64, t_exit_s: f64, confidence: f64 },
     /// The log starts within the drag, or else ends within it.
     #[error("the log {} within the drag: it holds no whole window", if *.0 { "starts" } else { "ends" })]
     Cut(bool),

@@ -111,24 +111,21 @@ pub(super) fn standard_errors(points: &[(f64, f64)], fit: &PlateauFit) -> [f64; 
     let residuals: Vec<f64> =
         points.iter().map(|&(time_s, drag)| drag - model(&fit.plateau, time_s)).collect();
     let step_s = 1e-3 * (fit.plateau.exit - fit.plateau.enter);
-    let moved = |enter: f64, exit: f64, ramp: f64| DragPlateau {
-        enter: fit.plateau.enter + enter,
-        exit: fit.plateau.exit + exit,
-        ramp: fit.plateau.ramp + ramp,
-    };
-    let slope = |to: [f64; 3], by: f64, time_s: f64| {
-        let [a, b, c] = to;
-        let ahead = model(&moved(a, b, c), time_s);
-        let behind = model(&moved(-a, -b, -c), time_s);
-        (ahead - behind) / (2.0 * by)
+    let slope = |[enter, exit, ramp]: [f64; 3], time_s: f64| {
+        let moved = |sign: f64| DragPlateau {
+            enter: fit.plateau.enter + sign * enter,
+            exit: fit.plateau.exit + sign * exit,
+            ramp: fit.plateau.ramp + sign * ramp,
+        };
+        (model(&moved(1.0), time_s) - model(&moved(-1.0), time_s)) / (2.0 * (enter + exit + ramp))
     };
     let mut normal = [[0.0; UNKNOWNS]; UNKNOWNS];
     for &(time_s, _) in points {
         let row = [
             fit.plateau.share(time_s),
-            slope([step_s, 0.0, 0.0], step_s, time_s),
-            slope([0.0, step_s, 0.0], step_s, time_s),
-            slope([0.0, 0.0, 1e-3], 1e-3, time_s),
+            slope([step_s, 0.0, 0.0], time_s),
+            slope([0.0, step_s, 0.0], time_s),
+            slope([0.0, 0.0, 1e-3], time_s),
             1.0,
         ];
         for i in 0..UNKNOWNS {

@@ -237,10 +237,10 @@ fn survey(conversion: &Conversion<'_>) -> Result<(ForcePipeline, PerAxis<f64>), 
         );
         passed(read)?;
     }
-    let finished = setup.finish(calibration);
-    let (pipeline, frames) =
-        finished.map_err(|error| WorkflowError::Forces { path: path(), error })?;
+    let pipeline = setup.finish(calibration);
+    let pipeline = pipeline.map_err(|error| WorkflowError::Forces { path: path(), error })?;
     let zero = options.load.as_ref().map(|load| {
+        let frames = pipeline.tare_frames.as_ref();
         let tared = frames.and_then(|frames| load.mean(&frames.times_s));
         tared.map_or(load.payload.bias(), |mean| mean.map(|load| -load))
     });

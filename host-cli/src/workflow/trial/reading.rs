@@ -7,13 +7,13 @@ use calibration::Calibration;
 use calibration::memory::MemoryState;
 use forces::sampling::Sampling;
 use forces::stationary::{ZeroMove, ZeroWatch};
-use forces::{FirstRows, ForcePipeline, PipelineSetup, TareFrames, TareRule};
+use forces::{FirstRows, ForcePipeline, PipelineSetup, TareRule};
 use log_file::{ColumnRef, LogError, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::telemetry::Telemetry;
 use trial::{
-    LogTimes, MEASURED_POWER, TraceExtent, Trial, TrialError, TrialInput, TrialResult, TrialRows,
-    evaluate,
+    LogTimes, TraceExtent, Trial, TrialError, TrialInput, TrialResult, TrialRows, evaluate,
+    used_telemetry,
 };
 
 /// Rows are looked for this far around the window at least, s.
@@ -26,7 +26,7 @@ pub(super) struct RecordedTrial {
     /// How the zero has moved, where the tare does not follow it.
     pub(super) zero: Option<ZeroMove>,
     rows: TrialRows,
-    forces: Option<(ForcePipeline, Option<TareFrames>)>,
+    pipeline: Option<ForcePipeline>,
 }
 
 impl RecordedTrial {
@@ -44,9 +44,9 @@ impl RecordedTrial {
         let times = reading.log_times(summary.rows)?;
         let calibration = job.instrument.calibration;
         let zero = reading.watch.as_ref().zip(calibration).and_then(|(watch, of)| watch.finish(of));
-        let forces = reading.setup.map(|(calibration, setup)| setup.finish(calibration));
-        let forces = forces.transpose().map_err(TrialError::from)?;
-        Ok(Self { times, rows: reading.trial_rows, forces, zero, summary })
+        let pipeline = reading.setup.map(|(calibration, setup)| setup.finish(calibration));
+        let pipeline = pipeline.transpose().map_err(TrialError::from)?;
+        Ok(Self { times, rows: reading.trial_rows, pipeline, zero, summary })
     }
 
     pub(super) fn evaluate(
@@ -59,8 +59,7 @@ impl RecordedTrial {
             instrument: job.instrument,
             times: &self.times,
             rows: &self.rows,
-            pipeline: self.forces.as_ref().map(|(pipeline, _)| pipeline),
-            tare_frames: self.forces.as_ref().and_then(|(_, frames)| frames.as_ref()),
+            pipeline: self.pipeline.as_ref(),
             options: &job.options,
         })
     }
@@ -91,14 +90,10 @@ impl<'a> Reading<'a> {
     fn new(job: &TrialJob<'a>, window: (f64, f64)) -> Result<Self, LogError> {
         let TrialJob { log, instrument, options, .. } = *job;
         let channels = log.channels();
-        let mut kinds =
-            MEASURED_POWER.iter().chain(&Telemetry::MOTORS).copied().collect::<Vec<_>>();
-        kinds.push(Telemetry::RightLeg);
-        if options.trace != TraceExtent::Nothing {
-            kinds.push(Telemetry::LeftLeg);
-        }
+        let is_traced = options.trace != TraceExtent::Nothing;
         let (mut telemetry, mut others) = (Vec::new(), Vec::new());
-        for kind in kinds {
+        // The left leg is for traces alone.
+        for kind in used_telemetry().filter(|kind| is_traced || *kind != Telemetry::LeftLeg) {
             let position = match instrument.profile.column_name(kind) {
                 Some(name) => Some(log.column_positions(&[ColumnRef::Name(name.to_owned())])?[0]),
                 None => log.telemetry(kind)?,

@@ -79,7 +79,7 @@ fn error(
     let mut setup = PipelineSetup::keeping_frames(options.forces);
     let (readings, fresh) = (&*rows.readings, &*rows.fresh);
     setup.look_at(calibration, FirstRows { times_s: times, readings, fresh, leg: None });
-    let (pipeline, tare_frames) = setup.finish(calibration).unwrap();
+    let pipeline = setup.finish(calibration).unwrap();
     let profile = Profile::velociroach();
     let result = evaluate(&TrialInput {
         trial: &Trial::from_window(String::new(), trial.window_s.into()),
@@ -87,7 +87,6 @@ fn error(
         times: &log_times,
         rows: &rows,
         pipeline: Some(&pipeline),
-        tare_frames: tare_frames.as_ref(),
         options: &options,
     });
     let row = result.unwrap().row;

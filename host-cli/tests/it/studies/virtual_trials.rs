@@ -66,7 +66,6 @@ fn evaluate_telemetry(trial: &VirtualTrial, window_s: [f64; 2]) -> TrialResult {
         times: &times,
         rows: &rows,
         pipeline: None,
-        tare_frames: None,
         options: &TrialOptions::default(),
     };
     evaluate(&input).unwrap()

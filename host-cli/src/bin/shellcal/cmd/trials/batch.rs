@@ -110,7 +110,7 @@ impl BatchArgs {
         let folder = evaluation::folder(&self.manifest);
         let logs = evaluation::parse(&self.manifest).map(|manifest| {
             let entries = manifest.rows.into_iter().flatten();
-            entries.map(|entry| folder.join(entry.file.value)).collect::<Vec<_>>()
+            entries.map(|entry| folder.join(entry.trial.file)).collect::<Vec<_>>()
         });
         let own = self.evaluation.files_by_role().map(|(_, path)| path.to_path_buf());
         let own = own.chain([self.manifest.to_path_buf()]);

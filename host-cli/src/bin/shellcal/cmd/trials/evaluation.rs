@@ -152,7 +152,7 @@ impl Equipment {
 pub(super) fn read(path: &Path, printer: &Printer) -> anyhow::Result<Manifest> {
     let manifest = parse(path)?;
     for entry in manifest.rows.iter().flatten() {
-        printer.files.protect(&folder(path).join(&entry.file.value))?;
+        printer.files.protect(&folder(path).join(&entry.trial.file))?;
     }
     Ok(manifest)
 }
@@ -168,7 +168,7 @@ pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
 /// Whether the trials of a manifest have the condition that others are to be compared with.
 pub(super) fn check_reference(manifest: &Manifest, reference: Option<&str>) -> anyhow::Result<()> {
     let entries = manifest.rows.iter().flatten().filter(|entry| !entry.exclude);
-    require_condition("trial", entries.map(|entry| &*entry.condition.value), reference)
+    require_condition("trial", entries.map(|entry| &*entry.trial.condition), reference)
 }
 
 /// Whether one of the `conditions` is the `reference`, if there is to be one.
