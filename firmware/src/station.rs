@@ -154,7 +154,7 @@ impl<'a, C: Clock> Station<'a, C> {
                 }
                 _ => {}
             });
-            let counters = decoder.counters();
+            let counters = decoder.counters;
             core.counts.damaged = (counters.bad_crc + counters.malformed) as u16;
             self.changed.signal(());
             self.outgoing.signal(());

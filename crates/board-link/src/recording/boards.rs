@@ -204,7 +204,7 @@ fn board_of(heard: &mut Vec<HeardBoard>, sender: BoardSource) -> Option<&mut Hea
 
 /// What a decoder could make nothing of.
 fn damage(decoder: &Decoder) -> Losses {
-    let counters = decoder.counters();
+    let counters = decoder.counters;
     Losses {
         bad_crc: counters.bad_crc,
         damaged: counters.malformed,

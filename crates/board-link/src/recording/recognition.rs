@@ -153,5 +153,5 @@ fn other_version(protocol: Protocol, bytes: &[u8]) -> Option<u8> {
             other = Some(version);
         }
     });
-    other.filter(|_| decoder.counters().packets == 0)
+    other.filter(|_| decoder.counters.packets == 0)
 }
