@@ -1,4 +1,4 @@
-//! One frame: ambient and lit light of every channel.
+//! One frame: ambient and lit light of every channel; and when frames are taken.
 //!
 //! Ambient light adds to what the emitter sends back, so each channel is converted with its
 //! emitter off, on and off again; the reading is the lit mean less the mean of both dark ones. What rises
@@ -11,8 +11,8 @@
 //! An emitter is lit only while its own channel is converted: neighbours do not see it, and it stays cool.
 
 use crate::board::{Clock, FrontEnd};
-use crate::settings::Settings;
-use shared_proto::{CHANNELS, COUNTS_PER_LSB, Timing};
+use core::num::{NonZeroU32, NonZeroU64};
+use shared_proto::{CHANNELS, COUNTS_PER_LSB, Stream, Timing};
 
 /// Most conversions for one value.
 pub const MAX_CONVERSIONS: u8 = 64;
@@ -28,6 +28,27 @@ const CLIPPED_STEPS: u16 = 2;
 
 /// Allowance per channel for switching, starting and waking up, in µs.
 const OVERHEAD_US: u32 = 30;
+
+/// How frames are taken and what is sent of them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Settings {
+    /// Readings or wrenches.
+    pub stream: Stream,
+    /// Time from frame to frame in µs.
+    pub period_us: u32,
+    /// Conversions averaged for each lit and each dark value.
+    pub conversions: u8,
+    /// Time from switching an emitter to converting, in µs.
+    pub settling_us: u16,
+}
+
+impl Settings {
+    /// After a reset: readings at 100 Hz, means of 8 conversions, which are one burst of the converter's, 100 µs to settle: the longest
+    /// response time that Sharp's data sheets give for photointerrupters of this kind into 1 kΩ (GP1S560: 90 and 100 µs).
+    /// A longer one lets more flicker through (docs/board.md).
+    pub const DEFAULT: Self =
+        Self { stream: Stream::Raw, period_us: 10_000, conversions: 8, settling_us: 100 };
+}
 
 /// Eight readings, one after the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -125,9 +146,49 @@ pub fn duration_us(settings: &Settings, conversion_ns: u32) -> u32 {
     CHANNELS as u32 * (2 * u32::from(settings.settling_us) + 3 * conversions_us + OVERHEAD_US)
 }
 
+/// How late a frame may start, in µs; a slot that cannot be kept so well is skipped. It is a hundredth of the 10 ms
+/// period.
+const TOLERANCE_US: u64 = 100;
+
+/// Slots at a fixed distance from the first: the error of one does not carry over to the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Schedule {
+    next_us: u64,
+    period_us: NonZeroU32,
+}
+
+impl Schedule {
+    /// The first slot is at `first_us`, the others every `period_us`, which is at least 1.
+    pub(crate) fn new(first_us: u64, period_us: u32) -> Self {
+        let period_us = NonZeroU32::new(period_us).unwrap_or(NonZeroU32::MIN);
+        Self { next_us: first_us, period_us }
+    }
+
+    /// Time of the next slot that can still be kept, and how many before it cannot.
+    pub(crate) fn next(&mut self, now_us: u64) -> (u64, u32) {
+        let latest_us = self.next_us.saturating_add(TOLERANCE_US);
+        let late_us = now_us.saturating_sub(latest_us);
+        if late_us == 0 {
+            return (self.next_us, 0); // nearly always, and without a 64-bit division
+        }
+        let period_us = NonZeroU64::from(self.period_us);
+        let skipped = late_us.div_ceil(period_us.get());
+        self.next_us = self.next_us.saturating_add(skipped * period_us.get());
+        (self.next_us, u32::try_from(skipped).unwrap_or(u32::MAX))
+    }
+
+    /// The slot that [`Schedule::next`] gave is used.
+    pub(crate) fn advance(&mut self) {
+        self.next_us = self.next_us.saturating_add(u64::from(self.period_us.get()));
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    extern crate std;
+
     use super::*;
+    use proptest::prelude::*;
 
     #[test]
     fn readings_are_differences_of_means_in_sixteenths_of_a_step() {
@@ -157,5 +218,46 @@ mod tests {
     fn a_frame_takes_two_settlings_and_three_bursts_per_channel() {
         let settings = Settings { conversions: 16, settling_us: 50, ..Settings::DEFAULT };
         assert_eq!(duration_us(&settings, 1_500), 8 * (2 * 50 + 3 * 24 + 30));
+    }
+
+    #[test]
+    fn slots_do_not_drift_with_the_time_that_frames_take() {
+        let mut schedule = Schedule::new(1_000, 10_000);
+        for slot in 0..1_000_000 {
+            let at = 1_000 + slot * 10_000;
+            assert_eq!(schedule.next(at + slot % 100), (at, 0));
+            schedule.advance();
+        }
+    }
+
+    #[test]
+    fn slots_that_have_passed_are_skipped_and_counted() {
+        let mut schedule = Schedule::new(0, 10_000);
+        schedule.advance();
+        assert_eq!(schedule.next(10_100), (10_000, 0));
+        assert_eq!(schedule.next(10_101), (20_000, 1));
+        assert_eq!(schedule.next(54_321), (60_000, 4));
+        schedule.advance();
+        assert_eq!(schedule.next(60_500), (70_000, 0));
+    }
+
+    proptest! {
+        #[test]
+        fn every_slot_is_used_or_skipped_once(
+            period_us in 1..20_000_u32,
+            frames in prop::collection::vec(0..60_000_u64, 1..200),
+        ) {
+            let mut schedule = Schedule::new(7, period_us);
+            let (mut now, mut slots) = (0, 0_u64);
+            for frame_us in frames {
+                let (at, skipped) = schedule.next(now);
+                slots += u64::from(skipped);
+                prop_assert_eq!(at, 7 + slots * u64::from(period_us));
+                prop_assert!(now <= at + 100);
+                slots += 1;
+                schedule.advance();
+                now = now.max(at) + frame_us;
+            }
+        }
     }
 }

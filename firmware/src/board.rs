@@ -58,13 +58,7 @@ pub trait Storage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StorageError;
 
-/// An input for a signal that another recorder has, too: the two clocks are compared by its edges.
-pub trait SyncInput {
-    /// The next rising edge, once there is one.
-    async fn next_edge(&mut self) -> SeenEdge;
-}
-
-/// An edge at the sync input.
+/// A rising edge at the sync input, for a signal that another recorder has, too: the two clocks are compared by its edges.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SeenEdge {
     /// When it was, in µs since the reset.

@@ -1,8 +1,8 @@
 //! What the SkinProc board does, whatever it runs on.
 //!
 //! At every slot of a schedule, [`acquisition`] reads the eight channels through a [`FrontEnd`]; the core makes a
-//! sample of the frame, on request through the [`Converter`], and puts it into the outbox. Commands go to the session
-//! and their answers into the same outbox. The tasks that do this are those of [`Station`].
+//! sample of the frame, on request through the [`Converter`], and puts it into the outbox. It does what commands
+//! ask, too, and puts the answers into the same outbox. The tasks that do this are those of [`Station`].
 //!
 //! Nothing here names a pin or a register: a board is a binary that implements the traits of
 //! [`board`]. There is no heap, and every queue is bounded.
@@ -18,8 +18,6 @@ mod factory;
 mod last_words;
 mod line;
 mod outbox;
-mod session;
-mod settings;
 mod setup;
 mod slots;
 mod station;
@@ -27,13 +25,11 @@ mod upload;
 mod wrench;
 
 pub use crate::setup::BoardSetup;
+pub use acquisition::Settings;
 pub use baud::Baud;
-pub use board::{
-    Chip, Clock, FrontEnd, NoChip, SeenEdge, Storage, StorageError, SyncInput, VITALS_US,
-};
+pub use board::{Chip, Clock, FrontEnd, NoChip, SeenEdge, Storage, StorageError, VITALS_US};
 pub use factory::Factory;
 pub use last_words::LastWords;
-pub use settings::Settings;
 pub use slots::Slots;
 pub use station::Station;
 pub use upload::{RECORD, Record};

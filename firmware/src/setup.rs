@@ -1,9 +1,8 @@
 //! What a board is, and which settings it can keep up with.
 
-use crate::acquisition::{self, MAX_CONVERSIONS};
+use crate::acquisition::{self, MAX_CONVERSIONS, Settings};
 use crate::baud::Baud;
 use crate::last_words::LastWords;
-use crate::settings::Settings;
 use shared_proto::{Identity, READINGS_FRAME, Refusal, ResetCause, Stream, WRENCH_FRAME};
 
 /// What a board is and how it has started.

@@ -10,7 +10,7 @@
 //! wake each other by signals.
 
 use crate::acquisition::{acquire, illuminate};
-use crate::board::{Chip, Clock, FrontEnd, Storage, SyncInput};
+use crate::board::{Chip, Clock, FrontEnd, SeenEdge, Storage};
 use crate::core::{Core, OnLine};
 use crate::line::Change;
 use crate::setup::BoardSetup;
@@ -39,7 +39,6 @@ type Wake = Signal<NoopRawMutex, ()>;
 pub struct Station<'a, C> {
     core: RefCell<Core<'a>>,
     clock: C,
-    conversion_ns: u32,
     changed: Wake,
     outgoing: Wake,
     alive: Wake,
@@ -48,10 +47,8 @@ pub struct Station<'a, C> {
 impl<'a, C: Clock> Station<'a, C> {
     /// A board after its start. Uploads are put together in `record`.
     pub fn new(setup: BoardSetup, clock: C, record: &'a mut Record) -> Self {
-        let conversion_ns = setup.conversion_ns;
-        let core = Core::new(setup, record);
-        let (changed, outgoing, alive) = (Wake::new(), Wake::new(), Wake::new());
-        Self { core: RefCell::new(core), clock, conversion_ns, changed, outgoing, alive }
+        let core = RefCell::new(Core::new(setup, record));
+        Self { core, clock, changed: Wake::new(), outgoing: Wake::new(), alive: Wake::new() }
     }
 
     /// Takes frames at their slots while streaming. Only this gives signs of life: with a link that is
@@ -62,7 +59,7 @@ impl<'a, C: Clock> Station<'a, C> {
             self.alive.signal(());
             let test = self.core.borrow_mut().take_self_test();
             if let Some(test) = test {
-                let settings = self.core.borrow().session.settings;
+                let settings = self.core.borrow().settings;
                 let emitter = usize::from(test.emitter);
                 let rise = illuminate(&mut front_end, &settings, emitter).await;
                 self.core.borrow_mut().finish_self_test(&test, rise);
@@ -76,7 +73,7 @@ impl<'a, C: Clock> Station<'a, C> {
     /// Waits for the next slot, at most until a sign of life is due; whether it is time for a frame.
     async fn next_slot(&self) -> bool {
         let now_us = self.clock.now_us();
-        if self.core.borrow_mut().session.gives_up_rate(now_us) {
+        if self.core.borrow_mut().gives_up_rate(now_us) {
             self.outgoing.signal(());
         }
         let slot_us = self.core.borrow_mut().next_slot(now_us);
@@ -93,8 +90,8 @@ impl<'a, C: Clock> Station<'a, C> {
 
     async fn take_frame<F: FrontEnd>(&self, front_end: &mut F) {
         let start_us = self.clock.now_us();
-        let settings = self.core.borrow_mut().begin_frame();
-        let frame = acquire(front_end, &self.clock, &settings, self.conversion_ns).await;
+        let (settings, conversion_ns) = self.core.borrow_mut().begin_frame();
+        let frame = acquire(front_end, &self.clock, &settings, conversion_ns).await;
         let end_us = self.clock.now_us();
         let health = self.core.borrow_mut().health_due(end_us);
         let vitals = match health {
@@ -119,7 +116,7 @@ impl<'a, C: Clock> Station<'a, C> {
                         Change::Rate(rate) => chip.set_baud(&mut sender, rate).await,
                         Change::Bootloader => chip.start_bootloader().await,
                     }
-                    self.core.borrow_mut().session.line.done(self.clock.now_us());
+                    self.core.borrow_mut().line.done(self.clock.now_us());
                 }
                 None => self.outgoing.wait().await,
             }
@@ -128,7 +125,7 @@ impl<'a, C: Clock> Station<'a, C> {
 
     /// Does what arrives, with the calibration that is in storage.
     pub async fn receive<R: Read, S: Storage>(&self, mut receiver: R, mut storage: S) {
-        self.core.borrow_mut().session.load(&mut storage);
+        self.core.borrow_mut().load(&mut storage);
         let mut decoder = Decoder::new(Framing::Cobs);
         let mut bytes = [0; 64];
         loop {
@@ -145,7 +142,7 @@ impl<'a, C: Clock> Station<'a, C> {
                     packet: Packet::Command { number, to, command },
                     ..
                 }) => {
-                    core.session.line.heard();
+                    core.line.heard();
                     core.command(number, to, &command, self.clock.now_us(), &mut storage);
                 }
                 Event::OtherVersion { command: true, .. } => {
@@ -154,17 +151,17 @@ impl<'a, C: Clock> Station<'a, C> {
                 }
                 _ => {}
             });
-            let counters = decoder.counters();
+            let counters = decoder.counters;
             core.counts.damaged = (counters.bad_crc + counters.malformed) as u16;
             self.changed.signal(());
             self.outgoing.signal(());
         }
     }
 
-    /// Hands on the edges at the sync input.
-    pub async fn listen<I: SyncInput>(&self, mut sync_input: I) {
+    /// Hands on the edges at the sync input, each once there is one.
+    pub async fn listen(&self, mut next_edge: impl AsyncFnMut() -> SeenEdge) {
         loop {
-            let edge = sync_input.next_edge().await;
+            let edge = next_edge().await;
             self.core.borrow_mut().outbox.push_edge(edge);
             self.outgoing.signal(());
         }
@@ -184,14 +181,14 @@ impl<'a, C: Clock> Station<'a, C> {
         front_end: F,
         (sender, chip): (W, H),
         (receiver, storage): (R, S),
-        sync_input: impl SyncInput,
+        next_edge: impl AsyncFnMut() -> SeenEdge,
         feed_watchdog: impl FnMut(),
     ) {
         join5(
             self.acquire(front_end),
             self.send(sender, chip),
             self.receive(receiver, storage),
-            self.listen(sync_input),
+            self.listen(next_edge),
             self.watch(feed_watchdog),
         )
         .await;

@@ -60,7 +60,13 @@ pub struct Counters {
 #[derive(Clone, Debug)]
 pub struct Decoder {
     deframer: Option<Deframer>,
-    stream: ByteStream,
+    /// The start of a frame whose end has not arrived, or as much of its tail as a frame can have.
+    partial: Bytes<{ 2 * MAX_FRAME }>,
+    /// Whether a delimiter has been seen: what comes before the first is the end of a frame whose
+    /// beginning nobody sent here.
+    synchronised: bool,
+    /// What arrived so far, and what did not.
+    pub counters: Counters,
 }
 
 impl Decoder {
@@ -70,41 +76,26 @@ impl Decoder {
             Framing::Cobs => None,
             Framing::Xbee(mode) => Some(Deframer::new(mode)),
         };
-        Self { deframer, stream: ByteStream::default() }
+        let counters = Counters::default();
+        Self { deframer, partial: Bytes::new(), synchronised: false, counters }
     }
 
     /// Takes bytes, in slices of any size, and calls `sink` with every event.
     pub fn feed(&mut self, bytes: &[u8], mut sink: impl FnMut(Event)) {
-        let Self { deframer: Some(deframer), stream } = self else {
-            return self.stream.feed(bytes, &mut sink);
+        let Some(mut deframer) = self.deframer.take() else {
+            return self.feed_frames(bytes, &mut sink);
         };
         deframer.feed(bytes, |frame| {
             if let ApiFrame::Receive { payload, .. } = frame {
-                stream.feed(payload, &mut sink);
+                self.feed_frames(payload, &mut sink);
             }
         });
+        self.counters.bad_api_frames = deframer.damaged;
+        self.deframer = Some(deframer);
     }
 
-    /// What arrived so far, and what did not.
-    pub fn counters(&self) -> Counters {
-        let bad_api_frames = self.deframer.as_ref().map_or(0, |deframer| deframer.damaged);
-        Counters { bad_api_frames, ..self.stream.counters }
-    }
-}
-
-/// The stream of frames, in whatever pieces it arrives.
-#[derive(Clone, Debug, Default)]
-struct ByteStream {
-    /// The start of a frame whose end has not arrived, or as much of its tail as a frame can have.
-    partial: Bytes<{ 2 * MAX_FRAME }>,
-    /// Whether a delimiter has been seen: what comes before the first is the end of a frame whose
-    /// beginning nobody sent here.
-    synchronised: bool,
-    counters: Counters,
-}
-
-impl ByteStream {
-    fn feed(&mut self, mut bytes: &[u8], sink: &mut impl FnMut(Event)) {
+    /// Takes a piece of the stream of frames.
+    fn feed_frames(&mut self, mut bytes: &[u8], sink: &mut impl FnMut(Event)) {
         while let Some(end) = bytes.iter().position(|&byte| byte == 0) {
             self.keep(&bytes[..end]);
             bytes = &bytes[end + 1..];
@@ -191,7 +182,7 @@ impl Protocol {
             Self::Packets(framing) => {
                 let mut decoder = Decoder::new(framing);
                 decoder.feed(bytes, |_| {});
-                let counters = decoder.counters();
+                let counters = decoder.counters;
                 let damaged = counters.bad_crc + counters.malformed + counters.bad_api_frames;
                 (counters.packets + counters.unknown_version, damaged)
             }

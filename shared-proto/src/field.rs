@@ -1,12 +1,12 @@
 //! Fields of a packet as they stand on the wire: numbers are little-endian, one field right after the other; and byte
 //! strings of bounded length, which packets are put together in.
 
-use core::fmt;
 use core::ops::Deref;
 
 /// Up to `N` bytes in place; `N` is at most 65,535.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bytes<const N: usize> {
+    /// Zeros after the first `len`.
     bytes: [u8; N],
     len: u16,
 }
@@ -43,16 +43,13 @@ impl<const N: usize> Bytes<N> {
         true
     }
 
-    pub(crate) fn clear(&mut self) {
-        self.len = 0;
-    }
-
     /// Removes the first `count` bytes, or all of them.
     pub(crate) fn remove_front(&mut self, count: usize) {
         let len = usize::from(self.len);
         let count = count.min(len);
         if let Some(bytes) = self.bytes.get_mut(..len) {
             bytes.copy_within(count.., 0);
+            bytes[len - count..].fill(0);
         }
         self.len = (len - count) as u16;
     }
@@ -73,20 +70,6 @@ impl<const N: usize> Deref for Bytes<N> {
 
     fn deref(&self) -> &[u8] {
         self.bytes.get(..usize::from(self.len)).unwrap_or_default()
-    }
-}
-
-impl<const N: usize> PartialEq for Bytes<N> {
-    fn eq(&self, other: &Self) -> bool {
-        **self == **other
-    }
-}
-
-impl<const N: usize> Eq for Bytes<N> {}
-
-impl<const N: usize> fmt::Debug for Bytes<N> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:02x?}", &**self)
     }
 }
 

@@ -23,13 +23,7 @@ pub const COUNTS_PER_LSB: u16 = 16;
 /// CRC-16/M17, polynomial 0x5935: finds every error of up to four bits in up to 241 bits of
 /// content (P. Koopman, "Best CRC Polynomials", 16 bits, HD=5), and a packet of readings has 240.
 /// The common 0x1021 finds three.
-static CRC: Crc<u16, Tables> = Crc::<u16, Tables>::new(&CRC_16_M17);
-
-/// Sixteen tables (8 KiB) where memory is plenty, one (512 B) on a board.
-#[cfg(not(target_os = "none"))]
-type Tables = crc::Table<16>;
-#[cfg(target_os = "none")]
-type Tables = crc::Table<1>;
+static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_M17);
 
 /// Kinds of packet, the lower four bits of the header. Those that would make the header one of the
 /// escaped bytes in versions 1 and 7 are not used: they would need a mask every time.
@@ -192,7 +186,6 @@ impl Packet {
         let header = header ^ mask;
         let mut plain = Plain::copy_of(masked).ok_or(DecodeError::Framing)?;
         plain.as_mut_slice().iter_mut().for_each(|byte| *byte ^= mask);
-        let mut body = Reader(plain.get(2..).unwrap_or_default());
         let version = header >> 4;
         let (computed, crc) = if (1..=VERSION_2).contains(&version) {
             let content = plain.get(1..).unwrap_or_default();
@@ -207,16 +200,12 @@ impl Packet {
         if !matches!(version, VERSION | VERSION_2) || (version == VERSION_2 && kind == COMMAND) {
             return Err(DecodeError::UnknownVersion { version, kind });
         }
-        Self::read(version, kind, &mut body)
-    }
-
-    fn read(version: u8, kind: u8, body: &mut Reader<'_>) -> Result<ReceivedPacket, DecodeError> {
+        let mut body = Reader(plain.get(2..).unwrap_or_default());
         let number = body.get().ok_or(DecodeError::Body)?;
         let origin = match version == VERSION && kind != COMMAND {
             true => Some(body.get().ok_or(DecodeError::Body)?),
             false => None,
         };
-        let mut body = Reader(body.0);
         let packet = match kind {
             SAMPLE_READINGS | SAMPLE_WRENCH => Sample::read(kind, number, body).map(Self::Sample),
             HEALTH => Health::read(number, body).map(Self::Health),

@@ -97,7 +97,7 @@ impl Decoder {
             Some(scan) => self.give(scan, &mut sink),
             None => self.skipped += self.pending.len() as u64,
         }
-        self.pending.clear();
+        self.pending = Bytes::new();
     }
 
     fn follows(&self, scan: Scan) -> bool {

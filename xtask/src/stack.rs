@@ -24,9 +24,9 @@ const INDIRECT: usize = 3;
 /// alignment.
 const EXCEPTION_FRAME: u32 = 104 + 4;
 
-/// Part of the name of a function that runs a task, and of that of the urgent one (sync_input.rs).
+/// Part of the name of a function that runs a task, and of that of the urgent one (tasks.rs).
 const TASK: &str = "TaskStorage";
-const URGENT_TASK: &str = "sync_input";
+const URGENT_TASK: &str = "stamp_task";
 
 /// The name of the interrupt that runs the urgent task (start.rs).
 const URGENT_INTERRUPT: &str = "TIM7";

@@ -70,15 +70,6 @@ impl AppendWriter {
         }
         Ok(())
     }
-
-    fn cut(&mut self) -> io::Result<()> {
-        use std::io::{Seek, SeekFrom};
-        if self.regular {
-            self.file.set_len(self.length)?;
-            self.file.seek(SeekFrom::Start(self.length))?;
-        }
-        Ok(())
-    }
 }
 
 impl LogSink for AppendWriter {
@@ -88,8 +79,8 @@ impl LogSink for AppendWriter {
         }
         if let Err(source) = self.file.write_all(piece) {
             self.failed = true;
-            // If even that fails, a part of a line stays at the end; nothing else can be done.
-            let _ = self.cut();
+            // If it cannot be cut back, a part of a line stays at the end; nothing else can be done.
+            let _ = self.file.set_len(self.length);
             return Err(OutputError::failed(&self.path, source));
         }
         self.length += piece.len() as u64;

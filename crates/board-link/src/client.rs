@@ -56,8 +56,8 @@ pub struct Client<P> {
     uplink: Uplink,
     downlink: PacketWire,
     number: u16,
-    /// The board that commands are for, once it is known.
-    board: Option<BoardId>,
+    /// The board that commands are for, where several hear; once it is known, where it was not named.
+    pub board: Option<BoardId>,
     /// Serial numbers in the answers to the last command.
     serials: Vec<[u8; 12]>,
 }
@@ -75,12 +75,6 @@ impl<P: Read + Write> Client<P> {
             board: None,
             serials: Vec::new(),
         }
-    }
-
-    /// Talks to this board and no other, where several hear.
-    #[must_use]
-    pub fn with_board(self, board: BoardId) -> Self {
-        Self { board: Some(board), ..self }
     }
 
     /// Sends a command until its answer comes.
@@ -266,9 +260,14 @@ impl<P: Read + Write> Client<P> {
     }
 }
 
-/// What a command that is refused for its range could have asked for; nothing where that is not known.
-pub(crate) fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
-    match (refusal, command) {
+/// What a command that is refused could have asked for, and else what tells more; nothing where that is not known.
+pub(crate) fn what_fits(command: &Command, refusal: Refusal) -> String {
+    let text = match (refusal, command) {
+        (Refusal::PeriodTooShort { shortest_us } | Refusal::LineTooSlow { shortest_us }, _) => {
+            let fastest_hz = (1e7 / f64::from(shortest_us.max(1))).floor() / 10.0;
+            return format!("; {fastest_hz:.1} Hz would do");
+        }
+        (Refusal::Other(code), _) => return format!(", number {code}"),
         (Refusal::OutOfRange, Command::SetPeriod { .. }) => "; 0.1 to 1000 Hz would do",
         (Refusal::OutOfRange, Command::SetOversampling { .. }) => "; 1 to 64 conversions would do",
         (Refusal::OutOfRange, Command::SetSettling { .. }) => "; 0 to 10000 µs would do",
@@ -278,7 +277,8 @@ pub(crate) fn what_fits(command: &Command, refusal: Refusal) -> &'static str {
         (Refusal::NotOnThisBoard, Command::SetBaud { .. }) => "; its line has no rate",
         (Refusal::NotOnThisBoard, Command::Bootloader) => "; it has no bootloader",
         _ => "",
-    }
+    };
+    text.to_owned()
 }
 
 pub(crate) fn name_of(command: &Command) -> String {

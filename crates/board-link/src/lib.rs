@@ -132,9 +132,6 @@ impl LinkError {
     }
 }
 
-/// What to do about a board that speaks another version of the protocol.
-const VERSIONS: &str = "flash the firmware that belongs to this version of shellcal";
-
 impl Hint for LinkError {
     fn hint(&self) -> Option<String> {
         let text = match self {
@@ -154,7 +151,9 @@ impl Hint for LinkError {
                 "bytes arrive but no answer: try another `--baud`, or `--framing xbee-ap1` or `xbee-ap2` \
                  for a base station in API mode"
             }
-            Self::OtherVersion { .. } => VERSIONS,
+            Self::OtherVersion { .. } => {
+                "flash the firmware that belongs to this version of shellcal"
+            }
             Self::Refused { refusal: Refusal::NoCalibration, .. } => {
                 "upload one: `shellcal board PORT upload CAL`"
             }
@@ -181,8 +180,8 @@ impl Hint for LinkError {
 }
 
 /// A refusal in words.
-fn refusal_text(refusal: Refusal) -> String {
-    let reason = match refusal {
+fn refusal_text(refusal: Refusal) -> &'static str {
+    match refusal {
         Refusal::UnknownCommand => "its firmware does not know the command",
         Refusal::OtherVersion => "it speaks another version of the protocol",
         Refusal::OutOfRange => "a value is outside its range",
@@ -197,19 +196,8 @@ fn refusal_text(refusal: Refusal) -> String {
         Refusal::StorageFailed => "its flash did not keep the calibration",
         Refusal::Streaming => "not while it streams",
         Refusal::NotOnThisBoard => "there is nothing on this board that could do it",
-        Refusal::Other(code) => {
-            return format!("for a reason that this program does not know, number {code}");
-        }
         _ => "for a reason that this program does not know",
-    };
-    let fits = match refusal {
-        Refusal::PeriodTooShort { shortest_us } | Refusal::LineTooSlow { shortest_us } => {
-            let fastest_hz = (1e7 / f64::from(shortest_us.max(1))).floor() / 10.0;
-            format!("; {fastest_hz:.1} Hz would do")
-        }
-        _ => String::new(),
-    };
-    format!("{reason}{fits}")
+    }
 }
 
 /// A serial number as `shellcal board identify` prints it.

@@ -146,10 +146,11 @@ pub fn record(
     let mut recorder = Recorder::new(&source.name, sinks, options.clone());
     let ran = run(&mut recorder, source, options.duration, stop, observe);
     source.send(&recorder.last_commands());
+    let is_about_a_file = |error: &RecordError| matches!(error, RecordError::Output(_));
     // Whatever has happened: what has arrived is kept.
     let finished = match ran {
         Ok(()) => recorder.finish(),
-        Err(error) => Err(recorder.finish().err().filter(is_about_files).unwrap_or(error)),
+        Err(error) => Err(recorder.finish().err().filter(is_about_a_file).unwrap_or(error)),
     };
     let mut recorded = recorder.recorded(source.elapsed());
     recorded.reconnections = source.reconnections;
@@ -157,10 +158,6 @@ pub fn record(
     finished?;
     closed?;
     Ok(recorded)
-}
-
-fn is_about_files(error: &RecordError) -> bool {
-    matches!(error, RecordError::Output(_))
 }
 
 fn run(

@@ -6,7 +6,7 @@ use output_file::OutputError;
 use shared_proto::Protocol;
 use shell_data::hint::Hint;
 
-use super::{LinkError, Uplink, VERSIONS};
+use super::{LinkError, Uplink};
 use crate::recording::{LiveForces, NoFrame, UnsuitableCalibration};
 
 /// How a recording is made.
@@ -64,7 +64,6 @@ impl Hint for RecordError {
             Self::NoFrame { problem: NoFrame::OtherProtocol { .. }, .. } => {
                 "leave out `--framing` to have it recognised"
             }
-            Self::NoFrame { problem: NoFrame::OtherVersion { .. }, .. } => VERSIONS,
             Self::NoFrame { problem: NoFrame::Silence | NoFrame::NotStreaming, .. } => {
                 "a board streams once it is started: `--start`, or `shellcal board PORT start`"
             }

@@ -6,13 +6,14 @@ use std::time::Duration;
 use serde::Serialize;
 use shared_proto::{Boot, Command, Identity, Protocol};
 
-use super::LogSink;
 use super::board_log::{BoardLog, RecordedBoard};
 use super::record_options::{RecordError, RecordOptions};
-use super::resume::{StartedBoards, commands};
+use super::resume::commands;
 use super::watcher::{RecordCommand, RecordingProgress, Watcher};
+use super::{LinkError, LogSink};
 use crate::recording::{
-    Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, protocol_name,
+    Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, other_version,
+    protocol_name,
 };
 
 /// How long frames wait for those that overtook them before they are written. A kill loses as much,
@@ -79,7 +80,6 @@ pub struct Recorder {
     annotations: Annotations,
     /// One for each board that has sent frames, in the order in which they began.
     logs: Vec<BoardLog>,
-    started: StartedBoards,
     bytes: u64,
     flushed_at: Duration,
     /// Frames at that time.
@@ -98,7 +98,6 @@ impl Recorder {
             shown: 0,
             annotations: Annotations::default(),
             logs: Vec::new(),
-            started: StartedBoards::default(),
             bytes: 0,
             flushed_at: Duration::ZERO,
             observed: 0,
@@ -108,7 +107,8 @@ impl Recorder {
     /// What to send at `arrival`, so that every board streams, if they are to be started: see [`RecordingProgress::commands`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
-        commands(&mut self.started, uplink, heard(&self.receiving), arrival.unwrap_or_default())
+        let heard = self.receiving.as_mut().map_or(&mut [][..], |(_, boards)| &mut boards.heard);
+        commands(uplink, heard, arrival.unwrap_or_default())
     }
 
     /// What to send at the end, so that boards that were started stop.
@@ -187,6 +187,9 @@ impl Recorder {
         recognised: Result<Option<(Protocol, Vec<u8>)>, NoFrame>,
     ) -> Result<(), RecordError> {
         if let Some((protocol, bytes)) = recognised.map_err(|problem| self.no_frame(problem))? {
+            if let Some(version) = other_version(protocol, &bytes) {
+                return Err(LinkError::OtherVersion(version).into());
+            }
             let mut boards = Boards::new(protocol);
             boards.feed(&bytes, None);
             self.receiving = Some((protocol, boards));
@@ -221,7 +224,7 @@ impl Recorder {
         self.shown = 0;
         let Some((protocol, boards)) = &mut self.receiving else { return Ok(()) };
         let numbered = matches!(protocol, Protocol::Packets(_));
-        for board in boards.heard_mut().iter_mut().filter(|board| !board.frames.is_empty()) {
+        for board in boards.heard.iter_mut().filter(|board| !board.frames.is_empty()) {
             let sender = board.sender;
             let known = self.logs.iter().position(|log| log.sender == sender);
             let at = known.unwrap_or(self.logs.len());
@@ -346,7 +349,7 @@ impl Recorder {
 }
 
 fn heard(receiving: &Option<(Protocol, Boards)>) -> &[HeardBoard] {
-    receiving.as_ref().map_or(&[], |(_, boards)| boards.heard())
+    receiving.as_ref().map_or(&[], |(_, boards)| &boards.heard)
 }
 
 /// The log of the next board: the one that was asked for, then others beside that of the first.

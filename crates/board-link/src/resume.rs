@@ -5,21 +5,13 @@ use std::time::Duration;
 use shared_proto::{Command, Identity, Status};
 
 use crate::Uplink;
-use crate::recording::{BoardSource, HeardBoard};
+use crate::recording::HeardBoard;
 
 /// How long nothing may be heard of a board before it is asked for its state.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// What the boards of a recording were started with.
-pub(super) type StartedBoards = Vec<(BoardSource, Status)>;
-
 /// What has to be sent now so that every board streams as it did at first; nothing as a rule.
-pub(super) fn commands(
-    started: &mut StartedBoards,
-    uplink: &Uplink,
-    heard: &[HeardBoard],
-    now: Duration,
-) -> Vec<u8> {
+pub(super) fn commands(uplink: &Uplink, heard: &mut [HeardBoard], now: Duration) -> Vec<u8> {
     let mut bytes = Vec::new();
     if heard.is_empty() {
         bytes.extend(to_all(uplink, &[Command::Start]));
@@ -27,11 +19,8 @@ pub(super) fn commands(
     for board in heard {
         let reception = &board.reception;
         let (identity, status) = (reception.identity, reception.status);
-        let known = started.iter().find(|(sender, _)| *sender == board.sender);
-        match (known, identity, status) {
-            (None, Some(_), Some(status)) if status.streaming => {
-                started.push((board.sender, status));
-            }
+        match (&board.started, identity, status) {
+            (None, Some(_), Some(status)) if status.streaming => board.started = Some(status),
             // Version 2 says neither.
             (None, ..) if reception.start.is_some() => {
                 let commands = [Command::Identify, Command::Start, Command::Status];
@@ -40,12 +29,12 @@ pub(super) fn commands(
             (None, ..) if !reception.has_begun() => {
                 bytes.extend(to_all(uplink, &[Command::Start]));
             }
-            (Some((_, wanted)), Some(identity), status)
+            (Some(wanted), Some(identity), status)
                 if status.is_none_or(|status| !is_as(wanted, &status)) =>
             {
                 bytes.extend(restart(uplink, &identity, wanted));
             }
-            (Some((_, wanted)), Some(identity), _) => {
+            (Some(wanted), Some(identity), _) => {
                 let patience = SILENCE + 3 * Duration::from_micros(wanted.period_us.into());
                 let is_silent = board.heard_at.is_some_and(|at| now > at + patience);
                 if is_silent {

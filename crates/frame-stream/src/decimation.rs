@@ -10,7 +10,7 @@ use forces::{Clock, ClockSearch, Grid, RowRule};
 use shared_proto::CHANNELS;
 use shell_data::wrench::Axis;
 
-use crate::rows::StreamRow;
+use crate::encoding::StreamRow;
 
 const ORDER: usize = 8;
 
@@ -48,6 +48,7 @@ struct Filtered {
     /// Slots after which the filter has forgotten.
     memory: u64,
     design: Butterworth,
+    /// Filters that have taken in what came before the newest slot, and its value.
     filters: Vec<Option<(Filter, f64)>>,
     slot: u64,
     /// Periods of the new rate before the last row that was passed on.
@@ -128,8 +129,7 @@ impl Filtered {
     /// Filters a row; whether it is to be passed on.
     fn take(&mut self, row: &mut StreamRow, rate_hz: f64) -> bool {
         let slot = self.grid.slots(&[time_s(row)])[0];
-        let steps = slot - self.slot;
-        self.slot = slot;
+        let steps = slot - std::mem::replace(&mut self.slot, slot);
         if steps > self.memory {
             self.filters.fill(None);
         }
@@ -137,18 +137,15 @@ impl Filtered {
         let wrench = row.wrench.iter_mut().flatten().enumerate();
         let wrench = wrench.map(|(axis, value)| (CHANNELS + axis, value));
         for (column, value) in readings.chain(wrench) {
-            *value = match &mut self.filters[column] {
+            match &mut self.filters[column] {
                 Some((filter, last)) => {
                     // A slot without a row holds the row before.
-                    (1..steps).for_each(|_| filter.process(&mut [*last]));
+                    (0..steps).for_each(|_| filter.process(&mut [*last]));
                     *last = *value;
-                    if steps == 0 { filter.peek(*value) } else { filtered(filter, *value) }
+                    *value = filter.peek(*value);
                 }
-                none => {
-                    *none = Some((Filter::settled(&self.design, *value), *value));
-                    *value
-                }
-            };
+                none => *none = Some((Filter::settled(&self.design, *value), *value)),
+            }
         }
         // The middle of a slot, so that rounding does not move a row into the next period.
         let periods = ((slot as f64 + 0.5) * rate_hz / self.clock.rate_hz).floor() as i64;
@@ -156,12 +153,6 @@ impl Filtered {
         self.period = self.period.max(Some(periods));
         is_due
     }
-}
-
-fn filtered(filter: &mut Filter, value: f64) -> f64 {
-    let mut sample = [value];
-    filter.process(&mut sample);
-    sample[0]
 }
 
 #[cfg(test)]

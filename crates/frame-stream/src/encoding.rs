@@ -6,9 +6,26 @@
 
 use board_link::recording::write_time;
 use shared_proto::CHANNELS;
-use shell_data::wrench::Axes;
+use shell_data::wrench::{Axes, PerAxis};
 
-use crate::rows::StreamRow;
+/// A frame as it is passed on.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StreamRow {
+    /// On the board's clock, µs, as in a log.
+    pub time_us: i64,
+    /// The sequence number, unwrapped.
+    pub index: i64,
+    /// When it arrived, µs since 1970 by the clock of this computer.
+    pub host_us: i64,
+    /// Steps of the 12-bit converter.
+    pub readings: Option<[f64; CHANNELS]>,
+    /// N and N·m.
+    pub wrench: Option<PerAxis<f64>>,
+    /// Of the wrench, where the calibration knows them.
+    pub standard_errors: Option<PerAxis<f64>>,
+    /// As in a log, and `tared`, `markN`.
+    pub flags: String,
+}
 
 /// How rows are written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -6,12 +6,13 @@
 
 use std::fmt;
 
+use calibration::magnitudes::Magnitudes;
+
 /// How long the fastest row is the measure, µs of the board's clock.
 const STRETCH_US: i64 = 10_000_000;
 
-/// Width of a class, µs, and how many there are; what is longer is counted in the last.
-const CLASS_US: i64 = 10;
-const CLASSES: usize = 100_000;
+/// The unit of delays that are counted, µs: those up to 2.56 s are told apart.
+const UNIT_US: f64 = 10_000.0;
 
 /// Collects delays.
 #[derive(Clone, Debug, Default)]
@@ -19,7 +20,9 @@ pub struct Latency {
     /// Delays of the current stretch, µs, and its start.
     stretch: Vec<i64>,
     start_us: i64,
-    classes: Vec<u64>,
+    /// Those of the stretches before, in [`UNIT_US`].
+    delays: Magnitudes,
+    rows: u64,
 }
 
 /// What was found.
@@ -51,25 +54,16 @@ impl Latency {
     pub fn summary(&self) -> Option<LatencySummary> {
         let mut all = self.clone();
         all.close();
-        let rows: u64 = all.classes.iter().sum();
-        let within = |share: f64| {
-            let mut left = (share * rows as f64).ceil() as u64;
-            let class = all.classes.iter().position(|&count| {
-                let is_in = left <= count;
-                left = left.saturating_sub(count);
-                is_in
-            });
-            class.map_or(f64::INFINITY, |class| (class as i64 * CLASS_US) as f64 / 1000.0)
-        };
-        (rows > 0).then(|| LatencySummary { rows, median_ms: within(0.5), p99_ms: within(0.99) })
+        let ms = |share: f64| all.delays.quantile(share) * UNIT_US / 1000.0;
+        let (rows, median_ms, p99_ms) = (all.rows, ms(0.5), ms(0.99));
+        (rows > 0).then_some(LatencySummary { rows, median_ms, p99_ms })
     }
 
     fn close(&mut self) {
         let Some(&fastest) = self.stretch.iter().min() else { return };
-        self.classes.resize(CLASSES, 0);
+        self.rows += self.stretch.len() as u64;
         for delay in self.stretch.drain(..) {
-            let class = ((delay - fastest) / CLASS_US) as usize;
-            self.classes[class.min(CLASSES - 1)] += 1;
+            self.delays.add((delay - fastest) as f64 / UNIT_US);
         }
     }
 }
@@ -99,7 +93,7 @@ mod tests {
         }
         let found = latency.summary().unwrap();
         assert_eq!(found.rows, 60_000);
-        // Half the gain within a stretch, to the width of a class; the late ones are two of a hundred.
+        // Half the gain within a stretch; the late ones are two of a hundred.
         assert!((0.45..=0.55).contains(&found.median_ms), "{found}");
         assert!((5.0..=6.0).contains(&found.p99_ms), "{found}");
     }

@@ -1,13 +1,13 @@
 //! Frames for other programs while they arrive.
 //!
 //! ```text
-//! BoardFrame ─ FrameRows ─▶ StreamRow ─ Decimator ─▶ RowEncoder ─▶ Readers (a pipe, a file, UDP, TCP)
+//! BoardFrame ─ FrameStream ─▶ StreamRow ─ Decimator ─▶ RowEncoder ─▶ Readers (a pipe, a file, UDP, TCP)
 //! ```
 //!
-//! `FrameRows` makes forces by the [pipeline](forces) of all commands, so a row has the bits that a log has;
+//! [`FrameStream`] makes forces by the [pipeline](forces) of all commands, so a row has the bits that a log has;
 //! [`Decimator`] lowers the rate without aliasing. [`Readers`] never wait: a reader that is too slow loses rows,
-//! every row says how many it has lost, and no other reader notices. [`FrameStream`] joins them, as a
-//! [`Watcher`](board_link::Watcher) of a recording.
+//! every row says how many it has lost, and no other reader notices. A [`StreamWatcher`] is a
+//! [`Watcher`](board_link::Watcher) of a recording that has a stream.
 
 #![allow(
     clippy::disallowed_methods,
@@ -15,20 +15,17 @@
     reason = "serves sockets, keeps time"
 )]
 
-mod command;
 mod decimation;
-mod destination;
 mod encoding;
 mod latency;
 mod readers;
-mod rows;
 mod stream;
 
-pub use command::{StreamCommand, UnknownCommand};
 pub use decimation::Decimator;
-pub use destination::{BadDestination, Destination};
-pub use encoding::{RowEncoder, StreamFormat};
+pub use encoding::{RowEncoder, StreamFormat, StreamRow};
 pub use latency::{Latency, LatencySummary};
-pub use readers::{ReaderSummary, Readers};
-pub use rows::StreamRow;
-pub use stream::{FrameStream, StreamHandle, StreamOptions, StreamSummary, StreamWatcher};
+pub use readers::{BadDestination, Destination, ReaderSummary, Readers};
+pub use stream::{
+    FrameStream, StreamCommand, StreamHandle, StreamOptions, StreamSummary, StreamWatcher,
+    UnknownCommand,
+};

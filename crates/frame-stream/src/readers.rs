@@ -1,17 +1,19 @@
-//! Whoever reads a stream. None is waited for.
+//! Where a stream goes, and whoever reads it there. None is waited for.
 
+use std::fmt;
 use std::io::{self, Write};
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream, UdpSocket};
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, TcpListener, TcpStream, ToSocketAddrs, UdpSocket};
+use std::path::PathBuf;
+use std::str::FromStr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::mpsc::{Receiver, Sender, channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use board_link::open_growing;
 use output_file::OutputError;
 
-use crate::destination::Destination;
 use crate::encoding::RowEncoder;
 
 /// How often it is looked whether somebody connects.
@@ -20,8 +22,58 @@ const ACCEPT: Duration = Duration::from_millis(10);
 /// How long each reader may take at the end for what is on its way.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Rows that are handed over together, at most.
-const BATCH: u64 = 256;
+/// Where rows go.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Destination {
+    /// The standard output.
+    Stdout,
+    /// A file.
+    File(PathBuf),
+    /// A datagram for each row, to this address.
+    Udp(SocketAddr),
+    /// Whoever connects to this address.
+    Tcp(SocketAddr),
+}
+
+/// A word that is no destination.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}; a destination is `-`, `udp:HOST:PORT`, `tcp:PORT`, `tcp:IP:PORT` or a file")]
+pub struct BadDestination(String);
+
+impl FromStr for Destination {
+    type Err = BadDestination;
+
+    fn from_str(word: &str) -> Result<Self, BadDestination> {
+        let bad = |problem: String| BadDestination(problem);
+        if let Some(at) = word.strip_prefix("udp:") {
+            let mut found =
+                at.to_socket_addrs().map_err(|error| bad(format!("`{at}`: {error}")))?;
+            let found = found.next().ok_or_else(|| bad(format!("`{at}` has no address")))?;
+            return Ok(Self::Udp(found));
+        }
+        if let Some(at) = word.strip_prefix("tcp:") {
+            let own = |port| SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+            let address = at.parse().map(own).or_else(|_| at.parse());
+            return address.map(Self::Tcp).map_err(|error| bad(format!("`{at}`: {error}")));
+        }
+        match word {
+            "" => Err(bad("there is no name".to_owned())),
+            "-" => Ok(Self::Stdout),
+            path => Ok(Self::File(path.strip_prefix("file:").unwrap_or(path).into())),
+        }
+    }
+}
+
+impl fmt::Display for Destination {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Stdout => f.write_str("standard output"),
+            Self::File(path) => write!(f, "`{}`", path.display()),
+            Self::Udp(address) => write!(f, "udp:{address}"),
+            Self::Tcp(address) => write!(f, "tcp:{address}"),
+        }
+    }
+}
 
 /// All readers of a stream.
 #[derive(Debug, Default)]
@@ -39,8 +91,6 @@ pub struct Readers {
 struct StreamReader {
     name: String,
     way: Transport,
-    /// What waits for the next [`Readers::flush`].
-    batch: FrameBatch,
     has_names: bool,
     /// Rows that it was handed, and that it lost.
     handed: u64,
@@ -105,24 +155,13 @@ impl Readers {
         self.readers.is_empty() && self.listeners.is_empty()
     }
 
-    /// Passes a row on: what [`RowEncoder::begin`] has made of it, which gets an end for each reader. Some of them get
-    /// it with the next [`flush`](Self::flush).
+    /// Passes a row on: what [`RowEncoder::begin`] has made of it, which gets an end for each reader. Those with whom it
+    /// fails are gone.
     pub fn send(&mut self, row: &[u8], encoder: &RowEncoder) {
         self.accept();
-        let number = self.rows;
+        let (number, gone) = (self.rows, &mut self.gone);
         self.rows += 1;
-        self.each(|reader| reader.send(row, number, encoder));
-    }
-
-    /// Hands over what was sent.
-    pub fn flush(&mut self) {
-        self.each(StreamReader::flush);
-    }
-
-    /// Those with whom it fails are gone.
-    fn each(&mut self, mut act: impl FnMut(&mut StreamReader) -> io::Result<()>) {
-        let gone = &mut self.gone;
-        self.readers.retain_mut(|reader| match act(reader) {
+        self.readers.retain_mut(|reader| match reader.send(row, number, encoder) {
             Ok(()) => true,
             Err(error) => {
                 gone.push(reader.summary(Some(error)));
@@ -150,7 +189,6 @@ impl Readers {
 
     /// Ends all; what came of each.
     pub fn finish(mut self) -> Vec<ReaderSummary> {
-        self.flush();
         let rest = self.readers.iter_mut().map(|reader| reader.summary(None));
         let rest: Vec<_> = rest.collect();
         self.gone.into_iter().chain(rest).collect()
@@ -176,44 +214,26 @@ fn datagrams(to: SocketAddr) -> io::Result<UdpSocket> {
 
 impl StreamReader {
     fn new(name: String, way: Transport) -> Self {
-        Self { name, way, batch: FrameBatch::default(), has_names: false, handed: 0, lost: 0 }
+        Self { name, way, has_names: false, handed: 0, lost: 0 }
     }
 
     fn send(&mut self, row: &[u8], number: u64, encoder: &RowEncoder) -> io::Result<()> {
-        let is_udp = matches!(self.way, Transport::Udp(_));
-        if !self.has_names
-            && let Some(header) = encoder.header()
-        {
-            self.batch.bytes.extend(header);
-            if is_udp {
-                self.flush()?;
-            }
-        }
+        let names = if self.has_names { None } else { encoder.header() }.unwrap_or_default();
         self.has_names = true;
-        self.batch.bytes.extend_from_slice(row);
-        self.batch.bytes.extend(encoder.end(number, self.lost));
-        self.batch.rows += 1;
-        // A datagram is one row.
-        match is_udp || self.batch.rows >= BATCH {
-            true => self.flush(),
-            false => Ok(()),
-        }
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        if self.batch.bytes.is_empty() {
-            return Ok(());
-        }
-        let batch = std::mem::take(&mut self.batch);
-        let rows = batch.rows;
+        let end = encoder.end(number, self.lost);
         let is_taken = match &mut self.way {
-            Transport::Pipe(pipe) => pipe.send(batch, self.handed)?,
-            // Where it fails nobody listens there yet, or the network is down for now.
-            Transport::Udp(socket) => socket.send(&batch.bytes).is_ok(),
+            Transport::Pipe(pipe) => pipe.send([&names, row, &end].concat())?,
+            // A datagram is one line. Where it fails nobody listens there yet, or the network is down for now.
+            Transport::Udp(socket) => {
+                if !names.is_empty() {
+                    _ = socket.send(&names);
+                }
+                socket.send(&[row, &end].concat()).is_ok()
+            }
         };
         match is_taken {
-            true => self.handed += rows,
-            false => self.lost += rows,
+            true => self.handed += 1,
+            false => self.lost += 1,
         }
         Ok(())
     }
@@ -245,23 +265,16 @@ impl StreamReader {
 }
 
 /// Rows that wait, at most: four seconds at 1 kHz.
-const WAITING: u64 = 4096;
+const WAITING: usize = 4096;
 
 /// Most bytes of one write.
 const PIECE: usize = 1 << 16;
-
-/// Rows that are handed over together: they arrive as a whole, or are lost as a whole.
-#[derive(Debug, Default)]
-struct FrameBatch {
-    bytes: Vec<u8>,
-    rows: u64,
-}
 
 /// A reader that is written to by a thread of its own, since a pipe, a disk or a network may hold it up: the end of the
 /// pipe that rows are put in.
 #[derive(Debug)]
 struct PipeReader {
-    batches: Option<Sender<FrameBatch>>,
+    rows: Option<SyncSender<Vec<u8>>>,
     /// Rows that have been written.
     written: Arc<AtomicU64>,
     /// `None` once it has been joined.
@@ -270,34 +283,32 @@ struct PipeReader {
 
 impl PipeReader {
     fn new(name: &str, out: impl Write + Send + 'static) -> io::Result<Self> {
-        let (batches, receiver) = channel();
+        let (rows, receiver) = sync_channel(WAITING);
         let written = Arc::new(AtomicU64::new(0));
         let of_thread = Arc::clone(&written);
         let run = move || write_all(out, &receiver, &of_thread);
         let thread = Some(thread::Builder::new().name(name.to_owned()).spawn(run)?);
-        Ok(Self { batches: Some(batches), written, thread })
+        Ok(Self { rows: Some(rows), written, thread })
     }
 
-    /// Hands a batch over after so many rows; `false` if there is no room.
+    /// Hands a row over; `false` if there is no room.
     ///
     /// # Errors
     /// That of the last write: the reader is gone.
-    fn send(&mut self, batch: FrameBatch, handed: u64) -> io::Result<bool> {
-        let Some(batches) = &self.batches else { return Ok(false) };
-        if handed + batch.rows - self.written.load(Ordering::Acquire) > WAITING && !self.has_ended()
-        {
-            return Ok(false);
+    fn send(&mut self, row: Vec<u8>) -> io::Result<bool> {
+        let Some(rows) = &self.rows else { return Ok(false) };
+        match rows.try_send(row) {
+            Err(TrySendError::Disconnected(_)) => {
+                self.rows = None;
+                self.end().map(|()| false)
+            }
+            sent => Ok(sent.is_ok()),
         }
-        if batches.send(batch).is_ok() {
-            return Ok(true);
-        }
-        self.batches = None;
-        self.end().map(|()| false)
     }
 
     /// Waits for what is on its way, as long as it goes on within `patience`; how many rows have been written in all.
     fn finish(&mut self, patience: Duration) -> (u64, io::Result<()>) {
-        self.batches = None;
+        self.rows = None;
         let (mut written, mut since) = (self.written.load(Ordering::Acquire), Instant::now());
         while !self.has_ended() && since.elapsed() < patience {
             thread::sleep(Duration::from_millis(1));
@@ -322,19 +333,38 @@ impl PipeReader {
 
 fn write_all(
     mut out: impl Write,
-    batches: &Receiver<FrameBatch>,
+    waiting: &Receiver<Vec<u8>>,
     written: &AtomicU64,
 ) -> io::Result<()> {
-    while let Ok(FrameBatch { mut bytes, mut rows }) = batches.recv() {
+    while let Ok(mut bytes) = waiting.recv() {
+        let mut rows = 1;
         while bytes.len() < PIECE
-            && let Ok(next) = batches.try_recv()
+            && let Ok(next) = waiting.try_recv()
         {
-            bytes.extend_from_slice(&next.bytes);
-            rows += next.rows;
+            bytes.extend_from_slice(&next);
+            rows += 1;
         }
         out.write_all(&bytes)?;
         out.flush()?;
         written.fetch_add(rows, Ordering::Release);
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_alone_is_of_this_machine() {
+        let tcp = |text: &str| Destination::Tcp(text.parse().unwrap());
+        assert_eq!("tcp:9000".parse(), Ok(tcp("127.0.0.1:9000")));
+        assert_eq!("tcp:0.0.0.0:9000".parse(), Ok(tcp("0.0.0.0:9000")));
+        assert_eq!("-".parse(), Ok(Destination::Stdout));
+        assert_eq!("file:-".parse(), Ok(Destination::File("-".into())));
+        assert_eq!("run.csv".parse(), Ok(Destination::File("run.csv".into())));
+        for word in ["", "udp:9870", "tcp:host", "tcp:70000", "udp:127.0.0.1"] {
+            assert!(word.parse::<Destination>().is_err(), "{word}");
+        }
+    }
 }

@@ -1,25 +1,74 @@
-//! Frames in, rows to all readers.
+//! Frames in, rows to all readers; and what a user can ask of that, one command a line.
 
+use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Receiver;
 use std::sync::{Arc, Mutex};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use board_link::recording::{BoardFrame, LiveForces, UnsuitableCalibration};
+use board_link::recording::{
+    BoardFrame, LiveForces, Measured, RunningForces, Simultaneous, UnsuitableCalibration, row_flags,
+};
 use board_link::{RecordCommand, RecordError, Watcher};
+use forces::RunningTare;
 
-use crate::command::StreamCommand;
 use crate::decimation::Decimator;
-use crate::encoding::{RowEncoder, StreamFormat};
+use crate::encoding::{RowEncoder, StreamFormat, StreamRow};
 use crate::latency::{Latency, LatencySummary};
 use crate::readers::{ReaderSummary, Readers};
-use crate::rows::{FrameRows, StreamRow};
 use shell_data::lock::lock;
+use shell_data::wrench::Axes;
+
+/// A command.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum StreamCommand {
+    /// Take the mean wrench of the next frames as zero.
+    Tare,
+    /// Take that zero back.
+    Untare,
+    /// Flag the next row.
+    Mark,
+    /// So many rows per second, or all.
+    Rate(Option<f64>),
+}
+
+/// A line that is no command.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{0}` is no command; there are `tare`, `untare`, `mark`, `rate HZ` and `rate all`")]
+pub struct UnknownCommand(String);
+
+impl FromStr for StreamCommand {
+    type Err = UnknownCommand;
+
+    fn from_str(line: &str) -> Result<Self, UnknownCommand> {
+        let unknown = || UnknownCommand(line.trim().to_owned());
+        let words: Vec<&str> = line.split_whitespace().collect();
+        match words[..] {
+            ["tare"] => Ok(Self::Tare),
+            ["untare"] => Ok(Self::Untare),
+            ["mark"] => Ok(Self::Mark),
+            ["rate", "all"] => Ok(Self::Rate(None)),
+            ["rate", hz] => {
+                let hz = hz.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz > 0.0);
+                hz.map(|hz| Self::Rate(Some(hz))).ok_or_else(unknown)
+            }
+            _ => Err(unknown()),
+        }
+    }
+}
 
 /// What passes frames on.
 #[derive(Debug)]
 pub struct FrameStream {
-    rows: FrameRows,
+    simultaneous: Option<Simultaneous>,
+    forces: Option<RunningForces>,
+    /// The axes of the wrenches.
+    axes: Axes,
+    /// Taken off the wrenches; the first row with a new one has the flag `tared`.
+    tare: RunningTare,
+    last_index: Option<i64>,
+    /// Marks so far, and how many of them are to be set.
+    marks: (u32, u32),
     format: StreamFormat,
     commands: Option<Receiver<StreamCommand>>,
     decimator: Option<Decimator>,
@@ -67,8 +116,19 @@ impl FrameStream {
     /// # Errors
     /// [`UnsuitableCalibration`] if it is for another number of channels.
     pub fn new(options: StreamOptions, readers: Readers) -> Result<Self, UnsuitableCalibration> {
+        let forces = options.forces.map(RunningForces::new).transpose()?;
+        let simultaneous = match (options.from_log, options.one_time) {
+            (true, _) => None,
+            (false, true) => Some(Simultaneous::new(false)),
+            (false, false) => Some(Simultaneous::immediate()),
+        };
         Ok(Self {
-            rows: FrameRows::new(options.forces, options.from_log, options.one_time)?,
+            simultaneous,
+            axes: forces.as_ref().map_or(Axes::ALL, RunningForces::axes),
+            forces,
+            tare: RunningTare::default(),
+            last_index: None,
+            marks: (0, 0),
             format: options.format,
             commands: options.commands,
             decimator: options.rate_hz.map(Decimator::new),
@@ -97,19 +157,72 @@ impl FrameStream {
     ) -> Result<(), RecordError> {
         self.frames += frames.len() as u64;
         self.obey(frames, marks);
-        let mut rows = self.rows.of(frames, now_us())?;
+        let mut rows = self.rows(frames, now_us())?;
         if let Some(decimator) = &mut self.decimator {
             rows = decimator.push(rows);
         }
         // Frames wait at the start, until it is known how they are sent.
         let is_first = self.sent == 0;
         rows.iter().for_each(|row| self.send(row, is_first));
-        self.readers.flush();
         Ok(())
     }
 
+    /// The rows of frames that arrive at `host_us`. With channels brought to one time they are those of
+    /// earlier frames.
+    ///
+    /// # Errors
+    /// [`RecordError`].
+    fn rows(&mut self, frames: &[BoardFrame], host_us: i64) -> Result<Vec<StreamRow>, RecordError> {
+        let frames = match &mut self.simultaneous {
+            Some(simultaneous) => simultaneous.take(frames.iter().cloned(), false),
+            None => frames.to_vec(),
+        };
+        if frames.is_empty() {
+            return Ok(Vec::new());
+        }
+        let has_readings = |frame: &BoardFrame| frame.measured.readings().is_some();
+        if self.forces.is_some() && !frames.iter().all(has_readings) {
+            return Err(UnsuitableCalibration::Wrenches.into());
+        }
+        let forces = self.forces.as_mut().map(|forces| forces.of(&frames)).transpose()?;
+        let errors = self.forces.as_ref().and_then(|forces| forces.standard_errors(&frames));
+        let mut rows = Vec::with_capacity(frames.len());
+        for (at, frame) in frames.iter().enumerate() {
+            let force = forces.as_ref().map(|forces| &forces[at]);
+            let is_late = self.last_index.is_some_and(|last| frame.index < last);
+            self.last_index = self.last_index.max(Some(frame.index));
+            let mut flags = row_flags(frame, force, is_late);
+            let (readings, own) = match frame.measured {
+                Measured::Readings(readings) => (Some(readings), None),
+                Measured::Wrench(wrench) => (None, Some(wrench)),
+            };
+            let wrench = force.map(|force| force.wrench).or(own);
+            let wrench = wrench.map(|wrench| {
+                if self.tare.push(wrench) {
+                    flags.push("tared".to_owned());
+                }
+                // Nothing is subtracted, to the bit, where no zero was asked for.
+                let zero = self.tare.zero;
+                std::array::from_fn(|axis| wrench[axis] - zero[axis])
+            });
+            let (last, waiting) = self.marks;
+            flags.extend((last - waiting + 1..=last).map(|number| format!("mark{number}")));
+            self.marks.1 = 0;
+            rows.push(StreamRow {
+                time_us: frame.time_us,
+                index: frame.index,
+                host_us,
+                readings,
+                wrench,
+                standard_errors: errors.as_ref().map(|errors| errors.each_ref().map(|it| it[at])),
+                flags: flags.join(" "),
+            });
+        }
+        Ok(rows)
+    }
+
     fn send(&mut self, row: &StreamRow, is_first: bool) {
-        let (format, axes) = (self.format, self.rows.axes);
+        let (format, axes) = (self.format, self.axes);
         let encoder = self.encoder.get_or_insert_with(|| RowEncoder::new(format, axes, row));
         self.readers.send(&encoder.begin(row), encoder);
         self.sent += 1;
@@ -123,11 +236,12 @@ impl FrameStream {
     fn obey(&mut self, frames: &[BoardFrame], marks: &mut Vec<RecordCommand>) {
         while let Some(Ok(command)) = self.commands.as_ref().map(Receiver::try_recv) {
             match command {
-                StreamCommand::Tare => self.rows.tare.begin(),
-                StreamCommand::Untare => self.rows.tare = Default::default(),
+                StreamCommand::Tare => self.tare.begin(),
+                StreamCommand::Untare => self.tare = Default::default(),
                 StreamCommand::Rate(rate_hz) => self.decimator = rate_hz.map(Decimator::new),
                 StreamCommand::Mark => {
-                    let number = self.rows.mark();
+                    self.marks = (self.marks.0 + 1, self.marks.1 + 1);
+                    let (number, _) = self.marks;
                     let index = frames.first().map_or(0, |frame| frame.index);
                     marks.push(RecordCommand::Mark { index, number });
                 }
@@ -215,5 +329,20 @@ impl StreamHandle {
     pub fn finish(&self) -> Result<Option<StreamSummary>, RecordError> {
         let stream = lock(&self.0).take().transpose()?;
         Ok(stream.map(|stream| stream.finish()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_a_command_or_told_to_be_none() {
+        assert_eq!("tare\n".parse(), Ok(StreamCommand::Tare));
+        assert_eq!(" rate 12.5 ".parse(), Ok(StreamCommand::Rate(Some(12.5))));
+        assert_eq!("rate all".parse(), Ok(StreamCommand::Rate(None)));
+        for line in ["", "rate", "rate -1", "rate NaN", "rate 0", "tare now", "Tare"] {
+            assert!(line.parse::<StreamCommand>().is_err(), "{line}");
+        }
     }
 }

@@ -61,7 +61,6 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
     let (mut datagram, mut line) = ([0; 2048], String::new());
     for index in 0..ROWS {
         readers.send(&encoder.begin(&row(index as i64)), &encoder);
-        readers.flush();
         for socket in [&first, &second] {
             let count = socket.recv(&mut datagram).unwrap();
             let text = std::str::from_utf8(&datagram[..count]).unwrap();
@@ -77,7 +76,6 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
     let whole = loop {
         let _ = stopped.read_to_end(&mut got);
         readers.send(&encoder.begin(&row(index as i64)), &encoder);
-        readers.flush();
         index += 1;
         let text = String::from_utf8(got.clone()).unwrap();
         let lines: Vec<String> = text.split_inclusive('\n').map(str::to_owned).collect();

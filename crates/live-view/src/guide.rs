@@ -98,22 +98,14 @@ pub struct Guide {
     recorded: Vec<bool>,
     next: usize,
     phase: GuidePhase,
-    stretch: VecDeque<Stillness>,
+    /// Rows, and what is to be still in them.
+    stretch: VecDeque<(LiveRow, [f64; CHANNELS])>,
     /// Mean and noise at rest, once they are known.
     rest: Option<([f64; CHANNELS], [f64; CHANNELS])>,
     /// How far each channel was off its rest.
     excursion: [f64; CHANNELS],
     /// Since when it is still and loaded: time and frame.
     still_since: Option<(f64, i64)>,
-}
-
-/// What a row says of stillness.
-#[derive(Clone, Copy, Debug)]
-struct Stillness {
-    time_s: f64,
-    index: i64,
-    values: [f64; CHANNELS],
-    wrench: Option<PerAxis<f64>>,
 }
 
 impl Guide {
@@ -134,17 +126,17 @@ impl Guide {
             (None, Some(wrench)) => std::array::from_fn(|at| wrench.get(at).map_or(0.0, |x| *x)),
             (None, None) => return None,
         };
-        let LiveRow { time_s, index, wrench, .. } = *row;
+        let LiveRow { time_s, index, .. } = *row;
         // A board that starts anew is another recording.
-        if self.stretch.back().is_some_and(|last| time_s < last.time_s) {
+        if self.stretch.back().is_some_and(|(last, _)| time_s < last.time_s) {
             self.stretch.clear();
             self.still_since = None;
         }
-        self.stretch.push_back(Stillness { time_s, index, values, wrench });
-        while self.stretch.get(1).is_some_and(|second| time_s - second.time_s >= STRETCH_S) {
+        self.stretch.push_back((*row, values));
+        while self.stretch.get(1).is_some_and(|(second, _)| time_s - second.time_s >= STRETCH_S) {
             self.stretch.pop_front();
         }
-        let first = *self.stretch.front()?;
+        let (first, _) = *self.stretch.front()?;
         if time_s - first.time_s < STRETCH_S {
             return None;
         }
@@ -170,7 +162,7 @@ impl Guide {
             GuidePhase::Hang if self.is_loaded(&off, &noise) => {
                 self.phase = GuidePhase::Hold;
                 // The stretch may begin with the last of the movement.
-                let middle = self.stretch[self.stretch.len() / 2];
+                let (middle, _) = self.stretch[self.stretch.len() / 2];
                 self.still_since = Some((middle.time_s, middle.index));
                 None
             }
@@ -183,23 +175,29 @@ impl Guide {
     pub fn first_unsettled(&self) -> Option<i64> {
         let is_done = self.phase == GuidePhase::Done;
         let first = if is_done { self.stretch.back() } else { self.stretch.front() };
-        self.still_since.map(|(_, index)| index).or(first.map(|moment| moment.index))
+        self.still_since.map(|(_, index)| index).or(first.map(|(row, _)| row.index))
     }
 
-    /// Goes on to the next load without this one.
+    /// Goes on to the next load that is not recorded, without this one.
     pub fn skip(&mut self) {
-        self.go_on(1);
+        let position = |steps: usize| (self.next + steps) % self.loads.len();
+        let mut others = (1..=self.loads.len()).map(position);
+        let left = others.find(|&at| !self.recorded[at]);
+        self.next = left.unwrap_or(self.next);
+        self.await_load(left.is_none());
     }
 
     /// Goes back to the load before, to record it again.
     pub fn back(&mut self) {
-        self.go_on(self.loads.len().saturating_sub(1));
+        let count = self.loads.len().max(1);
+        self.next = (self.next + count - 1) % count;
+        self.await_load(false);
     }
 
     /// What is shown.
     pub fn view(&self) -> GuideView {
         let next = self.loads.get(self.next).filter(|_| self.phase != GuidePhase::Done);
-        let newest_s = self.stretch.back().map_or(0.0, |newest| newest.time_s);
+        let newest_s = self.stretch.back().map_or(0.0, |(newest, _)| newest.time_s);
         let held = self.still_since.map_or(0.0, |(since_s, _)| (newest_s - since_s) / HOLD_S);
         let whole: f64 = self.loads.iter().map(|load| load.gain).sum();
         let left = self.loads.iter().zip(&self.recorded).filter(|(_, is_recorded)| !**is_recorded);
@@ -228,23 +226,15 @@ impl Guide {
         let group = self.loads[self.next].group.clone();
         self.recorded[self.next] = true;
         self.still_since = None;
-        self.go_on(1);
+        self.skip();
         if self.phase != GuidePhase::Done {
             self.phase = GuidePhase::Release;
         }
         Some(FrameLabel { from, until: index, group })
     }
 
-    /// Goes on by some places, around the end, and past loads that are recorded if it goes forward.
-    fn go_on(&mut self, positions: usize) {
-        let count = self.loads.len();
-        let position = |steps: usize| (self.next + steps) % count.max(1);
-        let is_left = |at: &usize| !self.recorded[*at];
-        self.next = match positions {
-            1 => (1..=count).map(position).find(is_left).unwrap_or(self.next),
-            positions => position(positions),
-        };
-        let is_done = positions == 1 && self.recorded.iter().all(|is_recorded| *is_recorded);
+    /// Waits for the next load, or for nothing once all are recorded.
+    fn await_load(&mut self, is_done: bool) {
         self.phase = match self.rest {
             _ if is_done => GuidePhase::Done,
             None => GuidePhase::Rest,
@@ -257,13 +247,15 @@ impl Guide {
     fn statistics(&self) -> ([f64; CHANNELS], [f64; CHANNELS], [f64; CHANNELS]) {
         let mean = |rows: std::ops::Range<usize>| -> [f64; CHANNELS] {
             let count = rows.len().max(1) as f64;
-            let sum = |c: usize| self.stretch.range(rows.clone()).map(|m| m.values[c]).sum::<f64>();
+            let sum = |c: usize| {
+                self.stretch.range(rows.clone()).map(|(_, values)| values[c]).sum::<f64>()
+            };
             std::array::from_fn(|c| sum(c) / count)
         };
         let (rows, half) = (self.stretch.len(), self.stretch.len() / 2);
         let (means, first, second) = (mean(0..rows), mean(0..half), mean(half..rows));
         let square = |c: usize| -> f64 {
-            self.stretch.iter().map(|moment| (moment.values[c] - means[c]).powi(2)).sum()
+            self.stretch.iter().map(|(_, values)| (values[c] - means[c]).powi(2)).sum()
         };
         let scatter = std::array::from_fn(|c| (square(c) / (rows - 1).max(1) as f64).sqrt());
         (means, scatter, std::array::from_fn(|c| (second[c] - first[c]).abs()))
@@ -272,7 +264,7 @@ impl Guide {
     /// Whether what is still is the load that is wanted, as far as one can tell.
     fn is_loaded(&self, off: &[f64; CHANNELS], noise: &[f64; CHANNELS]) -> bool {
         let planned = self.loads[self.next].wrench;
-        let wrenches = self.stretch.iter().filter_map(|moment| moment.wrench);
+        let wrenches = self.stretch.iter().filter_map(|(row, _)| row.wrench);
         let (sum, count) = wrenches.fold(([0.0; 6], 0.0), |(sum, count), wrench| {
             (std::array::from_fn(|axis| sum[axis] + wrench[axis]), count + 1.0)
         });

@@ -112,7 +112,8 @@ pub struct LiveModel {
     window: usize,
     /// The wrench that is subtracted before showing: once begun, the mean of the next rows.
     pub tare: RunningTare,
-    marks: Vec<Mark>,
+    /// What was marked.
+    pub marks: Vec<Mark>,
 }
 
 impl LiveModel {
@@ -175,11 +176,6 @@ impl LiveModel {
         }
         self.marks.push(mark);
         Some(mark)
-    }
-
-    /// What was marked.
-    pub fn marks(&self) -> &[Mark] {
-        &self.marks
     }
 
     /// The time of the newest row that is shown, s.

@@ -302,8 +302,7 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let terminal = program_end.name().unwrap();
     let open = || fs::OpenOptions::new().read(true).write(true).open(&terminal).unwrap();
     let (board, port) = pty();
-    // Otherwise the program waits for the timing of the channels, at most for 120 frames, which take a busy
-    // machine longer than the recording lasts.
+    // Otherwise the program waits for the timing of the channels, at most for 120 frames.
     let plain = "--no-tare --as-sampled";
     // In a session of its own, so that this terminal is the program's.
     let mut child = std::process::Command::new("setsid")
@@ -311,7 +310,6 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
         .arg(format!("stty rows 24 cols {columns}; exec \"$0\" \"$@\""))
         .arg(program::command(dir.path()).get_program())
         .args(format!("record {port} -o log.csv --calibration {calibration} {plain}").split(' '))
-        .args(["--duration", "3"])
         .current_dir(dir.path())
         .env("TERM", "xterm-256color")
         .stdin(Stdio::from(open()))
@@ -320,11 +318,16 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
         .spawn()
         .unwrap();
     let sender = Sender::start(board, 0);
-    let (mut shown, mut buffer) = (Vec::new(), [0; 4096]);
+    let (mut shown, mut buffer, mut is_ending) = (Vec::new(), [0; 4096], false);
     let deadline = Instant::now() + Duration::from_secs(60);
     let status = loop {
         if let Ok(count) = user.read(&mut buffer) {
             shown.extend_from_slice(&buffer[..count]);
+        }
+        // Once a second line has forces, the first is there whole.
+        if !is_ending && shown.windows(2).filter(|text| text == b"Fz").count() > 1 {
+            program::interrupt(&child);
+            is_ending = true;
         }
         if let Some(status) = child.try_wait().unwrap() {
             break status;

@@ -50,16 +50,24 @@ impl Deframer {
                 // Damage counts once, however many bytes it leaves behind.
                 self.damaged += u64::from(!self.skipping);
                 self.skipping = true;
-            } else if self.mode == Mode::Plain {
-                self.take_plain(byte, &mut sink);
             } else {
-                self.take_escaped(byte, &mut sink);
+                self.take(byte, &mut sink);
             }
         }
     }
 
-    fn take_plain(&mut self, byte: u8, sink: &mut impl FnMut(ApiFrame<'_>)) {
-        self.pending.push(byte);
+    fn take(&mut self, byte: u8, sink: &mut impl FnMut(ApiFrame<'_>)) {
+        let is_plain = self.mode == Mode::Plain;
+        if !is_plain && byte == START {
+            self.damaged += u64::from(!self.pending.is_empty());
+            self.pending = Bytes::new();
+            self.escape = false;
+        } else if !is_plain && byte == ESCAPE {
+            self.escape = true;
+            return;
+        }
+        self.pending.push(if self.escape { byte ^ ESCAPED_BY } else { byte });
+        self.escape = false;
         while !self.pending.is_empty() {
             let (len, good) = match progress(&self.pending) {
                 Deframed::Incomplete => return,
@@ -67,7 +75,7 @@ impl Deframer {
                 Deframed::Whole(data) => {
                     let len = data.len() + 4;
                     let next = self.pending.get(len);
-                    let suspect = data.contains(&START);
+                    let suspect = is_plain && data.contains(&START);
                     if suspect && next.is_none() {
                         return;
                     }
@@ -84,36 +92,13 @@ impl Deframer {
             }
             self.skipping = !good;
             let len = if good { len } else { 1 };
-            let next = self.pending.iter().skip(len).position(|&byte| byte == START);
+            // With escapes a start byte in what is left was data.
+            let is_start = |&byte: &u8| is_plain && byte == START;
+            let next = self.pending.iter().skip(len).position(is_start);
             let gone = next.map_or(self.pending.len(), |next| len + next);
             self.pending.remove_front(gone);
             self.condemned = self.condemned.saturating_sub(gone);
         }
-    }
-
-    fn take_escaped(&mut self, byte: u8, sink: &mut impl FnMut(ApiFrame<'_>)) {
-        if byte == START {
-            self.damaged += u64::from(!self.pending.is_empty());
-            self.pending.clear();
-            self.escape = false;
-        } else if byte == ESCAPE {
-            self.escape = true;
-            return;
-        }
-        self.pending.push(if self.escape { byte ^ ESCAPED_BY } else { byte });
-        self.escape = false;
-        match progress(&self.pending) {
-            Deframed::Incomplete => return,
-            Deframed::Whole(data) => {
-                self.skipping = false;
-                give(data, sink);
-            }
-            Deframed::Damaged { .. } => {
-                self.damaged += 1;
-                self.skipping = true;
-            }
-        }
-        self.pending.clear();
     }
 }
 

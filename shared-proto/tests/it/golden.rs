@@ -301,7 +301,7 @@ fn packets_of_other_versions_and_kinds_are_told_from_damage() {
     decoder.feed(&bytes("01 03 44 02 08 6c 61 74 65 72 fa ff 00"), |event| events.push(event));
     decoder.feed(&bytes("01 03 3f 02 07 55 c6 17 2a f2 19 00"), |event| events.push(event));
     assert_eq!(events, [Event::OtherVersion { version: 4, command: false }]);
-    let counters = decoder.counters();
+    let counters = decoder.counters;
     assert_eq!((counters.unknown_version, counters.unknown_kind), (1, 1));
     assert_eq!((counters.packets, counters.bad_crc, counters.malformed), (0, 0, 0));
 }

@@ -42,7 +42,7 @@ proptest! {
             }
         }
         prop_assert_eq!(encoded(&received), encoded(&sent));
-        let counters = decoder.counters();
+        let counters = decoder.counters;
         prop_assert_eq!(counters.packets, sent.len() as u64);
         prop_assert_eq!((counters.bad_crc, counters.malformed, counters.bad_api_frames), (0, 0, 0));
     }
@@ -62,7 +62,7 @@ proptest! {
         let received: Vec<_> =
             damaged.concat().chunks(piece).flat_map(|bytes| packets(&mut decoder, bytes)).collect();
         prop_assert_eq!(encoded(&received), encoded(&[sent[0], sent[2]]));
-        let counters = decoder.counters();
+        let counters = decoder.counters;
         // A byte that becomes a delimiter cuts the packet in two, unless it stands next to one.
         let pieces = damaged[1].split(|&byte| byte == 0).filter(|piece| !piece.is_empty());
         prop_assert_eq!(counters.bad_crc + counters.malformed, pieces.count() as u64);
@@ -122,7 +122,7 @@ proptest! {
         let mut decoder = Decoder::new(Framing::Cobs);
         let received = packets(&mut decoder, &wires.concat()[from..]);
         prop_assert_eq!(encoded(&received), encoded(&sent[1..]));
-        prop_assert_eq!((decoder.counters().bad_crc, decoder.counters().malformed), (0, 0));
+        prop_assert_eq!((decoder.counters.bad_crc, decoder.counters.malformed), (0, 0));
     }
 }
 
@@ -135,5 +135,5 @@ fn a_packet_right_after_endless_noise_without_a_delimiter_is_found() {
         assert!(decode(&mut decoder, &[0xFF; MAX_FRAME + 7]).is_empty());
     }
     assert_eq!(packets(&mut decoder, &packet.encode()), [packet]);
-    assert_eq!(decoder.counters().malformed, 1);
+    assert_eq!(decoder.counters.malformed, 1);
 }

@@ -123,7 +123,7 @@ fn receive(framing: Framing, stream: &[u8]) -> ReceivedFrames {
     boards.finish();
     // An address that was damaged without a trace is heard once, which makes no frame.
     let with_frames: Vec<_> =
-        boards.heard().iter().filter(|board| !board.frames.is_empty()).collect();
+        boards.heard.iter().filter(|board| !board.frames.is_empty()).collect();
     let [board] = with_frames[..] else { panic!("{} boards", with_frames.len()) };
     let index = |frame: &BoardFrame| u64::try_from(frame.index).unwrap_or(u64::MAX);
     let is_wrong = |frame: &&BoardFrame| {

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use super::reception::{BoardFrame, Losses, Reception};
 use shared_proto::xbee::{Address, ApiFrame, Deframer};
-use shared_proto::{Decoder, Event, Framing, Protocol, skinproc};
+use shared_proto::{Decoder, Event, Framing, Protocol, Status, skinproc};
 
 /// Most modules, and most boards, that are told apart: more than a channel has room for.
 const MOST: usize = 256;
@@ -80,13 +80,16 @@ pub struct HeardBoard {
     pub(crate) reception: Reception,
     /// When its newest packet arrived.
     pub(crate) heard_at: Option<Duration>,
+    /// What it streamed with at first, where it was started.
+    pub(crate) started: Option<Status>,
 }
 
 /// Turns the bytes of a port into the frames of each board.
 #[derive(Clone, Debug)]
 pub struct Boards {
     wire: Wire,
-    heard: Vec<HeardBoard>,
+    /// The boards, in the order in which they were first heard.
+    pub heard: Vec<HeardBoard>,
     /// Packets of boards beyond [`MOST`].
     beyond: u64,
 }
@@ -152,16 +155,6 @@ impl Boards {
         }
     }
 
-    /// The boards, in the order in which they were first heard.
-    pub fn heard(&self) -> &[HeardBoard] {
-        &self.heard
-    }
-
-    /// As [`heard`](Self::heard), for who takes their frames.
-    pub(crate) fn heard_mut(&mut self) -> &mut [HeardBoard] {
-        &mut self.heard
-    }
-
     /// The losses of a board so far; damaged bytes are those of its radio module, because on a wire they cannot be told apart by board.
     pub fn losses_of(&self, sender: BoardSource) -> Losses {
         let board = self.heard.iter().find(|board| board.sender == sender);
@@ -196,7 +189,7 @@ fn board_of(heard: &mut Vec<HeardBoard>, sender: BoardSource) -> Option<&mut Hea
     let known = heard.iter().position(|board| board.sender == sender);
     if known.is_none() && heard.len() < MOST {
         let (frames, reception) = (Vec::new(), Reception::default());
-        heard.push(HeardBoard { sender, frames, reception, heard_at: None });
+        heard.push(HeardBoard { sender, frames, reception, heard_at: None, started: None });
     }
     let at = known.unwrap_or(heard.len() - 1);
     heard.get_mut(at).filter(|board| board.sender == sender)
@@ -204,7 +197,7 @@ fn board_of(heard: &mut Vec<HeardBoard>, sender: BoardSource) -> Option<&mut Hea
 
 /// What a decoder could make nothing of.
 fn damage(decoder: &Decoder) -> Losses {
-    let counters = decoder.counters();
+    let counters = decoder.counters;
     Losses {
         bad_crc: counters.bad_crc,
         damaged: counters.malformed,
@@ -276,11 +269,10 @@ mod tests {
                 let mut boards = Boards::new(Protocol::Packets(Framing::Xbee(mode)));
                 bytes.chunks(11).for_each(|bytes| boards.feed(bytes, None));
                 boards.finish();
-                let found: Vec<_> =
-                    boards.heard().iter().map(|board| board.sender.address).collect();
+                let found: Vec<_> = boards.heard.iter().map(|board| board.sender.address).collect();
                 assert_eq!(found, addresses.map(Some));
                 for (board, (number, frames)) in
-                    boards.heard().iter().zip([(1, 0..50), (2, 20..90), (3, 7..9)])
+                    boards.heard.iter().zip([(1, 0..50), (2, 20..90), (3, 7..9)])
                 {
                     let indices: Vec<i64> = board.frames.iter().map(|frame| frame.index).collect();
                     assert_eq!(indices, frames.collect::<Vec<_>>());
@@ -315,7 +307,7 @@ mod tests {
             }
         }
         boards.finish();
-        let frames: Vec<_> = boards.heard().iter().map(|board| board.frames.len()).collect();
+        let frames: Vec<_> = boards.heard.iter().map(|board| board.frames.len()).collect();
         assert_eq!(frames, [50, 50, 0]);
         assert_eq!(boards.losses(), Losses::default());
     }

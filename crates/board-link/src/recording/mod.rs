@@ -29,6 +29,7 @@ pub(crate) use boards::PacketWire;
 pub use boards::{BoardSource, Boards, HeardBoard};
 pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
 pub use reception::{BoardFrame, Losses, Measured, Reception};
+pub(crate) use recognition::other_version;
 pub use recognition::{NoFrame, PROTOCOLS, Recognition, protocol_name};
 pub(crate) use rows::{Annotations, RowWriter};
 pub use rows::{row_flags, write_time};

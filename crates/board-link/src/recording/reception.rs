@@ -57,7 +57,7 @@ impl Default for Measured {
 
 impl Measured {
     /// The readings, if it holds them.
-    pub(crate) fn readings(&self) -> Option<&[f64; CHANNELS]> {
+    pub fn readings(&self) -> Option<&[f64; CHANNELS]> {
         match self {
             Self::Readings(readings) => Some(readings),
             Self::Wrench(_) => None,
@@ -228,11 +228,17 @@ impl Reception {
     }
 
     fn take_sample(&mut self, sample: Sample, rssi_dbm: Option<i16>, frames: &mut Vec<BoardFrame>) {
-        let Sample { sequence, clock_us, dropped, .. } = sample;
+        let Sample { sequence, clock_us, values, saturated, dropped } = sample;
         let stamp = Stamp { sequence, clock_us, dropped, start: self.start, host_us: self.host_us };
+        let steps = |counts: u16| f64::from(counts) / f64::from(COUNTS_PER_LSB);
+        let measured = match values {
+            Values::Readings(counts) => Measured::Readings(counts.map(steps)),
+            Values::Wrench(wrench) => Measured::Wrench(wrench.map(f64::from)),
+        };
+        let (timing, health) = (self.timing, self.health.take());
         // Number and time follow from its position.
-        let mut frame = BoardFrame::from_sample(&sample);
-        (frame.timing, frame.health, frame.rssi_dbm) = (self.timing, self.health.take(), rssi_dbm);
+        let frame = BoardFrame::new(0, 0, measured);
+        let frame = BoardFrame { saturated, dropped, timing, health, rssi_dbm, ..frame };
         let arrived = (stamp, frame);
         let held = self.held.take();
         if self.timeline.is_followed_by(&stamp) {
@@ -289,7 +295,12 @@ impl Reception {
             true => self.timeline.follow(stamp),
             false => self.timeline.jump(stamp),
         };
-        frames.push(BoardFrame { index, time_us, restarted, ..BoardFrame::from_scan(scan) });
+        let saturated = (0..CHANNELS)
+            .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
+            .fold(0, |mask, channel| mask | 1 << channel);
+        let frame =
+            BoardFrame::new(time_us, index, Measured::Readings(scan.readings.map(f64::from)));
+        frames.push(BoardFrame { saturated, restarted, ..frame });
     }
 
     /// Ends the stream: what is held then is the only frame, or one that those before it contradict.
@@ -331,24 +342,5 @@ impl BoardFrame {
     /// A frame of which nothing else is known.
     pub fn new(time_us: i64, index: i64, measured: Measured) -> Self {
         Self { time_us, index, measured, ..Self::default() }
-    }
-
-    fn from_sample(sample: &Sample) -> Self {
-        let measured = match sample.values {
-            Values::Readings(counts) => Measured::Readings(
-                counts.map(|counts| f64::from(counts) / f64::from(COUNTS_PER_LSB)),
-            ),
-            Values::Wrench(wrench) => Measured::Wrench(wrench.map(f64::from)),
-        };
-        let (saturated, dropped) = (sample.saturated, sample.dropped);
-        Self { measured, saturated, dropped, ..Self::default() }
-    }
-
-    fn from_scan(scan: &skinproc::Scan) -> Self {
-        let saturated = (0..CHANNELS)
-            .filter(|&channel| matches!(scan.readings[channel], 0 | FULL_SCALE))
-            .fold(0, |mask, channel| mask | 1 << channel);
-        let measured = Measured::Readings(scan.readings.map(f64::from));
-        Self { measured, saturated, ..Self::default() }
     }
 }

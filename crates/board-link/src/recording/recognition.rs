@@ -69,12 +69,6 @@ pub enum NoFrame {
         /// What the bytes are.
         found: Protocol,
     },
-    /// Good packets, but of a version that this program does not know.
-    #[error(
-        "the board speaks version `{0}` of the protocol, this program version `{VERSION}`",
-        VERSION = shared_proto::VERSION
-    )]
-    OtherVersion(u8),
 }
 
 impl Recognition {
@@ -128,9 +122,6 @@ impl Recognition {
             None => detect(&self.bytes),
         };
         let Some(protocol) = found else { return Ok(None) };
-        if let Some(version) = other_version(protocol, &self.bytes) {
-            return Err(NoFrame::OtherVersion(version));
-        }
         Ok(Some((protocol, std::mem::take(&mut self.bytes))))
     }
 
@@ -144,7 +135,7 @@ impl Recognition {
 }
 
 /// The version of the packets, if none of them is of ours.
-fn other_version(protocol: Protocol, bytes: &[u8]) -> Option<u8> {
+pub(crate) fn other_version(protocol: Protocol, bytes: &[u8]) -> Option<u8> {
     let Protocol::Packets(framing) = protocol else { return None };
     let mut decoder = Decoder::new(framing);
     let mut other = None;
@@ -153,5 +144,5 @@ fn other_version(protocol: Protocol, bytes: &[u8]) -> Option<u8> {
             other = Some(version);
         }
     });
-    other.filter(|_| decoder.counters().packets == 0)
+    other.filter(|_| decoder.counters.packets == 0)
 }

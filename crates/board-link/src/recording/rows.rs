@@ -34,6 +34,7 @@ use super::simultaneous::Simultaneous;
 use forces::ForceError;
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Health};
 use shell_data::block::FrameLabel;
+use shell_data::escape::csv_field;
 use shell_data::wrench::Axes;
 
 /// Marks and labels for frames that have not been written.
@@ -179,8 +180,8 @@ impl RowWriter {
             if self.has_labels {
                 let labels = &annotations.labels;
                 let is_in = |of: &&FrameLabel| (of.from..=of.until).contains(&frame.index);
-                text.push(b',');
-                write_label(labels.iter().find(is_in).map_or("", |of| &of.group), text);
+                let label = labels.iter().find(is_in).map_or("", |of| &of.group);
+                text.extend_from_slice(format!(",{}", csv_field(label)).as_bytes());
             }
             text.push(b',');
             let mut flags = row_flags(&frame, force, is_late);
@@ -211,14 +212,6 @@ fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
         text.push(b',');
         let digits = digits.format(value);
         text.extend_from_slice(digits.strip_suffix(".0").unwrap_or(digits).as_bytes());
-    }
-}
-
-/// A label as a field of CSV (RFC 4180): one that would be more is quoted.
-fn write_label(label: &str, text: &mut Vec<u8>) {
-    match label.contains([',', '"', '\n', '\r']) {
-        true => text.extend(format!("\"{}\"", label.replace('"', "\"\"")).into_bytes()),
-        false => text.extend_from_slice(label.as_bytes()),
     }
 }
 

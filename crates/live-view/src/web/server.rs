@@ -3,9 +3,9 @@
 use std::collections::VecDeque;
 use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use std::thread;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
+use std::{ptr, thread};
 
 use super::request::{
     HttpRefusal, LONGEST, RequestMethod, end_of_head, is_host_ours, is_same, parse,
@@ -59,6 +59,9 @@ struct ServerShared {
     site: Site,
     state: Mutex<ServerState>,
     changed: Condvar,
+    /// A clone for each connection that may see something, and for each that takes events.
+    connections: Arc<()>,
+    listeners: Arc<()>,
 }
 
 #[derive(Debug, Default)]
@@ -66,10 +69,8 @@ struct ServerState {
     /// The newest event as it goes over the wire, and its number.
     event: Arc<str>,
     number: u64,
-    connections: usize,
-    /// Connections without a request yet, the oldest first.
-    strangers: VecDeque<Arc<TcpStream>>,
-    listeners: usize,
+    /// Connections that have not sent the token yet, the oldest first; their threads have them.
+    strangers: VecDeque<Weak<TcpStream>>,
     orders: VecDeque<&'static str>,
     ended: bool,
 }
@@ -82,8 +83,9 @@ impl Server {
     pub fn start(at: SocketAddr, site: Site) -> io::Result<Self> {
         let listener = TcpListener::bind(at)?;
         let address = listener.local_addr()?;
+        let (connections, listeners) = Default::default();
         let (state, changed) = (Mutex::default(), Condvar::new());
-        let shared = Arc::new(ServerShared { site, state, changed });
+        let shared = Arc::new(ServerShared { site, state, changed, connections, listeners });
         let accepting = Arc::clone(&shared);
         let run = move || {
             for stream in listener.incoming() {
@@ -105,7 +107,7 @@ impl Server {
 
     /// Whether anybody takes events.
     pub fn has_listeners(&self) -> bool {
-        self.shared.state().listeners > 0
+        others(&self.shared.listeners) > 0
     }
 
     /// Makes a line of text the newest event.
@@ -124,11 +126,12 @@ impl Server {
 
     /// Tells the listeners that there is nothing more, and waits a moment for it to arrive.
     pub fn end(self) {
-        let mut state = self.shared.state();
-        state.ended = true;
+        self.shared.state().ended = true;
         self.shared.changed.notify_all();
-        let is_listened_to = |state: &mut ServerState| state.listeners > 0;
-        drop(self.shared.changed.wait_timeout_while(state, GOODBYE, is_listened_to));
+        let deadline = Instant::now() + GOODBYE;
+        while self.has_listeners() && Instant::now() < deadline {
+            thread::sleep(Duration::from_millis(1));
+        }
     }
 }
 
@@ -138,59 +141,34 @@ impl ServerShared {
         lock(&self.state)
     }
 
-    /// Gives a connection a thread.
+    /// Gives a connection a thread. Where too many have not sent the token yet, the oldest of them is closed, and its
+    /// thread ends.
     fn admit(self: &Arc<Self>, stream: TcpStream) {
         // A connection without limits of time is none.
         if stream.set_write_timeout(Some(PATIENCE)).is_err() || stream.set_nodelay(true).is_err() {
             return;
         }
         let (shared, stream) = (Arc::clone(self), Arc::new(stream));
-        let place = self.take_in(&stream);
+        let strangers = &mut self.state().strangers;
+        strangers.retain(|other| other.strong_count() > 0);
+        if strangers.len() >= STRANGERS
+            && let Some(oldest) = strangers.pop_front().and_then(|oldest| oldest.upgrade())
+        {
+            // Where it is closed already, so much the better.
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+        strangers.push_back(Arc::downgrade(&stream));
         let serve = move || {
             // A browser that has gone, as a rule: nobody is left to tell.
-            let _ = shared.serve(&stream, place);
+            let _ = shared.serve(&stream);
         };
         // Where there is no thread, the connection is closed, and the browser tries again.
         let _ = thread::Builder::new().name("browser".to_owned()).stack_size(STACK).spawn(serve);
     }
 
-    /// A place for a connection that has not sent the token yet. Where there are too many, the oldest is closed,
-    /// and its thread ends.
-    fn take_in(self: &Arc<Self>, stream: &Arc<TcpStream>) -> Place {
-        let mut state = self.state();
-        if state.strangers.len() >= STRANGERS
-            && let Some(oldest) = state.strangers.pop_front()
-        {
-            // Where it is closed already, so much the better.
-            let _ = oldest.shutdown(Shutdown::Both);
-        }
-        state.strangers.push_back(Arc::clone(stream));
-        let stream = Arc::clone(stream);
-        let leave = move |state: &mut ServerState| {
-            state.strangers.retain(|other| !Arc::ptr_eq(other, &stream));
-        };
-        Place { shared: Arc::clone(self), leave: Box::new(leave) }
-    }
-
-    /// A place among those that are counted, unless there are `most` already.
-    fn count(
-        self: &Arc<Self>,
-        count: fn(&mut ServerState) -> &mut usize,
-        most: usize,
-    ) -> Option<Place> {
-        let mut state = self.state();
-        let counted = count(&mut state);
-        if *counted >= most {
-            return None;
-        }
-        *counted += 1;
-        let leave = move |state: &mut ServerState| *count(state) -= 1;
-        Some(Place { shared: Arc::clone(self), leave: Box::new(leave) })
-    }
-
     /// Reads the request of a stranger, who is one until it is allowed, and answers it.
-    fn serve(self: &Arc<Self>, stream: &TcpStream, mut place: Place) -> io::Result<()> {
-        let mut buffer = [0; LONGEST];
+    fn serve(&self, stream: &TcpStream) -> io::Result<()> {
+        let (mut buffer, mut place) = ([0; LONGEST], None);
         match self.answer(stream, &mut place, &mut buffer) {
             Ok(()) => {}
             Err(Some(refusal)) => refuse(stream, refusal)?,
@@ -199,11 +177,12 @@ impl ServerShared {
         close(stream, &mut buffer)
     }
 
-    /// The error is `None` if the connection is gone, or nothing was sent.
+    /// An allowed connection has a place among those that are counted. The error is `None` if the connection is gone, or
+    /// nothing was sent.
     fn answer(
-        self: &Arc<Self>,
+        &self,
         stream: &TcpStream,
-        place: &mut Place,
+        place: &mut Option<Arc<()>>,
         buffer: &mut [u8; LONGEST],
     ) -> Result<(), Option<HttpRefusal>> {
         let request = parse(read_head(stream, buffer)?)?;
@@ -213,8 +192,7 @@ impl ServerShared {
         if !is_same(request.token, &self.site.token) {
             return Err(Some(HttpRefusal::NO_TOKEN));
         }
-        *place =
-            self.count(|state| &mut state.connections, CONNECTIONS).ok_or(HttpRefusal::BUSY)?;
+        *place = Some(self.take_in(stream)?);
         let order = request.path.strip_prefix('/');
         let order = self.site.orders.iter().find(|&&known| Some(known) == order);
         let sent = match (request.method, request.path, order) {
@@ -230,6 +208,16 @@ impl ServerShared {
             _ => return Err(Some(HttpRefusal::NOT_FOUND)),
         };
         sent.map_err(|_| None)
+    }
+
+    /// A place for a connection that has sent the token, unless all are taken.
+    fn take_in(&self, stream: &TcpStream) -> Result<Arc<()>, HttpRefusal> {
+        let mut state = self.state();
+        state.strangers.retain(|other| !ptr::eq(other.as_ptr(), stream));
+        match others(&self.connections) < CONNECTIONS {
+            true => Ok(Arc::clone(&self.connections)),
+            false => Err(HttpRefusal::BUSY),
+        }
     }
 
     fn take_order(&self, order: &'static str) -> Result<(), HttpRefusal> {
@@ -253,13 +241,13 @@ impl ServerShared {
         stream.write_all(page.as_bytes())
     }
 
-    fn send_events(self: &Arc<Self>, mut stream: &TcpStream) -> io::Result<()> {
+    fn send_events(&self, mut stream: &TcpStream) -> io::Result<()> {
         send_head(stream, "200 OK", "Content-Type: text/event-stream\r\n")?;
         // How soon to come back after a connection was lost, ms.
         stream.write_all(b"retry: 500\n\n")?;
         // What has come before is old where nobody has listened.
         let mut seen = self.state().number;
-        let _listener = self.count(|state| &mut state.listeners, usize::MAX);
+        let _listener = Arc::clone(&self.listeners);
         while let Some(event) = self.next_event(&mut seen) {
             stream.write_all(event.as_bytes())?;
         }
@@ -283,17 +271,9 @@ impl ServerShared {
     }
 }
 
-/// A place among the connections or the listeners, until it is dropped.
-struct Place {
-    shared: Arc<ServerShared>,
-    leave: Box<dyn Fn(&mut ServerState) + Send>,
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        (self.leave)(&mut self.shared.state());
-        self.shared.changed.notify_all();
-    }
+/// How many others have a clone.
+fn others(places: &Arc<()>) -> usize {
+    Arc::strong_count(places) - 1
 }
 
 /// Reads up to the empty line. The error is `None` if the connection is gone, or nothing was sent.
@@ -386,7 +366,7 @@ mod tests {
 
     fn wait_for_listeners(server: &Server, wanted: usize) {
         let deadline = Instant::now() + Duration::from_secs(60);
-        while server.shared.state().listeners != wanted {
+        while others(&server.shared.listeners) != wanted {
             assert!(Instant::now() < deadline, "never {wanted} listeners");
             thread::sleep(Duration::from_millis(5));
         }
@@ -444,7 +424,7 @@ mod tests {
         drop(gone);
         wait_for_listeners(&server, 0);
         let deadline = Instant::now() + Duration::from_secs(60);
-        while server.shared.state().connections > 0 {
+        while others(&server.shared.connections) > 0 {
             assert!(Instant::now() < deadline, "its seat is kept");
             thread::sleep(Duration::from_millis(5));
         }

@@ -11,7 +11,7 @@ use std::thread::{self, Thread};
 use std::time::{Duration, Instant};
 
 use embassy_futures::yield_now;
-use firmware::{Clock, SeenEdge, SyncInput};
+use firmware::{Clock, SeenEdge};
 
 /// A process that is waited for is woken so much later, and makes up for it without waiting: the forty waits of a frame
 /// are then a few, where each takes the system some tens of µs of processor time.
@@ -130,12 +130,10 @@ impl SyncScript {
         times_us.sort_unstable();
         Self { clock, times_us: times_us.into() }
     }
-}
 
-impl SyncInput for SyncScript {
-    /// Looks whenever the board is awake and sets no alarm of its own: the clock would show the time of
+    /// The next edge. Looks whenever the board is awake and sets no alarm of its own: the clock would show the time of
     /// that to who waits for an earlier one.
-    async fn next_edge(&mut self) -> SeenEdge {
+    pub(super) async fn next_edge(&mut self) -> SeenEdge {
         poll_fn(|_| match self.times_us.front() {
             Some(&at_us) if at_us <= self.clock.now_us() => {
                 self.times_us.pop_front();

@@ -101,13 +101,14 @@ impl SimulatedBoard {
         thread::spawn(move || {
             let clock = PacedClock::start();
             let front_end = SimulatedInstrument::new(sensor, load, clock.clone());
-            let sync_input = SyncScript::new(clock.clone(), &sync_s);
+            let mut sync_input = SyncScript::new(clock.clone(), &sync_s);
             let to_host = (LineSender { packets, clock: clock.clone() }, NoChip);
             let from_host = (receiver, SlotMemory(None));
             let mut record = [0; RECORD];
             let station = Station::new(setup(unit_seed), clock.clone(), &mut record);
             // A stopped process is not a board that hangs: there is no watchdog.
-            clock.run(station.run(front_end, to_host, from_host, sync_input, || {}));
+            let next_edge = async || sync_input.next_edge().await;
+            clock.run(station.run(front_end, to_host, from_host, next_edge, || {}));
         });
         Ok(Self { port, radios })
     }

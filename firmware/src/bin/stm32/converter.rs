@@ -1,11 +1,14 @@
-//! ADC1: sums of conversions that the core has little part in (RM0394, chapter 16; RM0440, chapter 21).
+//! Eight emitters and ADC1, whose inputs look at them: sums of conversions that the core has little part in (RM0394, chapter 16; RM0440, chapter 21).
 //!
 //! The oversampler adds conversions up, 2, 4, 8 or 16 of them, before it interrupts the core ("Oversampler").
 //! Sixteen codes of 12 bits are the most that fit in its 16 bits without a shift, and so without rounding. Any
 //! other number is made of such bursts, the largest first; the interrupt at the end of one starts the next. Where an
 //! emitter is switched, the interrupt does that, too, and TIM6 starts the next burst once it has settled: the task
 //! sleeps from the first conversion of a channel to the last.
-#![expect(unsafe_code, reason = "an interrupt is handled and enabled here")]
+#![expect(
+    unsafe_code,
+    reason = "an interrupt is handled and enabled here, and two codes are read from the system memory"
+)]
 
 use core::cell::RefCell;
 use core::future::poll_fn;
@@ -13,7 +16,7 @@ use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU32, Ordering, compiler_fen
 use core::task::Poll;
 
 use embassy_stm32::Peri;
-use embassy_stm32::adc::Adc;
+use embassy_stm32::adc::{Adc, AdcChannel};
 use embassy_stm32::gpio::Output;
 use embassy_stm32::interrupt::typelevel::{Binding, Handler, Interrupt};
 use embassy_stm32::pac;
@@ -26,7 +29,8 @@ use embassy_sync::blocking_mutex::Mutex;
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::Instant;
-use shared_proto::CHANNELS;
+use firmware::{Factory, FrontEnd};
+use shared_proto::{CHANNELS, Vitals};
 
 /// A conversion later than 1 ms after the one before may be wrong, and is to be thrown away
 /// (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after calibration or previous
@@ -40,12 +44,15 @@ const LONGEST_BURST: u32 = 4;
 const ADSTP: u32 = 1 << 4;
 const TRIGGER: u32 = 0b11 << 10 | 0b1_1111 << 5;
 
+/// Conversions of reference and of thermometer, which together take less than [`firmware::VITALS_US`].
+const VITAL_CONVERSIONS: u8 = 4;
+
 /// The emitters, which the interrupt switches.
 static EMITTERS: Mutex<CriticalSectionRawMutex, RefCell<Option<[Output<'static>; CHANNELS]>>> =
     Mutex::new(RefCell::new(None));
 
 /// Switches an emitter.
-pub(crate) fn light(emitter: u8, on: bool) {
+fn light(emitter: u8, on: bool) {
     EMITTERS.lock(|emitters| {
         let mut emitters = emitters.borrow_mut();
         let emitter = emitters.as_mut().and_then(|all| all.get_mut(usize::from(emitter)));
@@ -175,19 +182,29 @@ impl<I: Interrupt> Handler<I> for EndOfBurst {
     }
 }
 
-/// The converter, the emitters and the timer of settling.
-pub(crate) struct Converter {
+/// The number of an input that is ready to be converted.
+pub(crate) fn input_number(input: impl AdcChannel<ADC1>) -> u8 {
+    input.degrade_adc().get_hw_channel()
+}
+
+/// Photointerrupters on ADC1: the converter, the emitters and the timer of settling.
+pub(crate) struct Photointerrupters {
     _adc: Adc<'static, ADC1>,
+    /// Numbers of the inputs: the channels', and those of reference and thermometer.
+    channels: [u8; CHANNELS],
+    vitals: [u8; 2],
+    factory: Factory,
     timer: SettlingTimer,
     /// When the last conversion ended, in µs; `None` before the first.
     last_us: Option<u64>,
 }
 
-impl Converter {
-    /// Switches both on; `I` is the converter's interrupt, and `trigger` says by CFGR's EXTSEL and EXTEN that
-    /// TIM6 starts conversions. Inputs have their sample times, and the emitters are off.
+impl Photointerrupters {
+    /// Switches converter and timer on; `I` is the converter's interrupt, and `trigger` says by CFGR's EXTSEL and EXTEN
+    /// that TIM6 starts conversions. Inputs have their sample times, and the emitters are off.
     pub(crate) fn new<I: Interrupt>(
         adc: Adc<'static, ADC1>,
+        (channels, vitals): ([u8; CHANNELS], [u8; 2]),
         timer: Peri<'static, TIM6>,
         trigger: u32,
         emitters: [Output<'static>; CHANNELS],
@@ -200,26 +217,14 @@ impl Converter {
         pac::ADC1.ier().modify(|enabled| enabled.set_eocie(true));
         // SAFETY: the handler above is bound, and all that it touches is there.
         unsafe { I::enable() };
-        Self { _adc: adc, timer: SettlingTimer::new(timer), last_us: None }
+        let (factory, timer) = (factory_codes(), SettlingTimer::new(timer));
+        Self { _adc: adc, channels, vitals, factory, timer, last_us: None }
     }
 
     /// The sum of at least one conversion of an input, the first after so many µs.
-    pub(crate) async fn sum(&mut self, input: u8, conversions: u8, settling_us: u16) -> u32 {
+    async fn sum_of(&mut self, input: u8, conversions: u8, settling_us: u16) -> u32 {
         self.take(input, conversions, 1, settling_us, settling_us > 0).await;
         STATE.sums[0].load(Ordering::Relaxed)
-    }
-
-    /// The sums of an input with an emitter off, on and off, with so many µs after it was switched.
-    pub(crate) async fn expose(
-        &mut self,
-        input: u8,
-        emitter: u8,
-        conversions: u8,
-        settling_us: u16,
-    ) -> [u32; 3] {
-        STATE.emitter.store(emitter, Ordering::Relaxed);
-        self.take(input, conversions, 3, settling_us, false).await;
-        STATE.sums.each_ref().map(|sum| sum.load(Ordering::Relaxed))
     }
 
     /// Takes sums to their end: dropped before it, it would leave the converter and an emitter at work.
@@ -261,6 +266,46 @@ impl Converter {
         .await;
         self.last_us = Some(Instant::now().as_micros());
     }
+}
+
+impl FrontEnd for Photointerrupters {
+    fn light(&mut self, channel: Option<usize>) {
+        (0..CHANNELS).for_each(|emitter| light(emitter as u8, channel == Some(emitter)));
+    }
+
+    async fn sum(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32 {
+        match self.channels.get(channel) {
+            Some(&input) => self.sum_of(input, conversions, settling_us).await,
+            None => 0,
+        }
+    }
+
+    async fn expose(&mut self, settling_us: u16, channel: usize, conversions: u8) -> [u32; 3] {
+        let Some(&input) = self.channels.get(channel) else { return [0; 3] };
+        STATE.emitter.store(channel as u8, Ordering::Relaxed);
+        self.take(input, conversions, 3, settling_us, false).await;
+        STATE.sums.each_ref().map(|sum| sum.load(Ordering::Relaxed))
+    }
+
+    /// The first conversion comes right after those of a frame, so that none is thrown away.
+    async fn vitals(&mut self) -> Vitals {
+        let [reference, thermometer] = self.vitals;
+        let reference = self.sum_of(reference, VITAL_CONVERSIONS, 0).await;
+        let thermometer = self.sum_of(thermometer, VITAL_CONVERSIONS, 0).await;
+        self.factory.vitals(reference, thermometer, VITAL_CONVERSIONS)
+    }
+}
+
+/// Codes of the thermometer at 30 °C and at 130 °C (DS11451, table "Temperature sensor calibration
+/// values").
+const COLD: *const u16 = 0x1FFF_75A8 as *const u16;
+const HOT: *const u16 = 0x1FFF_75CA as *const u16;
+
+/// What the factory has written into the chip about its thermometer and its reference.
+fn factory_codes() -> Factory {
+    // SAFETY: both addresses are in the system memory of this chip, which can always be read.
+    let (cold, hot) = unsafe { (COLD.read_volatile(), HOT.read_volatile()) };
+    Factory { reference: pac::VREFINTCAL.data().read(), cold, hot }
 }
 
 /// TIM6: the time in which an emitter settles (RM0394, chapter 29; RM0440, chapter 30).

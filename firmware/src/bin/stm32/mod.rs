@@ -6,9 +6,7 @@
 
 mod bootloader;
 pub(crate) mod converter;
-pub(crate) mod front_end;
 mod last_words;
 pub(crate) mod start;
 mod storage;
-mod sync_input;
 mod tasks;

@@ -1,10 +1,9 @@
 //! From the reset to the running tasks.
 #![expect(unsafe_code, reason = "an interrupt is handled here")]
 
-use super::front_end::Photointerrupters;
+use super::converter::Photointerrupters;
 use super::last_words;
 use super::storage::Area;
-use super::sync_input;
 use super::tasks::{self, EmbassyClock, Stm32Station};
 use defmt_rtt as _;
 use embassy_executor::{InterruptExecutor, Spawner};
@@ -98,8 +97,7 @@ macro_rules! board {
         use embassy_stm32::usart::{self, Uart};
         use embassy_stm32::wdg::IndependentWatchdog;
         use embassy_stm32::{dma, exti, peripherals, rng};
-        use $crate::stm32::converter::{Converter, EndOfBurst};
-        use $crate::stm32::front_end::{Inputs, Photointerrupters, input_number};
+        use $crate::stm32::converter::{EndOfBurst, Photointerrupters, input_number};
 
         embassy_stm32::bind_interrupts!(struct Irqs {
             USART1 => usart::InterruptHandler<peripherals::USART1>;
@@ -123,24 +121,22 @@ macro_rules! board {
             let run = (past, start::number(rng::Rng::new(p.RNG, Irqs)).await);
 
             let adc = Adc::new(p.ADC1, $($config)?);
-            let inputs = Inputs {
-                channels: [$(input_number(p.$input)),+],
-                reference: input_number(adc.enable_vrefint()),
-                thermometer: input_number(adc.enable_temperature()),
-            };
-            inputs.channels.iter().for_each(|&input| set_sample_time(input, SAMPLE_TIME));
-            set_sample_time(inputs.reference, SLOW_SAMPLE_TIME);
-            set_sample_time(inputs.thermometer, SLOW_SAMPLE_TIME);
+            let channels = [$(input_number(p.$input)),+];
+            channels.iter().for_each(|&input| set_sample_time(input, SAMPLE_TIME));
+            let (reference, thermometer) = (adc.enable_vrefint(), adc.enable_temperature());
+            let vitals = [input_number(reference), input_number(thermometer)];
+            vitals.iter().for_each(|&input| set_sample_time(input, SLOW_SAMPLE_TIME));
             let emitters = [$(Output::new(p.$emitter, Level::Low, Speed::Low)),+];
-            let converter =
-                Converter::new::<typelevel::$interrupt>(adc, p.TIM6, TRIGGER, emitters, Irqs);
-            let front_end = (Photointerrupters::new(converter, inputs), CONVERSION_NS);
+            let front_end = Photointerrupters::new::<typelevel::$interrupt>(
+                adc, (channels, vitals), p.TIM6, TRIGGER, emitters, Irqs,
+            );
 
             let uart = Uart::new_with_rtscts(
                 p.USART1, p.PA10, p.PA9, p.PA12, p.PA11, p.DMA1_CH4, p.DMA1_CH5, Irqs, start::line(),
             );
             let sync = exti::ExtiInput::new(p.PA15, p.EXTI15, Pull::Up, Irqs);
             let flash = Flash::new_blocking(p.FLASH);
+            let front_end = (front_end, CONVERSION_NS);
             start::tasks(spawner, $board, run, watchdog, front_end, (uart, sync), flash);
         }
     };
@@ -204,7 +200,7 @@ pub(crate) fn tasks(
     spawner.spawn(tasks::listen(station).expect(spawn));
     interrupt::TIM7.set_priority(Priority::P1);
     let urgent = URGENT.start(interrupt::TIM7);
-    urgent.spawn(sync_input::stamp(sync).expect(spawn));
+    urgent.spawn(tasks::stamp(sync).expect(spawn));
 }
 
 /// New at every start, but for one in 65,536; 0 if the chip gives no random numbers.

@@ -4,7 +4,7 @@
 
 use firmware::{
     Baud, BoardSetup, Chip, Clock, FrontEnd, LastWords, RECORD, Record, SeenEdge, Station, Storage,
-    StorageError, SyncInput, baud,
+    StorageError, baud,
 };
 use shared_proto::{
     Answer, Board, BoardId, Calibration, Command, Decoder, Event, Framing, Health, Identity,
@@ -153,7 +153,7 @@ impl embedded_io_async::Write for Shared {
     }
 }
 
-impl SyncInput for Shared {
+impl Shared {
     async fn next_edge(&mut self) -> SeenEdge {
         poll_fn(|_| {
             let now_us = self.0.now_us.get();
@@ -263,9 +263,10 @@ impl Bench {
             let station = Station::new(setup, shared(), &mut record);
             let watched = shared();
             let feed_watchdog = || watched.feed_watchdog();
-            station
-                .run(shared(), (shared(), shared()), (shared(), shared()), shared(), feed_watchdog)
-                .await;
+            let mut edges = shared();
+            let next_edge = async || edges.next_edge().await;
+            let (to_host, from_host) = ((shared(), shared()), (shared(), shared()));
+            station.run(shared(), to_host, from_host, next_edge, feed_watchdog).await;
         });
         let decoder = Decoder::new(Framing::Cobs);
         let to = Some(BoardId::from_serial(&SERIAL));

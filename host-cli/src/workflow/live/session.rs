@@ -331,7 +331,7 @@ impl LiveSession {
             self.guide()
                 .map(|guide| format!("{} of {} loads recorded", guide.recorded, guide.count)),
         );
-        let marks = self.model.marks().iter();
+        let marks = self.model.marks.iter();
         lines.extend(marks.map(|mark| format!("mark {} at {:.3} s", mark.number, mark.time_s)));
         lines
     }

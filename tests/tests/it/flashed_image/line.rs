@@ -80,7 +80,7 @@ fn the_rate_of_the_line_is_set_and_taken_back() {
     host.run(4.0);
     host.order(Command::Stop);
     assert!(host.samples.len() >= 400);
-    assert_eq!(host.decoder.counters().bad_crc, 0);
+    assert_eq!(host.decoder.counters.bad_crc, 0);
 
     // The other end does not follow: the board comes back.
     host.order(Command::SetBaud { baud: 921_600 });

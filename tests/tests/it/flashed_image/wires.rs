@@ -170,7 +170,7 @@ fn the_books_balance_over_two_thousand_frames_behind_a_bad_line() {
     host.run(0.2);
     let status = host.status();
     assert!(status.frames >= 2_000, "{}", status.frames);
-    let counters = host.decoder.counters();
+    let counters = host.decoder.counters;
     assert!(counters.bad_crc > 50 && status.overflowed > 0);
     // Every frame has arrived, or is missing by its number, or was dropped by the board's count.
     let last = u64::from(host.samples.last().unwrap().sequence);

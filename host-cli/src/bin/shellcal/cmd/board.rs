@@ -209,11 +209,9 @@ impl BoardArgs {
         )?;
         let port = PortOptions { baud, ..self.serial.port(name) }.open()?;
         let uplink = Uplink { framing, to: self.serial.to };
-        let client = Client::new(port, name, uplink, first_number());
-        Ok(match board {
-            Some(board) => client.with_board(board),
-            None => client,
-        })
+        let mut client = Client::new(port, name, uplink, first_number());
+        client.board = board;
+        Ok(client)
     }
 }
 
