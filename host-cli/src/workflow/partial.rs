@@ -180,14 +180,14 @@ impl BlockStream<'_> {
         let map = |worker: &mut GroupWorker, block: &mut Block| {
             // Names what is not finite, as every fit does.
             ReadingRanges::from_block(block, channels)?;
-            Ok(worker.add(block, &block.groups)?)
+            worker.add(block, &block.groups)
         };
         let add = |groups: BlockGroups| {
             sums.add(groups)?;
             Ok(sums.group_count())
         };
         let (rows, workers) = self.read(|| empty.clone(), map, add)?;
-        let grouped = sums.finish(workers).map_err(FitError::from)?;
+        let grouped = sums.finish(workers)?;
         let total = Sums::Exact(grouped.total().ok_or(FitError::NoRows)?.clone());
         Ok((total, PartialGroups::exact(self.by, split, grouped, &rows.first_in), rows))
     }
@@ -204,7 +204,7 @@ impl BlockStream<'_> {
             Ok(groups.group_count())
         };
         let (rows, _) = self.read(|| (), map, add)?;
-        let groups = groups.finish().map_err(FitError::from)?;
+        let groups = groups.finish()?;
         let total = Sums::Factored(groups.total().ok_or(FitError::NoRows)?);
         Ok((total, PartialGroups::factored(self.by, groups, &rows.first_in), rows))
     }

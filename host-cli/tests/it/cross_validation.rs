@@ -265,7 +265,7 @@ fn too_few_groups_and_impossible_folds_are_refused() {
         assert_eq!(error, FitError::Folds { folds, groups: 3 });
     }
     let cubic = Model { basis: Basis::Cubic, ..model };
-    let error = FitError::from(cross_validate(&three, &cubic, 0.0, None).unwrap_err());
+    let error = cross_validate(&three, &cubic, 0.0, None).unwrap_err();
     assert!(matches!(error, FitError::OtherFeatures { .. }));
 }
 
