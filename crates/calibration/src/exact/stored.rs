@@ -141,7 +141,7 @@ impl TryFrom<StoredMoments> for Moments {
         }
         moments.rows = stored.rows;
         moments.channels = stored.channels;
-        moments.check_possible()?;
+        moments.check_possible().map_err(|error| format!("`moments`: {error}"))?;
         Ok(moments)
     }
 }
