@@ -138,7 +138,7 @@ impl EvalArgs {
             not_compared: not_compared.columns(),
         };
         printer.finish(&document, |printer| {
-            let all = Some(&all).filter(|_| reports.len() > 1);
+            let all = (reports.len() > 1).then_some(&all);
             reports.iter().chain(all).for_each(|of| of.print(printer, axes))
         })?;
         failures.iter().for_each(|failure| printer.warning(failure.to_string()));
