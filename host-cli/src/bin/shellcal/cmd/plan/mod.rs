@@ -11,7 +11,7 @@ use calibration::load_plan::{
     Coupling, Criterion, PlannedLoad, Planner, PredictedError, SensorKnowledge, couplings,
 };
 use calibration_file::CalibrationFile;
-use load_table::{Combinations, HungLoad, HungLoads, WrenchBox};
+use load_table::{HungLoad, HungLoads, WrenchBox, combinations};
 use shell_data::wrench::PerAxis;
 use shellcal::workflow::plan::RecordedSession;
 
@@ -246,15 +246,14 @@ impl PlanArgs {
             return read_table(path);
         }
         if let Some(wrench_box) = &self.wrench_box {
-            return Ok(wrench_box.table()?);
+            return Ok(wrench_box.table());
         }
         anyhow::ensure!(
             !self.masses.is_empty(),
             "nothing is said of the rig: give its loads with `--rig`, `--masses`, or `--box`"
         );
-        let points_mm = if self.points.is_empty() { vec![[0.0; 3]] } else { self.points.clone() };
-        let (masses_kg, directions) = (self.masses.clone(), self.directions.clone());
-        Ok(Combinations { masses_kg, points_mm, directions }.table()?)
+        let points_mm = if self.points.is_empty() { &[[0.0; 3]][..] } else { &self.points };
+        combinations(&self.masses, points_mm, &self.directions).map_err(anyhow::Error::msg)
     }
 }
 
