@@ -206,8 +206,7 @@ impl LiveArgs {
         let source: FrameSource = Box::new(move |done| {
             let is_held = || feed.state().is_held;
             let mut see = |frames: &_| watcher.iter_mut().for_each(|it| it.see(frames));
-            play(&log, &read, wants_readings, speed, &is_held, done, &mut see)?;
-            Ok(())
+            Ok(play(&log, &read, wants_readings, speed, &is_held, done, &mut see)?)
         });
         Ok((source, axes))
     }
