@@ -181,10 +181,7 @@ impl ConvertArgs {
                 ..summary: summary,
             });
         }
-        if printer.json() {
-            printer.document(&conversions)?;
-        }
-        Ok(())
+        printer.finish(&conversions, |_| ())
     }
 
     fn format(&self, path: &Path) -> anyhow::Result<OutputFormat> {

@@ -199,12 +199,9 @@ impl PlanArgs {
 
     /// What was recorded.
     fn session(&self) -> anyhow::Result<RecordedSession> {
-        let none = || RecordedSession {
-            loads: Vec::new(),
-            sensors: Err("nothing is recorded".to_owned()),
-        };
+        let without_loads = |sensors| RecordedSession { loads: Vec::new(), sensors };
         match self.recorded.as_slice() {
-            [] => Ok(none()),
+            [] => Ok(without_loads(Err("nothing is recorded".to_owned()))),
             [path] if path.extension().is_some_and(|extension| extension == "json") => {
                 let file = CalibrationFile::read(path)?;
                 let Kind::Physics(physics) = file.calibration.kind() else {
@@ -213,8 +210,7 @@ impl PlanArgs {
                         path.display()
                     );
                 };
-                let sensors = Ok(SensorKnowledge::from_calibration(physics));
-                Ok(RecordedSession { sensors, ..none() })
+                Ok(without_loads(Ok(SensorKnowledge::from_calibration(physics))))
             }
             paths => {
                 let logs = open_logs(paths, ("", &[]), &self.mapping.mapping())?;
