@@ -19,7 +19,7 @@ use serde_json::{Value, json};
 use shared_proto::{Command, Framing, Identity, Protocol};
 use shell_data::lock::lock;
 use shell_data::wrench::Axes;
-use shellcal::workflow::live::{Feed, LiveAction, LiveSession, LogMaker, LogSeries, guide_through};
+use shellcal::workflow::live::{Feed, LiveAction, LiveSession, LogSeries, guide_through};
 
 use crate::Answer;
 use crate::failure::Failure;
@@ -62,7 +62,6 @@ struct BoardEvents {
 }
 
 /// A connection with a board, recorded and shown.
-#[derive(Debug)]
 pub struct BoardSession {
     recorder: Recorder,
     session: LiveSession,
@@ -93,7 +92,7 @@ impl BoardSession {
             document
         });
         let identities: Vec<Value> = self.recorder.identities().map(in_words).collect();
-        let PageState { pieces, ended } = std::mem::take(&mut *lock(&self.logs.state));
+        let PageState { pieces, ended } = std::mem::take(&mut *lock(&self.logs.0));
         document["boards"] = Value::Array(identities);
         document["ended"] = json!(ended);
         Answer { document, files: pieces }
@@ -135,8 +134,10 @@ impl Begin {
         let plan = self.plan.as_ref().map(|file| read_plan(file, files)).transpose()?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
         let axes = forces.as_ref().map_or(Axes::ALL, |forces| forces.calibration.axes);
-        let logs = PageLogs { made_before: self.logs, state: Arc::default() };
-        let mut series = LogSeries::new(Box::new(logs.clone()));
+        let (logs, made_before) = (PageLogs::default(), self.logs);
+        let maker = logs.clone();
+        let next_log = move |made| Ok(maker.numbered(made_before + made));
+        let mut series = LogSeries::new(Box::new(next_log));
         let log = self.records.then(|| series.begin()).transpose()?;
         let running = forces.clone().map(RunningForces::new).transpose();
         let (feed, running) = (Feed::default(), running.map_err(RecordError::from)?);
@@ -195,11 +196,8 @@ fn duration(ms: f64) -> Duration {
 }
 
 /// Logs on their way to the page.
-#[derive(Clone, Debug)]
-struct PageLogs {
-    made_before: usize,
-    state: Arc<Mutex<PageState>>,
-}
+#[derive(Clone, Debug, Default)]
+struct PageLogs(Arc<Mutex<PageState>>);
 
 #[derive(Debug, Default)]
 struct PageState {
@@ -220,14 +218,13 @@ impl PageLogs {
         let (path, logs) = (PathBuf::from(name), self.clone());
         Box::new(PageLog { path, is_empty: true, logs })
     }
-}
 
-impl LogMaker for PageLogs {
-    fn next(&mut self, made: usize) -> Result<Box<dyn LogSink>, OutputError> {
-        Ok(self.log(match self.made_before + made {
+    /// The log after `made` others.
+    fn numbered(&self, made: usize) -> Box<dyn LogSink> {
+        self.log(match made {
             0 => "board.csv".to_owned(),
             made => format!("board-{}.csv", made + 1),
-        }))
+        })
     }
 }
 
@@ -236,14 +233,14 @@ impl LogSink for PageLog {
         if !piece.is_empty() {
             self.is_empty = false;
             let piece = (self.path.display().to_string(), piece.to_vec());
-            lock(&self.logs.state).pieces.push(piece);
+            lock(&self.logs.0).pieces.push(piece);
         }
         Ok(())
     }
 
     fn close(self: Box<Self>) -> Result<(), OutputError> {
         if !self.is_empty {
-            lock(&self.logs.state).ended.push(self.path.display().to_string());
+            lock(&self.logs.0).ended.push(self.path.display().to_string());
         }
         Ok(())
     }

@@ -43,16 +43,17 @@ pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
         return findings;
     }
     let Handshake { identity, status, stream, .. } = facts.handshake;
-    findings.extend(identity.iter().flat_map(|identity| check_identity(identity, facts)));
-    findings.extend(status.iter().flat_map(|status| check_status(status, facts)));
+    identity.iter().for_each(|identity| check_identity(identity, facts, &mut findings));
+    status.iter().for_each(|status| check_status(status, facts, &mut findings));
     match stream {
-        Some(Ok(stretch)) => findings.extend(check_stream(stretch, facts)),
+        Some(Ok(stretch)) => check_stream(stretch, facts, &mut findings),
         Some(Err(error)) => {
             let advice = "switch the board off and on; if it stays silent, flash it with `cargo xtask flash`";
             findings.push(Finding::fault("no-frames", error.to_string(), advice));
         }
         None => {}
     }
+    without_consequences(&mut findings);
     findings
 }
 
@@ -105,30 +106,27 @@ fn answerless(trouble: &LinkError) -> Finding {
             "switch the others off, or give `--to` the address of one in API mode",
         ),
         LinkError::NoAnswer { .. } => {
+            let seen = format!("frames arrive, but there is {trouble}");
             let advice =
                 "check the wire or radio from the host to the board: RX of the board, RTS and CTS";
-            return Finding::fault(
-                "deaf",
-                format!("frames arrive, but there is {trouble}"),
-                advice,
-            );
+            return Finding::fault("deaf", seen, advice);
         }
         _ => ("question", "ask again; look at the cable if it happens twice"),
     };
     Finding::fault(check, trouble.to_string(), advice)
 }
 
-fn check_identity(identity: &Identity, facts: &BoardObservations<'_>) -> Vec<Finding> {
+fn check_identity(identity: &Identity, facts: &BoardObservations<'_>, findings: &mut Vec<Finding>) {
     let text = |version: [u8; 3]| version.map(|part| part.to_string()).join(".");
     let (has, ours) = (text(identity.firmware), text(facts.firmware));
-    let mut findings = vec![match identity.firmware < facts.firmware {
+    findings.push(match identity.firmware < facts.firmware {
         true => Finding::warning(
             "firmware",
             format!("the board has firmware {has}, this program comes with {ours}"),
             "flash it with `cargo xtask flash`",
         ),
         false => Finding::fine("firmware", format!("version {has}")),
-    }];
+    });
     // A label may be anything; one that looks like a board's number is meant as one.
     let label = facts.calibration.and_then(|(_, label)| label);
     let serial = serial_text(&identity.serial);
@@ -140,11 +138,10 @@ fn check_identity(identity: &Identity, facts: &BoardObservations<'_>) -> Vec<Fin
         let advice = "take the calibration of this sensor, or the sensor of this calibration";
         findings.push(Finding::fault("serial", seen, advice));
     }
-    findings
 }
 
-fn check_status(status: &Status, facts: &BoardObservations<'_>) -> Vec<Finding> {
-    let mut findings = vec![reset(status, facts)];
+fn check_status(status: &Status, facts: &BoardObservations<'_>, findings: &mut Vec<Finding>) {
+    findings.push(reset(status, facts));
     findings.extend(calibrated(status, facts));
     let Status { late, frames, overflowed, damaged, longest_frame_us, period_us, .. } = *status;
     if late > 0 {
@@ -167,7 +164,6 @@ fn check_status(status: &Status, facts: &BoardObservations<'_>) -> Vec<Finding> 
         let advice = "look at the way from the host to the board: the radio's range, the cable";
         findings.push(Finding::warning("uplink", seen, advice));
     }
-    findings
 }
 
 fn reset(status: &Status, facts: &BoardObservations<'_>) -> Finding {
@@ -197,8 +193,7 @@ fn calibrated(status: &Status, facts: &BoardObservations<'_>) -> Option<Finding>
     if !status.calibrated {
         let seen = "the board is to stream wrenches and has no calibration";
         let advice = "`shellcal board PORT upload CAL`, or `mode raw`";
-        let finding = || Finding::fault("board-calibration", seen, advice);
-        return is_streaming_wrenches.then(finding);
+        return is_streaming_wrenches.then(|| Finding::fault("board-calibration", seen, advice));
     }
     let on_board = format!("{:#010x}", status.calibration_crc32);
     let Some((calibration, _)) = facts.calibration else {
@@ -216,8 +211,8 @@ fn calibrated(status: &Status, facts: &BoardObservations<'_>) -> Option<Finding>
     })
 }
 
-fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding> {
-    let mut findings = lost(stretch);
+fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>, findings: &mut Vec<Finding>) {
+    check_losses(stretch, findings);
     let frames = in_order(&stretch.frames);
     let mut summary = LogSummary::default();
     summary.add(&frames);
@@ -244,17 +239,15 @@ fn check_stream(stretch: &Stretch, facts: &BoardObservations<'_>) -> Vec<Finding
         findings.push(Finding::warning("short", format!("{} frames", summary.rows), advice));
     }
     let calibration = facts.calibration.map(|(calibration, _)| calibration);
-    let calibration =
-        calibration.filter(|calibration| calibration.channels() == summary.readings.len());
+    let calibration = calibration.filter(|of| of.channels() == summary.readings.len());
     let readings = &frames.readings;
-    findings.extend(check_channels(&summary, &[], &identical_in(readings, None), calibration));
-    let outside = calibration
-        .and_then(|calibration| outside(calibration.rows_out_of_range(readings), summary.rows));
-    findings.extend(outside);
-    without_consequences(findings)
+    let identical = identical_in(readings, None);
+    check_channels(&summary, &[], &identical, calibration, findings);
+    findings
+        .extend(calibration.and_then(|of| outside(of.rows_out_of_range(readings), summary.rows)));
 }
 
-fn lost(stretch: &Stretch) -> Vec<Finding> {
+fn check_losses(stretch: &Stretch, findings: &mut Vec<Finding>) {
     let Losses { missing, bad_crc, damaged, dropped_on_board: dropped, .. } =
         stretch.recorded.losses;
     let sent = (stretch.recorded.frames + missing).max(1) as f64;
@@ -266,14 +259,13 @@ fn lost(stretch: &Stretch) -> Vec<Finding> {
     );
     let advice = "bring the radios nearer, free of metal, or to another channel; over a wire, look at \
                   the ground and the speed";
-    let mut findings = vec![Finding::graded("losses", share, [FEW_LOST, MANY_LOST], seen, advice)];
+    findings.push(Finding::graded("losses", share, [FEW_LOST, MANY_LOST], seen, advice));
     if dropped as f64 > FEW_LOST * sent {
         let seen = format!("the board dropped {dropped} frames while it was listened to");
         let advice =
             "its line or its time is too short: lower the rate, or raise the speed of the line";
         findings.push(Finding::fault("dropped", seen, advice));
     }
-    findings
 }
 
 /// The frames in the order of their numbers, with their readings where all have some.

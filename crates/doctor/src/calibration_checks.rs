@@ -47,10 +47,14 @@ pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Ve
     let mut findings = vec![Finding::fine("calibration", format!("{name}, {channels} channels"))];
     match &origin.diagnostics {
         Some(known) => {
-            findings.extend(check_fit(known, calibration));
-            findings.extend(check_errors(known, calibration.axes));
-            findings.extend(check_explained(known, calibration.axes));
-            findings.extend(check_loads(known, calibration.axes));
+            if let Some(polynomial) = calibration.polynomial() {
+                check_features(known, polynomial.coefficients().len(), &mut findings);
+            }
+            check_skipped(known, &mut findings);
+            check_leaks(known, &mut findings);
+            check_errors(known, calibration.axes, &mut findings);
+            check_explained(known, calibration.axes, &mut findings);
+            check_loads(known, calibration.axes, &mut findings);
         }
         None => {
             let advice = "hold it against a log with `shellcal eval`";
@@ -60,7 +64,7 @@ pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Ve
     }
     let columns = origin.columns.as_ref();
     let names = columns.and_then(|columns| columns.sensors.as_deref()).unwrap_or_default();
-    findings.extend(check_ranges(calibration, names));
+    check_ranges(calibration, names, &mut findings);
     if matches!(calibration.kind(), Kind::Polynomial(_)) && calibration.covariance.is_none() {
         let seen = "it has no covariance, so forces come without standard errors";
         let advice = "fit it again without `--model`: it then takes a model that its groups of rows can judge";
@@ -86,24 +90,18 @@ fn checksum_of(path: &Path) -> Option<String> {
     checksum::of_stream(file).ok()
 }
 
-fn check_fit(known: &Diagnostics, calibration: &Calibration) -> Vec<Finding> {
-    // The features are a polynomial's: the physics model has none.
-    let mut findings = calibration
-        .polynomial()
-        .map_or_else(Vec::new, |polynomial| check_features(known, polynomial.coefficients().len()));
+fn check_skipped(known: &Diagnostics, findings: &mut Vec<Finding>) {
     let skipped = known.skipped_rows as f64 / (known.rows + known.skipped_rows).max(1) as f64;
     if skipped > SKIPPED {
         let seen = format!("{} of the training rows were wrong and left out", percent(skipped));
         let advice = "look at what was wrong with them: `shellcal info` without `--skip-bad-rows` names the first";
         findings.push(Finding::warning("skipped", seen, advice));
     }
-    findings
 }
 
-/// Whether the training data tell so many features.
-fn check_features(known: &Diagnostics, features: usize) -> Vec<Finding> {
+/// Whether the training data tell so many features of a polynomial.
+fn check_features(known: &Diagnostics, features: usize, findings: &mut Vec<Finding>) {
     let Diagnostics { rank, rows, condition, .. } = *known;
-    let mut findings = Vec::new();
     if rank < features {
         let seen = format!("the training data determine {rank} of its {features} features");
         let advice = "record loads on every axis and both ways, or take a smaller `--model`";
@@ -119,34 +117,28 @@ fn check_features(known: &Diagnostics, features: usize) -> Vec<Finding> {
     }
     if rows < ROWS_PER_FEATURE * features as u64 {
         let seen = format!("{rows} rows for {features} features");
-        findings.push(Finding::warning(
-            "few-rows",
-            seen,
-            "record more, or take a smaller `--model`",
-        ));
+        let advice = "record more, or take a smaller `--model`";
+        findings.push(Finding::warning("few-rows", seen, advice));
     }
-    findings
 }
 
 /// Errors that were measured on rows which the fit has all but seen.
-fn check_leaks(known: &Diagnostics) -> Vec<Finding> {
-    let test = known.test_leak.map(percent).map(|share| {
+fn check_leaks(known: &Diagnostics, findings: &mut Vec<Finding>) {
+    if let Some(share) = known.test_leak.map(percent) {
         let seen = format!("{share} of its test rows were recorded at poses of the training data");
         let advice = "test on other poses: whole poses have to be on one side of a split, not rows";
-        Finding::fault("test-leaks", seen, advice)
-    });
-    let groups = known.group_leak.map(percent).map(|share| {
+        findings.push(Finding::fault("test-leaks", seen, advice));
+    }
+    if let Some(share) = known.group_leak.map(percent) {
         let seen =
             format!("{share} of its training rows share their pose with rows of other groups");
         let advice = "fit again with one group label for each pose (`--group`)";
-        Finding::fault("groups-leak", seen, advice)
-    });
-    test.into_iter().chain(groups).collect()
+        findings.push(Finding::fault("groups-leak", seen, advice));
+    }
 }
 
 /// Errors on new data beside those on the training data.
-fn check_errors(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
-    let mut findings = check_leaks(known);
+fn check_errors(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     let tested = known.test.filter(|_| known.test_leak.is_none());
     let tested = tested.map(|test| ("test data", test.map(|axis| axis.rms)));
     let held_out = known.cross_validation.as_ref().filter(|_| known.group_leak.is_none());
@@ -171,43 +163,40 @@ fn check_errors(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
             false => Finding::fine("errors", seen),
         });
     }
-    findings
 }
 
 /// Axes of which the calibration explains little, even of its own training data.
-fn check_explained(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
+fn check_explained(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     let errors = known.test.as_ref().unwrap_or(&known.train);
-    let explained = |axis: Axis| errors[axis.index()].r_squared.map(|share| (axis, share));
-    let little = axes.iter().filter_map(explained).filter(|(_, share)| *share < EXPLAINED);
-    let finding = |(axis, share): (Axis, f64)| {
+    for axis in axes.iter() {
+        let explained = errors[axis.index()].r_squared;
+        let Some(share) = explained.filter(|share| *share < EXPLAINED) else { continue };
         let seen = format!("R² of {} is {share:.2}: it explains little of that axis", axis.name());
         let advice = "record larger loads on that axis, or do not use it; `shellcal fit --model auto` compares models";
-        Finding::warning("explains-little", seen, advice)
-    };
-    little.map(finding).collect()
+        findings.push(Finding::warning("explains-little", seen, advice));
+    }
 }
 
-fn check_loads(known: &Diagnostics, axes: Axes) -> Vec<Finding> {
-    let gaps = known.excitation.iter().flat_map(|excitation| excitation.gaps(axes));
-    let finding = |gap: Gap| {
+fn check_loads(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
+    for gap in known.excitation.iter().flat_map(|excitation| excitation.gaps(axes)) {
         let text = gap.to_string();
         let (seen, advice) = text.split_once(": ").unwrap_or((&text, ""));
         let seen = format!("in the training data {seen}");
-        match gap {
+        findings.push(match gap {
             Gap::Unloaded(_) => Finding::fault("axis-unloaded", seen, advice),
             Gap::OneSided { .. } => Finding::warning("axis-one-sided", seen, advice),
             _ => Finding::warning("axes-together", seen, advice),
-        }
-    };
-    gaps.map(finding).collect()
+        });
+    }
 }
 
-fn check_ranges(calibration: &Calibration, names: &[String]) -> Vec<Finding> {
+fn check_ranges(calibration: &Calibration, names: &[String], findings: &mut Vec<Finding>) {
     let Some(ranges) = &calibration.valid_range else {
         let seen = "the range of its training data is not known, so nothing is flagged as outside";
-        return vec![Finding::warning("no-range", seen, "fit it from logs with `shellcal fit`")];
+        let advice = "fit it from logs with `shellcal fit`";
+        findings.push(Finding::warning("no-range", seen, advice));
+        return;
     };
-    let mut findings = Vec::new();
     for (channel, range) in ranges.iter().enumerate() {
         let name = channel_name(names, channel);
         if range.is_constant() {
@@ -222,7 +211,6 @@ fn check_ranges(calibration: &Calibration, names: &[String]) -> Vec<Finding> {
             findings.push(Finding::fault("channel-saturated", seen, advice));
         }
     }
-    findings
 }
 
 /// Whether the readings of a converter got to an end of its range. Volts and fractions have no such ends.

@@ -23,11 +23,12 @@ pub(crate) fn check_channels(
     names: &[String],
     identical: &[(usize, usize)],
     calibration: Option<&Calibration>,
-) -> Vec<Finding> {
+    findings: &mut Vec<Finding>,
+) {
     if summary.readings.is_empty() || summary.rows < ENOUGH_FRAMES {
-        return Vec::new();
+        return;
     }
-    let mut findings = Vec::new();
+    let before = findings.len();
     for (channel, column) in summary.readings.iter().enumerate() {
         let name = channel_name(names, channel);
         let saturated = column.saturated_rows();
@@ -72,14 +73,11 @@ pub(crate) fn check_channels(
         let advice = "two inputs share a wire, or a column was copied";
         findings.push(Finding::fault("channels-identical", seen, advice));
     }
-    if let Some(calibration) = calibration {
-        findings.extend(swapped(summary, names, calibration));
-    }
-    if findings.is_empty() {
+    findings.extend(calibration.and_then(|of| swapped(summary, names, of)));
+    if findings.len() == before {
         let channels = summary.readings.len();
         findings.push(Finding::fine("channels", format!("{channels} channels alive and in range")));
     }
-    findings
 }
 
 /// The name of a channel as its log has it.
@@ -89,7 +87,7 @@ pub(crate) fn channel_name(names: &[String], channel: usize) -> String {
 }
 
 /// Readings that are exchanged are found in more than one way, and leave their ranges: that is said once.
-pub(crate) fn without_consequences(mut findings: Vec<Finding>) -> Vec<Finding> {
+pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
     const SWAPPED: &str = "channels-swapped";
     if findings.iter().any(|finding| finding.check == SWAPPED) {
         let mut is_first = true;
@@ -99,7 +97,6 @@ pub(crate) fn without_consequences(mut findings: Vec<Finding>) -> Vec<Finding> {
             _ => true,
         });
     }
-    findings
 }
 
 /// Two channels of which each reads what the other should.

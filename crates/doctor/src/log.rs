@@ -2,7 +2,7 @@
 
 use calibration::Calibration;
 use calibration::quality::{self, AxisErrors};
-use calibration::validation::excitation::{Excitation, LONGEST_LEVER_M};
+use calibration::validation::excitation::LONGEST_LEVER_M;
 use log_file::{Column, Log, LogError, Meaning, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::hint::with_causes;
@@ -165,66 +165,69 @@ impl<'a> LogObservations<'a> {
             let advice = "correct them, or leave them out with `--skip-bad-rows`";
             findings.push(Finding::fault("bad-rows", seen, advice));
         }
-        findings.extend(self.check_length(log));
-        findings.extend(self.check_timing(log));
-        findings.extend(self.check_lever(log));
+        self.check_length(log, &mut findings);
+        self.check_timing(log, &mut findings);
+        self.check_lever(log, &mut findings);
         let calibration = self.calibration.map(|file| &file.calibration);
         let of_its_size = calibration.filter(|of| of.channels() == summary.readings.len());
         let identical = self.identical.as_deref().unwrap_or_default();
-        findings.extend(check_channels(summary, names, identical, of_its_size));
-        findings.extend(self.labelled.jumps().iter().map(|jump| {
-            let ([before, after], name) = (jump.means, channel_name(names, jump.channel));
-            let PoseJump { pose, rows_before, .. } = jump;
+        check_channels(summary, names, identical, of_its_size, &mut findings);
+        for PoseJump { pose, rows_before, channel, means: [before, after] } in self.labelled.jumps()
+        {
+            let name = channel_name(names, channel);
             let seen = format!(
                 "in pose `{pose}` {name} jumps from {before:.1} to {after:.1} after {rows_before} rows; its load is \
                  constant"
             );
-            let advice = "rows of another pose under this label, or the sensor slipped: take them out";
-            Finding::warning("pose-jump", seen, advice)
-        }));
-        let calibrated = self.calibration.map(|file| self.check_calibrated(log, file));
-        findings.extend(calibrated.into_iter().flatten());
-        without_consequences(findings)
+            let advice =
+                "rows of another pose under this label, or the sensor slipped: take them out";
+            findings.push(Finding::warning("pose-jump", seen, advice));
+        }
+        if let Some(file) = self.calibration {
+            self.check_calibrated(log, file, &mut findings);
+        }
+        without_consequences(&mut findings);
+        findings
     }
 
-    fn check_length(&self, log: &Log) -> Option<Finding> {
+    fn check_length(&self, log: &Log, findings: &mut Vec<Finding>) {
         let summary = &self.summary;
         let repeats = if log.repeats_are_stale() { summary.repeated_rows } else { 0 };
         let frames = summary.rows - repeats;
-        (frames < TARE_FRAMES && !summary.readings.is_empty()).then(|| {
+        if frames < TARE_FRAMES && !summary.readings.is_empty() {
             let advice = format!("record longer: a tare alone takes {TARE_FRAMES}");
-            Finding::warning("short", format!("{frames} frames"), advice)
-        })
+            findings.push(Finding::warning("short", format!("{frames} frames"), advice));
+        }
     }
 
-    fn check_lever(&self, log: &Log) -> Option<Finding> {
+    fn check_lever(&self, log: &Log, findings: &mut Vec<Finding>) {
         let [forces, moments] = self.squares;
         let lever_m = (moments / forces).sqrt();
-        let is_known = forces > 0.0 && log.axes().are_all();
-        (is_known && lever_m > LONGEST_LEVER_M).then(|| {
+        if forces > 0.0 && log.axes().are_all() && lever_m > LONGEST_LEVER_M {
             let seen = format!("moments over forces make a lever of {lever_m:.1} m");
             let advice = "the moments are in mN·m (which is N·mm), it seems: give `--moment-unit mnm`, or name the \
                           columns so";
-            Finding::fault("moment-unit", seen, advice)
-        })
+            findings.push(Finding::fault("moment-unit", seen, advice));
+        }
     }
 
-    fn check_timing(&self, log: &Log) -> Vec<Finding> {
+    fn check_timing(&self, log: &Log, findings: &mut Vec<Finding>) {
         let (rows, timing) = (self.summary.rows, &self.summary.timing);
         let backward = timing.backward_steps;
         if !log.has_time() {
             let advice = "name it with `--time` if there is one; without it `fit` finds no lag, `convert` needs \
                           `--rate` or `--no-lowpass`, and losses cannot be seen";
-            return vec![Finding::warning("no-time", "there is no column of time", advice)];
+            findings.push(Finding::warning("no-time", "there is no column of time", advice));
+            return;
         }
         if backward as f64 > NO_CLOCK * rows as f64 {
             let seen =
                 format!("what is taken for time runs backwards at {backward} of {rows} rows");
             let advice = "it holds no times: name the columns with `--sensors`, `--wrench` and `--time`; without a \
                           line of names they are taken for what their number suggests";
-            return vec![Finding::fault("no-clock", seen, advice)];
+            findings.push(Finding::fault("no-clock", seen, advice));
+            return;
         }
-        let mut findings = Vec::new();
         if let Some(row) = timing.first_backward_row {
             let seen = format!("time runs backwards {backward} times, first at row {}", row + 1);
             // A fit takes recordings that were put together as groups.
@@ -258,8 +261,7 @@ impl<'a> LogObservations<'a> {
                           latency timer to 1 ms";
             findings.push(Finding::warning("jitter", seen, advice));
         }
-        findings.extend(self.check_repeats(log));
-        findings
+        self.check_repeats(log, findings);
     }
 
     /// Rows that are missing, by the log's own count where it has one, else by its clock.
@@ -274,37 +276,34 @@ impl<'a> LogObservations<'a> {
         Finding::graded("losses", share, MISSING, seen, advice)
     }
 
-    fn check_repeats(&self, log: &Log) -> Option<Finding> {
+    fn check_repeats(&self, log: &Log, findings: &mut Vec<Finding>) {
         let summary = &self.summary;
         let share = summary.repeated_rows as f64 / summary.rows.max(1) as f64;
         let is_alive = summary.readings.iter().any(|column| !column.is_constant());
-        (!log.repeats_are_stale() && share > 0.5 && is_alive).then(|| {
+        if !log.repeats_are_stale() && share > 0.5 && is_alive {
             let seen =
                 format!("{} of the rows repeat the readings of the row before", percent(share));
             let advice =
                 "the log runs faster than the sensor: thin it out, or record at the sensor's rate";
-            Finding::warning("repeats", seen, advice)
-        })
+            findings.push(Finding::warning("repeats", seen, advice));
+        }
     }
 
-    fn check_calibrated(&self, log: &Log, file: &CalibrationFile) -> Vec<Finding> {
+    fn check_calibrated(&self, log: &Log, file: &CalibrationFile, findings: &mut Vec<Finding>) {
         let (channels, calibrated) = (self.summary.readings.len(), file.calibration.channels());
         if channels != calibrated {
             let seen =
                 format!("the log has {channels} channels, the calibration is for {calibrated}");
             let advice =
                 "name the columns with `--sensors`, or take the calibration of this sensor";
-            return vec![Finding::fault("channels-other", seen, advice)];
+            findings.push(Finding::fault("channels-other", seen, advice));
+            return;
         }
-        let outside = outside(self.rows_outside, self.summary.rows);
-        let worse = self.check_errors(log, file);
-        let mut findings: Vec<Finding> = outside.into_iter().chain(worse).collect();
+        findings.extend(outside(self.rows_outside, self.summary.rows));
+        findings.extend(self.check_errors(log, file));
         let known = file.origin.diagnostics.as_ref();
-        let loads = known.and_then(|known| known.excitation.as_ref());
-        let largest = loads.map(Excitation::largest_loads);
-        for (axis, moved, of) in
-            largest.into_iter().flat_map(|largest| drift(&self.means, &largest))
-        {
+        let Some(loads) = known.and_then(|known| known.excitation.as_ref()) else { return };
+        for (axis, moved, of) in drift(&self.means, &loads.largest_loads()) {
             let (name, unit, share) = (axis.name(), axis.unit(), percent(moved.abs() / of));
             let seen = format!(
                 "{name} has moved by {moved:.3} {unit} from the first tenth to the last ({share} of its range)"
@@ -312,7 +311,6 @@ impl<'a> LogObservations<'a> {
             let advice = "if nothing touched the shell then: let it warm up, tare more often, and keep light off it";
             findings.push(Finding::warning("drift", seen, advice));
         }
-        findings
     }
 
     /// The error on the log beside that on the training data, and a reason for it.

@@ -39,5 +39,5 @@ mod rig;
 mod table;
 
 pub use self::load::{HungLoad, Pull, STANDARD_GRAVITY};
-pub use self::rig::{Combinations, RigError, WrenchBox};
+pub use self::rig::{WrenchBox, combinations};
 pub use self::table::{HungLoadError, HungLoads};

@@ -2,66 +2,43 @@
 
 use std::fmt::Write as _;
 
-use super::table::{HungLoadError, HungLoads};
+use super::table::HungLoads;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Most loads of a rig.
 const MOST: usize = 20_000;
 
-/// A rig that has no loads.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum RigError {
-    /// A part of a list that cannot be read.
-    #[error("`{0}` is not a range such as `fx=-5..5` (N) or `my=-0.2..0.2` (N·m)")]
-    Part(String),
-    /// More loads than anyone hangs.
-    #[error("`{0}` loads are too many, at most `{MOST}`: give fewer masses, points or directions")]
-    TooMany(usize),
-    /// Zero loads.
-    #[error(transparent)]
-    Table(#[from] HungLoadError),
-}
-
-/// Every mass at every point in every direction.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Combinations {
-    /// kg.
-    pub masses_kg: Vec<f64>,
-    /// From the sensor's origin, mm.
-    pub points_mm: Vec<[f64; 3]>,
-    /// As in the column `direction`, or an azimuth and an elevation in degrees: `30:-45`.
-    pub directions: Vec<String>,
-}
-
-impl Combinations {
-    /// The table of all of them, with numbers from 1 for labels.
-    ///
-    /// # Errors
-    /// [`RigError`].
-    pub fn table(&self) -> Result<HungLoads, RigError> {
-        let count = self.masses_kg.len() * self.points_mm.len() * self.directions.len();
-        if count > MOST {
-            return Err(RigError::TooMany(count));
-        }
-        let mut text =
-            "group,mass_kg,x_mm,y_mm,z_mm,direction,azimuth_deg,elevation_deg\n".to_owned();
-        let mut number = 0;
-        for mass in &self.masses_kg {
-            for [x, y, z] in &self.points_mm {
-                for direction in &self.directions {
-                    let how = match direction.split_once(':') {
-                        Some((azimuth, elevation)) => format!(",{azimuth},{elevation}"),
-                        None => format!("{direction},,"),
-                    };
-                    number += 1;
-                    writeln!(text, "{number},{mass},{x},{y},{z},{how}")
-                        .expect("a string takes all");
-                }
+/// The table of every mass (kg) at every point (mm from the sensor's origin) in every direction, with numbers from 1 for
+/// labels. Directions are as in the column `direction`, or an azimuth and an elevation in degrees: `30:-45`.
+///
+/// # Errors
+/// What is wrong with a direction, or that there are too many loads.
+pub fn combinations(
+    masses_kg: &[f64],
+    points_mm: &[[f64; 3]],
+    directions: &[String],
+) -> Result<HungLoads, String> {
+    let count = masses_kg.len() * points_mm.len() * directions.len();
+    if count > MOST {
+        return Err(format!(
+            "`{count}` loads are too many, at most `{MOST}`: give fewer masses, points or directions"
+        ));
+    }
+    let mut text = "group,mass_kg,x_mm,y_mm,z_mm,direction,azimuth_deg,elevation_deg\n".to_owned();
+    let mut number = 0;
+    for mass in masses_kg {
+        for [x, y, z] in points_mm {
+            for direction in directions {
+                let how = match direction.split_once(':') {
+                    Some((azimuth, elevation)) => format!(",{azimuth},{elevation}"),
+                    None => format!("{direction},,"),
+                };
+                number += 1;
+                writeln!(text, "{number},{mass},{x},{y},{z},{how}").expect("a string takes all");
             }
         }
-        Ok(HungLoads::parse(&text)?)
     }
+    HungLoads::parse(&text).map_err(|error| error.to_string())
 }
 
 /// Ranges of the axes: `fx=-5..5,fz=-10..0,my=-0.2..0.2`, in N and N·m.
@@ -72,11 +49,13 @@ impl WrenchBox {
     /// Axes that are not named stay at 0.
     ///
     /// # Errors
-    /// [`RigError::Part`].
-    pub fn parse(text: &str) -> Result<Self, RigError> {
+    /// Which part of the text is no range of an axis.
+    pub fn parse(text: &str) -> Result<Self, String> {
         let mut ranges = [[0.0; 2]; 6];
         for part in text.split(',') {
-            let fault = || RigError::Part(part.to_owned());
+            let fault = || {
+                format!("`{part}` is not a range such as `fx=-5..5` (N) or `my=-0.2..0.2` (N·m)")
+            };
             let (name, range) = part.split_once('=').ok_or_else(fault)?;
             let (low, high) = range.split_once("..").ok_or_else(fault)?;
             let name = name.trim().to_lowercase();
@@ -93,10 +72,7 @@ impl WrenchBox {
 
     /// Both ends and the middle of each axis with those of all others: what an optimal design of second order is
     /// made of (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed., §11.3). Labels are numbers from 1.
-    ///
-    /// # Errors
-    /// [`RigError::Table`] never, in practice.
-    pub fn table(&self) -> Result<HungLoads, RigError> {
+    pub fn table(&self) -> HungLoads {
         let Self(ranges) = self;
         let mut rows = vec![[0.0; 6]];
         for (axis, &[low, high]) in ranges.iter().enumerate().filter(|(_, [low, high])| low < high)
@@ -116,7 +92,7 @@ impl WrenchBox {
             let row = row.map(|value| value.to_string()).join(",");
             writeln!(text, "{number},{row}").expect("a string takes all");
         }
-        Ok(HungLoads::parse(&text)?)
+        HungLoads::parse(&text).expect("a table of finite numbers")
     }
 }
 
@@ -126,22 +102,19 @@ mod tests {
 
     #[test]
     fn combinations_are_all_of_them() {
-        let rig = Combinations {
-            masses_kg: vec![0.1, 0.5],
-            points_mm: vec![[0.0, 0.0, 40.0], [30.0, 0.0, 40.0]],
-            directions: vec!["+x".to_owned(), "30:-45".to_owned(), "down".to_owned()],
-        };
-        let table = rig.table().unwrap();
+        let points_mm = [[0.0, 0.0, 40.0], [30.0, 0.0, 40.0]];
+        let directions = ["+x", "30:-45", "down"].map(str::to_owned);
+        let table = combinations(&[0.1, 0.5], &points_mm, &directions).unwrap();
         assert_eq!(table.loads().len(), 12);
         assert_eq!(table.loads()[11].to_string(), "0.5 kg at (30, 0, 40) mm, down");
         assert_eq!(table.loads()[11].group, "12");
-        let many = Combinations { masses_kg: vec![1.0; 10_000], ..rig };
-        assert_eq!(many.table(), Err(RigError::TooMany(60_000)));
+        let refused = combinations(&[1.0; 10_000], &points_mm, &directions).unwrap_err();
+        assert!(refused.starts_with("`60000` loads are too many"), "{refused}");
     }
 
     #[test]
     fn a_box_has_its_corners_and_middles() {
-        let table = WrenchBox::parse("fx=-2..4, mz_nm=0.1..0.3").unwrap().table().unwrap();
+        let table = WrenchBox::parse("fx=-2..4, mz_nm=0.1..0.3").unwrap().table();
         assert_eq!(table.loads().len(), 9);
         let first = table.loads()[0].wrench();
         assert_eq!(first, [-2.0, 0.0, 0.0, 0.0, 0.0, 0.1]);

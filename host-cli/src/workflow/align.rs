@@ -14,19 +14,8 @@ use shell_data::wrench::{Axes, Axis};
 /// The column of a board's log that has the times of edges, s.
 const EDGE_TIMES: &str = "sync_s";
 
-/// Two logs lined up.
-#[derive(Debug)]
-pub struct AlignedLogs {
-    /// The recordings and how their clocks stand to each other.
-    pub aligned: Aligned,
-    /// What the reference's file was.
-    pub reference: ReadSummary,
-    /// What the board's file was.
-    pub board: ReadSummary,
-}
-
-/// Reads both logs and lines them up. `sync` is the column of the reference that has a signal whose edges the board has
-/// recorded as well.
+/// Reads both logs and lines them up; also returns what the files of the reference and of the board were. `sync` is the
+/// column of the reference that has a signal whose edges the board has recorded as well.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, lacks time, wrench or readings, or if there is no
@@ -37,7 +26,7 @@ pub fn align_logs(
     options: Options,
     sync: Option<&ColumnRef>,
     read: &ReadOptions<'_>,
-) -> Result<AlignedLogs, WorkflowError> {
+) -> Result<(Aligned, [ReadSummary; 2]), WorkflowError> {
     let mut wrench = Wanted { time: true, wrench: true, ..Wanted::default() };
     let mut readings = Wanted { time: true, readings: true, ..Wanted::default() };
     // Both are looked at before the first is read.
@@ -63,7 +52,7 @@ pub fn align_logs(
         let (reference, board) = (reference.path().to_owned(), board.path().to_owned());
         WorkflowError::Align { reference, board, source }
     })?;
-    Ok(AlignedLogs { aligned, reference: reference_summary, board: board_summary })
+    Ok((aligned, [reference_summary, board_summary]))
 }
 
 /// How many rows of a training log were written, and how many were not.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use super::WorkflowError;
-use super::trial::{Evaluated, TrialJob, WindowTimes, evaluate_in_window};
+use super::trial::{Evaluated, TrialJob, evaluate_in_window};
 use log_file::pipeline;
 use log_file::{Log, Mapping, ReadOptions};
 use output_file::OutputError;
@@ -151,9 +151,9 @@ fn evaluate_entry(
         return Ok(same.clone());
     }
     let log = Log::open(&path, options.mapping)?;
-    let window = WindowTimes { enter_s: entry.enter.value, exit_s: entry.exit.value };
+    let window_s = (entry.enter.value, entry.exit.value);
     let job = TrialJob { log: &log, instrument, options: options.trial, read: *read };
-    let evaluated = evaluate_in_window(&job, entry.trial.clone(), window)?;
+    let evaluated = evaluate_in_window(&job, entry.trial.clone(), window_s)?;
     Ok(BatchTrial { position: entry.position, path, evaluated, entry: entry.clone(), stamp })
 }
 

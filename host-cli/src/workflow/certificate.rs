@@ -3,8 +3,8 @@
 
 use super::WorkflowError;
 use super::convert::interval_factors;
-use super::drift::{DriftOptions, drift};
-use super::noise::{NoiseOptions, noise};
+use super::drift::drift;
+use super::noise::noise;
 use super::recalibration::known_errors;
 use super::selection::RowFilter;
 use calibration::physics::COVERAGE_LEVEL;
@@ -27,8 +27,7 @@ pub fn budget(
     let mut budget = vec![of_model(file)];
     match unloaded {
         Some(log) => {
-            let options = NoiseOptions { rows: RowFilter::Fresh, window: None };
-            let found = noise(log, &file.calibration, &options, read)?;
+            let found = noise(log, &file.calibration, RowFilter::Fresh, None, read)?;
             let (frames, path) = (found.frames, log.path().display());
             let basis = format!("scatter of {frames} frames of the unloaded sensor, `{path}`");
             let standard = by_axis(&found.axes, |scatter| scatter.rms);
@@ -79,9 +78,8 @@ fn of_drift(
     log: &Log,
     read: &ReadOptions<'_>,
 ) -> Result<Contribution, WorkflowError> {
-    let calibration = Some(&file.calibration);
-    let options = DriftOptions { calibration, ..DriftOptions::default() };
-    let (basis, standard) = match drift(log, &options, RowFilter::Fresh, read) {
+    let found = drift(log, Some(&file.calibration), None, RowFilter::Fresh, read);
+    let (basis, standard) = match found {
         Ok(found) => {
             let rests = found.rests;
             let basis =

@@ -13,15 +13,6 @@ use shell_data::wrench::{AxisValues, PerAxis};
 /// The column that `record` writes the die's temperature into.
 pub const TEMPERATURE: &str = "temperature_c";
 
-/// What is looked at beside the readings.
-#[derive(Clone, Debug, Default)]
-pub struct DriftOptions<'a> {
-    /// For the zero of the wrench beside that of the channels.
-    pub calibration: Option<&'a Calibration>,
-    /// The column of temperature; `None` for [`TEMPERATURE`] if there is one.
-    pub temperature: Option<ColumnRef>,
-}
-
 /// How the zero of a log moves.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DriftSummary {
@@ -50,25 +41,28 @@ pub struct DriftSummary {
     pub channel_changes: Vec<Vec<(f64, f64)>>,
 }
 
-/// Finds the stationary intervals of a log, and how its zero moves from one to the next, in one pass.
+/// Finds the stationary intervals of a log, and how its zero moves from one to the next, in one pass: that of the
+/// channels, and with a calibration that of the wrench. `temperature` is the column of that, where it is not
+/// [`TEMPERATURE`].
 ///
 /// # Errors
 /// [`WorkflowError`].
 pub fn drift(
     log: &Log,
-    options: &DriftOptions<'_>,
+    calibration: Option<&Calibration>,
+    temperature: Option<&ColumnRef>,
     rows: RowFilter,
     read: &ReadOptions<'_>,
 ) -> Result<DriftSummary, WorkflowError> {
     let path = log.path().display();
-    let temperature = match &options.temperature {
+    let temperature = match temperature {
         Some(column) => Some(log.column_positions(std::slice::from_ref(column))?[0]),
         None => log.columns().iter().position(|column| column.name == TEMPERATURE),
     };
     let texts = temperature.into_iter().collect();
     let wanted = Wanted { readings: true, time: true, texts, ..Wanted::default() };
     log.require(&wanted)?;
-    if let Some(calibration) = options.calibration {
+    if let Some(calibration) = calibration {
         check_channels(log, calibration.channels())?;
     }
     let mut finder = StationaryFinder::default();
@@ -102,7 +96,7 @@ pub fn drift(
                 for (levels, readings) in channels.iter_mut().zip(&rest.readings) {
                     levels.push(QuietLevel::new(readings, &rest.parts));
                 }
-                if let Some(calibration) = options.calibration {
+                if let Some(calibration) = calibration {
                     let wrench = QuietLevel::from_wrench(calibration, rest);
                     axes.iter_mut().zip(wrench).for_each(|(levels, level)| levels.push(level));
                 }
@@ -115,7 +109,7 @@ pub fn drift(
         next.checked_sub(1).map(|last| said[last].1)
     };
     let temperatures: Vec<Option<f64>> = times_s.iter().map(temperature_at).collect();
-    let calibration_axes = options.calibration.map(|calibration| calibration.axes);
+    let calibration_axes = calibration.map(|calibration| calibration.axes);
     let quantities = calibration_axes.map_or(channels.len(), |axes| axes.iter().count());
     let of = |levels: &Vec<QuietLevel>| Drift::fit(levels, &times_s, &temperatures, quantities);
     let too_few = || {

@@ -38,14 +38,9 @@ pub enum WorkflowError {
     /// A calibration that cannot be brought up to date, or loads that do not serve for it.
     #[error(transparent)]
     Recalibration(#[from] RecalibrationError),
-    /// A log gives no forces as asked.
+    /// The log at `path` gives no forces as asked.
     #[error("`{path}`: {error}")]
-    Forces {
-        /// The log.
-        path: String,
-        /// Why.
-        error: ForceError,
-    },
+    Forces { path: String, error: ForceError },
     /// Standard errors were asked for by name, and cannot be given.
     #[error("the calibration carries no covariance, from which standard errors and intervals come")]
     NoCovariance,
@@ -64,16 +59,9 @@ pub enum WorkflowError {
     /// The poses do not tell what a sensor carries.
     #[error(transparent)]
     Payload(#[from] PayloadError),
-    /// Two logs do not match, or not clearly.
+    /// Two logs, the files of the reference and of the board, do not match, or not clearly.
     #[error("cannot align `{}` with `{}`", board.display(), reference.display())]
-    Align {
-        /// The reference's file.
-        reference: PathBuf,
-        /// The board's file.
-        board: PathBuf,
-        /// Why.
-        source: AlignError,
-    },
+    Align { reference: PathBuf, board: PathBuf, source: AlignError },
     /// A trial cannot be evaluated on its log.
     #[error(transparent)]
     Trial(#[from] TrialError),
@@ -87,13 +75,9 @@ pub enum WorkflowError {
     #[error("without a calibration there is no drag to find the window in")]
     NoCalibration,
     /// A log, a table or an option does not serve for what was asked: what nobody has to tell from other errors.
+    /// `hint` is the next step, where one is known.
     #[error("{message}")]
-    Refused {
-        /// What is wrong.
-        message: String,
-        /// The next step, where one is known.
-        hint: Option<String>,
-    },
+    Refused { message: String, hint: Option<String> },
 }
 
 impl WorkflowError {

@@ -1,7 +1,7 @@
 //! The figures of a batch as files.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use figures::trial::{Passage, box_figure, drag_lift_figure, phase_figure, stack_figure};
 use figures::{Figure, Format, Size};
@@ -14,32 +14,20 @@ const STRIDES: usize = 10;
 /// Without sensors traces are thinned to this distance, s.
 const THIN_S: f64 = 0.01;
 
-/// A directory of figures.
+/// A directory of figures, which is there.
 #[derive(Debug)]
 pub struct FigureFolder<'a> {
-    outputs: &'a Outputs,
-    directory: PathBuf,
-    formats: Vec<Format>,
-    size: Size,
+    /// The files that a command writes.
+    pub outputs: &'a Outputs,
+    /// Where it is.
+    pub directory: &'a Path,
+    /// Each figure is there in every one of these.
+    pub formats: &'a [Format],
+    /// How wide figures are.
+    pub size: Size,
 }
 
-impl<'a> FigureFolder<'a> {
-    /// In `directory`, which is made if it is not there; each figure in every one of the formats, of this size.
-    ///
-    /// # Errors
-    /// [`OutputError`] if the directory cannot be made.
-    pub fn create(
-        outputs: &'a Outputs,
-        directory: &Path,
-        formats: &[Format],
-        size: Size,
-    ) -> Result<Self, OutputError> {
-        std::fs::create_dir_all(directory)
-            .map_err(|source| OutputError::failed(directory, source))?;
-        let (directory, formats) = (directory.to_owned(), formats.to_vec());
-        Ok(Self { outputs, directory, formats, size })
-    }
-
+impl FigureFolder<'_> {
     /// Writes drag and lift over time, and the telemetry of some strides, of a trial with the trace of
     /// its whole log: `STEM.drag.svg`, `STEM.telemetry.svg`.
     ///
@@ -81,7 +69,7 @@ impl<'a> FigureFolder<'a> {
     }
 
     fn write(&self, name: &str, figure: &Figure) -> Result<(), OutputError> {
-        for &format in &self.formats {
+        for &format in self.formats {
             let extension = match format {
                 Format::Svg => "svg",
                 Format::Pdf => "pdf",

@@ -32,27 +32,15 @@ pub struct ComparedAxes {
 /// Why a calibration does not pass.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GateFailure {
-    /// Axes that were asked for are not in a log.
+    /// Axes that were asked for are not in the log at `path`.
     #[error("not compared: {axes}, which `{}` does not have", path.display())]
-    NotCompared {
-        /// The log.
-        path: PathBuf,
-        /// The axes.
-        axes: Axes,
-    },
-    /// An error is above its limit.
+    NotCompared { path: PathBuf, axes: Axes },
+    /// The RMS error of an axis is above its limit, N or N·m.
     #[error(
         "the RMS error of `{}` is {rms} {unit}, above the limit of {limit} {unit}",
         axis.name(), rms = significant(*rms, 4), limit = significant(*limit, 4), unit = axis.unit()
     )]
-    Above {
-        /// The axis.
-        axis: Axis,
-        /// Its RMS error, N or N·m.
-        rms: f64,
-        /// The limit.
-        limit: f64,
-    },
+    Above { axis: Axis, rms: f64, limit: f64 },
 }
 
 impl Gates {

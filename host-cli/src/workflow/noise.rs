@@ -12,15 +12,6 @@ use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 
-/// Which part of a log is looked at.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct NoiseOptions {
-    /// Which rows are used.
-    pub rows: RowFilter,
-    /// The stretch of time that is unloaded; `None` for all of the log.
-    pub window: Option<TimeWindow>,
-}
-
 /// The scatter of an unloaded sensor.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct NoiseSummary {
@@ -55,17 +46,19 @@ pub struct Scatter {
     pub peak_to_peak: f64,
 }
 
-/// Measures the scatter of the frames of a log, in one pass and constant memory.
+/// Measures the scatter of the frames of a log, in one pass and constant memory. `window` is the stretch of time that
+/// is unloaded; `None` for all of the log.
 ///
 /// # Errors
 /// [`WorkflowError`].
 pub fn noise(
     log: &Log,
     calibration: &Calibration,
-    options: &NoiseOptions,
+    rows: RowFilter,
+    window: Option<TimeWindow>,
     read: &ReadOptions<'_>,
 ) -> Result<NoiseSummary, WorkflowError> {
-    let time = options.window.is_some() || log.has_time() || calibration.needs_time();
+    let time = window.is_some() || log.has_time() || calibration.needs_time();
     let wanted = Wanted { readings: true, time, ..Wanted::default() };
     log.require(&wanted)?;
     check_channels(log, calibration.channels())?;
@@ -78,8 +71,8 @@ pub fn noise(
         (&wanted, read),
         calibration,
         |block| {
-            options.rows.select(block);
-            if let Some(window) = options.window {
+            rows.select(block);
+            if let Some(window) = window {
                 let keep: Vec<_> = block.time_s.iter().map(|&t| window.contains(t)).collect();
                 *block = block.kept(&keep);
             }
@@ -109,7 +102,7 @@ pub fn noise(
         repeated_rows: summary.repeated_rows,
         skipped_rows: summary.skipped_rows,
         frames,
-        rows_used: options.rows,
+        rows_used: rows,
         axes: calibration.axes.values(&axes.map(|moments| moments.scatter())),
         channels: channels.iter().map(ColumnStatistics::scatter).collect(),
         zero: watch.finish(calibration),

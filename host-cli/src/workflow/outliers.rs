@@ -73,8 +73,7 @@ impl NamedOutliers {
 
     /// All rows, for `--json`.
     pub fn report(&self) -> Vec<OutlierReport> {
-        let report = |(row, name): (&Outlier, &RowName)| OutlierReport::new(row, name);
-        self.found.rows.iter().zip(&self.names).map(report).collect()
+        self.found.rows.iter().zip(&self.names).map(report_of).collect()
     }
 
     /// The rows for a report.
@@ -137,29 +136,20 @@ fn in_si_units(axis: Axis, name: &str, log: &Log) -> String {
     }
 }
 
-impl OutlierReport {
-    fn new(row: &Outlier, name: &RowName) -> Self {
-        let (reason, axis, error, size) = match row.reason {
-            Reason::OutOfRange => ("out_of_range", None, None, None),
-            Reason::Error { axis, size, error, is_possible } => {
-                let error = is_possible.then_some(error);
-                ("error", Some(axis.column()), error, Some(size))
-            }
-        };
-        let column = |of: &OutlierColumn| ColumnReport {
-            name: name.columns.get(of.column).cloned().unwrap_or_default(),
-            value: of.value,
-            before: of.before,
-            after: of.after,
-        };
-        Self {
-            file: name.file.clone(),
-            line: name.line,
-            reason,
-            axis,
-            error,
-            size,
-            columns: row.columns.iter().map(column).collect(),
+fn report_of((row, name): (&Outlier, &RowName)) -> OutlierReport {
+    let (reason, axis, error, size) = match row.reason {
+        Reason::OutOfRange => ("out_of_range", None, None, None),
+        Reason::Error { axis, size, error, is_possible } => {
+            ("error", Some(axis.column()), is_possible.then_some(error), Some(size))
         }
-    }
+    };
+    let column = |of: &OutlierColumn| ColumnReport {
+        name: name.columns.get(of.column).cloned().unwrap_or_default(),
+        value: of.value,
+        before: of.before,
+        after: of.after,
+    };
+    let columns = row.columns.iter().map(column).collect();
+    let (file, line) = (name.file.clone(), name.line);
+    OutlierReport { file, line, reason, axis, error, size, columns }
 }

@@ -18,15 +18,6 @@ pub enum Remark {
     Warning(String),
 }
 
-impl From<&Warning> for Remark {
-    fn from(warning: &Warning) -> Self {
-        match warning {
-            Warning::OutOfRange { .. } => Self::Note(warning.to_string()),
-            _ => Self::Warning(warning.to_string()),
-        }
-    }
-}
-
 /// Which axes a calibration will not have, if any.
 pub fn absent_axes(axes: Axes) -> Option<Remark> {
     let absent = Axes::ALL.without(axes);
@@ -79,7 +70,7 @@ pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     let compared = fit.comparison.as_ref();
     remarks.extend(compared.map(|of| found_or_why(of, "the physics model was not compared")));
     let early = fit.warnings.iter().filter(|warning| !is_about_table(warning));
-    remarks.extend(early.map(Remark::from));
+    remarks.extend(early.map(|warning| Remark::Warning(warning.to_string())));
     if let Some(Err(reason)) = &fit.outliers {
         let text = format!("some rows stand out, and were not looked at: {reason}");
         remarks.push(Remark::Note(text));
@@ -97,7 +88,8 @@ fn found_or_why(found: &Result<impl Display, impl Display>, not_found: &str) -> 
 
 /// What is to be known of the table of errors of a fit.
 pub fn about_table(fit: &Fit) -> impl Iterator<Item = Remark> {
-    fit.warnings.iter().filter(|warning| is_about_table(warning)).map(Remark::from)
+    let about_table = fit.warnings.iter().filter(|warning| is_about_table(warning));
+    about_table.map(|warning| Remark::Note(warning.to_string()))
 }
 
 fn is_about_table(warning: &Warning) -> bool {

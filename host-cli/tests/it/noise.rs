@@ -6,7 +6,7 @@ use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
 use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::WorkflowError;
-use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, noise};
+use shellcal::workflow::noise::{NoiseSummary, noise};
 use shellcal::workflow::selection::{RowFilter, TimeWindow};
 
 fn calibration(channels: usize) -> Calibration {
@@ -29,17 +29,20 @@ fn log(directory: &Path) -> PathBuf {
     path
 }
 
-fn run(path: &Path, options: NoiseOptions) -> Result<NoiseSummary, WorkflowError> {
+fn run(
+    path: &Path,
+    rows: RowFilter,
+    window: Option<TimeWindow>,
+) -> Result<NoiseSummary, WorkflowError> {
     let log = Log::open(path, &Mapping::default()).unwrap().with_chunk_bytes(700);
-    noise(&log, &calibration(2), &options, &ReadOptions::default())
+    noise(&log, &calibration(2), rows, window, &ReadOptions::default())
 }
 
 #[test]
 fn scatter_about_the_mean_of_fresh_frames_in_a_window() {
     let directory = tempfile::tempdir().unwrap();
     let window = Some(TimeWindow { start_s: 0.0, end_s: 2.99 });
-    let options = NoiseOptions { rows: RowFilter::Fresh, window };
-    let summary = run(&log(directory.path()), options).unwrap();
+    let summary = run(&log(directory.path()), RowFilter::Fresh, window).unwrap();
     assert_eq!((summary.rows, summary.repeated_rows, summary.frames), (400, 200, 150));
     // Half of the frames one count up: mean and RMS half a count, up to the rounding of 150 sums.
     for (channel, mean) in summary.channels.iter().zip([10.5, 20.5]) {
@@ -58,15 +61,15 @@ fn a_window_without_frames_and_another_sensor_are_refused() {
     let directory = tempfile::tempdir().unwrap();
     let path = log(directory.path());
     let window = Some(TimeWindow { start_s: 10.0, end_s: 11.0 });
-    let error = run(&path, NoiseOptions { rows: RowFilter::All, window }).unwrap_err();
+    let error = run(&path, RowFilter::All, window).unwrap_err();
     let expected = format!(
         "`{}` has `0` frames to tell the noise from, at least 2 are needed",
         path.display()
     );
     assert_eq!(error.to_string(), expected);
     let log = Log::open(&path, &Mapping::default()).unwrap();
-    let options = NoiseOptions { rows: RowFilter::All, window: None };
-    let error = noise(&log, &calibration(8), &options, &ReadOptions::default()).unwrap_err();
+    let read = ReadOptions::default();
+    let error = noise(&log, &calibration(8), RowFilter::All, None, &read).unwrap_err();
     let expected = "has `2` sensor channels, expected `8`";
     assert!(error.to_string().ends_with(expected), "{error}");
 }

@@ -11,7 +11,7 @@ use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::batch::{self, BatchOptions};
 use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::synthetic_trials::write_log;
-use shellcal::workflow::trial::{TrialJob, WindowTimes, evaluate_in_window};
+use shellcal::workflow::trial::{TrialJob, evaluate_in_window};
 use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 use system_tests::program::succeed;
@@ -72,7 +72,7 @@ fn of_library(
 
     let opened = Log::open(&folder.join(log), &mapping).unwrap();
     let job = TrialJob { log: &opened, instrument, options, read };
-    let times = WindowTimes { enter_s: Some(window.0), exit_s: Some(window.1) };
+    let times = (Some(window.0), Some(window.1));
     let trial = Trial::from_window(log.to_owned(), (f64::NAN, f64::NAN));
     let plotted = evaluate_in_window(&job, trial, times).unwrap().result.trace.unwrap();
 

@@ -8,7 +8,7 @@ use std::path::Path;
 use calibration::{Basis, FitOptions};
 use log_file::{Log, Mapping, ReadOptions};
 use shellcal::workflow::fit::fit;
-use shellcal::workflow::noise::{NoiseOptions, noise};
+use shellcal::workflow::noise::noise;
 use shellcal::workflow::selection::RowFilter;
 use simulation::sensor_model::{RecordingKind, RecordingSettings, SensorRecording};
 use simulation::synthetic_log::SyntheticLayout;
@@ -54,9 +54,8 @@ fn at_the_papers_size_errors_and_noise_are_of_the_papers_order() {
     }
 
     // The paper's zero-load noise lies between 0.015 and 0.048 N.
-    let noise_options = NoiseOptions { rows: RowFilter::Fresh, window: None };
     let scatter =
-        noise(&zero, &fitted.calibration, &noise_options, &ReadOptions::default()).unwrap();
+        noise(&zero, &fitted.calibration, RowFilter::Fresh, None, &ReadOptions::default()).unwrap();
     for (_, axis) in &scatter.axes[..3] {
         assert!((0.01..0.06).contains(&axis.rms), "{} N", axis.rms);
     }

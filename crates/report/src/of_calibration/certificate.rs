@@ -8,7 +8,7 @@ use super::super::sections::calibration::{facts, sources_table};
 use super::super::units::{AxisUnits, ColumnUnit};
 use super::loads;
 use calibration_file::CalibrationFile;
-use serde::{Serialize, Serializer};
+use serde::Serialize;
 use shell_data::wrench::{Axes, PerAxis};
 
 /// The coverage factor: 95 % of normal errors.
@@ -62,12 +62,7 @@ pub struct CheckedLoad {
     /// How far these may differ.
     pub allowed: PerAxis<f64>,
     /// The calibrated axes that differ by more.
-    #[serde(serialize_with = "columns")]
     pub off: Axes,
-}
-
-fn columns<S: Serializer>(axes: &Axes, serializer: S) -> Result<S::Ok, S::Error> {
-    axes.columns().serialize(serializer)
 }
 
 impl Certificate<'_> {

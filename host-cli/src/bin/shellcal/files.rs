@@ -63,13 +63,6 @@ pub(crate) fn is_standard(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-impl OutputLocation {
-    /// Makes the folder, if it is not there.
-    pub(crate) fn create(&self) -> anyhow::Result<()> {
-        create_folder(&self.0)
-    }
-}
-
 /// Makes a folder, if it is not there.
 pub(crate) fn create_folder(path: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(path).with_context(|| format!("cannot create `{}`", path.display()))

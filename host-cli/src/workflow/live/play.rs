@@ -34,7 +34,7 @@ pub fn play(
     is_held: &dyn Fn() -> bool,
     stop: &AtomicBool,
     see: &mut dyn FnMut(&[BoardFrame]),
-) -> Result<u64, WorkflowError> {
+) -> Result<(), WorkflowError> {
     let has_channels = log.channels() == CHANNELS;
     let is_readings = has_channels && (readings || !log.has_wrench());
     if !is_readings && !log.has_wrench() {
@@ -63,8 +63,7 @@ pub fn play(
         }
         Ok(())
     };
-    passed(log.read(&wanted, read, std::mem::take, play))?;
-    Ok(index as u64)
+    Ok(passed(log.read(&wanted, read, std::mem::take, play))?)
 }
 
 /// A row as a frame with this number.

@@ -1,6 +1,5 @@
 //! A live view apart from where it is shown: frames come in, and what the user wants is done.
 
-use std::fmt::Debug;
 use std::time::Duration;
 
 use board_link::recording::{BoardFrame, Measured, RunningForces, protocol_name};
@@ -60,26 +59,19 @@ impl LiveAction {
     }
 }
 
-/// Makes logs.
-pub trait LogMaker: Debug {
-    /// Makes the next, after so many that were made.
-    ///
-    /// # Errors
-    /// [`OutputError`] if it cannot be made.
-    fn next(&mut self, made: usize) -> Result<Box<dyn LogSink>, OutputError>;
-}
+/// Makes the next log, after so many that were made.
+pub type LogMaker = Box<dyn Fn(usize) -> Result<Box<dyn LogSink>, OutputError>>;
 
 /// The logs that a view writes, one after the other.
-#[derive(Debug)]
 pub struct LogSeries {
-    maker: Box<dyn LogMaker>,
+    maker: LogMaker,
     written: Vec<String>,
     is_on: bool,
 }
 
 impl LogSeries {
     /// None is written so far.
-    pub fn new(maker: Box<dyn LogMaker>) -> Self {
+    pub fn new(maker: LogMaker) -> Self {
         Self { maker, written: Vec::new(), is_on: false }
     }
 
@@ -88,7 +80,7 @@ impl LogSeries {
     /// # Errors
     /// [`OutputError`] if it cannot be made.
     pub fn begin(&mut self) -> Result<Box<dyn LogSink>, OutputError> {
-        let log = self.maker.next(self.written.len())?;
+        let log = (self.maker)(self.written.len())?;
         self.written.push(log.path().display().to_string());
         self.is_on = true;
         Ok(log)
@@ -100,7 +92,6 @@ impl LogSeries {
 }
 
 /// A live view and what it is of.
-#[derive(Debug)]
 pub struct LiveSession {
     /// What is shown, as lines and numbers.
     pub model: LiveModel,

@@ -23,16 +23,6 @@ pub struct TrialJob<'a> {
     pub read: ReadOptions<'a>,
 }
 
-/// When the robot enters the channel and when it leaves, s on the log's clock; `None` for what is to
-/// be found in the drag.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct WindowTimes {
-    /// Entry, s.
-    pub enter_s: Option<f64>,
-    /// Exit, s.
-    pub exit_s: Option<f64>,
-}
-
 /// A trial, and the log that it was found on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluated {
@@ -73,18 +63,18 @@ pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, Work
     Ok(Evaluated { result, checksum: summary.checksum })
 }
 
-/// Evaluates a trial on its log, whose entry and exit are those of `window`, found in the drag where
-/// they are not given. That they were found is among its diagnostics.
+/// Evaluates a trial on its log, whose entry and exit are those of `window_s`, on the log's clock, found in the drag
+/// where they are not given. That they were found is among its diagnostics.
 ///
 /// # Errors
 /// [`WorkflowError`] if the log cannot be read, tells no window, or the trial cannot be evaluated on it.
 pub fn evaluate_in_window(
     job: &TrialJob<'_>,
     trial: Trial,
-    window: WindowTimes,
+    window_s: (Option<f64>, Option<f64>),
 ) -> Result<Evaluated, WorkflowError> {
     let mut found = None;
-    let (t_enter_s, t_exit_s) = match (window.enter_s, window.exit_s) {
+    let (t_enter_s, t_exit_s) = match window_s {
         (Some(enter_s), Some(exit_s)) => (enter_s, exit_s),
         (enter_s, exit_s) => {
             let read = ReadOptions { checksum: false, progress: None, ..job.read };

@@ -7,7 +7,7 @@ use clap_complete::Shell;
 use clap_mangen::Man;
 use serde_json::json;
 
-use crate::files::{InputPath, OutputLocation, OutputPath};
+use crate::files::{InputPath, OutputLocation, OutputPath, create_folder};
 use crate::printer::Printer;
 
 #[derive(Debug, clap::Args)]
@@ -57,7 +57,7 @@ pub(crate) struct ManArgs {
 
 impl ManArgs {
     pub(crate) fn run(&self, printer: &Printer, mut command: Command) -> anyhow::Result<()> {
-        self.directory.create()?;
+        create_folder(&self.directory)?;
         command.build();
         let count = self.write(command, printer)?;
         printer.note(format!("{count} pages in `{}`", self.directory.display()));

@@ -4,7 +4,7 @@ use alignment::{Aligned, ClockMap, LeftOut, Options};
 use anyhow::Context;
 use figures::match_figure;
 use log_file::{ColumnRef, FORMATS, Log, LogFormat, Mapping, TIME_UNITS, TimeUnit, parse_column};
-use shellcal::workflow::align::{AlignedLogs, WrittenRows, align_logs, write_training};
+use shellcal::workflow::align::{WrittenRows, align_logs, write_training};
 use shellcal::workflow::remark::used_rows;
 use shellcal::workflow::selection::RowFilter;
 
@@ -95,7 +95,7 @@ impl AlignArgs {
         let logs = printer.scan(larger, self.mapping.read_options(), |read| {
             align_logs(&reference, &log, options, self.sync.as_ref(), &read)
         });
-        let AlignedLogs { aligned, reference: reference_read, board: log_read } = match logs {
+        let (aligned, [reference_read, log_read]) = match logs {
             Err(error) if error.is_refusal() => {
                 printer.error(&error.into());
                 return Ok(Outcome::CheckFailed);
@@ -141,7 +141,7 @@ impl AlignArgs {
                 100.0 * quality.explained
             ));
         }
-        self.report_edges(printer, found)?;
+        self.report_edges(printer, found);
         if printer.json() {
             return printer.document(&document! {
                 reference: &self.reference,
@@ -196,13 +196,13 @@ impl AlignArgs {
     }
 
     /// What the edges of a sync signal were, if one was named.
-    fn report_edges(&self, printer: &Printer, aligned: &Aligned) -> anyhow::Result<()> {
-        let Some(column) = &self.sync else { return Ok(()) };
+    fn report_edges(&self, printer: &Printer, aligned: &Aligned) {
+        let Some(column) = &self.sync else { return };
         let Some(edges) = &aligned.edges else {
             printer.warning(format!(
                 "`{column}` and `sync_s` have no edges for both recordings: the clocks are by the loads"
             ));
-            return Ok(());
+            return;
         };
         let told = if edges.told_by_loads { "; the loads tell which is which" } else { "" };
         printer.note(format!(
@@ -214,7 +214,7 @@ impl AlignArgs {
         ));
         let Some(loads) = edges.by_loads else {
             printer.note("the loads by themselves do not say how the clocks stand");
-            return Ok(());
+            return;
         };
         let apart_s = loads.offset_at_s(aligned.clock.pivot_s) - aligned.clock.offset_s;
         let error_s = loads.offset_se_at_s(aligned.clock.pivot_s);
@@ -227,7 +227,6 @@ impl AlignArgs {
             true => printer.warning(said),
             false => printer.note(said),
         }
-        Ok(())
     }
 }
 

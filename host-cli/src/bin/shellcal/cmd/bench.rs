@@ -67,12 +67,10 @@ impl BenchArgs {
         for (kind, plot) in opened {
             plot.draw(|size| bench::figure(size, &benches, kind))?;
         }
-        if printer.json() {
-            return printer.document(&benches);
-        }
-        benches.iter().for_each(|bench| print(printer, bench));
-        printer.note("`*`: no other solver is both faster and more accurate");
-        Ok(())
+        printer.finish(&benches, |printer| {
+            benches.iter().for_each(|bench| print(printer, bench));
+            printer.note("`*`: no other solver is both faster and more accurate");
+        })
     }
 
     fn open_plots(&self, printer: &Printer) -> anyhow::Result<Vec<(ErrorKind, FigureFile)>> {

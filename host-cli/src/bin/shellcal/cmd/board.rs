@@ -151,10 +151,7 @@ impl BoardArgs {
                 printer.note(format!("the board has kept the calibration, CRC-32 {crc:#010x}"));
             }
         }
-        match printer.json() {
-            true => printer.document(&json!({ "done": true }))?,
-            false => printer.note("done"),
-        }
+        printer.finish(&json!({ "done": true }), |printer| printer.note("done"))?;
         Ok(Outcome::Done)
     }
 

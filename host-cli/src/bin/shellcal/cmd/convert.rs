@@ -22,7 +22,7 @@ use super::frames::{ForceArgs, FrameArgs};
 use super::mapping::{ColumnList, EditedArg, MappingArgs};
 use super::outputs::FigureArgs;
 use super::payload::load::MotionArgs;
-use crate::files::{InputPath, OutputLocation, OutputPath};
+use crate::files::{InputPath, OutputLocation, OutputPath, create_folder};
 use crate::printer::Printer;
 use crate::tables::axis_row;
 
@@ -181,10 +181,7 @@ impl ConvertArgs {
                 ..summary: summary,
             });
         }
-        if printer.json() {
-            printer.document(&conversions)?;
-        }
-        Ok(())
+        printer.finish(&conversions, |_| ())
     }
 
     fn format(&self, path: &Path) -> anyhow::Result<OutputFormat> {
@@ -204,7 +201,7 @@ impl ConvertArgs {
             }
             (None, None) if count == 1 => vec![None],
             (_, Some(directory)) => {
-                directory.create()?;
+                create_folder(directory)?;
                 self.logs.iter().map(|log| Some(directory.join(table_name(log)))).collect()
             }
             _ => bail!("`{count}` logs need `--output-dir` for their tables"),

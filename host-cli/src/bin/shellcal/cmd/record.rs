@@ -156,20 +156,16 @@ fn report(recorded: &Recorded, printer: &Printer) -> anyhow::Result<()> {
             recorded.other_content
         ));
     }
-    if printer.json() {
-        return printer.document(recorded);
-    }
-    printer.line(format!(
-        "{} frames over {:.3} s of the board's time ({}); {}",
-        recorded.frames,
-        recorded.board_time_s,
-        recorded.framing.unwrap_or("no framing"),
-        recorded.losses.in_words(),
-    ));
-    for RecordedBoard { address, log, frames, losses } in &recorded.boards {
-        let position =
-            log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
-        printer.line(format!("board {address}: {frames} frames{position}; {}", losses.in_words()));
-    }
-    Ok(())
+    printer.finish(recorded, |printer| {
+        let Recorded { frames, board_time_s, framing, losses, boards, .. } = recorded;
+        let (framing, lost) = (framing.unwrap_or("no framing"), losses.in_words());
+        printer.line(format!(
+            "{frames} frames over {board_time_s:.3} s of the board's time ({framing}); {lost}"
+        ));
+        for RecordedBoard { address, log, frames, losses } in boards {
+            let at =
+                log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));
+            printer.line(format!("board {address}: {frames} frames{at}; {}", losses.in_words()));
+        }
+    })
 }

@@ -147,8 +147,7 @@ impl StreamArgs {
                 stop.store(true, Ordering::Relaxed);
             }
         };
-        play(log, &read, readings, self.speed, &|| false, stop, &mut see)?;
-        Ok(())
+        Ok(play(log, &read, readings, self.speed, &|| false, stop, &mut see)?)
     }
 }
 

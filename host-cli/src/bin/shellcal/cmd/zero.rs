@@ -6,8 +6,8 @@ use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_f
 use forces::drift::{Drift, Trend};
 use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
 use log_file::{ColumnRef, parse_column};
-use shellcal::workflow::drift::{DriftOptions, DriftSummary, drift};
-use shellcal::workflow::noise::{NoiseOptions, NoiseSummary, Scatter, noise};
+use shellcal::workflow::drift::{DriftSummary, drift};
+use shellcal::workflow::noise::{NoiseSummary, Scatter, noise};
 use shellcal::workflow::remark::{moved_zero, used_rows};
 use shellcal::workflow::selection::TimeWindow;
 
@@ -55,15 +55,12 @@ impl DriftArgs {
         let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let calibration = self.calibration.as_ref().zip(file.as_ref());
         let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
-        let options = DriftOptions {
-            calibration: file.as_ref().map(|file| &file.calibration),
-            temperature: self.temperature.clone(),
-        };
         let mut drifts = Vec::new();
         for log in &logs {
             let name = log.path().display().to_string();
             let summary = printer.scan(log, self.mapping.read_options(), |read| {
-                drift(log, &options, self.frames.rows(log), &read)
+                let calibration = file.as_ref().map(|file| &file.calibration);
+                drift(log, calibration, self.temperature.as_ref(), self.frames.rows(log), &read)
             })?;
             if let Some(plot) = plot.take() {
                 plot.draw(|size| figure(size, &name, &summary))?;
@@ -213,9 +210,8 @@ impl NoiseArgs {
         let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
         let mut noises = Vec::new();
         for (path, log) in self.logs.iter().zip(&logs) {
-            let options = NoiseOptions { rows: self.frames.rows(log), window: self.window };
             let summary = printer.scan(log, self.mapping.read_options(), |read| {
-                noise(log, &file.calibration, &options, &read)
+                noise(log, &file.calibration, self.frames.rows(log), self.window, &read)
             })?;
             let counts = [summary.rows, summary.repeated_rows, summary.skipped_rows];
             printer.remarks([used_rows(path, summary.rows_used, counts)]);

@@ -204,8 +204,7 @@ const OUTLIERS: [(&str, &str, OutlierRule); 3] = [
 impl FitArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         if let Some(path) = &self.partial {
-            self.write_partial(path, printer)?;
-            return Ok(Outcome::Done);
+            return self.write_partial(path, printer).map(Outcome::from);
         }
         if let Some(before) = &self.from {
             return self.recalibrate(before, printer);

@@ -24,7 +24,7 @@ use log_file::Log;
 use output_file::OutputError;
 use serde_json::json;
 use shell_data::wrench::Axes;
-use shellcal::workflow::live::{Feed, LiveSession, LogMaker, LogSeries, guide_through, play};
+use shellcal::workflow::live::{Feed, LiveSession, LogSeries, guide_through, play};
 
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
@@ -111,8 +111,9 @@ impl LiveArgs {
             "`--plan` labels the rows of a log: name one with `--output`"
         );
         let path = self.output.as_ref().map(|path| path.to_path_buf());
-        let files = LogFiles { path, overwrite: self.overwrite };
-        let mut logs = is_port.then(|| LogSeries::new(Box::new(files)));
+        let overwrite = self.overwrite;
+        let next_log = move |made| next_log(path.as_deref(), overwrite, made);
+        let mut logs = is_port.then(|| LogSeries::new(Box::new(next_log)));
         let table = self.plan.as_ref().map(read_table).transpose()?;
         let guide = table.as_ref().map(guide_through);
         // What cannot work is said before the screen is taken.
@@ -205,8 +206,7 @@ impl LiveArgs {
         let source: FrameSource = Box::new(move |done| {
             let is_held = || feed.state().is_held;
             let mut see = |frames: &_| watcher.iter_mut().for_each(|it| it.see(frames));
-            play(&log, &read, wants_readings, speed, &is_held, done, &mut see)?;
-            Ok(())
+            Ok(play(&log, &read, wants_readings, speed, &is_held, done, &mut see)?)
         });
         Ok((source, axes))
     }
@@ -229,25 +229,21 @@ fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<
 /// What gives frames until the flag is set.
 type FrameSource = Box<dyn FnOnce(&AtomicBool) -> anyhow::Result<()> + Send>;
 
-/// Makes `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that is not there.
-#[derive(Debug)]
-pub(super) struct LogFiles {
-    /// The first of them, if it has a name.
-    pub(super) path: Option<PathBuf>,
-    pub(super) overwrite: bool,
-}
-
-impl LogMaker for LogFiles {
-    fn next(&mut self, made: usize) -> Result<Box<dyn LogSink>, OutputError> {
-        // A name that was given is meant; one that was made must not be in the way.
-        if let Some(path) = self.path.as_ref().filter(|_| made == 0) {
-            return Ok(Box::new(AppendWriter::create(path, self.overwrite)?));
-        }
-        let base = self.path.clone().unwrap_or_else(|| PathBuf::from("live.csv"));
-        let mut names = (made + 1..).map(|number| numbered(&base, number));
-        let free = names.find(|path| !path.exists()).expect("numbers do not end");
-        Ok(Box::new(AppendWriter::create(&free, false)?))
+/// Makes `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that is not there; `path` is that of the first, if it
+/// has a name.
+fn next_log(
+    path: Option<&Path>,
+    overwrite: bool,
+    made: usize,
+) -> Result<Box<dyn LogSink>, OutputError> {
+    // A name that was given is meant; one that was made must not be in the way.
+    if let Some(path) = path.filter(|_| made == 0) {
+        return Ok(Box::new(AppendWriter::create(path, overwrite)?));
     }
+    let base = path.unwrap_or(Path::new("live.csv"));
+    let mut names = (made + 1..).map(|number| numbered(base, number));
+    let free = names.find(|path| !path.exists()).expect("numbers do not end");
+    Ok(Box::new(AppendWriter::create(&free, false)?))
 }
 
 fn numbered(base: &Path, number: usize) -> PathBuf {
@@ -268,13 +264,12 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("run.csv");
         std::fs::write(dir.path().join("run-2.csv"), "mine").unwrap();
-        let mut logs = LogFiles { path: Some(path.clone()), overwrite: false };
-        let writers = [logs.next(0).unwrap(), logs.next(1).unwrap()];
+        let next_log = |made| next_log(Some(&path), false, made);
+        let writers = [next_log(0).unwrap(), next_log(1).unwrap()];
         let names = writers.each_ref().map(|log| log.path().file_name().unwrap().to_owned());
         assert_eq!(names, ["run.csv", "run-3.csv"]);
         assert_eq!(std::fs::read(dir.path().join("run-2.csv")).unwrap(), b"mine");
         drop(writers);
-        let mut again = LogFiles { path: Some(path), overwrite: false };
-        assert!(again.next(0).is_err(), "a name that was given is taken");
+        assert!(next_log(0).is_err(), "a name that was given is taken");
     }
 }

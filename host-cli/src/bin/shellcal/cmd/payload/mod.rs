@@ -231,10 +231,7 @@ impl SubtractArgs {
         })?;
         out.commit()?;
         self.motion.report(printer, &log, &summary);
-        if printer.json() {
-            printer.document(&summary)?;
-        }
-        Ok(())
+        printer.finish(&summary, |_| ())
     }
 }
 

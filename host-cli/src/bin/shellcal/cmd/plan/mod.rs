@@ -11,7 +11,7 @@ use calibration::load_plan::{
     Coupling, Criterion, PlannedLoad, Planner, PredictedError, SensorKnowledge, couplings,
 };
 use calibration_file::CalibrationFile;
-use load_table::{Combinations, HungLoad, HungLoads, WrenchBox};
+use load_table::{HungLoad, HungLoads, WrenchBox, combinations};
 use shell_data::wrench::PerAxis;
 use shellcal::workflow::plan::RecordedSession;
 
@@ -199,12 +199,9 @@ impl PlanArgs {
 
     /// What was recorded.
     fn session(&self) -> anyhow::Result<RecordedSession> {
-        let none = || RecordedSession {
-            loads: Vec::new(),
-            sensors: Err("nothing is recorded".to_owned()),
-        };
+        let without_loads = |sensors| RecordedSession { loads: Vec::new(), sensors };
         match self.recorded.as_slice() {
-            [] => Ok(none()),
+            [] => Ok(without_loads(Err("nothing is recorded".to_owned()))),
             [path] if path.extension().is_some_and(|extension| extension == "json") => {
                 let file = CalibrationFile::read(path)?;
                 let Kind::Physics(physics) = file.calibration.kind() else {
@@ -213,8 +210,7 @@ impl PlanArgs {
                         path.display()
                     );
                 };
-                let sensors = Ok(SensorKnowledge::from_calibration(physics));
-                Ok(RecordedSession { sensors, ..none() })
+                Ok(without_loads(Ok(SensorKnowledge::from_calibration(physics))))
             }
             paths => {
                 let logs = open_logs(paths, ("", &[]), &self.mapping.mapping())?;
@@ -246,15 +242,14 @@ impl PlanArgs {
             return read_table(path);
         }
         if let Some(wrench_box) = &self.wrench_box {
-            return Ok(wrench_box.table()?);
+            return Ok(wrench_box.table());
         }
         anyhow::ensure!(
             !self.masses.is_empty(),
             "nothing is said of the rig: give its loads with `--rig`, `--masses`, or `--box`"
         );
-        let points_mm = if self.points.is_empty() { vec![[0.0; 3]] } else { self.points.clone() };
-        let (masses_kg, directions) = (self.masses.clone(), self.directions.clone());
-        Ok(Combinations { masses_kg, points_mm, directions }.table()?)
+        let points_mm = if self.points.is_empty() { &[[0.0; 3]][..] } else { &self.points };
+        combinations(&self.masses, points_mm, &self.directions).map_err(anyhow::Error::msg)
     }
 }
 

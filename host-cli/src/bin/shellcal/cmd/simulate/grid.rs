@@ -26,11 +26,8 @@ impl SimulateArgs {
         let mut output = printer.create(self.output.as_ref())?;
         let names: Vec<String> = axes.iter().map(|axis| axis.parameter.column()).collect();
         if let Some(file) = &mut output {
-            writeln!(
-                file,
-                "{},mean_drag_n,minimum_drag_n,peak_drag_n,energy_j,error",
-                names.join(",")
-            )?;
+            let names = names.join(",");
+            writeln!(file, "{names},mean_drag_n,minimum_drag_n,peak_drag_n,energy_j,error")?;
         }
         let bar = printer.count("combinations", count as u64);
         let (mut rows, mut reports, mut refused) = (Vec::new(), Vec::new(), 0);

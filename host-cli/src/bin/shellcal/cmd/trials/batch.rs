@@ -275,7 +275,7 @@ const FORMATS: [(&str, &str, Format); 3] = [
 impl ResultArgs {
     /// Makes the directories and finds out whether tables can be written, before any work.
     fn prepare(&self, printer: &Printer, shard: Option<Shard>) -> anyhow::Result<()> {
-        self.traces.iter().try_for_each(OutputLocation::create)?;
+        self.traces.iter().try_for_each(|directory| create_folder(directory))?;
         for (directory, extension) in [(&self.csv, "csv"), (&self.parquet, "parquet")] {
             let Some(directory) = directory else { continue };
             for file in table_files(directory, shard, extension) {
@@ -287,10 +287,14 @@ impl ResultArgs {
     }
 
     /// The directory of figures, made if it is not there.
-    fn figure_folder<'a>(&self, printer: &'a Printer) -> anyhow::Result<Option<FigureFolder<'a>>> {
+    fn figure_folder<'a>(
+        &'a self,
+        printer: &'a Printer,
+    ) -> anyhow::Result<Option<FigureFolder<'a>>> {
         let Some(directory) = &self.figures else { return Ok(None) };
-        let (formats, size) = (&self.figure_format, self.figure_size.size);
-        Ok(Some(FigureFolder::create(&printer.files, directory, formats, size)?))
+        create_folder(directory)?;
+        let (outputs, formats, size) = (&printer.files, &self.figure_format, self.figure_size.size);
+        Ok(Some(FigureFolder { outputs, directory, formats, size }))
     }
 
     /// What has to be kept of a log for the outputs.

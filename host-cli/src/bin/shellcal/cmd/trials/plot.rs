@@ -6,7 +6,7 @@ use figures::trial::{box_figure, drag_lift_figure, phase_figure, stack_figure};
 use log_file::Log;
 use shellcal::workflow::figures::{passage, reduce_trace, some_strides, title};
 use shellcal::workflow::selection::TimeWindow;
-use shellcal::workflow::trial::{WindowTimes, evaluate_in_window};
+use shellcal::workflow::trial::evaluate_in_window;
 use trial::{TraceExtent, Trial, TrialRow};
 
 use super::evaluation::{self, EvaluationArgs};
@@ -113,8 +113,8 @@ impl OneArgs {
         let log = Log::open(&self.log, &equipment.mapping)?;
         let name = self.log.display().to_string();
         let trial = Trial::from_window(name, (f64::NAN, f64::NAN));
-        let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
-        let result = evaluate_in_window(&equipment.job(&log), trial, window)?.result;
+        let result =
+            evaluate_in_window(&equipment.job(&log), trial, (self.enter, self.exit))?.result;
         equipment.note_forces(printer);
         let (row, trace) = (&result.row, result.trace.unwrap_or_default());
         let title = self.title.clone().unwrap_or_else(|| title(row));

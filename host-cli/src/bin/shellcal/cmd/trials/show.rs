@@ -50,7 +50,9 @@ pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) {
     for quantity in Quantity::COMPARED {
         for per in Per::ALL {
             let wanted = |row: &&ConditionRow| row.quantity == quantity && row.per == per;
-            let rows: Vec<_> = rows.iter().filter(wanted).collect();
+            let rows: Vec<ConditionNumbers<'_>> = (rows.iter().filter(wanted))
+                .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))
+                .collect();
             if rows.is_empty() {
                 continue;
             }
@@ -61,11 +63,7 @@ pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) {
             };
             printer.line("");
             printer.line(format!("{}{unit} per {}", quantity.name(), per.name()));
-            let numbers: Vec<_> = rows
-                .iter()
-                .map(|row| (&*row.condition, &row.statistics, row.difference.as_ref()))
-                .collect();
-            statistics(printer, &numbers, factor);
+            statistics(printer, &rows, factor);
         }
     }
 }

@@ -2,9 +2,7 @@
 
 use figures::trial::window_figure;
 use log_file::Log;
-use shellcal::workflow::trial::{
-    TrialJob, WindowSearch, WindowTimes, evaluate_in_window, search_window,
-};
+use shellcal::workflow::trial::{TrialJob, WindowSearch, evaluate_in_window, search_window};
 use trial::tables::{strides_table, trace_table};
 use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent, Trial};
 
@@ -77,10 +75,9 @@ impl TrialArgs {
             channel_length_m: self.channel_length,
             ..Trial::from_window(name.clone(), (f64::NAN, f64::NAN))
         };
-        let window = WindowTimes { enter_s: self.enter, exit_s: self.exit };
         let job = equipment.job(&log);
         let evaluated = printer.scan(&log, job.read, |read| {
-            evaluate_in_window(&TrialJob { read, ..job }, trial, window)
+            evaluate_in_window(&TrialJob { read, ..job }, trial, (self.enter, self.exit))
         })?;
         let result = &evaluated.result;
         if let (Some(file), Some(trace)) = (trace_file, &result.trace) {
