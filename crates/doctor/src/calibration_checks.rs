@@ -61,7 +61,7 @@ pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Ve
     let columns = origin.columns.as_ref();
     let names = columns.and_then(|columns| columns.sensors.as_deref()).unwrap_or_default();
     findings.extend(check_ranges(calibration, names));
-    if matches!(calibration.kind(), Kind::Polynomial(_)) && calibration.covariance.is_none() {
+    if matches!(calibration.kind, Kind::Polynomial(_)) && calibration.covariance.is_none() {
         let seen = "it has no covariance, so forces come without standard errors";
         let advice = "fit it again without `--model`: it then takes a model that its groups of rows can judge";
         findings.push(Finding::warning("no-covariance", seen, advice));
@@ -90,7 +90,7 @@ fn check_fit(known: &Diagnostics, calibration: &Calibration) -> Vec<Finding> {
     // The features are a polynomial's: the physics model has none.
     let mut findings = calibration
         .polynomial()
-        .map_or_else(Vec::new, |polynomial| check_features(known, polynomial.coefficients().len()));
+        .map_or_else(Vec::new, |polynomial| check_features(known, polynomial.coefficients.len()));
     let skipped = known.skipped_rows as f64 / (known.rows + known.skipped_rows).max(1) as f64;
     if skipped > SKIPPED {
         let seen = format!("{} of the training rows were wrong and left out", percent(skipped));

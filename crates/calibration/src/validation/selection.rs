@@ -18,7 +18,7 @@ use super::grouped::GroupedMoments;
 use crate::error::FitError;
 use crate::exact::{HeldOutErrors, PartitionedMoments};
 use crate::model::{Basis, Model};
-use crate::quality::significant;
+use crate::quality::{in_units, significant};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Ridge parameters that are tried; larger ones follow, up to [`LARGEST_RIDGE`], as long as the last
@@ -109,7 +109,7 @@ pub fn select(sums: &GroupedMoments, intercept: bool, ridges: &[f64]) -> Result<
         // The sums of a fold are the same for every ridge.
         let of_fold = |fold: &Vec<usize>| {
             let moments = sums.of_fold(fold);
-            let part = parts.part(&moments);
+            let part = parts.scales.part(&moments);
             (moments, part)
         };
         let of_folds: Vec<_> = folds.iter().map(of_fold).collect();
@@ -304,9 +304,8 @@ fn name(of: &Candidate) -> String {
 
 /// The errors of the second of two models and of the first.
 fn worth(comparison: &Comparison, axes: Axes) -> String {
-    let of = |axis: Axis| {
-        let [first, second] = comparison.rms.map(|rms| significant(rms[axis.index()], 3));
-        format!("{} {second} → {first} {}", axis.name(), axis.unit())
-    };
-    axes.iter().map(of).collect::<Vec<_>>().join(", ")
+    in_units(axes.iter(), |axis| {
+        let [first, second] = comparison.rms.map(|rms| significant(rms[axis], 3));
+        format!("{second} → {first}")
+    })
 }
