@@ -106,6 +106,11 @@ impl<'a> PartitionedMoments<'a> {
         Ok(Self { total, model: *model, all: scales.part(total), scales })
     }
 
+    /// The sums of some of the rows, in the form that is needed here.
+    pub fn part(&self, moments: &Moments) -> PartMoments {
+        self.scales.part(moments)
+    }
+
     /// Fits all rows but those of `moments`, whose sums are `part`, and returns the errors on
     /// those. `ridge` is as in [`Moments::solve`], about the mean of all rows.
     ///

@@ -149,7 +149,7 @@ pub(crate) fn errors_on(
     held_out: &Moments,
     ridge: f64,
 ) -> Result<PerAxis<HeldOutErrors>, FitError> {
-    parts.held_out(held_out, &parts.scales.part(held_out), ridge)
+    parts.held_out(held_out, &parts.part(held_out), ridge)
 }
 
 /// The rows of each group.

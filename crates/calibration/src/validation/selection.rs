@@ -109,7 +109,7 @@ pub fn select(sums: &GroupedMoments, intercept: bool, ridges: &[f64]) -> Result<
         // The sums of a fold are the same for every ridge.
         let of_fold = |fold: &Vec<usize>| {
             let moments = sums.of_fold(fold);
-            let part = parts.scales.part(&moments);
+            let part = parts.part(&moments);
             (moments, part)
         };
         let of_folds: Vec<_> = folds.iter().map(of_fold).collect();
