@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
+use calibration::dynamics::DynamicsRule;
 use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
 use calibration::memory::{MemoryState, NoTime};
 use calibration::solver::SolverKind;
@@ -118,11 +118,7 @@ pub(crate) fn fit(
         solver: options::solver(solver)?,
         truncate,
         // What is not given is searched for.
-        dynamics: DynamicsRule {
-            lag: lag.map_or(LagRule::Auto, LagRule::Given),
-            memory: memory_terms.as_deref().map_or(MemoryRule::Auto, MemoryRule::Given),
-            in_groups: false,
-        },
+        dynamics: DynamicsRule { lag, memory: memory_terms.as_deref(), in_groups: false },
         cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
         seed,
         covariance: options::covariance(covariance)?,
@@ -259,8 +255,8 @@ impl Fitted {
                 calibration.wrench(&block, &mut of_block);
                 copy(&axes.of(&of_block), start, &mut wrench);
                 if let Some(deviations) = &mut deviations {
-                    calibration.standard_errors(&block, None, &mut of_block);
-                    copy(&axes.of(&of_block), start, deviations);
+                    let errors = calibration.standard_errors(&block, None).unwrap_or_default();
+                    copy(&axes.of(&errors), start, deviations);
                 }
             }
             Ok((wrench, deviations))

@@ -55,7 +55,7 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
     if calibration.memory.is_some() {
         return Err(NotForBoard::MemoryTerms);
     }
-    let board = match calibration.kind() {
+    let board = match &calibration.kind {
         Kind::Polynomial(polynomial) => shared_proto::Calibration::Cubic(cubic(polynomial)?),
         Kind::Physics(model) => shared_proto::Calibration::Physics(physics(model.model())),
     };
@@ -80,7 +80,7 @@ fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
         coefficients: [[0.0; AXES]; FEATURES],
         intercept: [0.0; AXES],
     };
-    for (term, row) in model.terms().iter().zip(polynomial.coefficients()) {
+    for (term, row) in model.terms().iter().zip(&polynomial.coefficients) {
         let row = row.map(|value| value as f32);
         match term.factors() {
             [] => board.intercept = row,

@@ -31,7 +31,7 @@ type Constant = (&'static str, &'static str, Vec<Vec<f64>>);
 pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String {
     let axes = file.calibration.axes;
     let memory = file.calibration.memory.as_ref();
-    let (mut constants, python_body, matlab_body) = match file.calibration.kind() {
+    let (mut constants, python_body, matlab_body) = match &file.calibration.kind {
         Kind::Polynomial(polynomial) => (
             polynomial_constants(polynomial, axes),
             include_str!("../assets/export/polynomial.py"),
@@ -100,7 +100,7 @@ fn polynomial_constants(polynomial: &Polynomial, axes: Axes) -> Vec<Constant> {
     let scaling = polynomial.scaling();
     let factors = model.terms().iter().map(positions).collect();
     let products = "a row for each feature: the channels it is a product of, from 0";
-    let coefficients = polynomial.coefficients().iter().map(|row| axes.of(row)).collect();
+    let coefficients = polynomial.coefficients.iter().map(|row| axes.of(row)).collect();
     vec![
         ("CENTRE", "counts", vec![scaling.centre.clone()]),
         ("SCALE", "counts", vec![scaling.scale.clone()]),

@@ -16,7 +16,7 @@ use calibration::physics::{
     GroupIntervals, MOST_CHANNELS, PhysicsCalibration, PhysicsModel, Sensor,
 };
 use calibration::reading_ranges::ReadingRange;
-use calibration::scaling::Scaling;
+use calibration::scaling::{Scaling, is_power_of_two};
 use calibration::uncertainty::{CoefficientCovariance, Covariance, ErrorShape};
 use calibration::{Calibration, Kind, Polynomial, model};
 use shell_data::by_axis::{self, Among, Row};
@@ -64,7 +64,7 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
         terms: term_names(&polynomial.model()),
         scaling: polynomial.scaling().clone(),
         axes,
-        coefficients: polynomial.coefficients().iter().copied().map(Row).collect(),
+        coefficients: polynomial.coefficients.iter().copied().map(Row).collect(),
         covariance: calibration.covariance.clone(),
         valid_range: calibration.valid_range.clone(),
         memory: calibration.memory.clone(),
@@ -233,10 +233,6 @@ pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<
     Ok(())
 }
 
-pub(super) fn is_power_of_two(value: f64) -> bool {
-    value > 0.0 && value.recip().is_normal() && value.to_bits().trailing_zeros() >= 52
-}
-
 /// What `model` says.
 const NAME: &str = "physics";
 
@@ -268,7 +264,7 @@ pub(super) fn format_physics(file: &CalibrationFile, physics: &PhysicsCalibratio
         model: NAME.to_owned(),
         axes: Axes::ALL,
         physics: physics.model().clone(),
-        standard_error_scale: *physics.error_scale(),
+        standard_error_scale: physics.error_scale,
         intervals: physics.intervals.clone(),
         valid_range: file.calibration.valid_range.clone(),
         lag: file.calibration.lag,
@@ -421,7 +417,7 @@ mod tests {
         assert!(!text.contains("fy_n") && text.contains("[0.3333333333333333, 1.0]"), "{text}");
         let read = parse(text.as_bytes()).unwrap();
         assert_eq!((read.to_json(), read.calibration.axes), (text.clone(), axes));
-        let coefficients = read.calibration.polynomial().unwrap().coefficients();
+        let coefficients = &read.calibration.polynomial().unwrap().coefficients;
         assert_eq!(coefficients[0], [1.0 / 3.0, 0.0, 1.0, 0.0, 0.0, 0.0]);
         let cases = [(
             "\"schema_version\": 4",
@@ -539,8 +535,8 @@ mod tests {
             sensor.as_object_mut().unwrap().remove("loadings");
         }
         let read = CalibrationFile::parse(document.to_string().as_bytes()).unwrap();
-        let Kind::Physics(physics) = read.calibration.kind() else { panic!("no physics model") };
-        assert_eq!((physics.model().factor_count(), *physics.error_scale()), (0, [1.0; 6]));
+        let Kind::Physics(physics) = &read.calibration.kind else { panic!("no physics model") };
+        assert_eq!((physics.model().factor_count(), physics.error_scale), (0, [1.0; 6]));
     }
 
     #[test]

@@ -59,13 +59,11 @@ use serde::de::IgnoredAny;
 use self::matrix::MatrixError;
 pub use self::origin::{Diagnostics, Origin, Role, SolverRecord, SourceFile};
 pub use self::partial::{MergeError, PartialFit, PartialGroup, PartialGroups, PartialStream, Sums};
+pub use calibration::model::LARGEST;
 use calibration::plausibility::Implausible;
 use calibration::{Calibration, Kind};
 use input::DocumentKind;
 use shell_data::wrench::{Axis, PerAxis};
-
-/// The largest number that a document may have: squares and products of such are still numbers.
-pub const LARGEST: f64 = 1e100;
 
 /// The version of the documents that this program writes: of any model, with a checksum.
 pub const SCHEMA_VERSION: u64 = 4;
@@ -265,7 +263,7 @@ impl CalibrationFile {
 
     /// The JSON document.
     pub fn to_json(&self) -> String {
-        checksum::add(&match self.calibration.kind() {
+        checksum::add(&match &self.calibration.kind {
             Kind::Polynomial(polynomial) => document::format(self, polynomial),
             Kind::Physics(physics) => document::format_physics(self, physics),
         })
@@ -283,7 +281,7 @@ impl CalibrationFile {
     ) -> Result<Self, CalibrationFileError> {
         let parse = |bytes: &[u8]| matrix::parse(bytes, options).map_err(Problem::Matrix);
         let calibration = input::document(path, DocumentKind::Matrix, parse)?;
-        let rows = calibration.polynomial().map_or(0, |p| p.coefficients().len()) as u64;
+        let rows = calibration.polynomial().map_or(0, |p| p.coefficients.len()) as u64;
         let (role, path) = (Role::Matrix, path.into());
         let source = SourceFile { role, path, checksum: None, digest: None, rows };
         let origin = Origin { sources: vec![source], ..Origin::default() };

@@ -10,7 +10,7 @@ use std::collections::HashMap;
 
 use calibration::model::{Basis, MAX_CHANNELS, Model, Term};
 use calibration::scaling::Scaling;
-use calibration::{Calibration, Polynomial, raw_units};
+use calibration::{Calibration, Polynomial};
 use shell_data::wrench::MomentUnit;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -56,7 +56,7 @@ const USUAL_NAMES: [&str; 2] = ["N", "C"];
 pub fn to_csv(polynomial: &Polynomial, axes: Axes) -> String {
     let names = axes.iter().map(|axis| HEADER[axis.index() + 1]);
     let mut csv = HEADER[..1].iter().copied().chain(names).collect::<Vec<_>>().join(",") + "\n";
-    let rows = raw_units::coefficients(polynomial);
+    let rows = polynomial.raw_coefficients();
     for (term, row) in polynomial.model().terms().iter().zip(rows) {
         csv += &feature_name(term);
         for (axis, coefficient) in axes.values(&row) {
@@ -332,7 +332,7 @@ mod tests {
         assert!(text.starts_with("feature,Fz_N,Mx_mNm\ns1^1,0.375,500.0\n"), "{text}");
         let read = import(&text).unwrap();
         assert_eq!(read.axes, some.axes);
-        let coefficients = read.polynomial().unwrap().coefficients();
+        let coefficients = &read.polynomial().unwrap().coefficients;
         assert_eq!(coefficients[0], [0.0, 0.0, 0.375, 0.5, 0.0, 0.0]);
         assert!(import("feature,Fz_N,Fx_N\ns1,1,2\n").is_err());
     }
@@ -355,7 +355,7 @@ mod tests {
         let csv = "feature,Fx_N,Fy_N,Fz_N,Mx_Nm,My_Nm,Mz_Nm\ns2,7,8,9,10,11,12\ns1,1,2,3,4,5,6\n";
         let calibration = import(csv).unwrap();
         assert_eq!(
-            calibration.polynomial().unwrap().coefficients()[0],
+            calibration.polynomial().unwrap().coefficients[0],
             [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
         );
     }
@@ -369,7 +369,7 @@ mod tests {
         let calibration = import(&tall).unwrap();
         assert_eq!(calibration.name(), "cubic + offset");
         assert_eq!(
-            calibration.polynomial().unwrap().coefficients()[1],
+            calibration.polynomial().unwrap().coefficients[1],
             [6.0, 7.0, 8.0, 0.009, 0.01, 0.011]
         );
         assert_eq!(import(&wide), Ok(calibration));
@@ -455,11 +455,11 @@ mod tests {
         #[test]
         fn plain_and_compressed_matrices_are_the_same_either_way_round() {
             let calibration = parse(&file(&[matrix("A", 24, 6)]), None).unwrap();
-            assert_eq!(calibration.polynomial().unwrap().coefficients()[1][..3], [2.0, 26.0, 50.0]);
+            assert_eq!(calibration.polynomial().unwrap().coefficients[1][..3], [2.0, 26.0, 50.0]);
             let packed = file(&[compressed(&matrix("A", 24, 6))]);
             assert_eq!(parse(&packed, None), Ok(calibration));
             let wide = parse(&file(&[matrix("A", 6, 24)]), None).unwrap();
-            assert_eq!(wide.polynomial().unwrap().coefficients()[1][..3], [7.0, 8.0, 9.0]);
+            assert_eq!(wide.polynomial().unwrap().coefficients[1][..3], [7.0, 8.0, 9.0]);
         }
 
         #[test]

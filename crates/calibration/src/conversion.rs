@@ -18,7 +18,8 @@ use shell_data::wrench::{Axes, PerAxis};
 /// A fitted model and what is needed to apply and to trust it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
-    kind: Kind,
+    /// A polynomial or a physics model.
+    pub kind: Kind,
     /// Which axes of the wrench it gives: those that were measured in the training data. What it says of the
     /// others is no wrench.
     pub axes: Axes,
@@ -67,11 +68,6 @@ impl Calibration {
             valid_range: Some(ranges.channels[..solution.model.channels].to_vec()),
             ..Self::new(solution.model, solution.scaling.clone(), rows)
         }
-    }
-
-    /// How it gets from readings to wrenches.
-    pub fn kind(&self) -> &Kind {
-        &self.kind
     }
 
     /// The polynomial, if it is one.
@@ -173,12 +169,7 @@ impl Calibration {
 
     /// The number of rows with a reading outside the range of the training data.
     pub fn rows_out_of_range(&self, readings: &[Vec<f64>]) -> u64 {
-        match self.valid_range {
-            Some(_) => {
-                self.out_of_range(readings).iter().filter(|&&flags| flags != 0).count() as u64
-            }
-            None => 0,
-        }
+        self.out_of_range(readings).iter().filter(|&&flags| flags != 0).count() as u64
     }
 
     /// Number of rows, after a check of the shape that callers promise.
@@ -220,7 +211,7 @@ mod tests {
                     for axis in 0..6 {
                         // Dyadic numbers of few bits: every operation is exact.
                         let expected: f64 =
-                            std::iter::zip(polynomial.model().terms(), polynomial.coefficients())
+                            std::iter::zip(polynomial.model().terms(), &polynomial.coefficients)
                                 .map(|(term, c)| {
                                     c[axis] * term.factors().iter().map(z).product::<f64>()
                                 })

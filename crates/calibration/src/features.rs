@@ -17,8 +17,10 @@ use shell_data::vectorised;
 /// The features of a model, in the order of its [terms](Model::terms), ready to be evaluated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Features {
-    model: Model,
-    scaling: Scaling,
+    /// The model.
+    pub model: Model,
+    /// The scaling of the readings.
+    pub scaling: Scaling,
     recipe: Vec<Recipe>,
 }
 
@@ -45,19 +47,9 @@ impl Features {
     /// # Panics
     /// If `scaling` is not for as many columns as `model`.
     pub fn new(model: Model, scaling: Scaling) -> Self {
-        assert_eq!(model.columns(), scaling.channels(), "one scaling per column");
+        assert_eq!(model.columns(), scaling.centre.len(), "one scaling per column");
         let recipe = recipe(&model.terms());
         Self { model, scaling, recipe }
-    }
-
-    /// The model.
-    pub fn model(&self) -> Model {
-        self.model
-    }
-
-    /// The scaling of the readings.
-    pub fn scaling(&self) -> &Scaling {
-        &self.scaling
     }
 
     /// Number of features, the intercept among them.

@@ -16,7 +16,7 @@ use shell_data::wrench::Axes;
 pub(crate) struct GroupedRows {
     blocks: Vec<Arc<Block>>,
     /// In ascending order of groups, those of a group in the order of the data set.
-    runs: Vec<Run>,
+    pub(crate) runs: Vec<Run>,
 }
 
 /// Rows of a group that follow each other in a block.
@@ -25,7 +25,7 @@ pub(crate) struct Run {
     group: u32,
     block: u32,
     first: u32,
-    rows: u32,
+    pub(crate) rows: u32,
 }
 
 /// The number of a block, a group or a row of a block.
@@ -114,11 +114,6 @@ impl GroupedRows {
         &self.runs[before(group)..before(group + 1)]
     }
 
-    /// All runs.
-    pub(crate) fn runs(&self) -> &[Run] {
-        &self.runs
-    }
-
     /// A column along some runs: of the six axes, N and N·m, then of the readings, counts.
     pub(crate) fn column(&self, runs: &[Run], position: usize) -> impl Iterator<Item = f64> {
         runs.iter().flat_map(move |run| self.of_run(run, position).iter().copied())
@@ -203,10 +198,6 @@ pub(crate) fn count(runs: &[Run]) -> usize {
 impl Run {
     pub(crate) fn group(&self) -> u64 {
         self.group.into()
-    }
-
-    pub(crate) fn rows(&self) -> u32 {
-        self.rows
     }
 }
 

@@ -209,7 +209,7 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
     let (rows, _) = GroupedRows::from_labels(data);
     (0..6).all(|axis| {
         let within: f64 = rows.groups().map(|runs| rows.spread(runs, axis).squares).sum();
-        within <= WITHIN_POSES * rows.spread(rows.runs(), axis).squares
+        within <= WITHIN_POSES * rows.spread(&rows.runs, axis).squares
     })
 }
 

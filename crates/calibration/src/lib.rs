@@ -57,7 +57,6 @@ pub mod polynomial;
 pub mod quality;
 pub mod r_factor;
 pub mod rank_loss;
-pub mod raw_units;
 pub mod reading_ranges;
 pub mod recalibration;
 pub mod sandwich;

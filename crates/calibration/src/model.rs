@@ -58,6 +58,9 @@ impl Basis {
     }
 }
 
+/// The largest number that a document may have: squares and products of such are still numbers.
+pub const LARGEST: f64 = 1e100;
+
 /// The largest number of channels: their indices are bytes.
 pub const MAX_CHANNELS: usize = 255;
 

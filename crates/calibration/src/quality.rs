@@ -4,7 +4,7 @@
 
 use shell_data::statistics::RunningVariance;
 use shell_data::vectorised;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// How far predictions are from measurements, on one axis, while it is being summed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -71,6 +71,15 @@ pub fn errors(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> PerAxis<A
 /// Adds the rows of `other` to `all`, axis by axis.
 pub fn merge(all: &mut PerAxis<AxisErrors>, other: &PerAxis<AxisErrors>) {
     all.iter_mut().zip(other).for_each(|(all, other)| all.merge(other));
+}
+
+/// What there is to say of each axis, between its name and its unit: `Fx 0.12 N, Fy 0.1 N`.
+pub(crate) fn in_units(
+    axes: impl IntoIterator<Item = Axis>,
+    say: impl Fn(usize) -> String,
+) -> String {
+    let of = |axis: Axis| format!("{} {} {}", axis.name(), say(axis.index()), axis.unit());
+    axes.into_iter().map(of).collect::<Vec<_>>().join(", ")
 }
 
 /// `value` with so many significant digits, with an exponent where that is shorter to read.

@@ -83,10 +83,10 @@ impl RankLoss {
     ) -> Self {
         let (constant, mut dependences) = Dependence::constants(ranges);
         let moving: Vec<usize> =
-            (0..features.model().columns()).filter(|i| !constant.contains(i)).collect();
+            (0..features.model.columns()).filter(|i| !constant.contains(i)).collect();
         dependences.extend(lines(features, r, &moving));
         if dependences.is_empty() {
-            let terms = features.model().terms();
+            let terms = features.model.terms();
             let directions = echelon(null_space.to_owned());
             dependences
                 .extend(directions.col_iter().map(|v| Dependence::Combination(shares(&terms, v))));
@@ -123,7 +123,7 @@ fn lines(features: &Features, r: MatRef<'_, f64>, channels: &[usize]) -> Vec<Dep
                 continue;
             }
             if let Some((slope, offset)) = line(x, y, constant) {
-                let scaling = features.scaling();
+                let scaling = &features.scaling;
                 let ratio = slope * scaling.scale[second] / scaling.scale[first];
                 let offset = scaling.centre[second] + offset * scaling.scale[second]
                     - ratio * scaling.centre[first];

@@ -68,7 +68,7 @@ pub(crate) struct ScatterSums {
     scores: PerAxis<Vec<Vec<f64>>>,
     products: PerAxis<PerAxis<f64>>,
     /// The identity less all `K_g`, where these must add up to it.
-    defect: Option<SymmetricMatrix>,
+    pub(crate) defect: Option<SymmetricMatrix>,
     /// The labels of the groups that alone determine a direction.
     alone: Vec<String>,
     common: PerAxis<f64>,
@@ -94,15 +94,10 @@ impl ScatterSums {
         }
     }
 
-    /// Whether the `K_g` must add up to the identity.
-    pub(crate) fn has_all_directions(&self) -> bool {
-        self.defect.is_some()
-    }
-
     /// Takes the `K_g` of groups off what must be left of the identity.
     pub(crate) fn take_off(&mut self, shares: &SymmetricMatrix) {
         let Some(defect) = &mut self.defect else { return };
-        for i in 0..shares.size() {
+        for i in 0..shares.size {
             add_multiple(defect.row_mut(i), -1.0, shares.row(i));
         }
     }

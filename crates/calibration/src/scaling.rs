@@ -45,11 +45,6 @@ impl Scaling {
             .unzip();
         Self { centre, scale }
     }
-
-    /// Number of channels.
-    pub fn channels(&self) -> usize {
-        self.centre.len()
-    }
 }
 
 /// The readings of a channel, in short.
@@ -96,6 +91,11 @@ fn power_of_two_above(value: f64) -> f64 {
     let power = if below == value.abs() { below } else { 2.0 * below };
     // The reciprocal is what is multiplied by; it must be a normal number too.
     if power.recip().is_normal() && power.is_finite() { power } else { 1.0 }
+}
+
+/// Whether dividing by it is exact.
+pub fn is_power_of_two(value: f64) -> bool {
+    value > 0.0 && value.recip().is_normal() && value.to_bits().trailing_zeros() >= 52
 }
 
 #[cfg(test)]

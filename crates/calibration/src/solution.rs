@@ -38,8 +38,8 @@ pub struct Solution {
 impl Solution {
     pub(crate) fn new(features: &Features, solved: LeastSquares, ridge: f64) -> Self {
         Self {
-            model: features.model(),
-            scaling: features.scaling().clone(),
+            model: features.model,
+            scaling: features.scaling.clone(),
             coefficients: solved.coefficients,
             factor: solved.factor,
             residual_products: solved.residual_products,

@@ -176,7 +176,7 @@ impl least_squares::Rows for FeatureRows<'_> {
 
     fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, Self::Error> {
         let (features, partial) = (self.features, empty.clone());
-        let ranges = ReadingRanges::new(features.model().columns());
+        let ranges = ReadingRanges::new(features.model.columns());
         let found = self.rows.reduce(&OverFeatures { features, ranges, partial });
         let OverFeatures { ranges, partial, .. } = found?;
         self.ranges.get_or_insert(ranges);
@@ -205,7 +205,7 @@ impl<R: Reduction> Pass for OverFeatures<'_, R> {
     }
 
     fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
-        self.ranges.merge(&ReadingRanges::from_block(block, self.features.model().columns())?);
+        self.ranges.merge(&ReadingRanges::from_block(block, self.features.model.columns())?);
         let p = self.features.len();
         let columns = p + Axis::ALL.len();
         let stride = R::chunk_rows(columns).min(block.rows);

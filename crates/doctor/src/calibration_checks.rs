@@ -48,7 +48,7 @@ pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Ve
     match &origin.diagnostics {
         Some(known) => {
             if let Some(polynomial) = calibration.polynomial() {
-                check_features(known, polynomial.coefficients().len(), &mut findings);
+                check_features(known, polynomial.coefficients.len(), &mut findings);
             }
             check_skipped(known, &mut findings);
             check_leaks(known, &mut findings);
@@ -65,7 +65,7 @@ pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Ve
     let columns = origin.columns.as_ref();
     let names = columns.and_then(|columns| columns.sensors.as_deref()).unwrap_or_default();
     check_ranges(calibration, names, &mut findings);
-    if matches!(calibration.kind(), Kind::Polynomial(_)) && calibration.covariance.is_none() {
+    if matches!(calibration.kind, Kind::Polynomial(_)) && calibration.covariance.is_none() {
         let seen = "it has no covariance, so forces come without standard errors";
         let advice = "fit it again without `--model`: it then takes a model that its groups of rows can judge";
         findings.push(Finding::warning("no-covariance", seen, advice));

@@ -1,7 +1,6 @@
 //! Checks of the readings, whether they come from a board or from a log.
 
 use calibration::Calibration;
-use shell_data::wrench::PerAxis;
 
 use crate::{Finding, FindingSeverity, percent};
 use log_file::summary::LogSummary;
@@ -109,8 +108,7 @@ fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) ->
     }
     let readings: Vec<_> = summary.readings.iter().map(|column| vec![column.mean()]).collect();
     let errors = |readings: &[Vec<f64>]| {
-        let mut errors = PerAxis::default();
-        calibration.standard_errors(readings, None, &mut errors).then(|| errors.map(|axis| axis[0]))
+        Some(calibration.standard_errors(readings, None)?.map(|axis| axis[0]))
     };
     let now = errors(&readings)?;
     let (channels, factor) = best_exchange(&readings, |readings| {

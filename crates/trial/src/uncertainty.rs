@@ -81,7 +81,7 @@ pub(super) fn half_widths(
 fn mean_features(polynomial: &Polynomial, frames: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
     /// Frames whose features are held at once.
     const FRAMES: usize = 256;
-    let features = polynomial.features();
+    let features = &polynomial.features;
     let mut mean = vec![0.0; features.len()];
     let mut columns = vec![0.0; FRAMES * features.len()];
     let counted = |share: &f64| *share != 0.0;

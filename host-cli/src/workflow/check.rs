@@ -54,8 +54,8 @@ pub fn check_weights(
             let own: PerAxis<f64> = factors.map_or_else(
                 |known| known,
                 |factors| {
-                    let mut errors = PerAxis::default();
-                    calibration.standard_errors(&readings, tare.as_ref(), &mut errors);
+                    let errors = calibration.standard_errors(&readings, tare.as_ref());
+                    let errors = errors.unwrap_or_default();
                     std::array::from_fn(|axis| factors[axis] * mean(&errors[axis]))
                 },
             );

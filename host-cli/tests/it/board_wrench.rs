@@ -33,7 +33,7 @@ fn frames(log: &Path, first: usize, step: usize) -> Vec<[u16; CHANNELS]> {
 /// The most that an axis of the board is off the host, in standard errors, over the frames that the host takes all
 /// channels of.
 fn worst(calibration: &Calibration, frames: &[[u16; CHANNELS]]) -> f64 {
-    let Kind::Physics(host) = calibration.kind() else { panic!("not the physics model") };
+    let Kind::Physics(host) = &calibration.kind else { panic!("not the physics model") };
     let mut board = Converter::new(for_board(calibration).unwrap());
     let column = |channel: usize| frames.iter().map(|frame| f64::from(frame[channel])).collect();
     let columns: Vec<Vec<f64>> = (0..CHANNELS).map(column).collect();

@@ -321,8 +321,8 @@ fn the_lab_s_matrices_in_both_formats_make_the_same_calibration() {
     assert_eq!(calibration.name(), "cubic");
     // The first line of the file, moments in mN·m.
     let expected = [-0.0036893645001891415, -0.011788310916859727, -0.0054612987129912085];
-    assert_eq!(calibration.polynomial().unwrap().coefficients()[0][..3], expected);
-    assert_eq!(calibration.polynomial().unwrap().coefficients()[0][3], 0.36303638238128627 / 1e3);
+    assert_eq!(calibration.polynomial().unwrap().coefficients[0][..3], expected);
+    assert_eq!(calibration.polynomial().unwrap().coefficients[0][3], 0.36303638238128627 / 1e3);
 }
 
 #[test]

@@ -34,7 +34,7 @@ fn reading(frame: usize, channel: usize) -> f64 {
 }
 
 fn wrench(calibration: &Calibration, frame: usize) -> [f64; 6] {
-    let rows = calibration.polynomial().unwrap().coefficients().iter().enumerate();
+    let rows = calibration.polynomial().unwrap().coefficients.iter().enumerate();
     rows.fold([0.0; 6], |sum, (channel, row)| {
         std::array::from_fn(|axis| sum[axis] + row[axis] * reading(frame, channel))
     })

@@ -96,7 +96,7 @@ fn residual(block: &Block, calibration: &Calibration) -> Vec<BigRational> {
             .map(|term| term.factors().iter().map(|&c| &z[usize::from(c)]).product())
             .collect();
         for (axis, sum) in sums.iter_mut().enumerate() {
-            let predicted: BigRational = std::iter::zip(&features, polynomial.coefficients())
+            let predicted: BigRational = std::iter::zip(&features, &polynomial.coefficients)
                 .map(|(x, c)| x * exact(c[axis]))
                 .sum();
             let error = predicted - exact(block.wrench[axis][row]);

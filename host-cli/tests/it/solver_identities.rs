@@ -4,7 +4,7 @@ use calibration::model::{Basis, Model};
 use calibration::rank_loss::Dependence;
 use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, Solution, SolverKind};
-use calibration::{Calibration, FitError, raw_units};
+use calibration::{Calibration, FitError};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 use system_tests::random::Random;
@@ -91,7 +91,7 @@ fn the_raw_export_of_a_fit_evaluates_to_the_same_wrench() {
     for basis in Basis::ALL {
         for intercept in [false, true] {
             let (_, calibration) = fit(&problem(basis, intercept, &block), &block).unwrap();
-            let raw = raw_units::coefficients(calibration.polynomial().unwrap());
+            let raw = calibration.polynomial().unwrap().raw_coefficients();
             let mut wrench = PerAxis::default();
             calibration.wrench(&block.readings, &mut wrench);
             for row in (0..block.rows).step_by(100) {

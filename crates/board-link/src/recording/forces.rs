@@ -124,16 +124,11 @@ impl RunningForces {
     /// The standard errors of forces of such frames, without what the low-pass takes off them; `None` if the
     /// calibration knows none. N and N·m.
     pub fn standard_errors(&self, frames: &[BoardFrame]) -> Option<PerAxis<Vec<f64>>> {
-        if !self.calibration.has_standard_errors() {
-            return None;
-        }
         let tare = match &self.stage {
             ForceStage::Setup { .. } => None,
             ForceStage::Running { pipeline, .. } => pipeline.tare.as_ref(),
         };
-        let mut errors = PerAxis::default();
-        self.calibration.standard_errors(&columns(frames), tare, &mut errors);
-        Some(errors)
+        self.calibration.standard_errors(&columns(frames), tare)
     }
 
     /// The axes that there are forces of.

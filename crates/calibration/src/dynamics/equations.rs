@@ -164,7 +164,7 @@ impl<'a> FoldEquations<'a> {
                 put(start(*a), start(*b), product[fold].as_ref());
             }
             let rows = self.samples.folds[fold].len() as u64;
-            NormalEquations::from_products(all, rows, whole)
+            NormalEquations { features: all, rows, products: whole }
         };
         (0..self.samples.folds.len()).map(of_fold).collect()
     }

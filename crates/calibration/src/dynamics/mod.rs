@@ -26,48 +26,29 @@ use crate::error::FitError;
 use crate::groups::{SHUFFLED_BELOW, has_poses, load_correlation};
 use crate::memory::{MemoryTerms, TimeBase};
 use crate::passes::Workers;
-use crate::quality::significant;
+use crate::quality::{in_units, significant};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// A step of the clock of more than so many usual ones is a gap.
 const GAP_PERIODS: f64 = 10.0;
 
-/// What is done about a lag of the reference.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum LagRule {
-    /// It is searched for.
-    Auto,
-    /// It is this, s; rows where logs have no clock.
-    Given(f64),
-}
-
-/// Which memory terms a polynomial gets.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum MemoryRule<'a> {
-    /// Those that pay.
-    Auto,
-    /// Those of these time constants, s; rows where logs have no clock.
-    Given(&'a [f64]),
-}
-
-/// What is asked for.
+/// What is given of lag and memory, s; rows where logs have no clock. What is `None` is searched for.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DynamicsRule<'a> {
-    /// The lag.
-    pub lag: LagRule,
-    /// The memory terms.
-    pub memory: MemoryRule<'a>,
+    /// The lag of the reference.
+    pub lag: Option<f64>,
+    /// The time constants of the memory terms that a polynomial gets.
+    pub memory: Option<&'a [f64]>,
     /// Whether rows of labelled groups are searched as well: see [`NotSearched::Groups`].
     pub in_groups: bool,
 }
 
 impl DynamicsRule<'_> {
     /// Neither.
-    pub const NOTHING: Self =
-        Self { lag: LagRule::Given(0.0), memory: MemoryRule::Given(&[]), in_groups: false };
+    pub const NOTHING: Self = Self { lag: Some(0.0), memory: Some(&[]), in_groups: false };
     /// Both are searched for, but not in labelled groups.
-    pub const AUTO: Self = Self { lag: LagRule::Auto, memory: MemoryRule::Auto, in_groups: false };
+    pub const AUTO: Self = Self { lag: None, memory: None, in_groups: false };
 
     /// Whether rows stay as they are.
     pub fn is_nothing(&self) -> bool {
@@ -139,22 +120,16 @@ pub fn find(
     workers: Workers<'_>,
 ) -> Result<Result<Dynamics, NotSearched>, FitError> {
     let clock = prepared::RowClock::new(data);
-    let given_lag = match rule.lag {
-        LagRule::Given(by) if by != 0.0 => Some(ReferenceLag { time_base: clock.time_base, by }),
-        _ => None,
-    };
-    let given_memory = match rule.memory {
-        MemoryRule::Given(times) if !times.is_empty() => Some(clock.memory(times)?),
-        _ => None,
-    };
+    let time_base = clock.time_base;
+    let times = rule.memory.filter(|times| !times.is_empty());
     let given = Dynamics {
-        time_base: clock.time_base,
-        lag: given_lag,
+        time_base,
+        lag: rule.lag.filter(|&by| by != 0.0).map(|by| ReferenceLag { time_base, by }),
         lag_standard_error: None,
-        memory: given_memory,
+        memory: times.map(|times| clock.memory(times)).transpose()?,
         gain: None,
     };
-    if rule.lag != LagRule::Auto && rule.memory != MemoryRule::Auto {
+    if rule.lag.is_some() && rule.memory.is_some() {
         return Ok(Ok(given));
     }
     if let Some(reason) = refusal(data, rule.in_groups) {
@@ -227,12 +202,11 @@ impl Gain {
         let mut columns: Vec<&PerAxis<f64>> = vec![&self.plain];
         columns.extend(of.lag.map(|_| &self.with_lag));
         columns.extend(of.memory.as_ref().map(|_| &self.with_all));
-        let axis = |axis: Axis| {
-            let errors = columns.iter().map(|errors| significant(errors[axis.index()], 3));
-            format!("{} {} {}", axis.name(), errors.collect::<Vec<_>>().join(" → "), axis.unit())
-        };
-        let varies = |axis: &&Axis| self.plain[axis.index()] > 0.0;
-        Axis::ALL.iter().filter(varies).map(|of| axis(*of)).collect::<Vec<_>>().join(", ")
+        let varies = |axis: &Axis| self.plain[axis.index()] > 0.0;
+        in_units(Axis::ALL.into_iter().filter(varies), |axis| {
+            let errors = columns.iter().map(|errors| significant(errors[axis], 3));
+            errors.collect::<Vec<_>>().join(" → ")
+        })
     }
 }
 

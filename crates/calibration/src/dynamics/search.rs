@@ -13,7 +13,7 @@ use std::sync::Arc;
 
 use super::equations::{FoldEquations, MemoryColumns, ProductColumns};
 use super::samples::SearchRows;
-use super::{Dynamics, DynamicsRule, Gain, LagRule, MemoryRule, ReferenceLag};
+use super::{Dynamics, DynamicsRule, Gain, ReferenceLag};
 use crate::passes::{Workers, map};
 
 /// Time constants, at most.
@@ -86,14 +86,14 @@ impl DynamicsSearch<'_> {
             return None;
         }
         let mut lag = given.lag.map_or(0.0, |lag| lag.by);
-        if rule.lag == LagRule::Auto {
+        if rule.lag.is_none() {
             lag = self.significant_lag(&[], self.start()).map_or(0.0, |(lag, _)| lag);
         }
         let with_lag = self.equations.errors(&[], lag)?;
         let times = given.memory.iter().flat_map(|memory| &memory.time_constants);
         let mut terms: Vec<_> = times.map(|&tau| self.terms(tau)).collect();
         let mut best = self.equations.errors(&terms, lag)?;
-        if rule.memory == MemoryRule::Auto {
+        if rule.memory.is_none() {
             while terms.len() < MOST_TIMES {
                 let Some(more) = self.one_more(&terms, &mut lag) else { break };
                 let errors = self.equations.errors(&more, lag)?;
@@ -105,7 +105,7 @@ impl DynamicsSearch<'_> {
             terms.sort_by(|a, b| a.time_constant.total_cmp(&b.time_constant));
         }
         let mut standard_error = None;
-        if rule.lag == LagRule::Auto {
+        if rule.lag.is_none() {
             let found = self.significant_lag(&terms, lag);
             lag = found.map_or(0.0, |(lag, _)| lag);
             standard_error = found.map(|(_, error)| error);
@@ -113,9 +113,9 @@ impl DynamicsSearch<'_> {
         let with_all = self.equations.errors(&terms, lag)?;
         let times: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
         let memory = match rule.memory {
-            MemoryRule::Auto if times.is_empty() => None,
-            MemoryRule::Auto => Some(self.samples().clock.memory(&times).ok()?),
-            MemoryRule::Given(_) => given.memory.clone(),
+            Some(_) => given.memory.clone(),
+            None if times.is_empty() => None,
+            None => Some(self.samples().clock.memory(&times).ok()?),
         };
         let time_base = self.samples().clock.time_base;
         Some(Dynamics {
@@ -219,7 +219,7 @@ impl DynamicsSearch<'_> {
                 (all, *lag) = self.move_one(&all, position, factor, (least, most), *lag)?;
             }
         }
-        if self.rule.lag == LagRule::Auto {
+        if self.rule.lag.is_none() {
             *lag = self.lag(&all, *lag, STEPS).map_or(*lag, |(lag, _)| lag);
         }
         Some(all)
@@ -228,8 +228,8 @@ impl DynamicsSearch<'_> {
     /// The score with these terms at the lag that suits them, found in so many steps from another, and that lag.
     fn score_at_own_lag(&self, terms: &Terms, lag: f64, steps: usize) -> (f64, f64) {
         let own = match self.rule.lag {
-            LagRule::Auto => self.lag(terms, lag, steps).map_or(lag, |(lag, _)| lag),
-            LagRule::Given(_) => lag,
+            None => self.lag(terms, lag, steps).map_or(lag, |(lag, _)| lag),
+            Some(_) => lag,
         };
         (self.score(terms, own), own)
     }

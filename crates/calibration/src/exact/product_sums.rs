@@ -112,12 +112,8 @@ impl Moments {
         for (sum, other) in self.readings.iter_mut().zip(&other.readings) {
             *sum = sum.wrapping_add(*other);
         }
-        for (sum, other) in self.wrench.iter_mut().zip(&other.wrench) {
-            sum.add(other);
-        }
-        for (sum, other) in self.squares.iter_mut().zip(&other.squares) {
-            sum.add(other);
-        }
+        let sums = self.wrench.iter_mut().chain(&mut self.squares);
+        sums.zip(other.wrench.iter().chain(&other.squares)).for_each(|(sum, other)| sum.add(other));
         Ok(())
     }
 

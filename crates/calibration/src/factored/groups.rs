@@ -215,7 +215,7 @@ impl FactoredGroups {
             let parts = Arc::new((&change * factor, &change * &solution.coefficients));
             items.extend(groups.iter().map(|rows| (*rows, Arc::clone(&parts))));
         }
-        let adds_up = sums.has_all_directions();
+        let adds_up = sums.defect.is_some();
         let work = |(): &mut (), (rows, parts): &(&FactoredRows, Arc<_>)| {
             let (factors, coefficients): &(Mat<f64>, Mat<f64>) = parts;
             let (r, z) = rows.r_factor.significant_rows();

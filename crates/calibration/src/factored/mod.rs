@@ -19,6 +19,8 @@
 
 mod groups;
 mod rows;
+mod stored;
 
 pub use self::groups::{FactoredGroups, GroupFactors};
 pub use self::rows::FactoredRows;
+use self::stored::StoredRows;

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use faer::{Mat, MatRef};
 
+use super::StoredRows;
 use crate::FitError;
 use crate::exact::HeldOutErrors;
 use crate::features::Features;
@@ -14,15 +15,16 @@ use crate::r_factor::{RFactor, Ridge};
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::{ChannelSample, Scaling};
 use crate::solver::Solution;
-use crate::uncertainty::triangular_columns;
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// What is kept of some rows: the R factor of features, a constant among them, and wrench.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(try_from = "StoredRows", into = "StoredRows")]
 pub struct FactoredRows {
-    features: Features,
-    ranges: ReadingRanges,
+    pub(super) features: Features,
+    /// Their number, and the range of each channel.
+    pub ranges: ReadingRanges,
     pub(super) r_factor: RFactor,
 }
 
@@ -38,55 +40,19 @@ impl FactoredRows {
         Self { features: Features::new(model, scaling), ranges, r_factor }
     }
 
-    /// What was kept: ranges of the readings, and the upper triangular matrix by its columns. `None` if it is not
-    /// of that size.
-    pub fn from_parts(
-        (model, scaling): (Model, Scaling),
-        ranges: ReadingRanges,
-        columns: &[Vec<f64>],
-    ) -> Option<Self> {
-        let mut empty = Self::new(model, scaling);
-        let order = empty.r_factor.whole().ncols();
-        let is_upper = columns.iter().enumerate().all(|(j, column)| column.len() == j + 1);
-        if columns.len() != order || !is_upper {
-            return None;
-        }
-        let upper = |i: usize, j: usize| columns[j].get(i).copied().unwrap_or(0.0);
-        let whole = Mat::from_fn(order, order, upper);
-        empty.r_factor = RFactor::from_parts(empty.features.len(), ranges.rows, whole);
-        Some(Self { ranges, ..empty })
-    }
-
     /// Number of rows.
     pub fn rows(&self) -> u64 {
         self.ranges.rows
     }
 
-    /// Whether the sum of the squares of the constant is the number of rows, as it is of what rows have left.
-    pub fn counts_its_rows(&self) -> bool {
-        let ones = self.r_factor.r().col(self.features.len() - 1).norm_l2();
-        // Some roundings of each of many blocks.
-        (ones * ones / self.rows() as f64 - 1.0).abs() < 1e-9
-    }
-
     /// The features that were kept.
     pub fn model(&self) -> Model {
-        self.features.model()
+        self.features.model
     }
 
     /// Centre and scale of the readings.
     pub fn scaling(&self) -> &Scaling {
-        self.features.scaling()
-    }
-
-    /// The range of each channel.
-    pub fn reading_ranges(&self) -> &ReadingRanges {
-        &self.ranges
-    }
-
-    /// The upper triangular matrix by its columns, of lengths 1, 2, …: features, then the wrench.
-    pub fn columns(&self) -> Vec<Vec<f64>> {
-        triangular_columns(self.r_factor.whole())
+        &self.features.scaling
     }
 
     /// Adds the rows of a block.
@@ -116,7 +82,7 @@ impl FactoredRows {
         match later.features == self.features {
             true => self.r_factor.merge(&later.r_factor),
             false => {
-                let change = later.change(&self.features.model(), self.scaling());
+                let change = later.change(&self.features.model, self.scaling());
                 let change = change.expect("rows of one family of features");
                 self.r_factor.merge(&later.r_factor.in_terms_of(change.as_ref()));
             }
@@ -135,7 +101,7 @@ impl FactoredRows {
     /// Centre and scale of these rows: about their mean, unless there is no constant to take it up.
     fn scaling_of_all(&self, intercept: bool) -> Scaling {
         let (r, ones) = (self.r_factor.r(), self.features.len() - 1);
-        let terms = self.features.model().terms();
+        let terms = self.features.model.terms();
         let about = self.scaling();
         let channel = |i: usize| {
             let position =
@@ -172,7 +138,7 @@ impl FactoredRows {
         }
         let scaling = self.scaling_of_all(model.intercept);
         let change = self.change(model, &scaling).ok_or_else(|| FitError::OtherFeatures {
-            kept: self.features.model().name(),
+            kept: self.features.model.name(),
             asked: model.name(),
         })?;
         let features = Features::new(*model, scaling);

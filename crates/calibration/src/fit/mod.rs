@@ -73,9 +73,6 @@ use crate::validation::selection::{Advice, Selection};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
-/// The largest coefficient or squared error that a calibration's document takes.
-pub const LARGEST: f64 = 1e100;
-
 /// A calibration, how well it does, and what led to it.
 #[derive(Clone, Debug)]
 pub struct Fit {
@@ -169,7 +166,7 @@ impl Fit {
 
     /// Features or parameters of the model.
     pub fn parameter_count(&self) -> usize {
-        match self.calibration.kind() {
+        match &self.calibration.kind {
             Kind::Polynomial(polynomial) => polynomial.model().term_count(),
             Kind::Physics(physics) => physics.model().parameter_count(),
         }
@@ -276,7 +273,7 @@ impl Fit {
                 self.warnings.push(Warning::AllOutOfRange(test.rows));
             }
         }
-        if let Kind::Physics(physics) = self.calibration.kind() {
+        if let Kind::Physics(physics) = &self.calibration.kind {
             let intervals = physics.intervals.as_ref();
             let none = intervals.and_then(|of| of.factors(COVERAGE_LEVEL).err());
             self.warnings.extend(none.map(Warning::NoIntervalsAtAll));

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::choice::ModelChoice;
 use super::physics;
 use super::warning::Warning;
-use crate::dynamics::{Dynamics, DynamicsRule, MemoryRule, NotSearched, find, prepared};
+use crate::dynamics::{Dynamics, DynamicsRule, NotSearched, find, prepared};
 use crate::error::FitError;
 use crate::groups::HeldOut;
 use crate::model::Basis;
@@ -210,14 +210,13 @@ impl FitOptions<'_> {
     ) -> Result<([Dataset; 2], Option<Result<Dynamics, NotSearched>>), FitError> {
         let mut rule = self.dynamics;
         if self.means && !rule.is_nothing() {
-            let are_given = rule.lag != DynamicsRule::AUTO.lag || rule.memory != MemoryRule::Auto;
-            if are_given {
+            if rule.lag.is_some() || rule.memory.is_some() {
                 return Err(FitError::DynamicsOfMeans);
             }
             rule = DynamicsRule::NOTHING;
         }
         if self.model == ModelRule::Physics {
-            rule.memory = MemoryRule::Given(&[]);
+            rule.memory = Some(&[]);
         }
         if rule.is_nothing() {
             return Ok(([train, test], None));

@@ -1,6 +1,6 @@
 //! Outliers among training rows, and what is said of them.
 
-use crate::quality::significant;
+use crate::quality::{in_units, significant};
 use shell_data::dataset::RowSet;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -83,18 +83,15 @@ impl Outliers {
                  model does not follow them, or columns are not what they are taken for (`shellcal info`)"
             )
         }));
-        let errors = |[with, without]: &[PerAxis<f64>; 2]| {
-            let of = |axis: Axis| {
-                let [with, without] = [with, without].map(|rms| significant(rms[axis.index()], 3));
-                format!("{} {with} → {without} {}", axis.name(), axis.unit())
-            };
-            axes.iter().map(of).collect::<Vec<_>>().join(", ")
-        };
         let count = self.rows.len();
         let others =
             if count > SHOWN { format!(" ({SHOWN} of them listed above)") } else { String::new() };
         let worth = self.rms.as_ref().map_or_else(String::new, |rms| {
-            format!("; RMS error on the other rows, with → without them: {}", errors(rms))
+            let errors = in_units(axes.iter(), |axis| {
+                let [with, without] = rms.map(|rms| significant(rms[axis], 3));
+                format!("{with} → {without}")
+            });
+            format!("; RMS error on the other rows, with → without them: {errors}")
         });
         let s = if count == 1 { "" } else { "s" };
         said.extend((count > 0).then(|| format!("{count} suspicious row{s}{others}{worth}")));

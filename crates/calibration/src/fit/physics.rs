@@ -15,7 +15,7 @@ use crate::model::{Basis, Model};
 use crate::physics::{
     Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows,
 };
-use crate::quality::significant;
+use crate::quality::{in_units, significant};
 use crate::reading_ranges::ReadingRanges;
 use crate::validation::comparison::Comparison;
 use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups, sizes};
@@ -248,15 +248,10 @@ fn relative_square(rms: &PerAxis<f64>, variances: &PerAxis<f64>) -> f64 {
 impl fmt::Display for ModelComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { model, ridge, comparison, folds } = self;
-        let errors = |of: usize| {
-            let error = |axis: Axis| {
-                let rms = significant(comparison.rms[of][axis.index()], 3);
-                format!("{} {rms} {}", axis.name(), axis.unit())
-            };
-            Axis::ALL.map(error).join(", ")
-        };
+        let errors =
+            |of: usize| in_units(Axis::ALL, |axis| significant(comparison.rms[of][axis], 3));
         let (name, all) = (model.name(), comparison.all);
-        let verdict = match (self.physics_is_better(), all.log.value < 0.0) {
+        let verdict = match (self.physics_is_better(), all.value < 0.0) {
             (true, _) => "so physics is taken".to_owned(),
             (false, true) => format!("which is no more than chance does, so {name} is kept"),
             (false, false) => format!("so {name} is kept"),

@@ -163,7 +163,7 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
             let model = options.model_without_memory(choice.basis, total.model().channels);
             let solution = total.solve(&model, choice.ridge)?;
             let train = total.quality(&solution).ok_or(FitError::NoRows)?;
-            (choice, SolverKind::Tsqr, solution, total.reading_ranges().clone(), train)
+            (choice, SolverKind::Tsqr, solution, total.ranges.clone(), train)
         }
     };
     let mut calibration = Calibration::from_solution(&solution, &ranges);

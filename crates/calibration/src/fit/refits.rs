@@ -5,7 +5,7 @@
 //! can be summed so. For readings of any kind the R factors of the folds do, for solvers that weigh rows alike; for
 //! others each fold is fitted anew. Each of up to forty groups is held out alone, more in ten folds.
 
-use super::{FitOptions, LARGEST};
+use super::FitOptions;
 use crate::conversion::Calibration;
 use crate::error::FitError;
 use crate::exact::{ExactError, HeldOutErrors, Moments};
@@ -13,9 +13,8 @@ use crate::factored::FactoredGroups;
 use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::groups::HeldOut;
 use crate::least_squares::Method;
-use crate::model::{Basis, Model};
+use crate::model::{Basis, LARGEST, Model};
 use crate::passes::{Rows, Workers, each, map};
-use crate::polynomial::Polynomial;
 use crate::quality::AxisQuality;
 use crate::reading_ranges::ReadingRanges;
 use crate::scaling::Scaling;
@@ -246,7 +245,7 @@ pub(super) fn check_sizes<'a>(
     errors: impl IntoIterator<Item = &'a PerAxis<AxisQuality>>,
 ) -> Result<(), FitError> {
     let is_small = |axis: &AxisQuality| axis.rms * axis.rms <= LARGEST;
-    let coefficients = calibration.polynomial().map_or(&[][..], Polynomial::coefficients);
+    let coefficients = calibration.polynomial().map_or(&[][..], |of| &of.coefficients);
     let is_large = |coefficient: &f64| coefficient.abs() > LARGEST;
     if !errors.into_iter().flatten().all(is_small) || coefficients.iter().flatten().any(is_large) {
         return Err(FitError::Overflow);

@@ -260,8 +260,7 @@ fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> PerAxis<f64> {
             all.extend(column.iter().step_by(every));
         }
     }
-    let mut errors = PerAxis::<Vec<f64>>::default();
-    fit.calibration.standard_errors(&readings, None, &mut errors);
+    let errors = fit.calibration.standard_errors(&readings, None).unwrap_or_default();
     std::array::from_fn(|axis| {
         let (errors, sd) = (&errors[axis], residual_sd[axis]);
         let unseen = |error: &f64| {

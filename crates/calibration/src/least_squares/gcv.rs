@@ -48,8 +48,8 @@ fn criterion(
     let (r, z) = r_factor.damped_parts(Ridge::NONE);
     let (p, q) = z.shape();
     let free = usize::from(free_column.is_some());
-    if r_factor.rows() <= (free + 1) as u64 {
-        return Err(LeastSquaresError::TooFewRows { rows: r_factor.rows(), columns: p });
+    if r_factor.rows <= (free + 1) as u64 {
+        return Err(LeastSquaresError::TooFewRows { rows: r_factor.rows, columns: p });
     }
     if !r.is_all_finite() || !z.is_all_finite() {
         return Err(LeastSquaresError::NotFinite);
@@ -69,7 +69,7 @@ fn criterion(
     let b = svd.U().transpose() * z.subrows(free, m);
     let squares: Vec<f64> = svd.S().column_vector().iter().map(|s| s * s).collect();
     let largest = squares.first().copied().unwrap_or(1.0);
-    let (rows, solved) = (r_factor.rows() as f64, r_factor.rest_products());
+    let (rows, solved) = (r_factor.rows as f64, r_factor.rest_products());
     let at = move |exponent: f64| {
         let lambda = largest * 10_f64.powf(exponent);
         let kept: f64 = squares.iter().map(|s| s / (s + lambda)).sum();

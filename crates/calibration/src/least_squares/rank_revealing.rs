@@ -46,14 +46,14 @@ pub(super) fn svd(
     let (p, q) = z.shape();
     let mut solved = match truncate {
         None => r_factor.solve(ridge)?,
-        Some(_) if r_factor.rows() == 0 => {
+        Some(_) if r_factor.rows == 0 => {
             return Err(LeastSquaresError::TooFewRows { rows: 0, columns: p });
         }
         Some(_) => LeastSquares {
             coefficients: Mat::zeros(p, q),
             factor: Mat::zeros(p, p),
             residual_products: Mat::zeros(q, q),
-            rows: r_factor.rows(),
+            rows: r_factor.rows,
             condition: 1.0,
             rank: p,
         },

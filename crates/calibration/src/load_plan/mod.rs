@@ -5,8 +5,8 @@
 //!
 //! | criterion | of all loads that the rig can do, take the one |
 //! |---|---|
-//! | [`Criterion::Gain`] | with the greatest gain of information, `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)` over the sensors; with no model of them, `ln(1 + φᵀCφ)` on the terms φ of [`Surface`]: the D-optimal design, one load at a time |
-//! | [`Criterion::AverageVariance`] | after which the variance of a wrench is least on average over the range of loads (ALC) |
+//! | [`Order::Gain`] | with the greatest gain of information, `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)` over the sensors; with no model of them, `ln(1 + φᵀCφ)` on the terms φ of [`Surface`]: the D-optimal design, one load at a time |
+//! | [`Order::AverageVariance`] | after which the variance of a wrench is least on average over the range of loads (ALC) |
 //!
 //! `j` is the gradient of a sensor's answer by its parameters, `C` the covariance of these, `v` the variance of its
 //! answer. After each load `C` is what it will be when that is recorded, by a rank-one change.
@@ -21,10 +21,8 @@ mod replay;
 #[cfg(test)]
 mod tests;
 
-pub use self::planner::{
-    Criterion, PlannedLoad, Planner, PredictedError, SensorKnowledge, Surface,
-};
-pub use self::replay::{Order, Replay, ReplayError, ReplayOptions};
+pub use self::planner::{Order, PlannedLoad, Planner, PredictedError, SensorKnowledge, Surface};
+pub use self::replay::{Replay, ReplayError, ReplayOptions};
 
 use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::validation::excitation::{Gap, WrenchSums};

@@ -195,13 +195,32 @@ impl SensorKnowledge {
 /// Loads of the range over which variances are averaged, at most: more change no order.
 const MOST_OF_RANGE: usize = 120;
 
-/// What the next load is chosen by.
+/// An order in which loads are taken.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Criterion {
-    /// The gain of information.
+pub enum Order {
+    /// That in which they are given, which is to be random.
+    Random,
+    /// D-optimal on 1, w and w·w, by the gain of information without a model of the sensors: needs no reading.
+    DOptimal,
+    /// By the gain of information of the model so far, where there is one.
     Gain,
-    /// The variance of a wrench, averaged over the range of loads.
+    /// By the variance of a wrench, averaged over the range of loads.
     AverageVariance,
+}
+
+impl Order {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Random, Self::DOptimal, Self::Gain, Self::AverageVariance];
+
+    /// The name that people read.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Random => "random order",
+            Self::DOptimal => "D-optimal",
+            Self::Gain => "information gain",
+            Self::AverageVariance => "average variance (ALC)",
+        }
+    }
 }
 
 /// What is known of the sensors.
@@ -217,7 +236,7 @@ pub struct Planner<'a> {
     left: Vec<usize>,
     range: Vec<PerAxis<f64>>,
     knowledge: Knowledge,
-    criterion: Criterion,
+    order: Order,
 }
 
 /// A load that was chosen.
@@ -256,7 +275,7 @@ impl<'a> Planner<'a> {
     /// After `loads`; with a model of the sensors, which knows the loads that it was fitted to, or without.
     pub fn new(
         sensors: Option<SensorKnowledge>,
-        criterion: Criterion,
+        order: Order,
         loads: &[PerAxis<f64>],
         candidates: &'a [PerAxis<f64>],
     ) -> Self {
@@ -267,7 +286,7 @@ impl<'a> Planner<'a> {
         let all: Vec<PerAxis<f64>> = loads.iter().chain(candidates).copied().collect();
         let every = all.len().div_ceil(MOST_OF_RANGE).max(1);
         let range = all.into_iter().step_by(every).collect();
-        Self { candidates, left: (0..candidates.len()).collect(), range, knowledge, criterion }
+        Self { candidates, left: (0..candidates.len()).collect(), range, knowledge, order }
     }
 
     /// The error to expect now.
@@ -295,12 +314,13 @@ impl<'a> Planner<'a> {
     /// How much each load that is left is worth, the more the better.
     fn worths(&self) -> Vec<f64> {
         let loads = self.left.iter().map(|&position| &self.candidates[position]);
-        match (self.criterion, &self.knowledge) {
-            (Criterion::Gain, _) => loads.map(|load| self.gain(load)).collect(),
-            (Criterion::AverageVariance, Knowledge::Surface(surface)) => {
+        match (self.order, &self.knowledge) {
+            (Order::Random, _) => vec![0.0; self.left.len()],
+            (Order::Gain | Order::DOptimal, _) => loads.map(|load| self.gain(load)).collect(),
+            (Order::AverageVariance, Knowledge::Surface(surface)) => {
                 loads.map(|load| surface.variance_gain(load, &self.range)).collect()
             }
-            (Criterion::AverageVariance, Knowledge::Sensors(sensors)) => {
+            (Order::AverageVariance, Knowledge::Sensors(sensors)) => {
                 let range = self.answers(sensors);
                 let after = |load| {
                     let mut after = sensors.clone();

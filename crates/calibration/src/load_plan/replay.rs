@@ -12,7 +12,7 @@
 use std::collections::BTreeMap;
 use std::num::NonZeroU64;
 
-use super::{Criterion, Planner, SensorKnowledge};
+use super::{Order, Planner, SensorKnowledge};
 use crate::error::FitError;
 use crate::passes::{Workers, map_folds};
 use crate::physics::response::PARAMETERS;
@@ -22,34 +22,6 @@ use shell_data::wrench::PerAxis;
 
 /// From how many times the poses of a step on the model is fitted again: every pose at first, then fewer.
 const STEP_SHARE: usize = 16;
-
-/// An order in which poses are added.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Order {
-    /// Any.
-    Random,
-    /// D-optimal on 1, w and w·w: needs no reading.
-    DOptimal,
-    /// By the gain of information of the model so far.
-    Gain,
-    /// By the average variance of the model so far.
-    AverageVariance,
-}
-
-impl Order {
-    /// All of them.
-    pub const ALL: [Self; 4] = [Self::Random, Self::DOptimal, Self::Gain, Self::AverageVariance];
-
-    /// The name that people read.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Random => "random order",
-            Self::DOptimal => "D-optimal",
-            Self::Gain => "information gain",
-            Self::AverageVariance => "average variance (ALC)",
-        }
-    }
-}
 
 /// How a session is replayed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -186,14 +158,12 @@ impl SplitReplay<'_> {
         let load = |&at: &usize| mean_load(&self.training[at]);
         let candidates: Vec<PerAxis<f64>> = left.iter().map(load).collect();
         let loads: Vec<PerAxis<f64>> = taken.iter().map(load).collect();
-        let (criterion, model) = match order {
-            Order::Random => return left.into_iter().take(count).collect(),
-            Order::DOptimal => (Criterion::Gain, None),
-            Order::Gain => (Criterion::Gain, model),
-            Order::AverageVariance => (Criterion::AverageVariance, model),
-        };
+        if order == Order::Random {
+            return left.into_iter().take(count).collect();
+        }
+        let model = model.filter(|_| order != Order::DOptimal);
         let sensors = model.map(SensorKnowledge::from_model);
-        let planner = Planner::new(sensors, criterion, &loads, &candidates);
+        let planner = Planner::new(sensors, order, &loads, &candidates);
         planner.take(count).map(|next| left[next.candidate]).collect()
     }
 

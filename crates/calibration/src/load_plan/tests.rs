@@ -55,7 +55,7 @@ fn an_observation_adds_its_information() {
 fn gains_of_a_design_without_readings_add_up_to_its_determinant() {
     let candidates = loads(60, 1);
     let planned: Vec<PlannedLoad> =
-        Planner::new(None, Criterion::Gain, &[], &candidates).take(30).collect();
+        Planner::new(None, Order::Gain, &[], &candidates).take(30).collect();
     let surface = |loads: &[PerAxis<f64>]| Surface::new(loads, &candidates);
     let chosen: Vec<PerAxis<f64>> = planned.iter().map(|of| candidates[of.candidate]).collect();
     let ln_determinant =
@@ -74,7 +74,7 @@ fn gains_of_a_design_without_readings_add_up_to_its_determinant() {
 #[test]
 fn a_load_that_was_hung_tells_less_the_second_time() {
     let candidates = loads(20, 2);
-    for criterion in [Criterion::Gain, Criterion::AverageVariance] {
+    for criterion in [Order::Gain, Order::AverageVariance] {
         let first = Planner::new(None, criterion, &[], &candidates).next().unwrap();
         let hung = [candidates[first.candidate]];
         let again = Planner::new(None, criterion, &hung, &candidates).next().unwrap();
@@ -91,7 +91,7 @@ fn predicted_errors_are_those_that_are_found() {
     let model = PhysicsModel::fit(&fitted, 0.1, 0.5).unwrap();
     let tests = loads(400, 4);
     let sensors = Some(SensorKnowledge::from_model(&model));
-    let planner = Planner::new(sensors, Criterion::Gain, &training, &tests);
+    let planner = Planner::new(sensors, Order::Gain, &training, &tests);
     let PredictedError::Wrench(predicted) = planner.error() else { panic!("a model of sensors") };
     let inversion = Inversion::new(&model);
     let mut squares = [0.0; 6];

@@ -23,7 +23,9 @@ const MOST_SCORED: usize = 64;
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsCalibration {
     inversion: Inversion,
-    error_scale: PerAxis<f64>,
+    /// What the model's standard errors are multiplied by on each axis: the root mean square of held-out errors in
+    /// them.
+    pub error_scale: PerAxis<f64>,
     /// Intervals from groups that were held out, where those are known.
     pub intervals: Option<GroupIntervals>,
 }
@@ -70,12 +72,6 @@ impl PhysicsCalibration {
     /// The model.
     pub fn model(&self) -> &PhysicsModel {
         &self.inversion.model
-    }
-
-    /// What the model's standard errors are multiplied by on each axis: the root mean square of held-out errors
-    /// in them.
-    pub fn error_scale(&self) -> &PerAxis<f64> {
-        &self.error_scale
     }
 
     /// The wrenches of all rows, with standard errors as held-out groups have them; see [`Inversion::estimates`].

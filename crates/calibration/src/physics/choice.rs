@@ -9,7 +9,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::PhysicsError;
-use super::factors::{fit_factors, fit_factors_from};
+use super::factors::fit_factors;
 use super::fit::{FittedParameters, Observation, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
 use super::model::PhysicsModel;
@@ -137,10 +137,10 @@ impl Choice {
                 Some(of.factors.get(count - 1)?.rescaled(&of.scales, &tries.scales))
             });
             let whole = match start {
-                Some(start) => fit_factors_from(&data, width, &start),
-                None => fit_factors(&data, width, &widths[position], count),
+                Some(start) => fit_factors(&data, width, &start, None),
+                None => fit_factors(&data, width, &widths[position], Some(count)),
             };
-            let fits = tries.fits(width, |rest| fit_factors_from(rest, width, &whole))?;
+            let fits = tries.fits(width, |rest| fit_factors(rest, width, &whole, None))?;
             let trial = tries.compare(count, width, &fits, &chosen.1);
             factor_trials.push(trial);
             factors.push(whole.clone());
@@ -156,7 +156,7 @@ impl Choice {
         if tried.len() < observations.len() {
             data = tries.scales.apply(&observations);
             fitted = match factor_trials.iter().any(FactorTrial::is_taken) {
-                true => fit_factors_from(&data, width, &fitted),
+                true => fit_factors(&data, width, &fitted, None),
                 false => fit_from(&data, width, &fitted),
             };
         }

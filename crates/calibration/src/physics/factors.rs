@@ -26,25 +26,18 @@ const WARM_ROUNDS: usize = 5;
 const EM_STEPS: usize = 6;
 const STEPS: usize = 2;
 
-/// Fits `count` factors, from a fit without.
+/// Fits so many `new` factors, from a fit without; or as many as `start` has, which was found for nearly the same
+/// observations in the same scales.
 pub(super) fn fit_factors(
     data: &Scaled,
     width: f64,
     start: &FittedParameters,
-    count: usize,
+    new: Option<usize>,
 ) -> FittedParameters {
     let mut joint = Joint::new(data, width, start);
+    let Some(count) = new else { return joint.rounds(WARM_ROUNDS) };
     joint.start(count);
     joint.rounds(ROUNDS)
-}
-
-/// Fits as many factors as `start` has, which was found for nearly the same observations in the same scales.
-pub(super) fn fit_factors_from(
-    data: &Scaled,
-    width: f64,
-    start: &FittedParameters,
-) -> FittedParameters {
-    Joint::new(data, width, start).rounds(WARM_ROUNDS)
 }
 
 /// The fit under way.
@@ -174,7 +167,7 @@ impl<'a> Joint<'a> {
         let mut at = self.equations(&self.fitted.parameters, whitening, prior);
         for _ in 0..STEPS {
             let mut damped = at.curvature.clone();
-            for i in 0..damped.size() {
+            for i in 0..damped.size {
                 damped.row_mut(i)[0] *= 1.0 + self.damping;
             }
             let Some(factor) = damped.cholesky() else { break };

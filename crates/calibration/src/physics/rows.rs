@@ -126,7 +126,7 @@ impl<'a> Cells<'a> {
         if *channels == 0 || *channels > MOST_CHANNELS {
             return Err(PhysicsError::Channels(*channels));
         }
-        let grid = |position: usize| RoundingGrid::new(rows.column(rows.runs(), position));
+        let grid = |position: usize| RoundingGrid::new(rows.column(&rows.runs, position));
         let grids = (0..6 + channels).map(grid).collect::<Result<_, _>>()?;
         let mut cells = Self { rows, grids, width: cell_width(rows)?, count: 0 };
         let mut of_group = Vec::new();
@@ -157,7 +157,7 @@ impl<'a> Cells<'a> {
     fn sort(&self, runs: &[Run], cells: &mut Vec<RowInCell>) {
         cells.clear();
         for (position, run) in (0..).zip(runs) {
-            cells.extend((0..run.rows()).map(|row| ([0; 6], position, row)));
+            cells.extend((0..run.rows).map(|row| ([0; 6], position, row)));
         }
         for (axis, width) in self.width.iter().enumerate() {
             let grid = &self.grids[axis];
@@ -206,7 +206,7 @@ fn cell_width(rows: &GroupedRows) -> Result<PerAxis<f64>, PhysicsError> {
     // Squares on the same grid, so that the width does not depend on the order of the rows either.
     let mut width = [1.0; 6];
     for (axis, width) in width.iter_mut().enumerate() {
-        let squares = || rows.column(rows.runs(), axis).map(|x| x * x);
+        let squares = || rows.column(&rows.runs, axis).map(|x| x * x);
         let grid = RoundingGrid::new(squares())?;
         let sum: i128 = squares().map(|square| grid.position(square)).sum();
         let rms = grid.mean(sum, rows.row_count().max(1)).sqrt();

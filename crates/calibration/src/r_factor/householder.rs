@@ -25,7 +25,8 @@ const PANEL: usize = 16;
 #[derive(Clone, Debug, PartialEq)]
 pub struct RFactor {
     pub(super) features: usize,
-    pub(super) rows: u64,
+    /// Rows that were absorbed.
+    pub rows: u64,
     /// Upper triangular of order p + q.
     pub(super) r: Mat<f64>,
 }
@@ -35,11 +36,6 @@ impl RFactor {
     pub fn new(features: usize, outputs: usize) -> Self {
         let order = features + outputs;
         Self { features, rows: 0, r: Mat::zeros(order, order) }
-    }
-
-    /// Number of rows seen.
-    pub fn rows(&self) -> u64 {
-        self.rows
     }
 
     /// That of so many rows, of an upper triangular matrix of order p + q: [`RFactor::whole`].

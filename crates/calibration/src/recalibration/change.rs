@@ -46,11 +46,11 @@ impl ChannelChange {
 impl Change {
     /// The calibration after it, without intervals: those were of the sensor before.
     pub fn apply(&self, calibration: &Calibration) -> Calibration {
-        let kind = match calibration.kind() {
+        let kind = match &calibration.kind {
             Kind::Polynomial(polynomial) => Kind::Polynomial(self.polynomial(polynomial)),
             Kind::Physics(physics) => {
                 let model = self.model(physics.model());
-                Kind::Physics(Box::new(PhysicsCalibration::new(model, *physics.error_scale())))
+                Kind::Physics(Box::new(PhysicsCalibration::new(model, physics.error_scale)))
             }
         };
         let range = |(of, range): (&ChannelChange, &ReadingRange)| ReadingRange {
@@ -83,7 +83,7 @@ impl Change {
             let gain = gains.product::<f64>();
             self.wrench(&c.map(|c| c / gain))
         };
-        let terms = model.terms().into_iter().zip(polynomial.coefficients());
+        let terms = model.terms().into_iter().zip(&polynomial.coefficients);
         Polynomial::new(model, scaling, terms.map(coefficient).collect())
     }
 

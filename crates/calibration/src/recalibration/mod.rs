@@ -152,7 +152,7 @@ impl Calibration {
             return Err(RecalibrationError::NotFinite);
         }
         // How many times those of a physics model the variances of held-out errors are.
-        let held_out_variance = match self.kind() {
+        let held_out_variance = match &self.kind {
             Kind::Polynomial(_) => {
                 if !self.axes.of(&loads.calibration_errors).into_iter().all(|error| error > 0.0) {
                     return Err(RecalibrationError::NoErrors);
@@ -160,7 +160,7 @@ impl Calibration {
                 1.0
             }
             Kind::Physics(of) => {
-                of.error_scale().iter().map(|scale| scale * scale).sum::<f64>() / 6.0
+                of.error_scale.iter().map(|scale| scale * scale).sum::<f64>() / 6.0
             }
         };
         // Whether anything has changed is judged by errors as large as those on held-out loads; what, by the variances

@@ -276,7 +276,7 @@ impl<'a> ChangeSearch<'a> {
 
     /// Observed less predicted: the axes of the wrench, or the readings in calibrated ranges.
     fn differences(&self, change: &Change, some: &[&Observation]) -> Vec<Vec<f64>> {
-        match self.calibration.kind() {
+        match &self.calibration.kind {
             Kind::Polynomial(polynomial) => {
                 let changed = Kind::Polynomial(change.polynomial(polynomial));
                 let axes = self.calibration.axes;
@@ -304,7 +304,7 @@ impl<'a> ChangeSearch<'a> {
     /// The factor of the covariance of the differences of an observation: of the calibration, and of the reference.
     fn factor_of_errors(&self, at: usize, variance_scale: f64) -> Mat<f64> {
         let observation = &self.loads.observations[at];
-        let mut covariance = match self.calibration.kind() {
+        let mut covariance = match &self.calibration.kind {
             Kind::Polynomial(_) => {
                 let axes: Vec<usize> =
                     self.calibration.axes.iter().map(|axis| axis.index()).collect();

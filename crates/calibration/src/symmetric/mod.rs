@@ -15,7 +15,7 @@ use shell_data::vectorised;
 /// The upper triangle of a symmetric matrix, row after row.
 #[derive(Clone, Debug)]
 pub(crate) struct SymmetricMatrix {
-    size: usize,
+    pub(crate) size: usize,
     upper: Vec<f64>,
 }
 
@@ -40,10 +40,6 @@ impl SymmetricMatrix {
     /// The identity.
     pub(crate) fn identity(size: usize) -> Self {
         Self::from_fn(size, |i, j| f64::from(u8::from(i == j)))
-    }
-
-    pub(crate) fn size(&self) -> usize {
-        self.size
     }
 
     /// A row from the diagonal on.
@@ -295,7 +291,7 @@ mod tests {
     }
 
     fn faer(of: &SymmetricMatrix) -> Mat<f64> {
-        Mat::from_fn(of.size(), of.size(), |i, j| of.row(i.min(j))[i.abs_diff(j)])
+        Mat::from_fn(of.size, of.size, |i, j| of.row(i.min(j))[i.abs_diff(j)])
     }
 
     fn unit(size: usize, position: usize) -> Vec<f64> {
@@ -308,7 +304,7 @@ mod tests {
     }
 
     fn check_eigen(a: SymmetricMatrix) {
-        let size = a.size();
+        let size = a.size;
         let theirs = faer(&a);
         let expected = theirs.self_adjoint_eigenvalues(Side::Lower).unwrap();
         let largest = expected[0].abs().max(expected[size - 1].abs());

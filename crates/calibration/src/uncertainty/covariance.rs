@@ -6,10 +6,7 @@ use std::ops::Range;
 use faer::MatRef;
 
 use super::interval::{ErrorShape, NoIntervals, normal_quantile, student_quantile};
-use super::new_groups::{
-    held_out_intervals, held_out_intervals_factored, held_out_intervals_of_files,
-    held_out_intervals_of_stretches,
-};
+use super::new_groups::{MOST_GROUPS, each, of_scores, score_of, score_on, score_without};
 use crate::factored::FactoredGroups;
 use crate::least_squares::Method;
 use crate::model::Model;
@@ -17,6 +14,7 @@ use crate::passes::Workers;
 use crate::physics::GroupIntervals;
 use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
+use crate::validation::cross_validation::errors_on;
 use crate::validation::grouped::GroupedMoments;
 use shell_data::by_axis;
 use shell_data::wrench::PerAxis;
@@ -103,12 +101,17 @@ impl Covariance {
         let whole = sums.all_of_several()?;
         let fit = whole.solve(model, ridge)?;
         let (found, groups) = (fit.scatter(&sums.groups)?, &sums.groups);
-        let intervals = match are_stretches {
-            true => {
-                let parts = sums.partitioned(model)?;
-                held_out_intervals_of_stretches(&parts, (&fit, &found), groups, ridge, workers)
-            }
-            false => held_out_intervals(whole, groups, (model, ridge), workers),
+        let intervals = if are_stretches {
+            // The standard errors are those of the fit to all, to which one stretch adds little: of poly3, 40 scatters
+            // of 39 stretches take most of a fit.
+            let (parts, variances) = (sums.partitioned(model)?, fit.variances(&found, groups));
+            of_scores(groups.len(), workers, |group| {
+                let errors = errors_on(&parts, &groups[group].1, ridge).ok()?;
+                Some(score_of(&errors, &variances[group], &found, whole.rows()))
+            })
+        } else {
+            let score = |group| score_without(whole, groups, (model, ridge), group);
+            of_scores(groups.len(), workers, score)
         };
         Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
@@ -123,13 +126,36 @@ impl Covariance {
         rows: &FactoredGroups,
         files: Option<&[Range<usize>]>,
         solution: &Solution,
-        by: (Method, f64),
+        (method, ridge): (Method, f64),
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
+        let (model, groups) = (&solution.model, rows.groups.len());
         Self::from_r_factors(rows, solution, workers, |scatter| match files {
-            None => held_out_intervals_factored(rows, &solution.model, by, workers),
+            // A ridge by GCV is found anew without each group.
+            None => {
+                let others = (groups <= MOST_GROUPS).then(|| rows.without_each()).flatten()?;
+                of_scores(groups, workers, |group| {
+                    let fit = others[group].solve_by(method, model, ridge).ok()?;
+                    let scatter = rows.scatter(&fit, Some(group), 1).ok()?;
+                    score_on(rows, group, &fit, &scatter)
+                })
+            }
+            // Rows of a file have more in common than those of two. The fit to all rows says how much the errors of a
+            // stretch are expected to be.
             Some(files) => {
-                held_out_intervals_of_files(rows, files, (solution, scatter), by, workers)
+                let others = rows.merged(files).without_each()?;
+                let of_file = |file: usize| {
+                    let fit = others[file].solve_by(method, model, ridge).ok()?;
+                    let variances = rows.variances(files[file].clone(), solution, scatter)?;
+                    let score = |(group, variance): (usize, PerAxis<f64>)| {
+                        let errors = rows.groups[group].1.errors(&fit)?;
+                        Some(score_of(&errors, &variance, scatter, solution.rows))
+                    };
+                    files[file].clone().zip(variances).map(score).collect::<Option<Vec<_>>>()
+                };
+                let scores: Option<Vec<_>> =
+                    each(files.len(), workers, of_file)?.into_iter().collect();
+                Some(GroupIntervals::from_groups(&scores?.concat()))
             }
         })
     }

@@ -4,89 +4,21 @@
 //! rows and what scatters about it, taken as normal. Both come from the sums of the group, so that no row is
 //! read again. What the scores say, [`GroupIntervals`] does.
 
-use std::ops::Range;
-
-use crate::exact::{ExactFit, HeldOutErrors, Moments, PartitionedMoments};
+use crate::exact::{HeldOutErrors, Moments};
 use crate::factored::FactoredGroups;
-use crate::least_squares::Method;
 use crate::model::Model;
 use crate::passes::{Workers, map};
 use crate::physics::GroupIntervals;
 use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
-use crate::validation::cross_validation::errors_on;
 use shell_data::wrench::PerAxis;
 
 /// With more groups than this the scatter of the groups and the shape of the training errors say enough (95.0
 /// to 95.7 % of the sensor model's errors are in intervals of 95 % from 60 groups), and as many fits would take
 /// long.
-const MOST_GROUPS: usize = 50;
+pub(super) const MOST_GROUPS: usize = 50;
 
-/// The intervals of a fit to all `groups`, from the errors on each of a fit to the others; `None` where there are many.
-pub(super) fn held_out_intervals(
-    total: &Moments,
-    groups: &[(String, Moments)],
-    by: (&Model, f64),
-    workers: Workers<'_>,
-) -> Option<GroupIntervals> {
-    of_scores(groups.len(), workers, |group| score_without(total, groups, by, group))
-}
-
-/// The same of stretches of time, which are as many as there may be. The standard errors are those of the fit to all,
-/// to which one stretch adds little: of poly3, 40 scatters of 39 stretches take most of a fit.
-pub(super) fn held_out_intervals_of_stretches(
-    parts: &PartitionedMoments<'_>,
-    (fit, scatter): (&ExactFit, &GroupScatter),
-    groups: &[(String, Moments)],
-    ridge: f64,
-    workers: Workers<'_>,
-) -> Option<GroupIntervals> {
-    let variances = fit.variances(scatter, groups);
-    of_scores(groups.len(), workers, |group| {
-        let errors = errors_on(parts, &groups[group].1, ridge).ok()?;
-        Some(score_of(&errors, &variances[group], scatter, parts.total.rows()))
-    })
-}
-
-/// The same from R factors of the rows; a ridge by GCV is found anew without each group.
-pub(super) fn held_out_intervals_factored(
-    rows: &FactoredGroups,
-    model: &Model,
-    (method, ridge): (Method, f64),
-    workers: Workers<'_>,
-) -> Option<GroupIntervals> {
-    let others = (rows.groups.len() <= MOST_GROUPS).then(|| rows.without_each()).flatten()?;
-    of_scores(rows.groups.len(), workers, |group| {
-        let solution = others[group].solve_by(method, model, ridge).ok()?;
-        let scatter = rows.scatter(&solution, Some(group), 1).ok()?;
-        score_on(rows, group, &solution, &scatter)
-    })
-}
-
-/// The same of stretches of time, each by a fit without those of its file, if there are several: rows of a file have more
-/// in common than those of two. `solution` of all rows and its scatter say how much the errors of a stretch are expected to
-/// be.
-pub(super) fn held_out_intervals_of_files(
-    rows: &FactoredGroups,
-    files: &[Range<usize>],
-    (solution, scatter): (&Solution, &GroupScatter),
-    (method, ridge): (Method, f64),
-    workers: Workers<'_>,
-) -> Option<GroupIntervals> {
-    let others = rows.merged(files).without_each()?;
-    let of_file = |file: usize| {
-        let fit = others[file].solve_by(method, &solution.model, ridge).ok()?;
-        let variances = rows.variances(files[file].clone(), solution, scatter)?;
-        let score = |(group, variance): (usize, PerAxis<f64>)| {
-            let errors = rows.groups[group].1.errors(&fit)?;
-            Some(score_of(&errors, &variance, scatter, solution.rows))
-        };
-        files[file].clone().zip(variances).map(score).collect::<Option<Vec<_>>>()
-    };
-    let scores: Option<Vec<_>> = each(files.len(), workers, of_file)?.into_iter().collect();
-    Some(GroupIntervals::from_groups(&scores?.concat()))
-}
-
+/// The intervals of a fit to so many groups, from what `score` says of each; `None` where there are many, or one.
 pub(super) fn of_scores(
     groups: usize,
     workers: Workers<'_>,
@@ -102,7 +34,7 @@ pub(super) fn of_scores(
 
 /// What `score` says of so many groups, on all threads; `None` if whoever watches wants no more, which the next pass over
 /// the rows says.
-fn each<T: Send>(
+pub(super) fn each<T: Send>(
     groups: usize,
     workers: Workers<'_>,
     score: impl Fn(usize) -> T + Sync,
@@ -112,7 +44,7 @@ fn each<T: Send>(
 
 /// Mean and scatter of the errors of a group, in standard errors, by the fit to all others; `None` where that
 /// cannot be.
-fn score_without(
+pub(super) fn score_without(
     total: &Moments,
     groups: &[(String, Moments)],
     (model, ridge): (&Model, f64),
@@ -139,7 +71,7 @@ pub(super) fn score_on(
 
 /// Mean and scatter of the errors of a group, in standard errors of the fit to so many other rows. `variance` is that
 /// which the coefficients give its rows.
-fn score_of(
+pub(super) fn score_of(
     errors: &PerAxis<HeldOutErrors>,
     variance: &PerAxis<f64>,
     scatter: &GroupScatter,
@@ -218,9 +150,9 @@ mod tests {
                 crate::Calibration::from_solution(&solution, &total.reading_ranges());
             calibration.covariance =
                 Some(Covariance::from_groups(&rest, &model, 0.0, false, Workers::ONE).unwrap());
-            let (mut wrench, mut errors) = (PerAxis::default(), PerAxis::default());
+            let mut wrench = PerAxis::default();
             calibration.wrench(&part.readings, &mut wrench);
-            assert!(calibration.standard_errors(&part.readings, None, &mut errors));
+            let errors = calibration.standard_errors(&part.readings, None).unwrap();
             for axis in 0..6 {
                 let off: Vec<f64> =
                     wrench[axis].iter().zip(&part.wrench[axis]).map(|(a, b)| a - b).collect();
@@ -239,13 +171,11 @@ mod tests {
     fn the_scatter_of_all_stretches_does_for_those_without_one() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let sums = sums(&block(40));
-        let groups = &sums.groups;
-        let (parts, by) = (sums.partitioned(&model).unwrap(), (&model, 0.0));
-        let fit = parts.total.solve(&model, 0.0).unwrap();
-        let of_all = (&fit, &fit.scatter(groups).unwrap());
-        let all = held_out_intervals_of_stretches(&parts, of_all, groups, 0.0, Workers::ONE);
-        let without = held_out_intervals(parts.total, groups, by, Workers::ONE).unwrap();
-        let all = all.unwrap();
+        let intervals = |are_stretches: bool| {
+            let found = Covariance::from_groups(&sums, &model, 0.0, are_stretches, Workers::ONE);
+            found.unwrap().intervals.unwrap()
+        };
+        let (all, without) = (intervals(true), intervals(false));
         let (all, without) = (all.factors(0.95).unwrap(), without.factors(0.95).unwrap());
         for (all, without) in all.into_iter().zip(without) {
             // A stretch has a fortieth of the variance, one that errs by two standard errors a tenth.
@@ -258,8 +188,7 @@ mod tests {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let of = |groups| {
             let sums = sums(&block(groups));
-            let total = sums.total().unwrap();
-            held_out_intervals(total, &sums.groups, (&model, 0.0), Workers::ONE)
+            Covariance::from_groups(&sums, &model, 0.0, false, Workers::ONE).unwrap().intervals
         };
         assert_eq!(of(MOST_GROUPS + 1), None);
         assert!(of(MOST_GROUPS).unwrap().factors(0.95).is_ok());

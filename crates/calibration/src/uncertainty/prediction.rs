@@ -33,9 +33,9 @@ impl Calibration {
             return None;
         }
         let mean = |column: &[f64]| column.iter().sum::<f64>() / frames as f64;
-        let (features, wrench, variance) = match self.kind() {
+        let (features, wrench, variance) = match &self.kind {
             Kind::Polynomial(polynomial) => {
-                let features = polynomial.features();
+                let features = &polynomial.features;
                 let mut columns = vec![0.0; frames * features.len()];
                 features.fill(readings, 0..frames, &mut columns, frames);
                 let mut wrench = PerAxis::default();
@@ -55,7 +55,7 @@ impl Calibration {
 
     /// Whether it knows standard errors.
     pub fn has_standard_errors(&self) -> bool {
-        self.covariance.is_some() || matches!(self.kind(), Kind::Physics(_))
+        self.covariance.is_some() || matches!(self.kind, Kind::Physics(_))
     }
 
     /// How far to trust every row: standard errors, if they are wanted and known, and channels that
@@ -64,12 +64,9 @@ impl Calibration {
     /// # Panics
     /// If `readings` are not the model's channels, or of different lengths.
     pub fn trust(&self, readings: &[Vec<f64>], tare: Option<&Tare>, errors: bool) -> Trust {
-        let mut standard_errors = PerAxis::default();
-        let Kind::Physics(physics) = self.kind() else {
-            if errors {
-                self.standard_errors(readings, tare, &mut standard_errors);
-            }
-            return Trust { standard_errors, ..Trust::default() };
+        let Kind::Physics(physics) = &self.kind else {
+            let known = errors.then(|| self.standard_errors(readings, tare)).flatten();
+            return Trust { standard_errors: known.unwrap_or_default(), ..Trust::default() };
         };
         let found = physics.estimates(readings);
         let mask = |of: fn(&Flags) -> u16| found.flags.iter().map(|f| u64::from(of(f))).collect();
@@ -82,8 +79,7 @@ impl Calibration {
 
     /// The standard error of every row and axis, N and N·m; see the module for the formulas.
     ///
-    /// `readings` has one column per channel, in counts; `errors` is made as long as they are.
-    /// Returns false, and leaves `errors` empty, if the calibration carries no covariance.
+    /// `readings` has one column per channel, in counts. `None` if the calibration carries no covariance.
     ///
     /// # Panics
     /// If `readings` are not the model's channels, or of different lengths.
@@ -91,21 +87,18 @@ impl Calibration {
         &self,
         readings: &[Vec<f64>],
         tare: Option<&Tare>,
-        errors: &mut PerAxis<Vec<f64>>,
-    ) -> bool {
+    ) -> Option<PerAxis<Vec<f64>>> {
         let readings = &*self.with_terms(readings);
         let rows = self.rows_of(readings);
-        errors.iter_mut().for_each(Vec::clear);
-        let polynomial = match self.kind() {
-            Kind::Polynomial(polynomial) => polynomial,
-            Kind::Physics(physics) => {
-                *errors = tared(physics.estimates(readings).standard_errors, tare);
-                return true;
+        match &self.kind {
+            Kind::Polynomial(polynomial) => {
+                let covariance = self.covariance.as_ref()?;
+                Some(predict_errors(&polynomial.features, covariance, readings, rows, tare))
             }
-        };
-        let Some(covariance) = &self.covariance else { return false };
-        predict_errors(polynomial.features(), covariance, readings, rows, tare, errors);
-        true
+            Kind::Physics(physics) => {
+                Some(tared(physics.estimates(readings).standard_errors, tare))
+            }
+        }
     }
 }
 
@@ -140,8 +133,8 @@ vectorised! {
         readings: &[Vec<f64>],
         rows: usize,
         tare: Option<&Tare>,
-        errors: &mut PerAxis<Vec<f64>>,
-    ) {
+    ) -> PerAxis<Vec<f64>> {
+        let mut errors: PerAxis<Vec<f64>> = std::array::from_fn(|_| Vec::with_capacity(rows));
         let mut lanes = vec![[0.0; LANES]; features.len()];
         let own: PerAxis<f64> = std::array::from_fn(|axis| {
             let shared = covariance.shared.map_or(0.0, |shared| shared[axis]);
@@ -178,6 +171,7 @@ vectorised! {
                 }
             }
         }
+        errors
     }
 }
 
@@ -236,8 +230,7 @@ mod tests {
     fn standard_errors_of_a_straight_line_are_those_of_the_textbook() {
         let (calibration, mean, squares) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
         let new = [vec![0.0, 5.6, 20.0]];
-        let mut errors = PerAxis::default();
-        assert!(calibration.standard_errors(&new, None, &mut errors));
+        let errors = calibration.standard_errors(&new, None).unwrap();
         for (&s, &error) in new[0].iter().zip(&errors[2]) {
             let variance = 1.0 + 1.0 / 5.0 + (s - mean) * (s - mean) / squares;
             // A handful of roundings.
@@ -251,8 +244,7 @@ mod tests {
         let tare = calibration.tare(&[vec![3.0, 5.0]]).unwrap();
         assert_eq!(tare.features, [4.0, 1.0]);
         assert_eq!(tare.wrench, [9.0; 6]);
-        let mut errors = PerAxis::default();
-        assert!(calibration.standard_errors(&[vec![10.0]], Some(&tare), &mut errors));
+        let errors = calibration.standard_errors(&[vec![10.0]], Some(&tare)).unwrap();
         let variance = 1.0 + 1.0 / 2.0 + 36.0 / squares;
         assert!((errors[5][0] - 0.5 * f64::sqrt(variance)).abs() < 1e-14);
     }
@@ -265,8 +257,7 @@ mod tests {
             let factors = std::array::from_fn(factor);
             covariance.coefficients = CoefficientCovariance::Groups { groups: 5, factors };
         }
-        let mut errors = PerAxis::default();
-        assert!(calibration.standard_errors(&[vec![3.0]], None, &mut errors));
+        let errors = calibration.standard_errors(&[vec![3.0]], None).unwrap();
         // The row [3, 1]: 0.25 of its own, (3·axis)² and 2² of the coefficients.
         let expected = |axis: usize| (0.25 + 9.0 * (axis * axis) as f64 + 4.0).sqrt();
         (0..6).for_each(|axis| assert!((errors[axis][0] - expected(axis)).abs() < 1e-14));
@@ -282,8 +273,7 @@ mod tests {
         }
         for (frames, expected) in [(1, 2.0), (1000, 1.75 + 0.25e-3)] {
             let tare = calibration.tare(&[vec![3.0; frames]]).unwrap();
-            let mut errors = PerAxis::default();
-            assert!(calibration.standard_errors(&[vec![10.0]], Some(&tare), &mut errors));
+            let errors = calibration.standard_errors(&[vec![10.0]], Some(&tare)).unwrap();
             assert!((errors[1][0] - 0.5 * f64::sqrt(expected)).abs() < 1e-14, "{frames}");
         }
     }
@@ -292,7 +282,7 @@ mod tests {
     fn without_a_covariance_there_are_no_standard_errors_and_without_frames_no_tare() {
         let (mut calibration, ..) = line(&[1.0, 2.0, 4.0]);
         calibration.covariance = None;
-        assert!(!calibration.standard_errors(&[vec![1.0]], None, &mut PerAxis::default()));
+        assert_eq!(calibration.standard_errors(&[vec![1.0]], None), None);
         assert_eq!(calibration.tare(&[vec![]]), None);
     }
 }

@@ -19,17 +19,10 @@ const NO_ERROR: f64 = 1e-8;
 pub struct Comparison {
     /// Root mean square errors of both over all rows, N and N·m.
     pub rms: [PerAxis<f64>; 2],
-    /// How the errors on each axis compare.
-    pub axes: PerAxis<ErrorRatio>,
+    /// How the errors on each axis compare: logarithms of their ratios.
+    pub axes: PerAxis<FoldMean>,
     /// The geometric mean over the axes.
-    pub all: ErrorRatio,
-}
-
-/// How many times the error of one model is that of another.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ErrorRatio {
-    /// Its natural logarithm.
-    pub log: FoldMean,
+    pub all: FoldMean,
 }
 
 /// A mean over folds and its standard error.
@@ -53,31 +46,29 @@ impl FoldMean {
         let n = folds.len() as f64;
         Self { value, standard_error: (spread * n / (n - 1.0)).sqrt() }
     }
-}
 
-impl ErrorRatio {
-    /// Whether the first model errs less by more than a standard error.
+    /// Whether the first of two models, of whose errors this is the log ratio, errs less by more than a standard error.
     pub fn first_is_better(self) -> bool {
-        self.log.value < -self.log.standard_error
+        self.value < -self.standard_error
     }
 
     /// Whether the second model errs less by more than a standard error.
     pub fn second_is_better(self) -> bool {
-        self.log.value > self.log.standard_error
+        self.value > self.standard_error
     }
 
     /// The same from the other side.
     #[must_use]
     pub fn reversed(self) -> Self {
-        Self { log: FoldMean { value: -self.log.value, ..self.log } }
+        Self { value: -self.value, ..self }
     }
 }
 
-/// By how much the first model errs less, or more.
-impl fmt::Display for ErrorRatio {
+/// Of a log ratio of errors: by how much the first model errs less, or more.
+impl fmt::Display for FoldMean {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ratio = libm::exp(self.log.value);
-        let (percent, error) = (100.0 * (ratio - 1.0), 100.0 * ratio * self.log.standard_error);
+        let ratio = libm::exp(self.value);
+        let (percent, error) = (100.0 * (ratio - 1.0), 100.0 * ratio * self.standard_error);
         let side = if percent > 0.0 { "more" } else { "less" };
         write!(f, "{} ± {} % {side}", significant(percent.abs(), 2), significant(error, 2))
     }
@@ -97,11 +88,11 @@ impl Comparison {
         assert!(first.len() == second.len() && first.len() > 1, "two folds or more, of both");
         let [of_first, of_second] =
             [first, second].map(|folds| RelativeErrors::new(folds, variances));
-        let ratio = |axes: &[usize]| ErrorRatio { log: of_first.log_ratio(&of_second, axes) };
+        let ratio = |axes: &[usize]| of_first.log_ratio(&of_second, axes);
         let rms = [first, second].map(|folds| HeldOutErrors::total(folds).map(|of| of.rms()));
         let axis = |axis: usize| match variances[axis] > 0.0 {
             true => ratio(&[axis]),
-            false => ErrorRatio::default(),
+            false => FoldMean::default(),
         };
         Self { rms, axes: std::array::from_fn(axis), all: ratio(&varying(variances)) }
     }
@@ -174,11 +165,11 @@ mod tests {
         let (first, second) = ([1.0, 4.0, 9.0].map(fold), [4.0, 16.0, 9.0].map(fold));
         let found = Comparison::new(&first, &second, &[4.0; 6]);
         // Means 2 and 3; 1/2 − 2/3, 2/2 − 4/3 and 3/2 − 3/3 are −1/6, −1/3 and 1/2: s = 0.441, over √3.
-        let FoldMean { value, standard_error } = found.all.log;
+        let FoldMean { value, standard_error } = found.all;
         assert!((value - (2.0_f64 / 3.0).ln()).abs() < 1e-7);
         assert!((standard_error - (7.0_f64 / 36.0 / 3.0).sqrt()).abs() < 1e-7);
         assert!(found.all.first_is_better() && !found.all.second_is_better());
-        assert!((found.axes[3].log.value - value).abs() < 1e-14);
+        assert!((found.axes[3].value - value).abs() < 1e-14);
         assert_eq!(found.all.to_string(), "33 ± 17 % less");
         assert_eq!(found.all.reversed().to_string(), "50 ± 38 % more");
         assert!((found.rms[0][0] - (14.0 / 3.0_f64).sqrt()).abs() < 1e-15);
@@ -199,6 +190,6 @@ mod tests {
     #[test]
     fn errors_that_are_rounding_are_alike() {
         let found = Comparison::new(&[fold(1e-24); 3], &[fold(0.0); 3], &[1.0; 6]);
-        assert!(found.all.log.value.abs() < 1e-3, "{:?}", found.all);
+        assert!(found.all.value.abs() < 1e-3, "{:?}", found.all);
     }
 }

@@ -37,17 +37,12 @@ const LEAST_PIVOT: f64 = 1e-13;
 /// `[X | W]ᵀ[X | W]` of some rows.
 #[derive(Clone, Debug)]
 pub(crate) struct NormalEquations {
-    features: usize,
-    rows: u64,
-    products: Mat<f64>,
+    pub(crate) features: usize,
+    pub(crate) rows: u64,
+    pub(crate) products: Mat<f64>,
 }
 
 impl NormalEquations {
-    /// Of products of so many features and six axes.
-    pub(crate) fn from_products(features: usize, rows: u64, products: Mat<f64>) -> Self {
-        Self { features, rows, products }
-    }
-
     /// Of some rows.
     fn new(features: &Features, rows: &GroupedRows, runs: &[Run]) -> Self {
         let columns = features.len() + Axis::ALL.len();
@@ -168,7 +163,7 @@ pub(crate) fn select(
         }))
     };
     let variances = Axis::ALL.map(|axis| {
-        let all = rows.spread(rows.runs(), axis.index());
+        let all = rows.spread(&rows.runs, axis.index());
         all.squares / all.count.max(1) as f64
     });
     Ok(choose(model, ridges, variances, errors_of)?.selection)

@@ -18,7 +18,7 @@ use super::grouped::GroupedMoments;
 use crate::error::FitError;
 use crate::exact::{HeldOutErrors, PartitionedMoments};
 use crate::model::{Basis, Model};
-use crate::quality::significant;
+use crate::quality::{in_units, significant};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Ridge parameters that are tried; larger ones follow, up to [`LARGEST_RIDGE`], as long as the last
@@ -304,9 +304,8 @@ fn name(of: &Candidate) -> String {
 
 /// The errors of the second of two models and of the first.
 fn worth(comparison: &Comparison, axes: Axes) -> String {
-    let of = |axis: Axis| {
-        let [first, second] = comparison.rms.map(|rms| significant(rms[axis.index()], 3));
-        format!("{} {second} → {first} {}", axis.name(), axis.unit())
-    };
-    axes.iter().map(of).collect::<Vec<_>>().join(", ")
+    in_units(axes.iter(), |axis| {
+        let [first, second] = comparison.rms.map(|rms| significant(rms[axis], 3));
+        format!("{second} → {first}")
+    })
 }

@@ -49,7 +49,7 @@ pub fn interval_factors(
     calibration: &Calibration,
     level: f64,
 ) -> Result<PerAxis<f64>, WorkflowError> {
-    match calibration.kind() {
+    match &calibration.kind {
         Kind::Polynomial(_) => {
             let covariance = calibration.covariance.as_ref().ok_or(WorkflowError::NoCovariance)?;
             Ok(covariance.interval_factors(level)?)

@@ -64,9 +64,9 @@ pub(crate) fn coverage(
     readings: &[Vec<f64>],
     truth: &PerAxis<Vec<f64>>,
 ) -> PerAxis<f64> {
-    let (mut wrench, mut errors) = (PerAxis::default(), PerAxis::default());
+    let mut wrench = PerAxis::default();
     calibration.wrench(readings, &mut wrench);
-    assert!(calibration.standard_errors(readings, None, &mut errors));
+    let errors = calibration.standard_errors(readings, None).unwrap();
     let factors = calibration.covariance.as_ref().unwrap().interval_factors(0.95).unwrap();
     std::array::from_fn(|axis| {
         let holds = |row: &usize| {

@@ -88,14 +88,14 @@ impl LoadEquations {
         more: f64,
     ) -> Option<(SymmetricMatrix, Vec<f64>, Vec<Eliminated>)> {
         let (mut border, mut descent) = (self.border.clone(), self.descent.clone());
-        (0..border.size()).for_each(|i| border.row_mut(i)[0] *= more);
+        (0..border.size).for_each(|i| border.row_mut(i)[0] *= more);
         let mut eliminated = Vec::with_capacity(self.loads.len());
         for load in &self.loads {
             let mut curvature = load.curvature;
             (0..OWN).for_each(|k| curvature[k][k] *= more);
             let factor = Cholesky::new(&curvature)?;
             // With h = L·Lᵀ: L⁻¹·coupling, whose squares are what the load takes from the border.
-            let mut taken: [Vec<f64>; OWN] = std::array::from_fn(|_| vec![0.0; border.size()]);
+            let mut taken: [Vec<f64>; OWN] = std::array::from_fn(|_| vec![0.0; border.size]);
             let mut following = taken.clone();
             for (position, descent) in descent.iter_mut().enumerate() {
                 let column = std::array::from_fn(|k| load.coupling[k][position]);

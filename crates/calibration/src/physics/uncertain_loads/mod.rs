@@ -288,7 +288,7 @@ impl LoadSearch<'_> {
         let Some((border, eliminated)) = at.factor() else { return all };
         for (of, eliminated) in at.loads.iter().zip(&eliminated) {
             for (row, all) in of.rows.iter().zip(&mut all) {
-                let mut u = vec![0.0; at.border.size()];
+                let mut u = vec![0.0; at.border.size];
                 for (t, following) in row.by_load.iter().zip(&eliminated.following) {
                     u.iter_mut().zip(following).for_each(|(u, x)| *u -= t * x);
                 }

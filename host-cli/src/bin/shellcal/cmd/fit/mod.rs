@@ -6,7 +6,6 @@ mod recalibration;
 mod report;
 
 use calibration::Basis;
-use calibration::dynamics::LagRule;
 use calibration::fit::{CovarianceRule, Fit, HeldOut, ModelRule, OutlierRule};
 use calibration::solver::SolverKind;
 use calibration::validation::grouped::GroupKind;
@@ -79,12 +78,12 @@ pub(crate) struct FitArgs {
     /// How many ms later than the readings the reference shows a load (rows, where logs have no time); `auto`
     /// finds it [default: `auto` where the model is chosen, otherwise 0]
     #[arg(long, value_name = "auto|MS", value_parser = parse_lag, allow_hyphen_values = true, help_heading = "Model")]
-    lag: Option<LagRule>,
+    lag: Option<SearchArg<f64>>,
 
     /// Let each channel remember: terms `s - EMA(s)` with these time constants (rows, where logs have no time);
     /// `auto` takes those that lower held-out errors [default: `auto` where the model is chosen, otherwise none]
     #[arg(long, value_name = "auto|none|SECONDS,...", value_parser = parse_memory, help_heading = "Model")]
-    memory_terms: Option<MemoryArg>,
+    memory_terms: Option<SearchArg<Vec<f64>>>,
 
     /// Hold out these groups of rows, with any model: each group of the group column, each file, or each pose
     /// of constant load that is found; a number K assigns the groups to K folds
@@ -186,12 +185,11 @@ const GROUPS: [(&str, &str, KeptGroups); 3] = [
     ("column", "Those of the group column", KeptGroups::By(GroupKind::Column)),
 ];
 
-/// Memory terms.
+/// A lag in ms or time constants in s, or rows: to be searched for, or given.
 #[derive(Clone, Debug)]
-enum MemoryArg {
+enum SearchArg<T> {
     Auto,
-    /// Time constants in s, or rows.
-    Given(Vec<f64>),
+    Given(T),
 }
 
 /// What is done about suspicious rows.
@@ -234,23 +232,23 @@ impl FitArgs {
 }
 
 /// In ms, or rows.
-fn parse_lag(text: &str) -> Result<LagRule, &'static str> {
+fn parse_lag(text: &str) -> Result<SearchArg<f64>, &'static str> {
     match text.parse() {
-        _ if text == "auto" => Ok(LagRule::Auto),
-        Ok(lag) if f64::is_finite(lag) => Ok(LagRule::Given(lag)),
+        _ if text == "auto" => Ok(SearchArg::Auto),
+        Ok(lag) if f64::is_finite(lag) => Ok(SearchArg::Given(lag)),
         _ => Err("expected `auto`, or a time in ms such as 3.1"),
     }
 }
 
-fn parse_memory(text: &str) -> Result<MemoryArg, &'static str> {
+fn parse_memory(text: &str) -> Result<SearchArg<Vec<f64>>, &'static str> {
     let positive = |text: &str| text.trim().parse().ok().filter(|tau| *tau > 0.0 && *tau < 1e9);
     match text {
-        "auto" => Ok(MemoryArg::Auto),
-        "none" => Ok(MemoryArg::Given(Vec::new())),
+        "auto" => Ok(SearchArg::Auto),
+        "none" => Ok(SearchArg::Given(Vec::new())),
         _ => {
             let times: Option<Vec<f64>> = text.split(',').map(positive).collect();
             let times = times.ok_or("expected `auto`, `none`, or times in s such as 0.03,1.2")?;
-            Ok(MemoryArg::Given(times))
+            Ok(SearchArg::Given(times))
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 use std::time::Instant;
 
-use calibration::dynamics::{DynamicsRule, LagRule, MemoryRule};
+use calibration::dynamics::DynamicsRule;
 use calibration::fit::{
     CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, Outliers, Workers,
 };
@@ -26,7 +26,7 @@ use super::super::mapping::open_logs;
 use super::super::outputs;
 use super::super::plan::read_table;
 use super::report::{NamedRows, report};
-use super::{FitArgs, MemoryArg, hung_loads};
+use super::{FitArgs, SearchArg, hung_loads};
 use crate::printer::{Outcome, Printer};
 
 impl FitArgs {
@@ -250,18 +250,18 @@ impl FitArgs {
         DynamicsRule {
             lag: match self.lag {
                 None => default.lag,
-                Some(LagRule::Given(by_ms)) if has_time => LagRule::Given(by_ms / 1e3),
-                Some(lag) => lag,
+                Some(SearchArg::Auto) => None,
+                Some(SearchArg::Given(by)) => Some(if has_time { by / 1e3 } else { by }),
             },
             memory: match &self.memory_terms {
                 // A matrix has none.
-                None if self.export_matrix.is_some() => MemoryRule::Given(&[]),
+                None if self.export_matrix.is_some() => Some(&[]),
                 None => default.memory,
-                Some(MemoryArg::Auto) => MemoryRule::Auto,
-                Some(MemoryArg::Given(times)) => MemoryRule::Given(times),
+                Some(SearchArg::Auto) => None,
+                Some(SearchArg::Given(times)) => Some(times),
             },
-            in_groups: self.lag == Some(LagRule::Auto)
-                || matches!(self.memory_terms, Some(MemoryArg::Auto)),
+            in_groups: matches!(self.lag, Some(SearchArg::Auto))
+                || matches!(self.memory_terms, Some(SearchArg::Auto)),
         }
     }
 

@@ -6,7 +6,7 @@ use calibration::fit::{Fit, FitMethod, ModelComparison, UnseenRows, Verdict};
 use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsValidation};
 use calibration::quality::significant;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
-use calibration::validation::comparison::ErrorRatio;
+use calibration::validation::comparison::FoldMean;
 use calibration::validation::selection::Advice;
 use calibration_file::{CalibrationFile, Diagnostics};
 use serde::Serialize;
@@ -136,8 +136,8 @@ fn comparison(found: &ModelComparison) -> impl Serialize + use<> {
 }
 
 /// A ratio and its standard error, both of its logarithm.
-fn log_ratio(ratio: ErrorRatio) -> [f64; 2] {
-    [ratio.log.value, ratio.log.standard_error]
+fn log_ratio(ratio: FoldMean) -> [f64; 2] {
+    [ratio.value, ratio.standard_error]
 }
 
 /// The ridge, and what it penalises: with an intercept readings are centred before powers are taken.
@@ -162,7 +162,7 @@ pub(super) fn report(
     let axes = fitted.calibration.axes;
     let polynomial = file.origin.solver.zip(fitted.solution());
     let polynomial = polynomial.map(|(solver, solution)| (solver, solution.model));
-    let physics = match (&fitted.method, fitted.calibration.kind()) {
+    let physics = match (&fitted.method, &fitted.calibration.kind) {
         (FitMethod::Physics(of_rows), Kind::Physics(physics)) => Some((of_rows, physics)),
         _ => None,
     };
@@ -198,7 +198,7 @@ pub(super) fn report(
                 factors: model.factor_count(),
                 factors_tried: choice.factor_trials.iter().map(tried).collect::<Vec<_>>(),
                 // What the model's standard errors are multiplied by, from held-out groups.
-                standard_error_scale: physics.error_scale(),
+                standard_error_scale: &physics.error_scale,
                 // Median over the groups of the size of their mean error, N and N·m.
                 median_of_groups?: validation.map(PhysicsValidation::median),
                 // Share of held-out rows within their 95 % intervals, each group with the same weight.

@@ -8,7 +8,7 @@ use std::num::NonZeroU64;
 use anyhow::Context;
 use calibration::Kind;
 use calibration::load_plan::{
-    Coupling, Criterion, PlannedLoad, Planner, PredictedError, SensorKnowledge, couplings,
+    Coupling, Order, PlannedLoad, Planner, PredictedError, SensorKnowledge, couplings,
 };
 use calibration_file::CalibrationFile;
 use load_table::{HungLoad, HungLoads, WrenchBox, combinations};
@@ -67,7 +67,7 @@ pub(crate) struct PlanArgs {
     /// What the next load is chosen by: `gain` of information, average variance over the range of loads (`alc`), or
     /// `d-optimal` on 1, w and w·w, which needs no model of the sensors [default: gain where there is a model]
     #[arg(long, value_name = "CRITERION", value_parser = one_of(&CRITERIA), hide_possible_values = true)]
-    by: Option<CriterionArg>,
+    by: Option<Order>,
 
     /// How many loads to plan [default: 16; with `--until` as many as it takes, at most 200]
     #[arg(long, short = 'n', value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20_000))]
@@ -106,17 +106,10 @@ pub(crate) struct PlanArgs {
     mapping: MappingArgs,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum CriterionArg {
-    Gain,
-    AverageVariance,
-    DOptimal,
-}
-
-const CRITERIA: [(&str, &str, CriterionArg); 3] = [
-    ("gain", "", CriterionArg::Gain),
-    ("alc", "", CriterionArg::AverageVariance),
-    ("d-optimal", "", CriterionArg::DOptimal),
+const CRITERIA: [(&str, &str, Order); 3] = [
+    ("gain", "", Order::Gain),
+    ("alc", "", Order::AverageVariance),
+    ("d-optimal", "", Order::DOptimal),
 ];
 
 /// When a plan is long enough: the error of forces in N and of moments in N·m.
@@ -152,9 +145,7 @@ impl PlanArgs {
         let candidates: Vec<PerAxis<f64>> = table.loads().iter().map(HungLoad::wrench).collect();
         let session = self.session()?;
         let sensors = match (session.sensors, self.by) {
-            (Ok(sensors), None | Some(CriterionArg::Gain | CriterionArg::AverageVariance)) => {
-                Some(sensors)
-            }
+            (Ok(sensors), by) if by != Some(Order::DOptimal) => Some(sensors),
             (Err(reason), _) if self.until.is_some() => {
                 anyhow::bail!("`--until` takes a model of the sensors, and there is none: {reason}")
             }
@@ -167,14 +158,11 @@ impl PlanArgs {
                 None
             }
         };
-        let by = match self.by {
-            Some(CriterionArg::AverageVariance) => Criterion::AverageVariance,
-            _ => Criterion::Gain,
-        };
+        let by = self.by.unwrap_or(Order::Gain);
         let mut planner = Planner::new(sensors, by, &session.loads, &candidates);
         let before = planner.error();
-        let criterion = match (before, self.by) {
-            (_, Some(CriterionArg::AverageVariance)) => "average variance (ALC)",
+        let criterion = match (before, by) {
+            (_, Order::AverageVariance) => by.name(),
             (PredictedError::Wrench(_), _) => "information gain",
             (PredictedError::Relative(_), _) => "D-optimal on 1, w and w·w",
         };
@@ -204,7 +192,7 @@ impl PlanArgs {
             [] => Ok(without_loads(Err("nothing is recorded".to_owned()))),
             [path] if path.extension().is_some_and(|extension| extension == "json") => {
                 let file = CalibrationFile::read(path)?;
-                let Kind::Physics(physics) = file.calibration.kind() else {
+                let Kind::Physics(physics) = &file.calibration.kind else {
                     anyhow::bail!(
                         "`{}` is a polynomial, which does not say what it was fitted to: give its logs",
                         path.display()
