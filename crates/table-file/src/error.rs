@@ -15,37 +15,28 @@ pub enum TableError {
     Io(#[from] io::Error),
     /// The file is cut short or contradicts itself.
     #[error("a damaged {kind}: {what}")]
-    Damaged {
-        /// The kind of file.
-        kind: FileKind,
-        /// What is wrong, and where.
-        what: String,
-    },
+    Damaged { kind: FileKind, what: String },
     /// The file is right but holds what is not read here.
     #[error("{} that is not read: {what}", kind.with_article())]
-    Unsupported {
-        /// The kind of file.
-        kind: FileKind,
-        /// What it holds.
-        what: String,
-    },
-    /// The file holds several tables, or none of the name asked for.
+    Unsupported { kind: FileKind, what: String },
+    /// The file holds several tables, which are called `part` in it, or none of the name that was asked for.
     #[error(
         "{} {}; it has {}",
         kind.with_article(),
         match wanted { Some(name) => format!("without a {part} `{name}`"), None => format!("with more than one {part}") },
         if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
-    Choice {
-        /// The kind of file.
-        kind: FileKind,
-        /// What a table is called in it.
-        part: &'static str,
-        /// The name that was asked for.
-        wanted: Option<String>,
-        /// The names there are.
-        found: Vec<String>,
-    },
+    Choice { kind: FileKind, part: &'static str, wanted: Option<String>, found: Vec<String> },
+}
+
+/// The error of reading a table as text.
+impl From<TableError> for io::Error {
+    fn from(error: TableError) -> Self {
+        match error {
+            TableError::Io(error) => error,
+            error => Self::new(io::ErrorKind::InvalidData, error),
+        }
+    }
 }
 
 impl FileKind {

@@ -10,7 +10,6 @@
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 mod arrays;
 mod budget;

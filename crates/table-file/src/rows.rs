@@ -72,15 +72,12 @@ pub(crate) trait RowSource: fmt::Debug + Send + Sync {
 
     /// The rows of some parts; what is unpacked for them counts as part of `unpacked`.
     fn rows(
-        &self,
+        self: Arc<Self>,
         parts: Range<usize>,
         unpacked: Unpacked,
-    ) -> Result<Box<dyn RowStream>, TableError>;
+    ) -> Result<RowStream, TableError>;
 }
 
-/// A stream of rows.
-pub(crate) trait RowStream: Send {
-    /// Puts the next rows into `batch`; `false` if there are no more. Columns may differ in number
-    /// from one batch to the next, but are all of one length.
-    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError>;
-}
+/// A stream of rows: puts the next ones into the batch; `false` if there are no more. Columns may differ in
+/// number from one batch to the next, but are all of one length.
+pub(crate) type RowStream = Box<dyn FnMut(&mut RowBatch) -> Result<bool, TableError> + Send>;

@@ -9,10 +9,8 @@ use crate::rows::Cell;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FieldKind {
     /// `geometry_msgs/Wrench` or `geometry_msgs/WrenchStamped` as ROS 2 sends it (CDR), or ROS 1.
-    Wrench {
-        is_stamped: bool,
-        is_ros1: bool,
-    },
+    Wrench { is_stamped: bool, is_ros1: bool },
+    /// Objects in JSON.
     Json,
 }
 

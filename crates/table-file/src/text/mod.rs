@@ -115,27 +115,17 @@ impl Table {
         let parts = self.rows.parts();
         if threads > 1 && parts > 1 {
             let mut parts = TextOfParts::new(Arc::clone(&self.rows), threads);
-            return Ok(Box::new(TextStream::new(text, move |text| {
-                parts.next(text).map_err(to_io)
-            })));
+            return Ok(Box::new(TextStream::new(text, move |text| Ok(parts.next(text)?))));
         }
-        let mut rows = self.rows.rows(0..parts, Unpacked::default())?;
+        let mut rows = Arc::clone(&self.rows).rows(0..parts, Unpacked::default())?;
         let mut batch = RowBatch::new();
         Ok(Box::new(TextStream::new(text, move |text| {
-            let is_there = rows.next(&mut batch).map_err(to_io)?;
+            let is_there = rows(&mut batch)?;
             if is_there {
                 write_rows(&batch, text);
             }
             Ok(is_there)
         })))
-    }
-}
-
-/// The error of reading that an error of the table is.
-fn to_io(error: TableError) -> io::Error {
-    match error {
-        TableError::Io(error) => error,
-        error => io::Error::new(io::ErrorKind::InvalidData, error),
     }
 }
 
