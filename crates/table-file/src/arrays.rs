@@ -5,9 +5,8 @@ use std::sync::Arc;
 
 use crate::budget::{self, Unpacked};
 use crate::element::Element;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, RowSource, RowStream, batch_rows};
+use crate::format::{Cell, RowSource, RowStream, batch_rows};
+use crate::kind::{FileKind, TableError};
 
 /// An array.
 #[derive(Clone, Debug)]

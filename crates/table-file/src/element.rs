@@ -1,7 +1,7 @@
 //! Numbers and times as files hold them.
 
 use crate::calendar::iso_of;
-use crate::rows::Cell;
+use crate::format::Cell;
 
 /// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

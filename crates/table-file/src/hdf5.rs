@@ -13,10 +13,8 @@ use hdf5_pure::{
 use crate::arrays::{Array, ArrayNumbers, ArrayRows, columns_of_log};
 use crate::budget::{self, Unpacked};
 use crate::element::Element;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{NamedRows, RowSource, RowStream};
-use crate::source::FileSource;
+use crate::format::{FileSource, NamedRows, RowSource, RowStream};
+use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Hdf5;
 

@@ -10,10 +10,8 @@ use flate2::read::ZlibDecoder;
 use crate::arrays::{Array, ArrayNumbers, ArrayRows, columns_of_log};
 use crate::budget;
 use crate::element::Element;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cells, NamedRows};
-use crate::source::FileSource;
+use crate::format::{Cells, FileSource, NamedRows};
+use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Matlab;
 

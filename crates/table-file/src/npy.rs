@@ -9,10 +9,8 @@ use serde_json::Value;
 
 use crate::budget::{self, Unpacked};
 use crate::element::Element;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, NamedRows, RowSource, RowStream, batch_rows};
-use crate::source::FileSource;
+use crate::format::{Cell, FileSource, NamedRows, RowSource, RowStream, batch_rows};
+use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::NumPy;
 

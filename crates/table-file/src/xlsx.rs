@@ -10,10 +10,8 @@ use std::sync::Arc;
 
 use crate::budget::{self, Unpacked};
 use crate::calendar::iso_of;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, NamedRows, RowSource, RowStream};
-use crate::source::FileSource;
+use crate::format::{Cell, FileSource, NamedRows, RowSource, RowStream};
+use crate::kind::{FileKind, TableError};
 use crate::xml::{Xml, XmlTag};
 use crate::zip::{ZipEntry, entries};
 

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 use crate::bytes::ByteReader;
-use crate::rows::Cell;
+use crate::format::Cell;
 
 /// How messages of a topic are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

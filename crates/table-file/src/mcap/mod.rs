@@ -14,10 +14,8 @@ use std::sync::Arc;
 use self::message::{FieldKind, Message};
 use self::records::{McapRecord, Records};
 use crate::budget::{self, Unpacked};
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, NamedRows, RowSource, RowStream, batch_rows};
-use crate::source::FileSource;
+use crate::format::{Cell, FileSource, NamedRows, RowSource, RowStream, batch_rows};
+use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Mcap;
 

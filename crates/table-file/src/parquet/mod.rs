@@ -19,10 +19,8 @@ use self::schema::Leaf;
 use crate::budget::{self, Unpacked};
 use crate::bytes::ByteReader;
 use crate::codec::Codec;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, NamedRows, RowSource, RowStream, batch_rows};
-use crate::source::{FileSource, OpenFile};
+use crate::format::{Cell, FileSource, NamedRows, OpenFile, RowSource, RowStream, batch_rows};
+use crate::kind::{FileKind, TableError};
 use crate::thrift::{self, Value};
 
 const KIND: FileKind = FileKind::Parquet;

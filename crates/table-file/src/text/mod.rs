@@ -9,10 +9,8 @@ use shell_data::escape;
 
 use self::parts::TextOfParts;
 use crate::budget::Unpacked;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, RowBatch, RowSource};
-use crate::source::FileSource;
+use crate::format::{Cell, FileSource, RowBatch, RowSource};
+use crate::kind::{FileKind, TableError};
 use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 
 /// Text that is made piece by piece, as a stream.

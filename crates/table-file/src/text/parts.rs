@@ -17,8 +17,8 @@ use std::thread::JoinHandle;
 
 use super::write_rows;
 use crate::budget::Unpacked;
-use crate::error::TableError;
-use crate::rows::{RowBatch, RowSource};
+use crate::format::{RowBatch, RowSource};
+use crate::kind::TableError;
 
 /// How many pieces of text may wait in all; one takes about half a megabyte.
 const WAITING_PIECES: usize = 48;
@@ -110,8 +110,8 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use super::*;
+    use crate::format::{Cell, RowStream};
     use crate::kind::FileKind;
-    use crate::rows::{Cell, RowStream};
     use crate::text::TextStream;
 
     /// Parts of so many batches of a thousand rows each; the last one is damaged, if that is asked.

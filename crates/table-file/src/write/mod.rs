@@ -13,8 +13,8 @@ use shell_data::escape;
 
 pub use self::npy::write_numpy;
 pub use self::parquet::ParquetWriter;
+pub use crate::format::Cells;
 pub use crate::mat5::write_matlab;
-pub use crate::rows::Cells;
 
 /// How many rows of a table of results become one row group of Parquet.
 const GROUP_ROWS: usize = 1 << 16;
