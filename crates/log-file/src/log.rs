@@ -15,7 +15,7 @@ use crate::stream::source::{ByteStream, LogSource};
 use shell_data::ColumnNames;
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use table_file::{FileKind, Table};
+use table_file::FileKind;
 
 /// A log whose layout is known.
 #[derive(Debug)]
@@ -294,7 +294,7 @@ impl Log {
 
     /// What kind of table it is, if it is one in a binary file.
     pub fn table_kind(&self) -> Option<FileKind> {
-        self.source.as_table().map(Table::kind)
+        self.source.as_table().map(|table| table.kind)
     }
 
     /// How the file is compressed, if it is.

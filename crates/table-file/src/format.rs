@@ -5,7 +5,7 @@ use std::fmt;
 use std::fs::File;
 use std::io::{self, Cursor, Read, Seek};
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::budget::Unpacked;
@@ -41,12 +41,6 @@ impl FileSource {
             Self::Disk(path) => Ok(path.metadata()?.len()),
             Self::Memory(bytes) => Ok(bytes.len() as u64),
         }
-    }
-}
-
-impl From<&Path> for FileSource {
-    fn from(path: &Path) -> Self {
-        Self::Disk(path.to_owned())
     }
 }
 

@@ -77,7 +77,7 @@ impl LogSource {
         if !metadata.is_file() {
             return Err(failed(io::Error::other("not a regular file, which logs must be")));
         }
-        let file = FileSource::from(file);
+        let file = FileSource::Disk(file.to_owned());
         Self { _spool: spool.map(Arc::new), ..Self::plain(path, file) }.recognise(part)
     }
 
@@ -125,7 +125,7 @@ impl LogSource {
             return Err(LogError::NoParts { path: self.path, wanted: part.to_owned() });
         }
         if let Some(kind) = kind {
-            let table = Table::open(self.file.clone(), kind, part);
+            let table = Table::open(&self.file, kind, part);
             self.container = Container::Table(table.map_err(|error| self.error(error))?);
             return Ok(self);
         }
@@ -230,7 +230,7 @@ impl LogSource {
 
     /// What a line of the text, from 1, is in the file.
     pub(crate) fn position(&self, line: u64) -> LogPosition {
-        match (self.as_table().map(Table::names), line) {
+        match (self.as_table().map(|table| &table.names), line) {
             (None, line) => LogPosition::Line(line),
             (Some(Some(_)), 0 | 1) => LogPosition::Names,
             (Some(Some(_)), line) => LogPosition::Row(line - 1),

@@ -129,7 +129,12 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         for (table, line) in [(table(), 1), (long, 65_537)] {
             std::fs::write(file.path(), table.to_parquet().unwrap()).unwrap();
-            let read = crate::Table::open(file.path(), FileKind::Parquet, None).unwrap();
+            let read = crate::Table::open(
+                &crate::FileSource::Disk(file.path().to_owned()),
+                FileKind::Parquet,
+                None,
+            )
+            .unwrap();
             let text = std::io::read_to_string(read.text(1).unwrap()).unwrap();
             // The reader writes whole numbers as such.
             let expected = String::from_utf8(table.to_csv()).unwrap();
