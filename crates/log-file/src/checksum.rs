@@ -8,27 +8,16 @@ use std::io::{self, Read};
 
 use twox_hash::XxHash3_128;
 
-/// A checksum under way.
-#[derive(Clone, Default)]
-pub(crate) struct Checksum(XxHash3_128);
-
-impl Checksum {
-    /// Takes up the next bytes.
-    pub(crate) fn update(&mut self, bytes: &[u8]) {
-        self.0.write(bytes);
-    }
-
-    /// The checksum of all bytes so far.
-    pub(crate) fn finish(&self) -> String {
-        format!("xxh128:{:032x}", self.0.finish_128())
-    }
+/// The checksum of all bytes so far.
+pub(crate) fn text(hash: &XxHash3_128) -> String {
+    format!("xxh128:{:032x}", hash.finish_128())
 }
 
 /// The checksum of `bytes`.
 pub fn of(bytes: &[u8]) -> String {
-    let mut checksum = Checksum::default();
-    checksum.update(bytes);
-    checksum.finish()
+    let mut hash = XxHash3_128::default();
+    hash.write(bytes);
+    text(&hash)
 }
 
 /// The checksum of all that a stream gives.
@@ -36,11 +25,11 @@ pub fn of(bytes: &[u8]) -> String {
 /// # Errors
 /// Those of the stream.
 pub fn of_stream(mut stream: impl Read) -> io::Result<String> {
-    let (mut checksum, mut buffer) = (Checksum::default(), vec![0; 1 << 16]);
+    let (mut hash, mut buffer) = (XxHash3_128::default(), vec![0; 1 << 16]);
     loop {
         match stream.read(&mut buffer)? {
-            0 => return Ok(checksum.finish()),
-            read => checksum.update(&buffer[..read]),
+            0 => return Ok(text(&hash)),
+            read => hash.write(&buffer[..read]),
         }
     }
 }
@@ -59,9 +48,9 @@ mod tests {
     fn pieces_add_up_to_the_whole() {
         let bytes: Vec<u8> = (0..10_000_u32).map(|i| ((i * i) >> 3) as u8).collect();
         for size in [1, 255, 256, 257, 4096] {
-            let mut checksum = Checksum::default();
-            bytes.chunks(size).for_each(|piece| checksum.update(piece));
-            assert_eq!(checksum.finish(), of(&bytes));
+            let mut hash = XxHash3_128::default();
+            bytes.chunks(size).for_each(|piece| hash.write(piece));
+            assert_eq!(text(&hash), of(&bytes));
             assert_eq!(of_stream(&bytes[..]).unwrap(), of(&bytes));
         }
     }

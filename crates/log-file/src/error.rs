@@ -16,87 +16,37 @@ pub use crate::stream::companion::RowMismatch;
 pub enum LogError {
     /// The file cannot be opened or read.
     #[error("cannot read `{}`", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// The error of the system.
-        source: io::Error,
-    },
-    /// The file is compressed, but damaged or cut short.
+    Io { path: PathBuf, source: io::Error },
+    /// The file is compressed by `method` (gzip or zstd), but damaged or cut short.
     #[error("`{}` is a damaged {method} file", path.display())]
-    Unpacking {
-        /// The file.
-        path: PathBuf,
-        /// How it is compressed: gzip or zstd.
-        method: &'static str,
-        /// The error of the decoder.
-        source: io::Error,
-    },
+    Unpacking { path: PathBuf, method: &'static str, source: io::Error },
     /// The file holds a table that cannot be read.
     #[error("`{}` is {problem}", path.display())]
-    Table {
-        /// The file.
-        path: PathBuf,
-        /// What is wrong with it.
-        problem: TableError,
-    },
+    Table { path: PathBuf, problem: TableError },
     /// The files do not belong together row by row.
     #[error("`{}` and `{}` beside it: {problem}", path.display(), companion.display())]
-    RowMismatch {
-        /// The file.
-        path: PathBuf,
-        /// The file beside it.
-        companion: PathBuf,
-        /// Why not.
-        problem: RowMismatch,
-    },
-    /// The file is of a kind that is not read.
+    RowMismatch { path: PathBuf, companion: PathBuf, problem: RowMismatch },
+    /// The file is of a kind that is not read: `what` it is, and what to do with it.
     #[error("`{}` is {what}, which is not read", path.display())]
-    Foreign {
-        /// The file.
-        path: PathBuf,
-        /// What it is.
-        what: &'static str,
-        /// What to do with it.
-        remedy: &'static str,
-    },
+    Foreign { path: PathBuf, what: &'static str, remedy: &'static str },
     /// A table was asked for by name of a file that is one.
     #[error("`{}` is a single table, and has none called `{wanted}`", path.display())]
-    NoParts {
-        /// The file.
-        path: PathBuf,
-        /// The name.
-        wanted: String,
-    },
+    NoParts { path: PathBuf, wanted: String },
     /// The file has no bytes, or blank lines only.
     #[error("`{}` is empty", .0.display())]
     Empty(PathBuf),
     /// The file has a header and nothing after it.
     #[error("`{}` has a header but no rows", .0.display())]
     NoRows(PathBuf),
-    /// The file is not text.
+    /// The file is not text: it has a byte that no text file has, at `offset` of the (uncompressed) file.
     #[error("`{}` is not a text file: byte {offset} is 0x{byte:02x}", path.display())]
-    Binary {
-        /// The file.
-        path: PathBuf,
-        /// Where, from the start of the (uncompressed) file.
-        offset: u64,
-        /// The byte that no text file has.
-        byte: u8,
-    },
+    Binary { path: PathBuf, offset: u64, byte: u8 },
     /// A telemetry log whose `%` lines name no columns.
     #[error("`{}`: no `%` line names the columns, separated by `|`", .0.display())]
     NoColumnNames(PathBuf),
-    /// Something is wrong at a position of it.
+    /// Something is wrong at a position of it: the first row, where the columns are named, or the row that is wrong.
     #[error("`{}`, {position}: {problem}", path.display())]
-    At {
-        /// The file.
-        path: PathBuf,
-        /// The first row, where the columns are named, or the row that is wrong.
-        position: LogPosition,
-        /// What is wrong.
-        problem: PlacedProblem,
-    },
+    At { path: PathBuf, position: LogPosition, problem: PlacedProblem },
 }
 
 /// What is wrong at a position of a log.
@@ -115,55 +65,31 @@ pub enum PlacedProblem {
          columns) or 12 (two to drop, time, six wrench columns, three accelerations)"
     )]
     UnknownLayout(usize),
-    /// The requested format has another number of columns.
+    /// The requested format has another number of columns (`expected`) than the log (`found`).
     #[error("{format} has {expected} columns, found {found}")]
-    LayoutMismatch {
-        /// The requested format.
-        format: crate::format::mapping::LogFormat,
-        /// How many columns that has.
-        expected: usize,
-        /// How many columns there are.
-        found: usize,
-    },
-    /// Columns that are needed are not there.
+    LayoutMismatch { format: crate::format::mapping::LogFormat, expected: usize, found: usize },
+    /// Columns that are needed are not there, and those that are.
     #[error(
         "no column{} {}; found {}",
         if missing.len() == 1 { "" } else { "s" },
         quoted(missing, ", "),
         if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
-    MissingColumns {
-        /// The missing columns.
-        missing: Vec<String>,
-        /// The columns of the log.
-        found: Vec<String>,
-    },
+    MissingColumns { missing: Vec<String>, found: Vec<String> },
     /// A column of the wrench is in a unit that is not read.
     #[error("the unit of column `{0}` is not known")]
     UnknownUnit(String),
-    /// Times are whole numbers of one of two units.
+    /// Times are whole numbers of one of two units, whose median `step` leaves both possible.
     #[error(
         "the unit of column `{column}` is not known, which goes on by `{step}` from row to row"
     )]
-    UnclearTimeUnit {
-        /// The column.
-        column: String,
-        /// The median step.
-        step: f64,
-    },
-    /// Two columns are taken for the same thing.
+    UnclearTimeUnit { column: String, step: f64 },
+    /// Two columns, by their positions from 0, are taken for the same thing.
     #[error(
         "columns {} (`{}`) and {} (`{}`) are both {meaning}",
         columns[0] + 1, names[0], columns[1] + 1, names[1]
     )]
-    DuplicateColumn {
-        /// The meaning of both.
-        meaning: String,
-        /// Their positions, from 0.
-        columns: [usize; 2],
-        /// Their names.
-        names: Box<[String; 2]>,
-    },
+    DuplicateColumn { meaning: String, columns: [usize; 2], names: Box<[String; 2]> },
     /// One row is wrong.
     #[error(transparent)]
     Row(#[from] RowProblem),
@@ -286,29 +212,15 @@ impl fmt::Display for LogPosition {
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowProblem {
-    /// A field is not what its column needs.
+    /// A field is not what its column, by its position in the row from 0, needs.
     #[error("column {} (`{name}`): expected {problem}, found {}", column + 1, match problem {
         FieldProblem::Empty => "nothing".to_owned(),
         _ => format!("`{found}`"),
     })]
-    Field {
-        /// The position of its column in the row, from 0.
-        column: usize,
-        /// The name of its column.
-        name: String,
-        /// What is wrong with it.
-        problem: FieldProblem,
-        /// Its content.
-        found: String,
-    },
+    Field { column: usize, name: String, problem: FieldProblem, found: String },
     /// The row has more or fewer columns than the header or the first row.
     #[error("expected {expected} columns, found {found}")]
-    ColumnCount {
-        /// As many as the header or the first row has.
-        expected: usize,
-        /// As many as this row has.
-        found: usize,
-    },
+    ColumnCount { expected: usize, found: usize },
     /// A quoted field does not end on its line.
     #[error("expected a closing quote on the same line")]
     OpenQuote,

@@ -45,7 +45,6 @@
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 pub mod checksum;
 mod error;

@@ -10,12 +10,12 @@ use crate::format::columns::{Column, Wanted, duplicate, positions};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::format::meaning::{Meaning, axis_of_other_unit};
-use crate::stream::chunk::{CHUNK_BYTES, ChunkError, ChunkStream, LINE_LIMIT};
+use crate::stream::chunk::{CHUNK_BYTES, ChunkStream};
 use crate::stream::source::{ByteStream, LogSource};
 use shell_data::ColumnNames;
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use table_file::{FileKind, Table};
+use table_file::FileKind;
 
 /// A log whose layout is known.
 #[derive(Debug)]
@@ -93,15 +93,6 @@ impl Log {
         let mut chunks = ChunkStream::new(text, start, self.layout.rows_line, chunk_bytes);
         chunks.clock = self.layout.clock();
         chunks
-    }
-
-    pub(crate) fn chunk_error(&self, error: ChunkError) -> LogError {
-        match error {
-            ChunkError::Io(error) => self.source.error(error),
-            ChunkError::LineTooLong(line) => {
-                self.source.error_at(line, PlacedProblem::LineTooLong(LINE_LIMIT))
-            }
-        }
     }
 
     /// The file.
@@ -303,7 +294,7 @@ impl Log {
 
     /// What kind of table it is, if it is one in a binary file.
     pub fn table_kind(&self) -> Option<FileKind> {
-        self.source.as_table().map(Table::kind)
+        self.source.as_table().map(|table| table.kind)
     }
 
     /// How the file is compressed, if it is.

@@ -17,7 +17,7 @@ mod temporary;
 use shell_data::hint::Hint;
 use shell_data::lock::lock;
 use std::collections::HashMap;
-use std::fs::{self, File, Permissions};
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -62,28 +62,13 @@ enum FileStage {
 pub enum OutputError {
     /// The system does not let it.
     #[error("cannot write `{}`", path.display())]
-    Failed {
-        /// The file that was to be written.
-        path: PathBuf,
-        /// What the system said.
-        source: io::Error,
-    },
-    /// It is what is read.
+    Failed { path: PathBuf, source: io::Error },
+    /// It is what is read, by another name or the same.
     #[error("the output `{}` would replace the input `{}`", path.display(), input.display())]
-    IsInput {
-        /// The file that was to be written.
-        path: PathBuf,
-        /// The input that it is.
-        input: PathBuf,
-    },
-    /// It is written already.
+    IsInput { path: PathBuf, input: PathBuf },
+    /// It is written already, as `other`.
     #[error("two outputs would be written to one file, `{}`{}", path.display(), also(path, other))]
-    Twice {
-        /// The file that was to be written.
-        path: PathBuf,
-        /// The output that it is.
-        other: PathBuf,
-    },
+    Twice { path: PathBuf, other: PathBuf },
     /// It stands for the standard output, which a recording is not written to.
     #[error("a recording is a file, and `-` stands for the standard output")]
     Stdout,
@@ -226,53 +211,18 @@ fn also(path: &Path, other: &Path) -> String {
 }
 
 /// A file that is being written and does not exist yet under its own name.
-#[derive(Debug)]
 pub struct AtomicFile {
     path: PathBuf,
-    file: BufWriter<Target>,
-    /// How the temporary file is put in place.
-    replacement: Option<Replacement>,
-}
-
-/// What is written to.
-#[derive(Debug)]
-enum Target {
-    /// The temporary file, or a device.
-    File(File),
-    Stdout(io::Stdout),
-}
-
-impl Write for Target {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        match self {
-            Self::File(file) => file.write(bytes),
-            Self::Stdout(stdout) => stdout.write(bytes),
-        }
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        match self {
-            Self::File(file) => file.flush(),
-            Self::Stdout(stdout) => stdout.flush(),
-        }
-    }
-}
-
-/// A temporary file, and what it replaces.
-#[derive(Debug)]
-struct Replacement {
-    temporary: Temporary,
-    /// The end of the links that the path leads through.
-    target: PathBuf,
-    /// Those of the file that is replaced.
-    permissions: Option<Permissions>,
+    /// The temporary file, a device, or the standard output.
+    file: BufWriter<Box<dyn Write + Send>>,
+    /// The temporary file, and where it is put: at the end of the links that the path leads through.
+    replacement: Option<(Temporary, PathBuf)>,
 }
 
 impl AtomicFile {
     /// The standard output in place of a file, for what is not printed line by line.
     pub fn stdout() -> Self {
-        let file = BufWriter::new(Target::Stdout(io::stdout()));
-        Self { path: "-".into(), file, replacement: None }
+        Self { path: "-".into(), file: BufWriter::new(Box::new(io::stdout())), replacement: None }
     }
 
     fn open(path: &Path) -> io::Result<Self> {
@@ -283,8 +233,8 @@ impl AtomicFile {
         let named = path.to_path_buf();
         if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
             // Whoever reads from a pipe gets what is written at once.
-            let device = Target::File(File::options().write(true).open(path)?);
-            let file = BufWriter::with_capacity(0, device);
+            let device = File::options().write(true).open(path)?;
+            let file = BufWriter::with_capacity(0, Box::new(device) as _);
             return Ok(Self { path: named, file, replacement: None });
         }
         let target = identity::resolved(path);
@@ -301,9 +251,12 @@ impl AtomicFile {
             // The name of the temporary file says nothing to a user; the kind of error does.
             Err(error) => return Err(error.kind().into()),
         };
-        let permissions = metadata.map(|metadata| metadata.permissions());
-        let replacement = Some(Replacement { temporary, target, permissions });
-        Ok(Self { path: named, file: BufWriter::new(Target::File(file)), replacement })
+        if let Some(replaced) = metadata {
+            // A file system without permissions keeps none.
+            let _ = file.set_permissions(replaced.permissions());
+        }
+        let file = BufWriter::new(Box::new(file) as _);
+        Ok(Self { path: named, file, replacement: Some((temporary, target)) })
     }
 
     /// Puts the finished file in place.
@@ -316,14 +269,10 @@ impl AtomicFile {
 
     fn finish(&mut self) -> io::Result<()> {
         self.file.flush()?;
-        let Some(Replacement { temporary, target, permissions }) = self.replacement.take() else {
-            return Ok(());
-        };
-        if let (Some(permissions), Target::File(file)) = (permissions, self.file.get_ref()) {
-            // A file system without permissions keeps none.
-            let _ = file.set_permissions(permissions);
+        match self.replacement.take() {
+            Some((temporary, target)) => temporary.rename(&target),
+            None => Ok(()),
         }
-        temporary.rename(&target)
     }
 
     /// Writes all of the file, and puts it in place.
@@ -381,7 +330,7 @@ mod tests {
     fn a_missing_directory_is_found_when_the_output_is_opened() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("missing/result.json");
-        let error = Outputs::new().create(&path).unwrap_err();
+        let error = Outputs::new().create(&path).err().unwrap();
         assert!(error.to_string().contains(&path.display().to_string()));
         assert!(Outputs::new().create(dir.path()).is_err());
     }
@@ -435,7 +384,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let [file, link] = ["file", "link"].map(|name| dir.path().join(name));
         fs::write(&file, "old").unwrap();
-        fs::set_permissions(&file, Permissions::from_mode(0o600)).unwrap();
+        fs::set_permissions(&file, fs::Permissions::from_mode(0o600)).unwrap();
         symlink("file", &link).unwrap();
         Outputs::new().write(&link, b"new").unwrap();
         assert!(link.is_symlink());

@@ -3,8 +3,7 @@
 use std::fmt::Display;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::error::TableError;
-use crate::kind::FileKind;
+use crate::kind::{FileKind, TableError};
 
 /// What any part of a file may take.
 const ANY: u64 = 48 << 20;

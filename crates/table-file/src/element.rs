@@ -1,25 +1,25 @@
 //! Numbers and times as files hold them.
 
 use crate::calendar::iso_of;
-use crate::rows::Cell;
+use crate::format::Cell;
 
 /// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
+    /// Of 16 bits.
     Half,
+    /// Of 32 bits.
     Single,
+    /// Of 64 bits.
     Double,
     /// Of 1, 2, 4 or 8 bytes.
     Signed(u8),
+    /// The same without a sign.
     Unsigned(u8),
     /// 0 or 1, in a byte.
     Truth,
     /// A time since 1970 as a signed number of so many bytes: each is so many units, of which so many make a second.
-    Time {
-        size: u8,
-        units: i64,
-        per_second: i64,
-    },
+    Time { size: u8, units: i64, per_second: i64 },
 }
 
 impl Element {

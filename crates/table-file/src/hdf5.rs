@@ -10,13 +10,11 @@ use hdf5_pure::{
     Group, ReadSeekSource,
 };
 
-use crate::arrays::{ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log};
+use crate::arrays::{Array, ArrayNumbers, ArrayRows, columns_of_log};
 use crate::budget::{self, Unpacked};
 use crate::element::Element;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{NamedRows, RowSource, RowStream};
-use crate::source::FileSource;
+use crate::format::{FileSource, NamedRows, RowSource, RowStream};
+use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Hdf5;
 
@@ -42,7 +40,7 @@ const CLASSES: [&str; 11] = [
 #[derive(Debug)]
 struct Hdf5Table {
     file: FileSource,
-    sets: Vec<ArrayColumns>,
+    sets: Vec<Array>,
     is_by_row: bool,
 }
 
@@ -63,7 +61,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<NamedRows,
 /// Vectors and matrices of numbers.
 #[derive(Default)]
 struct DataSets {
-    sets: Vec<ArrayColumns>,
+    sets: Vec<Array>,
     objects: usize,
     is_by_row: bool,
 }
@@ -75,13 +73,13 @@ impl DataSets {
             self.count()?;
             let is_number = element(&set).is_some() && (self.is_by_row || is_matlab_number(&set)?);
             let shape = set.shape().map_err(unreadable)?.into_iter();
-            let mut sides: Vec<usize> =
+            let mut size: Vec<usize> =
                 shape.map(|side| usize::try_from(side).unwrap_or(usize::MAX)).collect();
             if !self.is_by_row {
-                sides.reverse();
+                size.reverse();
             }
             if is_number {
-                self.sets.extend(ArrayColumns::new(format!("{path}{name}"), &sides));
+                self.sets.push(Array { name: format!("{path}{name}"), size, numbers: None });
             }
         }
         if depth == 0 {
@@ -150,12 +148,16 @@ fn element(set: &Dataset) -> Option<(Element, bool)> {
 }
 
 impl RowSource for Hdf5Table {
-    fn rows(&self, _: Range<usize>, _: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
+    fn rows(
+        self: Arc<Self>,
+        parts: Range<usize>,
+        unpacked: Unpacked,
+    ) -> Result<RowStream, TableError> {
         let file = read(&self.file)?;
         let limit = ANY.saturating_add(file.file_size().saturating_mul(RATIO));
         let mut left = limit.min(budget::IN_MEMORY);
-        let read = |columns: &ArrayColumns| {
-            let path = &columns.path;
+        let read = |array: &Array| {
+            let path = &array.name;
             let set = file.dataset(path).map_err(unreadable)?;
             let changed = || KIND.damaged(format!("`{path}` is not what it was"));
             let (element, is_little) = element(&set).ok_or_else(changed)?;
@@ -170,12 +172,12 @@ impl RowSource for Hdf5Table {
             let bytes = Arc::new(set.read_raw().map_err(unreadable)?);
             let range = 0..bytes.len();
             let is_by_row = self.is_by_row;
-            let numbers = ArrayNumbers { bytes, range, element, is_little, is_by_row };
-            Ok(columns.clone().with(numbers))
+            let numbers = Some(ArrayNumbers { bytes, range, element, is_little, is_by_row });
+            Ok(Array { numbers, ..array.clone() })
         };
-        let arrays = self.sets.iter().map(read).filter_map(Result::transpose);
-        let arrays = arrays.collect::<Result<Vec<_>, TableError>>()?;
-        Ok(Box::new(ArrayRows { arrays, row: 0 }))
+        let mut arrays = self.sets.iter().map(read).collect::<Result<Vec<_>, TableError>>()?;
+        arrays.retain(Array::is_filled);
+        Arc::new(ArrayRows(arrays)).rows(parts, unpacked)
     }
 }
 

@@ -1,6 +1,9 @@
-//! What a file is, from its first bytes.
+//! The kinds of file, and why a table in one cannot be read.
 
 use std::fmt;
+use std::io;
+
+use shell_data::hint::quoted;
 
 /// A kind of file whose tables can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,177 +53,65 @@ impl fmt::Display for FileKind {
     }
 }
 
-/// What the first bytes of a file say.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Recognised {
-    /// A table.
-    Table(FileKind),
-    /// A file of a known kind that is not read: what it is, and what to do with it.
-    Foreign {
-        /// What it is, with an article.
-        what: &'static str,
-        /// What to do with it.
-        remedy: &'static str,
-    },
-    /// Text, compressed or not, or something unknown.
-    Unknown,
+/// A table that cannot be read. The file is named by whoever reports it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum TableError {
+    /// The file cannot be read.
+    #[error("cannot read the file")]
+    Io(#[from] io::Error),
+    /// The file is cut short or contradicts itself.
+    #[error("a damaged {kind}: {what}")]
+    Damaged { kind: FileKind, what: String },
+    /// The file is right but holds what is not read here.
+    #[error("{} that is not read: {what}", kind.with_article())]
+    Unsupported { kind: FileKind, what: String },
+    /// The file holds several tables, which are called `part` in it, or none of the name that was asked for.
+    #[error(
+        "{} {}; it has {}",
+        kind.with_article(),
+        match wanted { Some(name) => format!("without a {part} `{name}`"), None => format!("with more than one {part}") },
+        if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
+    )]
+    Choice { kind: FileKind, part: &'static str, wanted: Option<String>, found: Vec<String> },
 }
 
-/// As many bytes from the start of a file as [`recognise`] looks at.
-pub const RECOGNISED_BYTES: usize = 2048;
-
-const EXPORT: &str = "export the table as CSV or Parquet";
-const AS_XLSX: &str = "save it as .xlsx or CSV";
-const UNPACK: &str = "unpack it, or compress with gzip or zstd";
-const ARROW: &str = "an Arrow or Feather file";
-const AS_PARQUET: &str = "write Parquet instead, in Python with `df.to_parquet(…)`";
-const NO_TABLE: &str = "give the table that it was made of";
-
-/// How HDF5 begins, at a power of two from 512 on or at the start of a file ("HDF5 File Format Specification
-/// Version 3.0", section II.A).
-const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
-
-/// Kinds that are not read, by how they begin.
-const FOREIGN: [(&[u8], &str, &str); 24] = [
-    (b"ARROW1", ARROW, AS_PARQUET),
-    (b"FEA1", ARROW, AS_PARQUET),
-    (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", AS_XLSX),
-    (
-        b"SQLite format 3\0",
-        "an SQLite database",
-        "convert a ROS 2 recording with `ros2 bag convert` to MCAP, or export the table",
-    ),
-    (b"#ROSBAG V", "a ROS 1 recording", "convert it to MCAP with `mcap convert`"),
-    (b"TDSm", "a LabVIEW TDMS file", EXPORT),
-    (b"ULog\x01\x12\x35", "a PX4 ULog file", EXPORT),
-    (b"MDF ", "an MDF measurement file", EXPORT),
-    (b"\x80\x02", "a Python pickle", EXPORT),
-    (b"\x80\x03", "a Python pickle", EXPORT),
-    (b"\x80\x04\x95", "a Python pickle", EXPORT),
-    (b"\x80\x05\x95", "a Python pickle", EXPORT),
-    (b"RDX", "an R data file", EXPORT),
-    (b"Obj\x01", "an Avro file", EXPORT),
-    (b"ORC", "an ORC file", EXPORT),
-    (b"\xfd7zXZ\0", "compressed with xz", UNPACK),
-    (b"BZh", "compressed with bzip2", UNPACK),
-    (b"\x04\x22\x4d\x18", "compressed with lz4", UNPACK),
-    (b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
-    (b"Rar!\x1a\x07", "a RAR archive", UNPACK),
-    (b"%PDF-", "a PDF document", NO_TABLE),
-    (b"\x89PNG\r\n\x1a\n", "a PNG picture", NO_TABLE),
-    (b"\xff\xd8\xff", "a JPEG picture", NO_TABLE),
-    (b"\x7fELF", "a program", NO_TABLE),
-];
-
-/// Tells what a file is by its first [`RECOGNISED_BYTES`], or all if it has fewer.
-pub fn recognise(head: &[u8]) -> Recognised {
-    if head.starts_with(b"MATLAB 5.0 MAT-file")
-        || matches!(head.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))
-    {
-        return Recognised::Table(FileKind::Matlab);
-    }
-    // Other programs' headers may stand before it, as MATLAB's does.
-    if [0, 512, 1024].iter().any(|&at| head.get(at..).is_some_and(|it| it.starts_with(HDF5))) {
-        return Recognised::Table(FileKind::Hdf5);
-    }
-    let foreign = |what, remedy| Recognised::Foreign { what, remedy };
-    match head {
-        [b'P', b'A', b'R', b'1', ..] => return Recognised::Table(FileKind::Parquet),
-        [b'\x93', b'N', b'U', b'M', b'P', b'Y', ..] => return Recognised::Table(FileKind::NumPy),
-        [b'\x89', b'M', b'C', b'A', b'P', b'0', ..] => return Recognised::Table(FileKind::Mcap),
-        // A stream of Arrow begins with the mark of a message and its length.
-        [0xff, 0xff, 0xff, 0xff, _, _, ..16, 0, ..] => return foreign(ARROW, AS_PARQUET),
-        [b'P', b'K', 3, 4, ..] => return archive(head),
-        _ if is_matlab_4(head) => {
-            let remedy =
-                "save it in MATLAB with `save(…, '-v7')`, or in Python with `scipy.io.savemat`";
-            return foreign("a MATLAB 4 file", remedy);
+/// The error of reading a table as text.
+impl From<TableError> for io::Error {
+    fn from(error: TableError) -> Self {
+        match error {
+            TableError::Io(error) => error,
+            error => Self::new(io::ErrorKind::InvalidData, error),
         }
-        _ => {}
-    }
-    let found = FOREIGN.iter().find(|(start, ..)| head.starts_with(start));
-    found.map_or(Recognised::Unknown, |&(_, what, remedy)| foreign(what, remedy))
-}
-
-/// Whether a file begins with a matrix of MATLAB's level 4, which has no mark: five integers (type, rows,
-/// columns, whether there is an imaginary part, length of the name) and a name with a zero at its end
-/// ("MAT-File Format", MathWorks, chapter 2).
-fn is_matlab_4(head: &[u8]) -> bool {
-    let Some((header, name)) = head.split_first_chunk::<20>() else { return false };
-    let word = |at: usize| [header[at], header[at + 1], header[at + 2], header[at + 3]];
-    // The thousands of the type are the machine's order of bytes.
-    type Order = fn([u8; 4]) -> u32;
-    let orders = [(u32::from_le_bytes as Order, 0), (u32::from_be_bytes as Order, 1)];
-    orders.into_iter().any(|(read, machine)| {
-        let [kind, rows, columns, imaginary, length] = [0, 4, 8, 12, 16].map(|at| read(word(at)));
-        let name =
-            (length as usize).checked_sub(1).and_then(|last| name.get(..=last)?.split_last());
-        let is_name = |(end, name): (&u8, &[u8])| {
-            *end == 0 && !name.is_empty() && name.iter().all(u8::is_ascii_graphic)
-        };
-        kind / 100 == 10 * machine
-            && (kind / 10 % 10 <= 5 && kind % 10 <= 2)
-            && (rows > 0 && columns > 0 && imaginary <= 1)
-            && name.is_some_and(is_name)
-    })
-}
-
-/// A zip archive, by the name of the first file in it and what follows.
-fn archive(head: &[u8]) -> Recognised {
-    let has = |name: &[u8]| head.windows(name.len()).any(|window| window == name);
-    let foreign = |what, remedy| Recognised::Foreign { what, remedy };
-    if has(b"opendocument.spreadsheet") {
-        foreign("an OpenDocument spreadsheet", AS_XLSX)
-    } else if has(b"xl/workbook.bin") {
-        foreign("a binary Excel workbook (.xlsb)", AS_XLSX)
-    } else if has(b"[Content_Types].xml") || has(b"xl/") || has(b"_rels/.rels") || has(b"docProps/")
-    {
-        Recognised::Table(FileKind::Xlsx)
-    } else if has(b".npy") {
-        foreign("an archive of NumPy arrays (.npz)", "save the table with `numpy.save` as .npy")
-    } else {
-        foreign("a zip archive", UNPACK)
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
+impl FileKind {
+    /// The error of a file of this kind that is cut short or contradicts itself.
+    pub(crate) fn damaged(self, what: impl Into<String>) -> TableError {
+        TableError::Damaged { kind: self, what: what.into() }
+    }
 
-    #[test]
-    fn files_are_known_by_how_they_begin() {
-        use Recognised::{Table, Unknown};
-        let mut untitled = vec![b' '; 124];
-        untitled.extend([0, 1, b'I', b'M']);
-        for (head, expected) in [
-            (&b"PAR1\x15"[..], Table(FileKind::Parquet)),
-            (b"\x93NUMPY\x01\0", Table(FileKind::NumPy)),
-            (b"\x89MCAP0\r\n", Table(FileKind::Mcap)),
-            (b"\x89HDF\r\n\x1a\n\0", Table(FileKind::Hdf5)),
-            (&[&[b' '; 512][..], HDF5].concat(), Table(FileKind::Hdf5)),
-            (b"MATLAB 5.0 MAT-file, ", Table(FileKind::Matlab)),
-            (&untitled, Table(FileKind::Matlab)),
-            (b"PK\x03\x04....[Content_Types].xml", Table(FileKind::Xlsx)),
-            (b"t_s,s1,s2\n", Unknown),
-            (b"\x1f\x8b\x08", Unknown),
-            (&[0; 64], Unknown),
-            (b"", Unknown),
-        ] {
-            assert_eq!(recognise(head), expected, "{head:?}");
-        }
-        for (head, expected) in [
-            (&b"ARROW1\0\0"[..], "an Arrow or Feather file"),
-            (b"FEA1", "an Arrow or Feather file"),
-            (b"\xff\xff\xff\xff\x10\x02\0\0", "an Arrow or Feather file"),
-            (b"PK\x03\x04....arr_0.npy", "an archive of NumPy arrays (.npz)"),
-            (b"PK\x03\x04....notes.txt", "a zip archive"),
-            (b"SQLite format 3\0", "an SQLite database"),
-            // `scipy.io.savemat(…, {"xy": …}, format="4")` of 3 by 2 numbers; the same of a Sun.
-            (b"\0\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03\0\0\0xy\0\0", "a MATLAB 4 file"),
-            (b"\0\0\x03\xe8\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03xy\0@", "a MATLAB 4 file"),
-        ] {
-            let Recognised::Foreign { what, .. } = recognise(head) else { panic!("{expected}") };
-            assert_eq!(what, expected);
+    /// The error of a file of this kind that is right, but holds what is not read.
+    pub(crate) fn unsupported(self, what: impl Into<String>) -> TableError {
+        TableError::Unsupported { kind: self, what: what.into() }
+    }
+
+    /// The error of a file of this kind that has several parts, or none of the name that is wanted.
+    pub(crate) fn choice(
+        self,
+        part: &'static str,
+        wanted: Option<&str>,
+        found: Vec<String>,
+    ) -> TableError {
+        TableError::Choice { kind: self, part, wanted: wanted.map(str::to_owned), found }
+    }
+
+    /// The error of bytes that cannot be read: damage, if the file ends before them.
+    pub(crate) fn unread(self, error: io::Error, what: impl Into<String>) -> TableError {
+        match error.kind() {
+            io::ErrorKind::UnexpectedEof => self.damaged(what),
+            _ => TableError::Io(error),
         }
     }
 }

@@ -10,7 +10,6 @@
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 #![forbid(unsafe_code)]
-#![warn(missing_docs)]
 
 mod arrays;
 mod budget;
@@ -18,15 +17,14 @@ mod bytes;
 mod calendar;
 mod codec;
 mod element;
-mod error;
+mod format;
 mod hdf5;
 mod kind;
 mod mat5;
 mod mcap;
 mod npy;
 mod parquet;
-mod rows;
-mod source;
+mod recognise;
 mod text;
 mod thrift;
 pub mod write;
@@ -36,9 +34,8 @@ mod zip;
 
 pub use arrays::Array;
 pub use calendar::{iso_of_seconds, seconds_of_iso};
-pub use error::TableError;
-pub use kind::{FileKind, RECOGNISED_BYTES, Recognised, recognise};
+pub use format::{Cell, FileBytes, FileSource, OpenFile};
+pub use kind::{FileKind, TableError};
 pub use mat5::arrays;
-pub use rows::Cell;
-pub use source::{FileBytes, FileSource, OpenFile};
+pub use recognise::{RECOGNISED_BYTES, Recognised, recognise};
 pub use text::{Table, TextStream};

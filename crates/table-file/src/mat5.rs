@@ -7,13 +7,11 @@ use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
-use crate::arrays::{Array, ArrayColumns, ArrayNumbers, ArrayRows, columns_of_log};
+use crate::arrays::{Array, ArrayNumbers, ArrayRows, columns_of_log};
 use crate::budget;
 use crate::element::Element;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cells, NamedRows};
-use crate::source::FileSource;
+use crate::format::{Cells, FileSource, NamedRows};
+use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Matlab;
 
@@ -177,10 +175,9 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     budget::within(KIND, "the file", file.length()?, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
     file.open()?.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
-    let columns = |array: Array| ArrayColumns::new(array.name, &array.size)?.with(array.numbers?);
-    let arrays = arrays(bytes)?.into_iter().filter_map(columns).collect();
+    let arrays = arrays(bytes)?.into_iter().filter(Array::is_filled).collect();
     let (names, arrays) = columns_of_log(KIND, arrays, part)?;
-    Ok((names, Arc::new(ArrayRows { arrays, row: 0 })))
+    Ok((names, Arc::new(ArrayRows(arrays))))
 }
 
 /// An array of so many rows and columns; its elements are of `kind`, `content` their bytes.

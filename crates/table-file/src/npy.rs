@@ -9,15 +9,13 @@ use serde_json::Value;
 
 use crate::budget::{self, Unpacked};
 use crate::element::Element;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream, batch_rows};
-use crate::source::{FileSource, OpenFile};
+use crate::format::{Cell, FileSource, NamedRows, RowSource, RowStream, batch_rows};
+use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::NumPy;
 
 /// An array in a file.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Npy {
     file: FileSource,
     /// Where the values start.
@@ -97,51 +95,32 @@ fn layout(
     let entry = |name: &str| entries.get(name).ok_or_else(|| missing(name));
     let shape = shape(entry("shape")?).ok_or_else(|| KIND.damaged("its shape is none"))?;
     let by_column = *entry("fortran_order")? == Value::Bool(true);
-    let (columns, names, record) = match entry("descr")? {
-        Value::String(kind) => {
-            let (kind, is_little) = self::kind(kind)?;
-            let count = match *shape {
-                [_] => 1,
-                [_, columns] => columns,
-                _ => return Err(dimensions(&shape)),
-            };
-            let columns = positions(0, kind, is_little, count)?;
-            (columns, None, kind.size() as u64 * count)
+    let (columns, names, row_bytes) = match (entry("descr")?, &*shape) {
+        // As a record of one field.
+        (Value::String(kind), [_, sides @ ..]) if sides.len() < 2 => {
+            let field = Value::Array(vec!["values".into(), kind.as_str().into(), sides.into()]);
+            let (columns, _, row_bytes) = record(&[field])?;
+            (columns, None, row_bytes)
         }
-        Value::Array(fields) => {
-            if shape.len() != 1 {
-                return Err(dimensions(&shape));
-            }
-            let (columns, names, size) = record(fields)?;
-            (columns, Some(names), size)
+        (Value::Array(fields), [_]) => {
+            let (columns, names, row_bytes) = record(fields)?;
+            (columns, Some(names), row_bytes)
+        }
+        (Value::String(_) | Value::Array(_), _) => {
+            return Err(KIND.unsupported(format!(
+                "an array of shape {shape:?}, expected one of rows and columns"
+            )));
         }
         _ => return Err(KIND.damaged("its `descr` is no type")),
     };
     let by_column = by_column && columns.len() > 1 && names.is_none();
     let rows = shape.first().copied().unwrap_or(0);
     let file = file.clone();
-    Ok((names, Npy { file, start, rows, row_bytes: record, columns, by_column }))
-}
-
-fn dimensions(shape: &[u64]) -> TableError {
-    KIND.unsupported(format!("an array of shape {shape:?}, expected one of rows and columns"))
+    Ok((names, Npy { file, start, rows, row_bytes, columns, by_column }))
 }
 
 fn shape(shape: &Value) -> Option<Vec<u64>> {
     shape.as_array()?.iter().map(Value::as_u64).collect()
-}
-
-fn positions(
-    offset: usize,
-    kind: NumberKind,
-    is_little: bool,
-    count: u64,
-) -> Result<Vec<ValueOffset>, TableError> {
-    let count = usize::try_from(count).unwrap_or(usize::MAX);
-    budget::check_columns(KIND, count)?;
-    Ok((0..count)
-        .map(|i| ValueOffset { offset: offset + i * kind.size(), kind, is_little })
-        .collect())
 }
 
 /// The columns of a record, their names, and its size.
@@ -154,7 +133,10 @@ fn record(fields: &[Value]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), Tabl
             [Value::String(name), Value::String(kind), sides] => {
                 let sides =
                     shape(sides).ok_or_else(|| KIND.damaged("the shape of a field is none"))?;
-                (name, kind, Some(sides.iter().fold(1, |all: u64, side| all.saturating_mul(*side))))
+                let count = sides.iter().fold(1, |all: u64, side| all.saturating_mul(*side));
+                let count = usize::try_from(count).unwrap_or(usize::MAX);
+                budget::check_columns(KIND, count)?;
+                (name, kind, Some(count))
             }
             _ => return Err(KIND.unsupported("records within records")),
         };
@@ -166,15 +148,14 @@ fn record(fields: &[Value]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), Tabl
             }
             _ => self::kind(kind)?,
         };
-        let positions = positions(offset, kind, is_little, count.unwrap_or(1))?;
-        offset += kind.size() * positions.len();
         match count {
             None => names.push(name.clone()),
-            Some(_) => {
-                names.extend((1..=positions.len()).map(|position| format!("{name}{position}")))
-            }
+            Some(count) => names.extend((1..=count).map(|position| format!("{name}{position}"))),
         }
-        columns.extend(positions);
+        for _ in 0..count.unwrap_or(1) {
+            columns.push(ValueOffset { offset, kind, is_little });
+            offset += kind.size();
+        }
         budget::check_columns(KIND, columns.len())?;
     }
     Ok((columns, names, offset as u64))
@@ -216,51 +197,42 @@ fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
 }
 
 impl RowSource for Npy {
-    fn rows(&self, _: Range<usize>, _: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
+    fn rows(self: Arc<Self>, _: Range<usize>, _: Unpacked) -> Result<RowStream, TableError> {
         let mut file = BufReader::with_capacity(1 << 16, self.file.open()?);
         file.seek(SeekFrom::Start(self.start))?;
-        Ok(Box::new(NpyRows { npy: self.clone(), file, row: 0, bytes: Vec::new() }))
-    }
-}
-
-struct NpyRows {
-    npy: Npy,
-    file: BufReader<OpenFile>,
-    /// How many rows have been read.
-    row: u64,
-    bytes: Vec<u8>,
-}
-
-impl RowStream for NpyRows {
-    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-        let columns = self.npy.columns.len();
-        // Texts take more than numbers.
-        let fitting = ((1 << 20) / self.npy.row_bytes.max(1)).max(1);
-        let rows = (batch_rows(columns) as u64).min(fitting).min(self.npy.rows - self.row);
-        if rows == 0 || columns == 0 {
-            return Ok(false);
-        }
-        batch.resize_with(columns, Vec::new);
-        batch.iter_mut().for_each(Vec::clear);
-        let cut = |error| KIND.unread(error, "its rows are cut off");
-        let Npy { by_column, columns, .. } = &self.npy;
-        let size = if *by_column { columns[0].kind.size() } else { self.npy.row_bytes as usize };
-        self.bytes.resize(rows as usize * size, 0);
-        for (at, (cells, position)) in batch.iter_mut().zip(columns).enumerate() {
-            if *by_column {
-                let before = (at as u64 * self.npy.rows + self.row) * size as u64;
-                self.file.seek(SeekFrom::Start(self.npy.start + before))?;
+        let (mut rows_read, mut bytes) = (0, Vec::new());
+        let size = match (self.by_column, self.columns.first()) {
+            (true, Some(column)) => column.kind.size(),
+            _ => self.row_bytes as usize,
+        };
+        Ok(Box::new(move |batch| {
+            let Self { columns, by_column, .. } = &*self;
+            // Texts take more than numbers.
+            let fitting = ((1 << 20) / self.row_bytes.max(1)).max(1);
+            let rows = (batch_rows(columns.len()) as u64).min(fitting).min(self.rows - rows_read);
+            if rows == 0 || columns.is_empty() {
+                return Ok(false);
             }
-            if *by_column || at == 0 {
-                self.file.read_exact(&mut self.bytes).map_err(cut)?;
+            batch.resize_with(columns.len(), Vec::new);
+            batch.iter_mut().for_each(Vec::clear);
+            bytes.resize(rows as usize * size, 0);
+            for (at, (cells, position)) in batch.iter_mut().zip(columns).enumerate() {
+                if *by_column {
+                    let before = (at as u64 * self.rows + rows_read) * size as u64;
+                    file.seek(SeekFrom::Start(self.start + before))?;
+                }
+                if *by_column || at == 0 {
+                    let read = file.read_exact(&mut bytes);
+                    read.map_err(|error| KIND.unread(error, "its rows are cut off"))?;
+                }
+                let offset = if *by_column { 0 } else { position.offset };
+                let values = bytes.chunks_exact(size.max(1));
+                let value = |bytes: &[u8]| position.cell(&bytes[offset..][..position.kind.size()]);
+                cells.extend(values.map(value));
             }
-            let offset = if *by_column { 0 } else { position.offset };
-            let values = self.bytes.chunks_exact(size.max(1));
-            let value = |bytes: &[u8]| position.cell(&bytes[offset..][..position.kind.size()]);
-            cells.extend(values.map(value));
-        }
-        self.row += rows;
-        Ok(true)
+            rows_read += rows;
+            Ok(true)
+        }))
     }
 }
 

@@ -10,10 +10,8 @@ use std::sync::Arc;
 
 use crate::budget::{self, Unpacked};
 use crate::calendar::iso_of;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream};
-use crate::source::FileSource;
+use crate::format::{Cell, FileSource, NamedRows, RowSource, RowStream};
+use crate::kind::{FileKind, TableError};
 use crate::xml::{Xml, XmlTag};
 use crate::zip::{ZipEntry, entries};
 
@@ -23,16 +21,11 @@ const KIND: FileKind = FileKind::Xlsx;
 const LAST_ROW: u64 = 1 << 20;
 
 /// A sheet of a workbook.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Sheet {
     file: FileSource,
     entry: ZipEntry,
-    shared: Arc<SharedParts>,
-}
-
-/// What the sheets of a workbook share.
-#[derive(Debug, Default)]
-struct SharedParts {
+    /// The texts that cells refer to.
     texts: Vec<String>,
     /// The styles of dates and times.
     dates: HashSet<usize>,
@@ -63,13 +56,13 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     let workbook =
         find("xl/workbook.xml").ok_or_else(|| KIND.damaged("it has no `xl/workbook.xml`"))?;
     let mut sheets: Vec<(String, String)> = Vec::new();
-    let mut shared = SharedParts::default();
+    let mut since_1904 = false;
     each(file, workbook, |tag| {
         let is_true = |value: String| value == "1" || value == "true";
         match tag.name.as_str() {
             "sheet" => sheets.extend(tag.attribute("name").zip(tag.attribute("id"))),
             "workbookPr" if tag.is_start => {
-                shared.since_1904 = tag.attribute("date1904").is_some_and(is_true);
+                since_1904 = tag.attribute("date1904").is_some_and(is_true);
             }
             _ => {}
         }
@@ -95,14 +88,11 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     let target = target.ok_or_else(|| KIND.damaged(format!("its sheet `{id}` is nowhere")))?;
     let target = if target.starts_with('/') { target } else { format!("xl/{target}") };
     let entry = find(&target).ok_or_else(|| KIND.damaged(format!("it has no `{target}`")))?.clone();
-    if let Some(texts) = find("xl/sharedStrings.xml") {
-        shared.texts = shared_texts(file, texts)?;
-    }
-    if let Some(styles) = find("xl/styles.xml") {
-        shared.dates = dates(file, styles)?;
-    }
+    let texts = find("xl/sharedStrings.xml").map(|texts| shared_texts(file, texts)).transpose()?;
+    let dates = find("xl/styles.xml").map(|styles| dates(file, styles)).transpose()?;
+    let (texts, dates) = (texts.unwrap_or_default(), dates.unwrap_or_default());
     // Names are in a row, or nowhere.
-    Ok((None, Arc::new(Sheet { file: file.clone(), entry, shared: Arc::new(shared) })))
+    Ok((None, Arc::new(Sheet { file: file.clone(), entry, texts, dates, since_1904 })))
 }
 
 fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, TableError> {
@@ -170,60 +160,48 @@ fn is_date(code: &str) -> bool {
 }
 
 impl RowSource for Sheet {
-    fn rows(&self, _: Range<usize>, _: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
-        Ok(Box::new(SheetRows {
-            sheet: self.clone(),
-            xml: Xml::new(self.entry.open(&self.file)?),
-            row: 0,
-            waiting: None,
-            width: 0,
+    fn rows(self: Arc<Self>, _: Range<usize>, _: Unpacked) -> Result<RowStream, TableError> {
+        let mut xml = Xml::new(self.entry.open(&self.file)?);
+        // The last row that was given, and one that is further down.
+        let (mut given, mut waiting) = (0, None);
+        // The columns of the first row that has several: rows that end earlier are filled up.
+        let mut width = 0;
+        // One row at a time: rows differ in length.
+        Ok(Box::new(move |batch| {
+            let next = match waiting.take() {
+                None => self.next_row(&mut xml, given)?,
+                waiting => waiting,
+            };
+            let Some((row, cells)) = next else { return Ok(false) };
+            batch.clear();
+            given += 1;
+            if row > given {
+                // A row that is not in the file is blank.
+                waiting = Some((row, cells));
+                batch.push(vec![Cell::Missing]);
+                return Ok(true);
+            }
+            let is_empty = cells.iter().all(|cell| *cell == Cell::Missing);
+            if width == 0 && cells.len() > 1 && !is_empty {
+                width = cells.len();
+            }
+            let width = if is_empty { 1 } else { width.max(cells.len()) };
+            let mut cells = cells.into_iter();
+            batch.extend((0..width).map(|_| vec![cells.next().unwrap_or_default()]));
+            Ok(true)
         }))
     }
 }
 
-struct SheetRows {
-    sheet: Sheet,
-    xml: Xml<Box<dyn Read + Send>>,
-    /// The last row that was given.
-    row: u64,
-    /// A row that is further down.
-    waiting: Option<(u64, Vec<Cell>)>,
-    /// The columns of the first row that has several: rows that end earlier are filled up.
-    width: usize,
-}
-
-impl RowStream for SheetRows {
-    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-        // One row at a time: rows differ in length.
-        let next = match self.waiting.take() {
-            None => self.next_row()?,
-            waiting => waiting,
-        };
-        let Some((row, cells)) = next else { return Ok(false) };
-        batch.clear();
-        self.row += 1;
-        if row > self.row {
-            // A row that is not in the file is blank.
-            self.waiting = Some((row, cells));
-            batch.push(vec![Cell::Missing]);
-            return Ok(true);
-        }
-        let is_empty = cells.iter().all(|cell| *cell == Cell::Missing);
-        if self.width == 0 && cells.len() > 1 && !is_empty {
-            self.width = cells.len();
-        }
-        let width = if is_empty { 1 } else { self.width.max(cells.len()) };
-        let mut cells = cells.into_iter();
-        batch.extend((0..width).map(|_| vec![cells.next().unwrap_or_default()]));
-        Ok(true)
-    }
-}
-
-impl SheetRows {
-    fn next_row(&mut self) -> Result<Option<(u64, Vec<Cell>)>, TableError> {
-        let Self { sheet, xml, row: before, .. } = self;
-        let wrong = |what: String| KIND.damaged(format!("`{}`: {what}", sheet.entry.name));
-        let mut number = *before + 1;
+impl Sheet {
+    /// The next row that the file has, after the one of number `before`, and its number.
+    fn next_row(
+        &self,
+        xml: &mut Xml<impl Read>,
+        before: u64,
+    ) -> Result<Option<(u64, Vec<Cell>)>, TableError> {
+        let wrong = |what: String| KIND.damaged(format!("`{}`: {what}", self.entry.name));
+        let mut number = before + 1;
         let mut cells: Vec<Cell> = Vec::new();
         let mut cell: Option<OpenCell> = None;
         while let Some(tag) = xml.next().map_err(wrong)? {
@@ -252,7 +230,7 @@ impl SheetRows {
                 "c" if tag.is_end => {
                     if let Some(cell) = cell.take() {
                         let position = cell.column;
-                        let value = cell.value(&sheet.shared).map_err(|what| {
+                        let value = cell.value(self).map_err(|what| {
                             wrong(format!("row {number}, column {}: {what}", position + 1))
                         })?;
                         cells.resize(cells.len().max(position), Cell::Missing);
@@ -298,21 +276,19 @@ impl OpenCell {
         })
     }
 
-    fn value(self, shared: &SharedParts) -> Result<Cell, String> {
+    fn value(self, sheet: &Sheet) -> Result<Cell, String> {
         let number =
             || self.text.trim().parse::<f64>().map_err(|_| format!("no number: `{}`", self.text));
         Ok(match self.kind.as_str() {
             "s" => {
-                let text = self.text.trim().parse().ok().and_then(|at: usize| shared.texts.get(at));
+                let text = self.text.trim().parse().ok().and_then(|at: usize| sheet.texts.get(at));
                 Cell::Text(text.ok_or("it refers to no text")?.clone())
             }
             // Texts, errors of formulas such as #DIV/0!, and dates as text.
             "str" | "inlineStr" | "e" | "d" => Cell::Text(self.text),
             "b" => Cell::Whole(i64::from(self.text.trim() == "1")),
             _ if self.text.trim().is_empty() => Cell::Missing,
-            _ if shared.dates.contains(&self.style) => {
-                Cell::Text(date(number()?, shared.since_1904))
-            }
+            _ if sheet.dates.contains(&self.style) => Cell::Text(date(number()?, sheet.since_1904)),
             _ => Cell::Real(number()?),
         })
     }

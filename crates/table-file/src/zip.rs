@@ -6,9 +6,8 @@ use flate2::bufread::DeflateDecoder;
 
 use crate::budget;
 use crate::bytes::ByteReader;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::source::FileSource;
+use crate::format::FileSource;
+use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Xlsx;
 

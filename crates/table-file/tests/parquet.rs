@@ -6,10 +6,11 @@
 use std::io::Read;
 use std::path::Path;
 
-use table_file::{FileKind, Table};
+use table_file::{FileKind, FileSource, Table};
 
 fn text(path: &Path) -> Result<String, String> {
-    let table = Table::open(path, FileKind::Parquet, None).map_err(|error| error.to_string())?;
+    let file = FileSource::Disk(path.to_owned());
+    let table = Table::open(&file, FileKind::Parquet, None).map_err(|error| error.to_string())?;
     let mut text = String::new();
     let mut stream = table.text(1).map_err(|error| error.to_string())?;
     stream.read_to_string(&mut text).map_err(|error| error.to_string())?;
@@ -22,9 +23,9 @@ fn nested() -> std::path::PathBuf {
 
 #[test]
 fn decimals_and_lists_are_refused_by_name_and_null_structs_are_missing() {
-    let table = Table::open(nested().as_path(), FileKind::Parquet, None).unwrap();
+    let table = Table::open(&FileSource::Disk(nested()), FileKind::Parquet, None).unwrap();
     let names = ["t_s", "price", "tags.list.element", "wrench.force.x"];
-    assert_eq!(table.names().unwrap(), names);
+    assert_eq!(table.names.clone().unwrap(), names);
     for (column, what) in [(1, "decimal"), (2, "list")] {
         let said = table.check_is_read(column).unwrap_err().to_string();
         assert!(said.contains(names[column]) && said.contains(what), "{said}");

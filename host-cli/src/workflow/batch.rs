@@ -131,9 +131,8 @@ pub fn run(
         }
         Ok::<_, Infallible>(())
     };
-    let never = |never: Infallible| match never {};
     let threads = options.read.thread_count();
-    let Ok(_) = pipeline::run(&mut numbers, threads, || (), work, never, fold);
+    let Ok(_) = pipeline::run(&mut numbers, threads, || (), work, fold);
     batch
 }
 

@@ -84,7 +84,7 @@ pub(crate) fn recognise_layout(
     }
     let Header { separator, ref names, rows_start, .. } = header;
     let error = |problem| source.error_at(header.names_line, problem);
-    let is_of_matrices = |table: &Table| matches!(table.kind(), FileKind::Hdf5 | FileKind::Matlab);
+    let is_of_matrices = |table: &Table| matches!(table.kind, FileKind::Hdf5 | FileKind::Matlab);
     let mapping = match source.as_whole_table().is_some_and(is_of_matrices) {
         true => &by_shape(names, mapping),
         false => mapping,
@@ -216,7 +216,7 @@ fn separated_header(
     first: &LayoutLine<'_>,
     mapping: &Mapping,
 ) -> Result<Header, LogError> {
-    let table_names = source.as_whole_table().and_then(Table::names);
+    let table_names = source.as_whole_table().and_then(|table| table.names.as_deref());
     let separator = if source.as_whole_table().is_some() { b',' } else { separator(first.text) };
     let fields = |line: &LayoutLine<'_>| fields(line.text, separator);
     let has_commas = separator != b',';

@@ -136,7 +136,6 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
             });
             (*log, parsed)
         },
-        E::from,
         |(log, parsed)| {
             let bad_row = |(line, problem)| E::from(logs[log].source.error_at(line, problem));
             let (of_chunk, value) = parsed.map_err(bad_row)?;
@@ -202,7 +201,7 @@ impl Pieces for LogChunks<'_> {
                     none.insert(log.chunks(stream, log.chunk_bytes))
                 }
             };
-            let any = chunks.next(chunk).map_err(|error| log.chunk_error(error))?;
+            let any = chunks.next(chunk).map_err(|error| log.source.error(error))?;
             if chunks.ended() {
                 self.checksums.push(self.meter.checksum());
                 self.chunks = None;

@@ -78,7 +78,7 @@ impl Log {
         let bytes = (PIECES * PIECE_BYTES) as usize;
         let mut chunks = self.chunks(self.source.open()?, bytes);
         let mut chunk = Chunk::default();
-        chunks.next(&mut chunk).map_err(|error| self.chunk_error(error))?;
+        chunks.next(&mut chunk).map_err(|error| self.source.error(error))?;
         Ok(chunk.lines().to_vec())
     }
 

@@ -44,13 +44,10 @@ impl Chunk {
     }
 }
 
-/// Why there is no next chunk.
-#[derive(Debug)]
-pub(crate) enum ChunkError {
-    Io(io::Error),
-    /// The line of this number is longer than [`LINE_LIMIT`].
-    LineTooLong(u64),
-}
+/// The line of this number is longer than [`LINE_LIMIT`].
+#[derive(Debug, thiserror::Error)]
+#[error("line {0} is too long")]
+pub(crate) struct LongLine(pub(crate) u64);
 
 /// A stream of bytes as a sequence of chunks.
 pub(crate) struct ChunkStream<R> {
@@ -92,15 +89,14 @@ impl<R: Read> ChunkStream<R> {
     }
 
     /// Reads the next chunk into `chunk`; `false` if there are no more.
-    pub(crate) fn next(&mut self, chunk: &mut Chunk) -> Result<bool, ChunkError> {
+    pub(crate) fn next(&mut self, chunk: &mut Chunk) -> io::Result<bool> {
         if self.ended {
             return Ok(false);
         }
         // Remains set if reading fails: there is no chunk after an error.
         self.ended = true;
         if self.skip > 0 {
-            io::copy(&mut Read::take(&mut self.stream, self.skip), &mut io::sink())
-                .map_err(ChunkError::Io)?;
+            io::copy(&mut Read::take(&mut self.stream, self.skip), &mut io::sink())?;
             self.skip = 0;
         }
         let buffer = &mut chunk.buffer;
@@ -134,7 +130,7 @@ impl<R: Read> ChunkStream<R> {
             }
             if filled > LINE_LIMIT {
                 self.ended = true;
-                return Err(ChunkError::LineTooLong(self.line));
+                return Err(io::Error::other(LongLine(self.line)));
             }
         };
         self.carry.clear();
@@ -169,14 +165,14 @@ pub(crate) fn line_ends(text: &[u8]) -> u64 {
 
 /// Reads until `buffer` is full or the stream ends, so that cuts do not depend on how many bytes
 /// a single read happens to give.
-fn read_full(stream: &mut impl Read, buffer: &mut [u8]) -> Result<usize, ChunkError> {
+fn read_full(stream: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
     let mut filled = 0;
     while filled < buffer.len() {
         match stream.read(&mut buffer[filled..]) {
             Ok(0) => break,
             Ok(read) => filled += read,
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(ChunkError::Io(error)),
+            Err(error) => return Err(error),
         }
     }
     Ok(filled)
@@ -229,6 +225,7 @@ mod tests {
     fn a_line_without_end_is_refused_before_it_fills_the_memory() {
         let mut chunks = ChunkStream::new(io::repeat(b'7'), 0, 3, CHUNK_BYTES);
         let result = chunks.next(&mut Chunk::default());
-        assert!(matches!(result, Err(ChunkError::LineTooLong(3))));
+        let long = result.unwrap_err().downcast::<LongLine>();
+        assert!(matches!(long, Ok(LongLine(3))));
     }
 }

@@ -72,26 +72,24 @@ const WAITING_PER_THREAD: usize = 4;
 ///     squares.push(square);
 ///     Ok::<_, Infallible>(())
 /// };
-/// let Ok(sums) = run(&mut (0..5), 2, || 0, work, |never| never, fold);
+/// let Ok(sums) = run(&mut (0..5), 2, || 0, work, fold);
 /// assert_eq!(squares, [0, 1, 4, 9, 16]);
 /// assert_eq!(sums.iter().sum::<usize>(), 10);
 /// ```
 ///
 /// # Errors
-/// The first error in the order of the pieces: of `pieces`, made one of `fold` by `failed`, or of
-/// `fold`.
-pub fn run<P: Pieces, S: Send, T: Send, E>(
+/// The first error in the order of the pieces: of `pieces` or of `fold`.
+pub fn run<P: Pieces, S: Send, T: Send, E: From<P::Error>>(
     pieces: &mut P,
     threads: usize,
     init: impl Fn() -> S + Sync,
     work: impl Fn(&mut S, &mut P::Piece) -> T + Sync,
-    failed: impl Fn(P::Error) -> E,
     mut fold: impl FnMut(T) -> Result<(), E>,
 ) -> Result<Vec<S>, E> {
     let (mut state, mut piece) = (init(), P::Piece::default());
     // Where there is but one piece, no thread is started.
     loop {
-        if !pieces.next(&mut piece).map_err(&failed)? {
+        if !pieces.next(&mut piece)? {
             return Ok(vec![state]);
         }
         fold(work(&mut state, &mut piece))?;
@@ -115,7 +113,7 @@ pub fn run<P: Pieces, S: Send, T: Send, E>(
         };
         let workers: Vec<_> = states.map(worker).collect();
         drop(results);
-        let outcome = fold_in_order(finished, room, failed, fold);
+        let outcome = fold_in_order(finished, room, fold);
         let join = |worker: ScopedJoinHandle<'_, S>| {
             worker.join().unwrap_or_else(|panic| resume_unwind(panic))
         };
@@ -165,10 +163,9 @@ fn work_on_pieces<P: Pieces, S, T>(
 
 /// Passes results to `fold` in the order of their numbers, until the workers have ended; each makes room for another.
 /// Drops what the workers wait for at the end, or when `fold` panics.
-fn fold_in_order<T, E, F>(
+fn fold_in_order<T, E, F: From<E>>(
     finished: Receiver<Numbered<T, E>>,
     room: Sender<()>,
-    failed: impl Fn(E) -> F,
     mut fold: impl FnMut(T) -> Result<(), F>,
 ) -> Result<(), F> {
     // From the next number on; those that are missing are in work.
@@ -183,7 +180,7 @@ fn fold_in_order<T, E, F>(
             waiting.pop_front();
             next += 1;
             let result = result.unwrap_or_else(|panic| resume_unwind(panic));
-            fold(result.map_err(&failed)?)?;
+            fold(result?)?;
             // Workers that have ended need no room.
             let _ = room.send(());
         }
@@ -239,10 +236,9 @@ mod tests {
             };
             let fold = |number| {
                 found.push(number);
-                Ok(())
+                Ok::<_, String>(())
             };
-            let sums =
-                run(&mut numbers(end), threads, || 0, work, |error: String| error, fold).unwrap();
+            let sums = run(&mut numbers(end), threads, || 0, work, fold).unwrap();
             assert!(found.iter().copied().eq(0..end), "{threads}, {end}");
             assert_eq!(sums.iter().sum::<usize>(), end * end.saturating_sub(1) / 2);
             assert_eq!(sums.len(), if end > 1 { threads } else { 1 });
@@ -259,7 +255,7 @@ mod tests {
                     false => Ok(()),
                 };
                 let work = |(): &mut (), number: &mut usize| *number;
-                let error = run(&mut pieces, threads, || (), work, |error| error, fold);
+                let error = run(&mut pieces, threads, || (), work, fold);
                 assert_eq!(error.unwrap_err(), expected);
             }
         }
@@ -274,9 +270,9 @@ mod tests {
             };
             let fold = |number| {
                 assert!(!in_fold || number != 30, "in fold");
-                Ok(())
+                Ok::<_, String>(())
             };
-            let whole = || run(&mut numbers(3000), 3, || (), work, |error: String| error, fold);
+            let whole = || run(&mut numbers(3000), 3, || (), work, fold);
             assert!(catch_unwind(AssertUnwindSafe(whole)).is_err());
         }
     }

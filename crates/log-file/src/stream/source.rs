@@ -16,11 +16,13 @@ use std::sync::{Arc, Mutex};
 use flate2::bufread::MultiGzDecoder;
 use table_file::{FileKind, FileSource, OpenFile, Recognised, Table, TableError};
 use tempfile::TempPath;
+use twox_hash::XxHash3_128;
 
+use super::chunk::{LINE_LIMIT, LongLine};
 use super::companion::{RowMismatch, Sides, joined};
 use super::utf16::as_utf8;
 use super::zstd::{self, Zstd};
-use crate::checksum::Checksum;
+use crate::checksum;
 use crate::error::{LogError, LogPosition, PlacedProblem};
 use shell_data::lock::lock;
 
@@ -75,7 +77,7 @@ impl LogSource {
         if !metadata.is_file() {
             return Err(failed(io::Error::other("not a regular file, which logs must be")));
         }
-        let file = FileSource::from(file);
+        let file = FileSource::Disk(file.to_owned());
         Self { _spool: spool.map(Arc::new), ..Self::plain(path, file) }.recognise(part)
     }
 
@@ -107,23 +109,25 @@ impl LogSource {
             Container::Plain => start,
             _ => self.start(self.open()?)?,
         };
-        match table_file::recognise(&text) {
-            Recognised::Unknown => {}
+        let kind = match table_file::recognise(&text) {
+            Recognised::Unknown => None,
             _ if self.compression().is_some() => {
                 let what = "a compressed file of something other than text";
                 let remedy = "unpack it first; compressed logs are text";
                 return Err(LogError::Foreign { path: self.path, what, remedy });
             }
-            Recognised::Table(kind) => {
-                self.container = Container::Table(self.table(kind, part)?);
-                return Ok(self);
-            }
+            Recognised::Table(kind) => Some(kind),
             Recognised::Foreign { what, remedy } => {
                 return Err(LogError::Foreign { path: self.path, what, remedy });
             }
-        }
-        if let Some(part) = part {
+        };
+        if let (None | Some(FileKind::NumPy | FileKind::Parquet), Some(part)) = (kind, part) {
             return Err(LogError::NoParts { path: self.path, wanted: part.to_owned() });
+        }
+        if let Some(kind) = kind {
+            let table = Table::open(&self.file, kind, part);
+            self.container = Container::Table(table.map_err(|error| self.error(error))?);
+            return Ok(self);
         }
         self.utf16 = match text.as_slice() {
             [0xff, 0xfe, ..] => Some(false),
@@ -149,13 +153,6 @@ impl LogSource {
         Ok(start)
     }
 
-    fn table(&self, kind: FileKind, part: Option<&str>) -> Result<Table, LogError> {
-        if let (FileKind::NumPy | FileKind::Parquet, Some(part)) = (kind, part) {
-            return Err(LogError::NoParts { path: self.path.clone(), wanted: part.to_owned() });
-        }
-        Table::open(self.file.clone(), kind, part).map_err(|problem| self.table_error(problem))
-    }
-
     pub(crate) fn open_file(&self) -> Result<OpenFile, LogError> {
         self.file.open().map_err(|error| self.error(error))
     }
@@ -172,7 +169,8 @@ impl LogSource {
         meter: &ReadMeter,
     ) -> Result<ByteStream, LogError> {
         let file = |meter: &ReadMeter| {
-            Ok::<_, LogError>(CountingFile { file: self.open_file()?, meter: meter.clone() })
+            let (stream, meter) = (self.open_file()?, meter.clone());
+            Ok::<_, LogError>(CountedStream { stream, meter, left: self.bytes })
         };
         let buffered = || Ok::<_, LogError>(BufReader::with_capacity(1 << 16, file(meter)?));
         let left = self.bytes.saturating_mul(UNPACKED_RATIO).saturating_add(64 << 20);
@@ -188,8 +186,9 @@ impl LogSource {
                     let mut whole = file(&ReadMeter { bytes: Arc::default(), ..meter.clone() })?;
                     io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
                 }
-                let text = table.text(threads).map_err(|problem| self.table_error(problem))?;
-                Box::new(TableStream { text, left: self.bytes, bytes: Arc::clone(&meter.bytes) })
+                let stream = table.text(threads).map_err(|error| self.error(error))?;
+                let meter = ReadMeter { checksum: None, ..meter.clone() };
+                Box::new(CountedStream { stream, meter, left: self.bytes })
             }
         };
         let text = match self.utf16 {
@@ -231,7 +230,7 @@ impl LogSource {
 
     /// What a line of the text, from 1, is in the file.
     pub(crate) fn position(&self, line: u64) -> LogPosition {
-        match (self.as_table().map(Table::names), line) {
+        match (self.as_table().map(|table| &table.names), line) {
             (None, line) => LogPosition::Line(line),
             (Some(Some(_)), 0 | 1) => LogPosition::Names,
             (Some(Some(_)), line) => LogPosition::Row(line - 1),
@@ -246,9 +245,13 @@ impl LogSource {
     }
 
     /// The error of a failed read.
-    pub(crate) fn error(&self, source: io::Error) -> LogError {
+    pub(crate) fn error(&self, source: impl Into<io::Error>) -> LogError {
         use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
         let path = self.path.clone();
+        let source = match source.into().downcast::<LongLine>() {
+            Ok(long) => return self.error_at(long.0, PlacedProblem::LineTooLong(LINE_LIMIT)),
+            Err(source) => source,
+        };
         let source = match source.downcast::<TableError>() {
             Ok(problem) => return LogError::Table { path, problem },
             Err(source) => source,
@@ -266,13 +269,6 @@ impl LogSource {
                 LogError::Unpacking { path, method, source }
             }
             _ => LogError::Io { path, source },
-        }
-    }
-
-    fn table_error(&self, problem: TableError) -> LogError {
-        match problem {
-            TableError::Io(source) => LogError::Io { path: self.path.clone(), source },
-            problem => LogError::Table { path: self.path.clone(), problem },
         }
     }
 }
@@ -311,7 +307,7 @@ pub(crate) struct ReadMeter {
     /// The bytes that have been read.
     pub(crate) bytes: Arc<AtomicU64>,
     /// The checksum of the file that is being read, where it is asked for.
-    checksum: Option<Arc<Mutex<Checksum>>>,
+    checksum: Option<Arc<Mutex<XxHash3_128>>>,
 }
 
 impl ReadMeter {
@@ -322,41 +318,27 @@ impl ReadMeter {
 
     /// The checksum of a file that has been read to its end.
     pub(crate) fn checksum(&self) -> Option<String> {
-        self.checksum.as_ref().map(|checksum| lock(checksum).finish())
+        self.checksum.as_ref().map(|checksum| checksum::text(&lock(checksum)))
     }
 }
 
-/// A file that counts the bytes read from it and computes their checksum.
-struct CountingFile {
-    file: OpenFile,
+/// A file, or a table as text, whose bytes count as those that have been read of the file.
+struct CountedStream<R> {
+    stream: R,
     meter: ReadMeter,
-}
-
-impl Read for CountingFile {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.file.read(buffer)?;
-        self.meter.bytes.fetch_add(read as u64, Ordering::Relaxed);
-        if let Some(checksum) = &self.meter.checksum {
-            lock(checksum).update(&buffer[..read]);
-        }
-        Ok(read)
-    }
-}
-
-/// A table as text, whose bytes count as read by the length of the text.
-struct TableStream {
-    text: Box<dyn Read + Send>,
     /// How many bytes of the file have not been counted.
     left: u64,
-    bytes: Arc<AtomicU64>,
 }
 
-impl Read for TableStream {
+impl<R: Read> Read for CountedStream<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.text.read(buffer)?;
+        let read = self.stream.read(buffer)?;
         let counted = if read == 0 { self.left } else { self.left.min(read as u64) };
         self.left -= counted;
-        self.bytes.fetch_add(counted, Ordering::Relaxed);
+        self.meter.bytes.fetch_add(counted, Ordering::Relaxed);
+        if let Some(checksum) = &self.meter.checksum {
+            lock(checksum).write(&buffer[..read]);
+        }
         Ok(read)
     }
 }

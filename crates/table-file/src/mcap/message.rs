@@ -3,16 +3,14 @@
 use serde_json::Value;
 
 use crate::bytes::ByteReader;
-use crate::rows::Cell;
+use crate::format::Cell;
 
 /// How messages of a topic are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum FieldKind {
     /// `geometry_msgs/Wrench` or `geometry_msgs/WrenchStamped` as ROS 2 sends it (CDR), or ROS 1.
-    Wrench {
-        is_stamped: bool,
-        is_ros1: bool,
-    },
+    Wrench { is_stamped: bool, is_ros1: bool },
+    /// Objects in JSON.
     Json,
 }
 

@@ -14,10 +14,8 @@ use std::sync::Arc;
 use self::message::{FieldKind, Message};
 use self::records::{McapRecord, Records};
 use crate::budget::{self, Unpacked};
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream, batch_rows};
-use crate::source::FileSource;
+use crate::format::{Cell, FileSource, NamedRows, RowSource, RowStream, batch_rows};
+use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Mcap;
 
@@ -25,17 +23,17 @@ const KIND: FileKind = FileKind::Mcap;
 const WAITING: usize = 4096;
 
 /// A table in a recording.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct McapRecording {
     file: FileSource,
-    topics: Arc<Vec<Topic>>,
+    topics: Vec<Topic>,
     columns: usize,
     /// Whether time is that in the messages, not when they were logged.
     by_stamp: bool,
 }
 
 /// A topic whose messages are read.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct Topic {
     /// One number for each channel.
     channels: BTreeSet<u16>,
@@ -110,7 +108,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     if names[1..].iter().any(is_time) {
         "log_time".clone_into(&mut names[0]);
     }
-    let (topics, columns) = (Arc::new(topics), names.len());
+    let columns = names.len();
     let recording = McapRecording { file: file.clone(), topics, columns, by_stamp };
     Ok((Some(names), Arc::new(recording)))
 }
@@ -125,68 +123,54 @@ fn seconds(ns: u64) -> String {
 }
 
 impl RowSource for McapRecording {
-    fn rows(&self, _: Range<usize>, unpacked: Unpacked) -> Result<Box<dyn RowStream>, TableError> {
-        Ok(Box::new(RecordingRows {
-            records: Records::open(&self.file, unpacked)?,
-            recording: self.clone(),
-            waiting: BTreeMap::new(),
-        }))
-    }
-}
-
-struct RecordingRows {
-    records: Records,
-    recording: McapRecording,
-    /// The messages of rows that some topics have not given one for, by log time and topic.
-    waiting: BTreeMap<u64, Vec<Option<Message>>>,
-}
-
-impl RowStream for RecordingRows {
-    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-        let McapRecording { topics, columns, by_stamp, .. } = self.recording.clone();
-        batch.resize_with(columns, Vec::new);
-        batch.iter_mut().for_each(Vec::clear);
-        let rows = batch_rows(columns);
-        while batch[0].len() < rows {
-            let Some(record) = self.records.next()? else {
-                // A recording may end between two messages of a row.
-                if self.waiting.len() > 1 {
+    fn rows(self: Arc<Self>, _: Range<usize>, unpacked: Unpacked) -> Result<RowStream, TableError> {
+        let mut records = Records::open(&self.file, unpacked)?;
+        // The messages of rows that some topics have not given one for, by log time and topic.
+        let mut waiting: BTreeMap<u64, Vec<Option<Message>>> = BTreeMap::new();
+        Ok(Box::new(move |batch| {
+            let topics = &self.topics;
+            batch.resize_with(self.columns, Vec::new);
+            batch.iter_mut().for_each(Vec::clear);
+            while batch[0].len() < batch_rows(self.columns) {
+                let Some(record) = records.next()? else {
+                    // A recording may end between two messages of a row.
+                    if waiting.len() > 1 {
+                        return Err(self.apart());
+                    }
+                    return Ok(!batch[0].is_empty());
+                };
+                let McapRecord::Message { channel, log_time, data } = record else { continue };
+                let at = topics.iter().position(|topic| topic.channels.contains(&channel));
+                let Some(at) = at else { continue };
+                let topic = &topics[at];
+                let message =
+                    topic.kind.decode(&data).map_err(|what| wrong(topic, log_time, &what))?;
+                let row = waiting.entry(log_time).or_default();
+                row.resize_with(topics.len(), || None);
+                if row[at].replace(message).is_some() {
+                    let (topic, time) = (&topic.name, seconds(log_time));
+                    let what = format!("topic `{topic}` has several messages at {time} s");
+                    return Err(KIND.unsupported(what));
+                }
+                if row.iter().all(Option::is_some)
+                    && let Some(row) = waiting.remove(&log_time)
+                {
+                    let mut stamps = row.iter().flatten().filter_map(|message| message.stamp_ns);
+                    let stamp = stamps.next_back().filter(|_| self.by_stamp);
+                    let mut time_and_values = batch.iter_mut();
+                    if let Some(times) = time_and_values.next() {
+                        times.push(Cell::Text(seconds(stamp.unwrap_or(log_time))));
+                    }
+                    for (topic, message) in topics.iter().zip(row.into_iter().flatten()) {
+                        topic.push(message, &mut time_and_values);
+                    }
+                }
+                if waiting.len() > WAITING {
                     return Err(self.apart());
                 }
-                return Ok(!batch[0].is_empty());
-            };
-            let McapRecord::Message { channel, log_time, data } = record else { continue };
-            let at = topics.iter().position(|topic| topic.channels.contains(&channel));
-            let Some(at) = at else { continue };
-            let topic = &topics[at];
-            let message = topic.kind.decode(&data).map_err(|what| wrong(topic, log_time, &what))?;
-            let row = self.waiting.entry(log_time).or_default();
-            row.resize_with(topics.len(), || None);
-            if row[at].replace(message).is_some() {
-                return Err(KIND.unsupported(format!(
-                    "topic `{}` has several messages at {} s",
-                    topic.name,
-                    seconds(log_time)
-                )));
             }
-            if row.iter().all(Option::is_some)
-                && let Some(row) = self.waiting.remove(&log_time)
-            {
-                let mut stamps = row.iter().flatten().filter_map(|message| message.stamp_ns);
-                let stamp = stamps.next_back().filter(|_| by_stamp);
-                let mut time_and_values = batch.iter_mut();
-                if let Some(times) = time_and_values.next() {
-                    times.push(Cell::Text(seconds(stamp.unwrap_or(log_time))));
-                }
-                for (topic, message) in topics.iter().zip(row.into_iter().flatten()) {
-                    topic.push(message, &mut time_and_values);
-                }
-            }
-            if self.waiting.len() > WAITING {
-                return Err(self.apart());
-            }
-        }
-        Ok(true)
+            Ok(true)
+        }))
     }
 }
 
@@ -207,11 +191,10 @@ impl Topic {
     }
 }
 
-impl RecordingRows {
+impl McapRecording {
     /// The error of topics that have no rows in common.
     fn apart(&self) -> TableError {
-        let topics = self.recording.topics.iter();
-        let names: Vec<&str> = topics.map(|topic| topic.name.as_str()).collect();
+        let names: Vec<&str> = self.topics.iter().map(|topic| topic.name.as_str()).collect();
         KIND.unsupported(format!(
             "its topics {names:?} were logged at times of their own: choose one"
         ))

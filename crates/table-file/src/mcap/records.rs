@@ -6,8 +6,8 @@ use super::KIND;
 use crate::budget::{self, Unpacked};
 use crate::bytes::ByteReader;
 use crate::codec::{Codec, unpack};
-use crate::error::TableError;
-use crate::source::{FileSource, OpenFile};
+use crate::format::{FileSource, OpenFile};
+use crate::kind::TableError;
 
 /// A record that says something about messages.
 pub(super) enum McapRecord {

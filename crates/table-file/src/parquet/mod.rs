@@ -19,10 +19,8 @@ use self::schema::Leaf;
 use crate::budget::{self, Unpacked};
 use crate::bytes::ByteReader;
 use crate::codec::Codec;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, NamedRows, RowBatch, RowSource, RowStream, batch_rows};
-use crate::source::{FileSource, OpenFile};
+use crate::format::{Cell, FileSource, NamedRows, OpenFile, RowSource, RowStream, batch_rows};
+use crate::kind::{FileKind, TableError};
 use crate::thrift::{self, Value};
 
 const KIND: FileKind = FileKind::Parquet;
@@ -34,11 +32,11 @@ const FOOTER: u64 = 4 << 20;
 const VALUES_PER_BYTE: u64 = 2048;
 
 /// A table in a file.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 struct ParquetTable {
     file: FileSource,
-    leaves: Arc<Vec<Leaf>>,
-    groups: Arc<Vec<RowGroup>>,
+    leaves: Vec<Leaf>,
+    groups: Vec<RowGroup>,
 }
 
 /// Rows that are stored together.
@@ -74,7 +72,6 @@ pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
         return Err(KIND.unsupported("no column of numbers or texts"));
     }
     let names = leaves.iter().map(|leaf| leaf.name.clone()).collect();
-    let (leaves, groups) = (Arc::new(leaves), Arc::new(groups));
     Ok((Some(names), Arc::new(ParquetTable { file: source.clone(), leaves, groups })))
 }
 
@@ -152,17 +149,40 @@ impl RowSource for ParquetTable {
     }
 
     fn rows(
-        &self,
-        parts: Range<usize>,
+        self: Arc<Self>,
+        mut parts: Range<usize>,
         unpacked: Unpacked,
-    ) -> Result<Box<dyn RowStream>, TableError> {
+    ) -> Result<RowStream, TableError> {
         let (file, length) = (self.file.open()?, self.file.length()?);
-        Ok(Box::new(ParquetRows {
-            source: ParquetSource { file, length, held: 0, unpacked },
-            table: self.clone(),
-            next_groups: parts,
-            rows_left: 0,
-            columns: Vec::new(),
+        let mut source = ParquetSource { file, length, held: 0, unpacked };
+        // Of the current row group.
+        let (mut rows_left, mut columns): (u64, Vec<ColumnReader>) = (0, Vec::new());
+        Ok(Box::new(move |batch| {
+            while rows_left == 0 {
+                let Some(group) = parts.next().and_then(|part| self.groups.get(part)) else {
+                    return Ok(false);
+                };
+                rows_left = group.rows;
+                columns = group.chunks.iter().map(|chunk| ColumnReader::new(*chunk)).collect();
+            }
+            let leaves = &self.leaves;
+            let rows = (batch_rows(leaves.len()) as u64).min(rows_left);
+            batch.resize_with(leaves.len(), Vec::new);
+            // What the pages of all columns hold at a time.
+            source.held = columns.iter().map(ColumnReader::held).sum();
+            for ((cells, leaf), column) in batch.iter_mut().zip(leaves).zip(&mut columns) {
+                cells.clear();
+                match leaf.kind.opaque() {
+                    Some(_) => cells.resize(rows as usize, Cell::Missing),
+                    None => {
+                        source.held -= column.held();
+                        column.read(&mut source, leaf, rows as usize, cells)?;
+                        source.held += column.held();
+                    }
+                }
+            }
+            rows_left -= rows;
+            Ok(true)
         }))
     }
 }
@@ -174,44 +194,4 @@ struct ParquetSource {
     /// What the pages of other columns hold.
     held: u64,
     unpacked: Unpacked,
-}
-
-struct ParquetRows {
-    source: ParquetSource,
-    table: ParquetTable,
-    next_groups: Range<usize>,
-    /// Of the current row group.
-    rows_left: u64,
-    columns: Vec<ColumnReader>,
-}
-
-impl RowStream for ParquetRows {
-    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-        while self.rows_left == 0 {
-            let next = self.next_groups.next();
-            let Some(group) = next.and_then(|group| self.table.groups.get(group)) else {
-                return Ok(false);
-            };
-            self.rows_left = group.rows;
-            self.columns = group.chunks.iter().map(|chunk| ColumnReader::new(*chunk)).collect();
-        }
-        let leaves = &self.table.leaves;
-        let rows = (batch_rows(leaves.len()) as u64).min(self.rows_left);
-        batch.resize_with(leaves.len(), Vec::new);
-        // What the pages of all columns hold at a time.
-        self.source.held = self.columns.iter().map(ColumnReader::held).sum();
-        for ((cells, leaf), column) in batch.iter_mut().zip(&**leaves).zip(&mut self.columns) {
-            cells.clear();
-            match leaf.kind.opaque() {
-                Some(_) => cells.resize(rows as usize, Cell::Missing),
-                None => {
-                    self.source.held -= column.held();
-                    column.read(&mut self.source, leaf, rows as usize, cells)?;
-                    self.source.held += column.held();
-                }
-            }
-        }
-        self.rows_left -= rows;
-        Ok(true)
-    }
 }

@@ -11,9 +11,8 @@ use crate::bytes::ByteReader;
 use crate::calendar::iso_of;
 use crate::codec::{Codec, unpack};
 use crate::element::Element;
-use crate::error::TableError;
-use crate::rows::Cell;
-use crate::source::OpenFile;
+use crate::format::{Cell, OpenFile};
+use crate::kind::TableError;
 use crate::thrift::{self, Value};
 
 /// The longest head of a page: statistics may be in it.

@@ -3,7 +3,7 @@
 use super::KIND;
 use crate::budget;
 use crate::element::Element;
-use crate::error::TableError;
+use crate::kind::TableError;
 use crate::thrift::Value;
 
 /// A column.

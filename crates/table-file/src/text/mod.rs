@@ -9,10 +9,8 @@ use shell_data::escape;
 
 use self::parts::TextOfParts;
 use crate::budget::Unpacked;
-use crate::error::TableError;
-use crate::kind::FileKind;
-use crate::rows::{Cell, RowBatch, RowSource};
-use crate::source::FileSource;
+use crate::format::{Cell, FileSource, RowBatch, RowSource};
+use crate::kind::{FileKind, TableError};
 use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 
 /// Text that is made piece by piece, as a stream.
@@ -50,8 +48,10 @@ impl<F: FnMut(&mut Vec<u8>) -> io::Result<bool>> Read for TextStream<F> {
 /// A table in a file.
 #[derive(Clone, Debug)]
 pub struct Table {
-    kind: FileKind,
-    names: Option<Vec<String>>,
+    /// What kind of file it is.
+    pub kind: FileKind,
+    /// The names of its columns; `None` where they have none, or the rows hold them.
+    pub names: Option<Vec<String>>,
     rows: Arc<dyn RowSource>,
 }
 
@@ -61,12 +61,7 @@ impl Table {
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
-    pub fn open(
-        file: impl Into<FileSource>,
-        kind: FileKind,
-        part: Option<&str>,
-    ) -> Result<Self, TableError> {
-        let file = &file.into();
+    pub fn open(file: &FileSource, kind: FileKind, part: Option<&str>) -> Result<Self, TableError> {
         let (names, rows) = match kind {
             FileKind::Hdf5 => hdf5::open(file, part)?,
             FileKind::Matlab => mat5::open(file, part)?,
@@ -78,23 +73,14 @@ impl Table {
         Ok(Self { kind, names, rows })
     }
 
-    /// What kind of file it is.
-    pub fn kind(&self) -> FileKind {
-        self.kind
-    }
-
-    /// The names of its columns; `None` where they have none, or the rows hold them.
-    pub fn names(&self) -> Option<&[String]> {
-        self.names.as_deref()
-    }
-
     /// Checks that the values of a column, from 0, are read.
     ///
     /// # Errors
     /// [`TableError::Unsupported`] with its name and what it holds.
     pub fn check_is_read(&self, column: usize) -> Result<(), TableError> {
         let Some(what) = self.rows.unread(column) else { return Ok(()) };
-        let name = self.names().and_then(|names| names.get(column)).map_or("", String::as_str);
+        let name = self.names.as_ref().and_then(|names| names.get(column));
+        let name = name.map_or("", String::as_str);
         Err(self.kind.unsupported(format!("column `{name}` holds values of type {what}")))
     }
 
@@ -108,34 +94,24 @@ impl Table {
     /// [`TableError`] if the file cannot be opened.
     pub fn text(&self, threads: usize) -> Result<Box<dyn Read + Send>, TableError> {
         let mut text = Vec::new();
-        if let Some(names) = self.names() {
+        if let Some(names) = &self.names {
             let line = names.iter().map(|name| vec![Cell::Text(name.clone())]);
             write_rows(&line.collect(), &mut text);
         }
         let parts = self.rows.parts();
         if threads > 1 && parts > 1 {
             let mut parts = TextOfParts::new(Arc::clone(&self.rows), threads);
-            return Ok(Box::new(TextStream::new(text, move |text| {
-                parts.next(text).map_err(to_io)
-            })));
+            return Ok(Box::new(TextStream::new(text, move |text| Ok(parts.next(text)?))));
         }
-        let mut rows = self.rows.rows(0..parts, Unpacked::default())?;
+        let mut rows = Arc::clone(&self.rows).rows(0..parts, Unpacked::default())?;
         let mut batch = RowBatch::new();
         Ok(Box::new(TextStream::new(text, move |text| {
-            let is_there = rows.next(&mut batch).map_err(to_io)?;
+            let is_there = rows(&mut batch)?;
             if is_there {
                 write_rows(&batch, text);
             }
             Ok(is_there)
         })))
-    }
-}
-
-/// The error of reading that an error of the table is.
-fn to_io(error: TableError) -> io::Error {
-    match error {
-        TableError::Io(error) => error,
-        error => io::Error::new(io::ErrorKind::InvalidData, error),
     }
 }
 

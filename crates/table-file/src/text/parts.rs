@@ -17,8 +17,8 @@ use std::thread::JoinHandle;
 
 use super::write_rows;
 use crate::budget::Unpacked;
-use crate::error::TableError;
-use crate::rows::{RowBatch, RowSource};
+use crate::format::{RowBatch, RowSource};
+use crate::kind::TableError;
 
 /// How many pieces of text may wait in all; one takes about half a megabyte.
 const WAITING_PIECES: usize = 48;
@@ -68,7 +68,7 @@ impl TextOfParts {
         let (pieces, received) = sync_channel((WAITING_PIECES / self.threads).max(1));
         let (rows, unpacked) = (Arc::clone(&self.rows), self.unpacked.clone());
         let thread = std::thread::Builder::new().name("table part".to_owned());
-        let thread = thread.spawn(move || send_part(&*rows, part, unpacked, &pieces))?;
+        let thread = thread.spawn(move || send_part(rows, part, unpacked, &pieces))?;
         self.readers.push_back((received, thread));
         Ok(())
     }
@@ -86,14 +86,14 @@ impl Drop for TextOfParts {
 
 /// Sends the text of a part until nobody wants more.
 fn send_part(
-    rows: &dyn RowSource,
+    rows: Arc<dyn RowSource>,
     part: usize,
     unpacked: Unpacked,
     pieces: &SyncSender<Vec<u8>>,
 ) -> Result<(), TableError> {
     let mut rows = rows.rows(part..part + 1, unpacked)?;
     let mut batch = RowBatch::new();
-    while rows.next(&mut batch)? {
+    while rows(&mut batch)? {
         let mut text = Vec::new();
         write_rows(&batch, &mut text);
         if pieces.send(text).is_err() {
@@ -110,9 +110,9 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use super::*;
+    use crate::format::{Cell, RowStream};
     use crate::kind::FileKind;
-    use crate::rows::{Cell, RowStream};
-    use crate::text::{TextStream, to_io};
+    use crate::text::TextStream;
 
     /// Parts of so many batches of a thousand rows each; the last one is damaged, if that is asked.
     #[derive(Debug)]
@@ -122,50 +122,38 @@ mod tests {
         begun: Arc<AtomicUsize>,
     }
 
-    struct Batches {
-        part: usize,
-        next: usize,
-        end: usize,
-        is_damaged: bool,
-    }
-
     impl RowSource for Numbers {
         fn parts(&self) -> usize {
             self.batches.len()
         }
 
         fn rows(
-            &self,
+            self: Arc<Self>,
             Range { start: part, .. }: Range<usize>,
             _: Unpacked,
-        ) -> Result<Box<dyn RowStream>, TableError> {
+        ) -> Result<RowStream, TableError> {
             self.begun.fetch_add(1, Ordering::Relaxed);
-            let is_damaged = self.is_damaged && part + 1 == self.batches.len();
-            Ok(Box::new(Batches { part, next: 0, end: self.batches[part], is_damaged }))
-        }
-    }
-
-    impl RowStream for Batches {
-        fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError> {
-            if self.next == self.end {
-                return match self.is_damaged {
-                    true => Err(FileKind::Parquet.damaged("the last part")),
-                    false => Ok(false),
+            let mut batches = 0..self.batches[part];
+            Ok(Box::new(move |batch| {
+                let Some(number) = batches.next() else {
+                    return match self.is_damaged && part + 1 == self.batches.len() {
+                        true => Err(FileKind::Parquet.damaged("the last part")),
+                        false => Ok(false),
+                    };
                 };
-            }
-            let of = |row: usize| (self.part * 1_000_000 + self.next * 1000 + row) as f64 + 0.5;
-            let column: Vec<Cell> = (0..1000).map(|row| Cell::Real(of(row))).collect();
-            // Wide, so that little waits at a time.
-            batch.clear();
-            batch.resize(40, column);
-            self.next += 1;
-            Ok(true)
+                let of = |row: usize| (part * 1_000_000 + number * 1000 + row) as f64 + 0.5;
+                let column: Vec<Cell> = (0..1000).map(|row| Cell::Real(of(row))).collect();
+                // Wide, so that little waits at a time.
+                batch.clear();
+                batch.resize(40, column);
+                Ok(true)
+            }))
         }
     }
 
     fn stream(numbers: Numbers, threads: usize) -> impl Read {
         let mut parts = TextOfParts::new(Arc::new(numbers), threads);
-        TextStream::new(Vec::new(), move |text| parts.next(text).map_err(to_io))
+        TextStream::new(Vec::new(), move |text| Ok(parts.next(text)?))
     }
 
     fn text(numbers: Numbers, threads: usize) -> (Vec<u8>, Option<String>) {

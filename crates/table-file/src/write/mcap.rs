@@ -12,10 +12,8 @@ use crate::bytes::ByteWriter;
 pub struct McapChannel {
     /// Its topic.
     pub topic: String,
-    /// The schema of its messages: its name, its language, and what it says.
-    pub schema: Option<(&'static str, &'static str, String)>,
-    /// How messages are encoded.
-    pub encoding: &'static str,
+    /// The schema of its messages as ROS has them, its name and what it says; those of others are in JSON.
+    pub schema: Option<(&'static str, String)>,
     /// What else is said of it, by name.
     pub metadata: Vec<(&'static str, String)>,
 }
@@ -25,8 +23,7 @@ impl McapChannel {
     pub fn wrench(topic: &str) -> Self {
         Self {
             topic: topic.to_owned(),
-            schema: Some(ros("geometry_msgs/msg/WrenchStamped", &WRENCH_STAMPED)),
-            encoding: "cdr",
+            schema: Some(("geometry_msgs/msg/WrenchStamped", definition(&WRENCH_STAMPED))),
             metadata: Vec::new(),
         }
     }
@@ -35,8 +32,7 @@ impl McapChannel {
     pub fn static_transforms() -> Self {
         Self {
             topic: "/tf_static".to_owned(),
-            schema: Some(ros("tf2_msgs/msg/TFMessage", &TRANSFORMS)),
-            encoding: "cdr",
+            schema: Some(("tf2_msgs/msg/TFMessage", definition(&TRANSFORMS))),
             metadata: vec![("offered_qos_profiles", LATCHED.to_owned())],
         }
     }
@@ -45,7 +41,7 @@ impl McapChannel {
     /// recording with a schema in a language that is not of ROS.
     pub fn json(topic: &str, schema: String) -> Self {
         let metadata = vec![("jsonschema", schema)];
-        Self { topic: topic.to_owned(), schema: None, encoding: "json", metadata }
+        Self { topic: topic.to_owned(), schema: None, metadata }
     }
 }
 
@@ -72,9 +68,9 @@ const TRANSFORMS: [&str; 7] = [
     "MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
 ];
 
-/// The schema of a type: that and what it is made of, as rosbag2 writes them.
-fn ros(name: &'static str, types: &[&str]) -> (&'static str, &'static str, String) {
-    (name, "ros2msg", types.join(&("=".repeat(80) + "\n")))
+/// What the schema of a type says: that and what it is made of, as rosbag2 writes them.
+fn definition(types: &[&str]) -> String {
+    types.join(&("=".repeat(80) + "\n"))
 }
 
 /// Who comes late gets them, too: reliable, transient local, as ROS 2's broadcaster of static transforms.
@@ -246,9 +242,9 @@ impl<W: Write> McapWriter<W> {
 
     fn schemas(&self) -> Vec<u8> {
         let schema = |(position, channel): (usize, &McapChannel)| {
-            let (name, language, definition) = channel.schema.as_ref()?;
+            let (name, definition) = channel.schema.as_ref()?;
             let content = ByteWriter::default().u16(position as u16 + 1);
-            Some(record(SCHEMA, content.text(name).text(language).text(definition)))
+            Some(record(SCHEMA, content.text(name).text("ros2msg").text(definition)))
         };
         self.channels.iter().enumerate().filter_map(schema).flatten().collect()
     }
@@ -257,9 +253,12 @@ impl<W: Write> McapWriter<W> {
         let channel = |(position, channel): (usize, &McapChannel)| {
             let number = position as u16 + 1;
             // No schema is that of number 0.
-            let schema = if channel.schema.is_some() { number } else { 0 };
+            let (schema, encoding) = match channel.schema {
+                Some(_) => (number, "cdr"),
+                None => (0, "json"),
+            };
             let content = ByteWriter::default().u16(number).u16(schema);
-            let content = content.text(&channel.topic).text(channel.encoding);
+            let content = content.text(&channel.topic).text(encoding);
             let metadata = channel.metadata.iter();
             let metadata = metadata
                 .fold(ByteWriter::default(), |all, (name, value)| all.text(name).text(value));

@@ -13,8 +13,8 @@ use shell_data::escape;
 
 pub use self::npy::write_numpy;
 pub use self::parquet::ParquetWriter;
+pub use crate::format::Cells;
 pub use crate::mat5::write_matlab;
-pub use crate::rows::Cells;
 
 /// How many rows of a table of results become one row group of Parquet.
 const GROUP_ROWS: usize = 1 << 16;
@@ -129,7 +129,12 @@ mod tests {
         let file = tempfile::NamedTempFile::new().unwrap();
         for (table, line) in [(table(), 1), (long, 65_537)] {
             std::fs::write(file.path(), table.to_parquet().unwrap()).unwrap();
-            let read = crate::Table::open(file.path(), FileKind::Parquet, None).unwrap();
+            let read = crate::Table::open(
+                &crate::FileSource::Disk(file.path().to_owned()),
+                FileKind::Parquet,
+                None,
+            )
+            .unwrap();
             let text = std::io::read_to_string(read.text(1).unwrap()).unwrap();
             // The reader writes whole numbers as such.
             let expected = String::from_utf8(table.to_csv()).unwrap();

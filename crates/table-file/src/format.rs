@@ -1,12 +1,56 @@
-//! What every kind of table gives: the names of its columns, and a stream of its rows.
+//! What a format reads, the bytes of a file, and what it gives: the names of columns, and a stream of rows.
 
 use std::borrow::Cow;
 use std::fmt;
+use std::fs::File;
+use std::io::{self, Cursor, Read, Seek};
 use std::ops::Range;
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::budget::Unpacked;
-use crate::error::TableError;
+use crate::kind::TableError;
+
+/// A file to be opened any number of times.
+#[derive(Clone, Debug)]
+pub enum FileSource {
+    /// On disk.
+    Disk(PathBuf),
+    /// In memory, as a browser hands files over.
+    Memory(Arc<[u8]>),
+}
+
+impl FileSource {
+    /// Opens it at its start.
+    ///
+    /// # Errors
+    /// [`io::Error`] if a file on disk cannot be opened.
+    pub fn open(&self) -> io::Result<OpenFile> {
+        Ok(match self {
+            Self::Disk(path) => Box::new(File::open(path)?),
+            Self::Memory(bytes) => Box::new(Cursor::new(Arc::clone(bytes))),
+        })
+    }
+
+    /// The number of its bytes.
+    ///
+    /// # Errors
+    /// [`io::Error`] if the system does not say.
+    pub fn length(&self) -> io::Result<u64> {
+        match self {
+            Self::Disk(path) => Ok(path.metadata()?.len()),
+            Self::Memory(bytes) => Ok(bytes.len() as u64),
+        }
+    }
+}
+
+/// A file that is read.
+pub type OpenFile = Box<dyn FileBytes>;
+
+/// The bytes of an open file.
+pub trait FileBytes: Read + Seek + Send {}
+
+impl<T: Read + Seek + Send> FileBytes for T {}
 
 /// A value in a table.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -72,15 +116,12 @@ pub(crate) trait RowSource: fmt::Debug + Send + Sync {
 
     /// The rows of some parts; what is unpacked for them counts as part of `unpacked`.
     fn rows(
-        &self,
+        self: Arc<Self>,
         parts: Range<usize>,
         unpacked: Unpacked,
-    ) -> Result<Box<dyn RowStream>, TableError>;
+    ) -> Result<RowStream, TableError>;
 }
 
-/// A stream of rows.
-pub(crate) trait RowStream: Send {
-    /// Puts the next rows into `batch`; `false` if there are no more. Columns may differ in number
-    /// from one batch to the next, but are all of one length.
-    fn next(&mut self, batch: &mut RowBatch) -> Result<bool, TableError>;
-}
+/// A stream of rows: puts the next ones into the batch; `false` if there are no more. Columns may differ in
+/// number from one batch to the next, but are all of one length.
+pub(crate) type RowStream = Box<dyn FnMut(&mut RowBatch) -> Result<bool, TableError> + Send>;
