@@ -43,18 +43,10 @@ pub struct HandshakeOptions {
 /// What comes from the port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Heard {
-    /// A board, at this speed and with this protocol.
-    Board {
-        /// Bits per second.
-        baud: u32,
-        /// How its bytes are framed.
-        protocol: Protocol,
-    },
+    /// A board, at this speed, bits per second, and with this protocol.
+    Board { baud: u32, protocol: Protocol },
     /// Bytes without a frame in them, at any speed; so many at the speed that was asked for.
-    Noise {
-        /// How many bytes.
-        bytes: usize,
-    },
+    Noise { bytes: usize },
     /// Nothing, at any speed.
     #[default]
     Silence,

@@ -37,14 +37,9 @@ pub enum RecordError {
     /// A file.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// There is no frame.
+    /// There is no frame from the port or file, for a reason.
     #[error("`{source_name}`: {problem}")]
-    NoFrame {
-        /// The port or file.
-        source_name: String,
-        /// Why not.
-        problem: NoFrame,
-    },
+    NoFrame { source_name: String, problem: NoFrame },
     /// The calibration.
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),

@@ -27,13 +27,9 @@ pub enum RecordCommand {
     Record(Box<dyn LogSink>),
     /// No log.
     StopLog,
-    /// A flag on the first row, from the frame of this index on, that has not been written.
-    Mark {
-        /// The frame.
-        index: i64,
-        /// The number of the mark.
-        number: u32,
-    },
+    /// A flag with the number of the mark on the first row, from the frame of this index on, that has not been
+    /// written.
+    Mark { index: i64, number: u32 },
     /// A label for the rows of a stretch of the first board that have not been written.
     Label(FrameLabel),
     /// Frames of the first board before the one of this index get no label any more.

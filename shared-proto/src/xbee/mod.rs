@@ -51,25 +51,14 @@ pub enum Address {
 /// One API frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum ApiFrame<'a> {
-    /// Data for the other side: 0x00, 0x01 or 0x10, as the address has it.
-    Transmit {
-        /// Repeated in the status; 0 asks for none.
-        id: u8,
-        /// Where to.
-        to: Address,
-        /// The data, at most [`MAX_PAYLOAD`] bytes.
-        payload: &'a [u8],
-    },
-    /// Data from the other side: 0x80, 0x81 or 0x90, as the address has it.
-    Receive {
-        /// Where from.
-        from: Address,
-        /// Signal strength in −dBm; Zigbee does not tell.
-        rssi: Option<u8>,
-        /// The data.
-        payload: &'a [u8],
-    },
+    /// Data for the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, as the address has it. The status
+    /// repeats the id; 0 asks for none.
+    Transmit { id: u8, to: Address, payload: &'a [u8] },
+    /// Data from the other side: 0x80, 0x81 or 0x90, as the address has it. Signal strength in −dBm; Zigbee does not
+    /// tell.
+    Receive { from: Address, rssi: Option<u8>, payload: &'a [u8] },
 }
 
 impl<'a> ApiFrame<'a> {

@@ -56,19 +56,12 @@ pub enum NoFrame {
     /// No protocol has frames in so many bytes.
     #[error("bytes arrive ({0} so far) but no valid frame")]
     Any(usize),
-    /// Frames of another protocol than the one asked for.
+    /// Frames of another protocol than the one asked for, in so many bytes.
     #[error(
         "no valid frame of framing `{}` in {bytes} bytes; they are framed `{}`",
         protocol_name(*asked_for), protocol_name(*found)
     )]
-    OtherProtocol {
-        /// How many bytes were looked at.
-        bytes: usize,
-        /// What was asked for.
-        asked_for: Protocol,
-        /// What the bytes are.
-        found: Protocol,
-    },
+    OtherProtocol { bytes: usize, asked_for: Protocol, found: Protocol },
 }
 
 impl Recognition {
