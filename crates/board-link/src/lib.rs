@@ -17,7 +17,6 @@ mod recorder;
 pub mod recording;
 mod resume;
 mod upload;
-mod watcher;
 
 pub use append_writer::{AppendWriter, LogSink, open_growing};
 pub use board_log::RecordedBoard;
@@ -25,10 +24,9 @@ pub use client::{Client, Uplink, judge};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, PortState, TCP, ports};
 pub use record::{Source, record};
-pub use record_options::{RecordError, RecordOptions};
+pub use record_options::{RecordCommand, RecordError, RecordOptions, RecordingProgress, Watcher};
 pub use recorder::{Recorded, Recorder, Sinks};
 pub use upload::{NotForBoard, for_board};
-pub use watcher::{RecordCommand, RecordingProgress, Watcher};
 
 use shared_proto::{Board, Command, Refusal};
 use shell_data::hint::Hint;

@@ -7,9 +7,10 @@ use serde::Serialize;
 use shared_proto::{Boot, Command, Identity, Protocol};
 
 use super::board_log::{BoardLog, RecordedBoard};
-use super::record_options::{RecordError, RecordOptions};
+use super::record_options::{
+    RecordCommand, RecordError, RecordOptions, RecordingProgress, Watcher,
+};
 use super::resume::commands;
-use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use super::{LinkError, LogSink};
 use crate::recording::{
     Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, other_version,

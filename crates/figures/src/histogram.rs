@@ -6,7 +6,7 @@
 
 use std::array;
 
-use super::scale::ValueRange;
+use super::axes::ValueRange;
 
 /// A window of bins over the real line.
 #[derive(Clone, Copy, Debug, PartialEq)]

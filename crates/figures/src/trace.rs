@@ -2,11 +2,10 @@
 //! value, which draw the same line as all the values (Jugel et al., "M4: A Visualization-Oriented
 //! Time Series Data Aggregation", VLDB 2014).
 
+use super::axes::{BOTTOM_MARGIN, Panel, PlotAxis, ValueRange, wide_area};
 use super::canvas::{Figure, Pen, Size, point};
 use super::histogram::{Cell, Grid};
 use super::palette::{self, Colour};
-use super::panel::{BOTTOM_MARGIN, Panel, wide_area};
-use super::scale::{PlotAxis, ValueRange};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Slivers of time held: at least half of them, more than there are pixels, cover the log.
