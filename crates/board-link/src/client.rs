@@ -66,15 +66,8 @@ impl<P: Read + Write> Client<P> {
     /// Over an open port, which `name` names in errors. Numbers go on from `number`: choose one that
     /// a late answer to somebody else is unlikely to have.
     pub fn new(port: P, name: &str, uplink: Uplink, number: u16) -> Self {
-        Self {
-            port,
-            name: name.to_owned(),
-            uplink,
-            downlink: PacketWire::new(uplink.framing),
-            number,
-            board: None,
-            serials: Vec::new(),
-        }
+        let (name, downlink) = (name.to_owned(), PacketWire::new(uplink.framing));
+        Self { port, name, uplink, downlink, number, board: None, serials: Vec::new() }
     }
 
     /// Sends a command until its answer comes.

@@ -101,12 +101,8 @@ pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handsh
     }
     let frames = Arc::new(Mutex::new(Vec::new()));
     let sinks = Sinks { watcher: Some(Box::new(Keep(Arc::clone(&frames)))), ..Sinks::default() };
-    let recording = RecordOptions {
-        protocol: Some(protocol),
-        duration: Some(options.listen),
-        start,
-        ..RecordOptions::default()
-    };
+    let (protocol, duration) = (Some(protocol), Some(options.listen));
+    let recording = RecordOptions { protocol, duration, start, ..RecordOptions::default() };
     let mut source = Source::port(port, false)?;
     let recorded = record(&mut source, sinks, &recording, stop, &mut |_| {});
     found.stream = Some(recorded.map(|recorded| {

@@ -80,11 +80,8 @@ impl Bins {
     pub(super) fn coarsened(&self, doublings: u32) -> Self {
         let first = self.first >> doublings;
         let last = (self.first + self.count as i64 - 1) >> doublings;
-        Self {
-            exponent: self.exponent + doublings as i32,
-            first,
-            count: (last - first + 1) as usize,
-        }
+        let count = (last - first + 1) as usize;
+        Self { exponent: self.exponent + doublings as i32, first, count }
     }
 }
 

@@ -75,14 +75,10 @@ impl TraceCurve {
 impl Cell for Option<Sliver> {
     fn absorb(&mut self, later: &Self) {
         *self = match (*self, *later) {
-            (Some(held), Some(later)) => Some(Sliver {
-                lowest: if later.lowest.1 < held.lowest.1 { later.lowest } else { held.lowest },
-                highest: if later.highest.1 > held.highest.1 {
-                    later.highest
-                } else {
-                    held.highest
-                },
-                last: later.last,
+            (Some(held), Some(Sliver { lowest, highest, last, .. })) => Some(Sliver {
+                lowest: if lowest.1 < held.lowest.1 { lowest } else { held.lowest },
+                highest: if highest.1 > held.highest.1 { highest } else { held.highest },
+                last,
                 ..held
             }),
             (held, later) => held.or(later),

@@ -37,7 +37,7 @@ const HOPELESS: (usize, Duration) = (1 << 16, Duration::from_secs(3));
 const SOME: usize = 100;
 
 /// Finds out which protocol a stream speaks.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Recognition {
     asked_for: Option<Protocol>,
     bytes: Vec<u8>,
@@ -67,7 +67,7 @@ pub enum NoFrame {
 impl Recognition {
     /// Nothing has arrived. With a protocol `asked_for`, no other is accepted.
     pub fn new(asked_for: Option<Protocol>) -> Self {
-        Self { asked_for, bytes: Vec::new(), first_at: None }
+        Self { asked_for, ..Self::default() }
     }
 
     /// Takes bytes that arrived at time `now`: the protocol, and all bytes since the start of the stream, which are still
