@@ -203,15 +203,9 @@ impl FrameStream {
             self.marks.1 = 0;
             let standard_errors = errors.as_ref().map(|errors| errors.each_ref().map(|it| it[at]));
             let (&BoardFrame { time_us, index, .. }, flags) = (frame, flags.join(" "));
-            rows.push(StreamRow {
-                time_us,
-                index,
-                host_us,
-                readings,
-                wrench,
-                standard_errors,
-                flags,
-            });
+            let row =
+                StreamRow { time_us, index, host_us, readings, wrench, standard_errors, flags };
+            rows.push(row);
         }
         Ok(rows)
     }
