@@ -24,9 +24,9 @@ pub struct RecordOptions {
     pub start: Option<Uplink>,
     /// Channels are not brought to one time.
     pub as_sampled: bool,
-    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`](super::RecordCommand::Label)): there is a
+    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`]): there is a
     /// column for the labels, and rows of the first board wait until they are
-    /// [settled](super::RecordCommand::Settled), so that a stretch may have begun when it is found.
+    /// [settled](RecordCommand::Settled), so that a stretch may have begun when it is found.
     pub labels: bool,
 }
 
