@@ -202,43 +202,19 @@ impl Setup {
 /// A set-up that has no solution in this model.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum SetupError {
-    /// A quantity is not a number, or outside the range in which it makes sense.
-    OutOfRange {
-        /// What it is.
-        quantity: &'static str,
-        /// Its value, SI.
-        value: f64,
-        /// The smallest value that is taken.
-        least: f64,
-        /// The largest value that is taken.
-        greatest: f64,
-    },
-    /// The body reaches so far past a wall's beam tips that the beams cannot turn out of its way.
-    Jams {
-        /// Which wall.
-        wall: Wall,
-        /// How far the body reaches past the line of the tips, in m.
-        depth_m: f64,
-        /// The length of a beam in m; the depth must be less than twice this.
-        beam_length_m: f64,
-    },
-    /// Friction holds a tip where bar and spring balance: the body cannot pass.
-    Locks {
-        /// Which wall.
-        wall: Wall,
-        /// The coefficient of friction.
-        friction: f64,
-    },
-    /// The middle of the body lies on or beyond the line of a wall's beam tips.
-    BeyondTips {
-        /// Which wall.
-        wall: Wall,
-        /// How far the body's middle is from the channel's, towards the left, in m.
-        offset_m: f64,
-        /// Half the width of the channel in m.
-        half_width_m: f64,
-    },
+    /// A quantity, which is named, is not a number, or outside the range in which it makes sense, from `least` to
+    /// `greatest`, SI.
+    OutOfRange { quantity: &'static str, value: f64, least: f64, greatest: f64 },
+    /// The body reaches so far past the line of a wall's beam tips, in m, that the beams cannot turn out of its way:
+    /// the depth must be less than twice their length.
+    Jams { wall: Wall, depth_m: f64, beam_length_m: f64 },
+    /// Friction of this coefficient holds a tip of a wall where bar and spring balance: the body cannot pass.
+    Locks { wall: Wall, friction: f64 },
+    /// The middle of the body, which is so far from the channel's, towards the left, in m, lies on or beyond the line of
+    /// a wall's beam tips, which are half the channel's width from it.
+    BeyondTips { wall: Wall, offset_m: f64, half_width_m: f64 },
 }
 
 impl SetupError {

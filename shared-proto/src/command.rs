@@ -18,6 +18,7 @@ coded! {
     /// [`Command::Unknown`].
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
+    #[expect(missing_docs, reason = "a variant says what its fields are")]
     pub enum Command {
         /// Say what you are: [`Answer::Identity`].
         Identify = 0x01,
@@ -28,59 +29,28 @@ coded! {
         /// Stop streaming.
         Stop = 0x04,
         /// Take a frame every so many µs.
-        SetPeriod {
-            /// Time from frame to frame in µs.
-            period_us: u32,
-        } = 0x05,
-        /// Average so many conversions for each lit and each dark value.
-        SetOversampling {
-            /// Number of conversions, from 1.
-            conversions: u8,
-        } = 0x06,
-        /// Wait so long after an emitter is switched before converting.
-        SetSettling {
-            /// Time in µs.
-            settling_us: u16,
-        } = 0x07,
+        SetPeriod { period_us: u32 } = 0x05,
+        /// Average so many conversions, from 1, for each lit and each dark value.
+        SetOversampling { conversions: u8 } = 0x06,
+        /// Wait so long, µs, after an emitter is switched before converting.
+        SetSettling { settling_us: u16 } = 0x07,
         /// Stream readings or wrenches.
         SetStream(stream: Stream) = 0x08,
-        /// A calibration is going to be uploaded.
-        BeginCalibration {
-            /// Its length in bytes.
-            size: u32,
-            /// CRC-32 of all its bytes, see [`crate::crc32`].
-            crc32: u32,
-        } = 0x09,
-        /// Some bytes of the calibration.
-        CalibrationPiece {
-            /// Where they belong.
-            offset: u16,
-            /// The bytes.
-            data: Piece,
-        } = 0x0A,
+        /// A calibration of so many bytes is going to be uploaded; see [`crate::crc32`].
+        BeginCalibration { size: u32, crc32: u32 } = 0x09,
+        /// Some bytes of the calibration, which belong to an offset.
+        CalibrationPiece { offset: u16, data: Piece } = 0x0A,
         /// The calibration is complete: check it, keep it, use it.
         CommitCalibration = 0x0B,
-        /// Take the mean wrench of the next frames as zero.
-        Zero {
-            /// How many frames to average; none takes the zero back.
-            frames: u16,
-        } = 0x0C,
+        /// Take the mean wrench of so many next frames as zero; none takes the zero back.
+        Zero { frames: u16 } = 0x0C,
         /// Say what you said before the last reset, from a byte on: [`Answer::LastWords`].
-        LastWords {
-            /// The first byte wanted.
-            offset: u16,
-        } = 0x0D,
-        /// Light one emitter and say what every channel sees of it: [`Answer::SelfTest`].
-        SelfTest {
-            /// The emitter, from 0.
-            emitter: u8,
-        } = 0x10,
-        /// Set the serial line to another rate once this is answered; back to the rate of before if nothing
-        /// valid is heard at the new one.
-        SetBaud {
-            /// What the rate is called, in baud.
-            baud: u32,
-        } = 0x11,
+        LastWords { offset: u16 } = 0x0D,
+        /// Light one emitter, counted from 0, and say what every channel sees of it: [`Answer::SelfTest`].
+        SelfTest { emitter: u8 } = 0x10,
+        /// Set the serial line to the rate that is called so, in baud, once this is answered; back to the rate of
+        /// before if nothing valid is heard at the new one.
+        SetBaud { baud: u32 } = 0x11,
         /// Start the chip's own bootloader once this is answered.
         Bootloader = 0x12,
         _ = Unknown,
@@ -109,6 +79,7 @@ coded! {
     /// What the board has to say to a command.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
+    #[expect(missing_docs, reason = "a variant says what its fields are")]
     pub enum Answer {
         /// Done, or begun.
         Done = 0x00,
@@ -118,20 +89,11 @@ coded! {
         Status(status: Status) = 0x02,
         /// Not done; nothing has changed.
         Refused(refusal: Refusal) = 0x03,
-        /// To [`Command::LastWords`].
-        LastWords {
-            /// Length of the whole text in bytes, 0 if nothing was said.
-            len: u16,
-            /// Its bytes from the offset on; none at the end.
-            text: Piece,
-        } = 0x04,
-        /// To [`Command::SelfTest`].
-        SelfTest {
-            /// The emitter.
-            emitter: u8,
-            /// By how much it raises each channel, in steps of the converter.
-            rise: [i16; CHANNELS],
-        } = 0x06,
+        /// To [`Command::LastWords`]: the length of the whole text in bytes, 0 if nothing was said, and its bytes from the
+        /// offset on; none at the end.
+        LastWords { len: u16, text: Piece } = 0x04,
+        /// To [`Command::SelfTest`]: by how much the emitter raises each channel, in steps of the converter.
+        SelfTest { emitter: u8, rise: [i16; CHANNELS] } = 0x06,
         _ = Other,
     }
 }
@@ -150,6 +112,7 @@ coded! {
     /// Why the board does not do what it was asked.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
+    #[expect(missing_docs, reason = "a variant says what its fields are")]
     pub enum Refusal {
         /// The board does not know the command, or not with these arguments.
         UnknownCommand = 1,
@@ -157,11 +120,8 @@ coded! {
         OtherVersion = 2,
         /// An argument is outside its range.
         OutOfRange = 3,
-        /// Conversions and settling of a frame would take longer than the period.
-        PeriodTooShort {
-            /// The shortest period that would do, in µs.
-            shortest_us: u32,
-        } = 4,
+        /// Conversions and settling of a frame would take longer than the period; the shortest that would do.
+        PeriodTooShort { shortest_us: u32 } = 4,
         /// Wrenches need a calibration, and there is none.
         NoCalibration = 5,
         /// A piece or a commit of a calibration that was not begun.
@@ -176,11 +136,8 @@ coded! {
         BadCalibration = 10,
         /// The flash did not keep the calibration; the one before is still in use.
         StorageFailed = 11,
-        /// Samples would come faster than the serial line takes them.
-        LineTooSlow {
-            /// The shortest period that would do, in µs.
-            shortest_us: u32,
-        } = 12,
+        /// Samples would come faster than the serial line takes them; the shortest period that would do.
+        LineTooSlow { shortest_us: u32 } = 12,
         /// Not while it streams.
         Streaming = 16,
         /// This board has nothing that could do it.

@@ -24,16 +24,12 @@ impl Framing {
 /// What came out of the bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum Event {
     /// A good packet.
     Packet(ReceivedPacket),
-    /// A good packet of a version of the protocol that is not read.
-    OtherVersion {
-        /// The version.
-        version: u8,
-        /// Whether it is a command, which a board answers in its own version.
-        command: bool,
-    },
+    /// A good packet of a version of the protocol that is not read; a board answers a command in its own version.
+    OtherVersion { version: u8, command: bool },
 }
 
 /// What arrived, and what did not.

@@ -166,13 +166,13 @@ macro_rules! fields {
 macro_rules! coded {
     ($(#[$of_enum:meta])* pub enum $name:ident {
         $($(#[$of_variant:meta])* $variant:ident $(($value:ident: $type:ty))?
-            $({ $($(#[$of_field:meta])* $field:ident: $field_type:ty,)+ })? = $code:literal,)+
+            $({ $($field:ident: $field_type:ty),+ })? = $code:literal,)+
         _ = $other:ident,
     }) => {
         $(#[$of_enum])*
         pub enum $name {
             $($(#[$of_variant])* $variant $(($type))?
-                $({ $($(#[$of_field])* $field: $field_type,)+ })?,)+
+                $({ $($field: $field_type),+ })?,)+
             /// One that this version does not know, by its code.
             $other(u8),
         }

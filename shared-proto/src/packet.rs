@@ -37,6 +37,7 @@ const BOOT: u8 = 0xA;
 
 /// Everything that travels between board and host.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum Packet {
     /// One frame of the stream.
     Sample(Sample),
@@ -44,22 +45,10 @@ pub enum Packet {
     Health(Health),
     /// An edge at the sync input.
     Edge(Edge),
-    /// From the host.
-    Command {
-        /// Number that the answer repeats.
-        number: u16,
-        /// The board that it is for, `None` for every board.
-        to: Option<BoardId>,
-        /// What to do.
-        command: Command,
-    },
-    /// From the board.
-    Answer {
-        /// Number of the command that is answered.
-        number: u16,
-        /// What came of it.
-        answer: Answer,
-    },
+    /// From the host: what to do, for one board or, `None`, for every board. The answer repeats the number.
+    Command { number: u16, to: Option<BoardId>, command: Command },
+    /// From the board: what came of the command with this number.
+    Answer { number: u16, answer: Answer },
     /// The board has started.
     Boot(Boot),
 }

@@ -120,11 +120,7 @@ impl BoardLog {
 
     /// What came of it, with the books of its board.
     pub(super) fn recorded(&self, losses: Losses) -> RecordedBoard {
-        RecordedBoard {
-            address: self.sender.text(),
-            log: self.log.as_ref().map(|log| log.path().to_path_buf()),
-            frames: self.frames,
-            losses,
-        }
+        let log = self.log.as_ref().map(|log| log.path().to_path_buf());
+        RecordedBoard { address: self.sender.text(), log, frames: self.frames, losses }
     }
 }

@@ -66,15 +66,8 @@ impl<P: Read + Write> Client<P> {
     /// Over an open port, which `name` names in errors. Numbers go on from `number`: choose one that
     /// a late answer to somebody else is unlikely to have.
     pub fn new(port: P, name: &str, uplink: Uplink, number: u16) -> Self {
-        Self {
-            port,
-            name: name.to_owned(),
-            uplink,
-            downlink: PacketWire::new(uplink.framing),
-            number,
-            board: None,
-            serials: Vec::new(),
-        }
+        let (name, downlink) = (name.to_owned(), PacketWire::new(uplink.framing));
+        Self { port, name, uplink, downlink, number, board: None, serials: Vec::new() }
     }
 
     /// Sends a command until its answer comes.
@@ -283,23 +276,18 @@ pub(crate) fn what_fits(command: &Command, refusal: Refusal) -> String {
 
 pub(crate) fn name_of(command: &Command) -> String {
     match command {
-        Command::Identify => "identify".to_owned(),
-        Command::Status => "status".to_owned(),
-        Command::Start => "start".to_owned(),
-        Command::Stop => "stop".to_owned(),
         Command::SetPeriod { period_us } => format!("period {period_us} µs"),
         Command::SetOversampling { conversions } => format!("oversampling {conversions}"),
         Command::SetSettling { settling_us } => format!("settling {settling_us} µs"),
         Command::SetStream(stream) => format!("stream {stream:?}").to_lowercase(),
-        Command::BeginCalibration { .. } => "begin calibration".to_owned(),
         Command::CalibrationPiece { offset, .. } => format!("calibration from byte {offset}"),
-        Command::CommitCalibration => "commit calibration".to_owned(),
         Command::Zero { frames } => format!("zero over {frames} frames"),
         Command::LastWords { .. } => "last words".to_owned(),
         Command::SelfTest { emitter } => format!("self-test of emitter {}", emitter + 1),
         Command::SetBaud { baud } => format!("baud {baud}"),
-        Command::Bootloader => "bootloader".to_owned(),
-        other => format!("command 0x{:02x}", other.code()),
+        Command::BeginCalibration { .. } => "begin calibration".to_owned(),
+        Command::CommitCalibration => "commit calibration".to_owned(),
+        one_word => format!("{one_word:?}").to_lowercase(),
     }
 }
 
@@ -323,19 +311,11 @@ pub fn judge(emitter: usize, rise: &[i16; CHANNELS]) -> Result<(), String> {
     let own = rise.get(emitter).copied().unwrap_or(0);
     let most = (0..CHANNELS).max_by_key(|&channel| rise[channel]).unwrap_or(emitter);
     if own < LEAST_RISE {
-        return Err(match rise[most] >= LEAST_RISE {
-            true => {
-                format!(
-                    "emitter {number} raises channel {} instead of its own: wires are exchanged",
-                    most + 1
-                )
-            }
-            false => {
-                format!(
-                    "emitter {number} raises no channel: is it wired, with a reflector above it?"
-                )
-            }
-        });
+        let raised = match rise[most] >= LEAST_RISE {
+            true => format!("channel {} instead of its own: wires are exchanged", most + 1),
+            false => "no channel: is it wired, with a reflector above it?".to_owned(),
+        };
+        return Err(format!("emitter {number} raises {raised}"));
     }
     let limit = (MOST_LEAK * f64::from(own)).max(NOISE);
     let others = (0..CHANNELS).filter(|&channel| channel != emitter);

@@ -43,18 +43,10 @@ pub struct HandshakeOptions {
 /// What comes from the port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Heard {
-    /// A board, at this speed and with this protocol.
-    Board {
-        /// Bits per second.
-        baud: u32,
-        /// How its bytes are framed.
-        protocol: Protocol,
-    },
+    /// A board, at this speed, bits per second, and with this protocol.
+    Board { baud: u32, protocol: Protocol },
     /// Bytes without a frame in them, at any speed; so many at the speed that was asked for.
-    Noise {
-        /// How many bytes.
-        bytes: usize,
-    },
+    Noise { bytes: usize },
     /// Nothing, at any speed.
     #[default]
     Silence,
@@ -109,12 +101,8 @@ pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handsh
     }
     let frames = Arc::new(Mutex::new(Vec::new()));
     let sinks = Sinks { watcher: Some(Box::new(Keep(Arc::clone(&frames)))), ..Sinks::default() };
-    let recording = RecordOptions {
-        protocol: Some(protocol),
-        duration: Some(options.listen),
-        start,
-        ..RecordOptions::default()
-    };
+    let (protocol, duration) = (Some(protocol), Some(options.listen));
+    let recording = RecordOptions { protocol, duration, start, ..RecordOptions::default() };
     let mut source = Source::port(port, false)?;
     let recorded = record(&mut source, sinks, &recording, stop, &mut |_| {});
     found.stream = Some(recorded.map(|recorded| {

@@ -17,7 +17,6 @@ mod recorder;
 pub mod recording;
 mod resume;
 mod upload;
-mod watcher;
 
 pub use append_writer::{AppendWriter, LogSink, open_growing};
 pub use board_log::RecordedBoard;
@@ -25,10 +24,9 @@ pub use client::{Client, Uplink, judge};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, PortState, TCP, ports};
 pub use record::{Source, record};
-pub use record_options::{RecordError, RecordOptions};
+pub use record_options::{RecordCommand, RecordError, RecordOptions, RecordingProgress, Watcher};
 pub use recorder::{Recorded, Recorder, Sinks};
 pub use upload::{NotForBoard, for_board};
-pub use watcher::{RecordCommand, RecordingProgress, Watcher};
 
 use shared_proto::{Board, Command, Refusal};
 use shell_data::hint::Hint;
@@ -48,82 +46,45 @@ pub enum LinkError {
     /// The user may not open the port.
     #[error("no permission to open port `{0}`")]
     Denied(String),
-    /// The port cannot be opened for another reason.
+    /// The port cannot be opened for another reason, which the system gives.
     #[error("cannot open port `{port}`: {reason}")]
-    Open {
-        /// The port.
-        port: String,
-        /// What the system said.
-        reason: String,
-    },
-    /// The port is gone: unplugged, as a rule.
+    Open { port: String, reason: String },
+    /// The port is gone: unplugged, as a rule; and what the system said.
     #[error("port `{port}` is gone: {reason}")]
-    Lost {
-        /// The port.
-        port: String,
-        /// What the system said.
-        reason: String,
-    },
-    /// The recording to replay cannot be read.
+    Lost { port: String, reason: String },
+    /// The recording to replay cannot be read, for a reason that the system gives.
     #[error("cannot read `{path}`: {reason}")]
-    Replay {
-        /// The file.
-        path: String,
-        /// What the system said.
-        reason: String,
-    },
-    /// No answer to a command, however often it was sent.
+    Replay { path: String, reason: String },
+    /// No answer to a command, however often it was sent; if `silent`, nothing at all has arrived.
     #[error(
         "no answer to `{}` on `{port}` ({} attempts, {} ms each{})",
         client::name_of(command), client::ATTEMPTS, client::WAIT.as_millis(), if *silent { ", not a byte" } else { "" }
     )]
-    NoAnswer {
-        /// The port.
-        port: String,
-        /// What was asked.
-        command: Command,
-        /// Whether nothing at all arrived.
-        silent: bool,
-    },
-    /// The board does not do what it was asked.
+    NoAnswer { port: String, command: Command, silent: bool },
+    /// The board does not do what it was asked, for a reason that it gives.
     #[error(
         "the board refuses `{}`: {}{}",
         client::name_of(command), refusal_text(*refusal), client::what_fits(command, *refusal)
     )]
-    Refused {
-        /// What was asked.
-        command: Command,
-        /// Why not.
-        refusal: Refusal,
-    },
+    Refused { command: Command, refusal: Refusal },
     /// The board speaks another version of the protocol.
     #[error(
         "the board speaks version `{0}` of the protocol, this program version `{VERSION}`",
         VERSION = shared_proto::VERSION
     )]
     OtherVersion(u8),
-    /// A command that only one board is to do reaches several.
+    /// A command that only one board is to do reaches several, with these serial numbers.
     #[error("{} boards answer on `{port}`: {}", serials.len(), serials.iter().map(serial_text).collect::<Vec<_>>().join(", "))]
-    SeveralBoards {
-        /// The port.
-        port: String,
-        /// Their serial numbers.
-        serials: Vec<[u8; 12]>,
-    },
+    SeveralBoards { port: String, serials: Vec<[u8; 12]> },
     /// An answer of the wrong kind.
     #[error("the board's answer to `{}` is not one to it", client::name_of(_0))]
     WrongAnswer(Command),
     /// The board has firmware from before calibrations of this kind.
     #[error("the board's firmware does not know calibrations of kind `{0}`")]
     UnknownKind(&'static str),
-    /// After an upload the board does not have the calibration that it was sent.
+    /// After an upload the board does not have the calibration that it was sent: the CRC-32 of both.
     #[error("after the upload the board has calibration {found:#010x}, sent was {sent:#010x}")]
-    NotKept {
-        /// CRC-32 of what was sent.
-        sent: u32,
-        /// CRC-32 of what the board has.
-        found: u32,
-    },
+    NotKept { sent: u32, found: u32 },
 }
 
 impl LinkError {

@@ -168,20 +168,10 @@ impl PortState {
         });
         let refusal = options.open().err();
         // Whose it is only matters where we are kept out.
-        let holder = match refusal {
-            Some(LinkError::Busy { .. }) => holder(&path, root),
-            _ => None,
-        };
-        let (group, in_group) = group(&path, root);
-        Self {
-            port: options.port.clone(),
-            refusal,
-            group,
-            in_group,
-            holder,
-            latency_ms,
-            latency_file,
-        }
+        let is_busy = matches!(refusal, Some(LinkError::Busy(_)));
+        let holder = if is_busy { holder(&path, root) } else { None };
+        let (port, (group, in_group)) = (options.port.clone(), group(&path, root));
+        Self { port, refusal, group, in_group, holder, latency_ms, latency_file }
     }
 }
 

@@ -6,9 +6,8 @@ use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
-use super::record_options::{RecordError, RecordOptions};
+use super::record_options::{RecordError, RecordOptions, RecordingProgress};
 use super::recorder::{Recorded, Recorder, Sinks};
-use super::watcher::RecordingProgress;
 use super::{Connection, LinkError, PortOptions};
 
 /// Time between two attempts to open a port that is gone.

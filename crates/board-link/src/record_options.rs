@@ -1,13 +1,15 @@
-//! How a recording is made, and why it ends before its time.
+//! How a recording is made, who looks on meanwhile and what they may want of it, and why it ends before its time.
 
 use std::time::Duration;
 
 use output_file::OutputError;
 use shared_proto::Protocol;
+use shell_data::block::FrameLabel;
 use shell_data::hint::Hint;
+use shell_data::wrench::AxisValues;
 
-use super::{LinkError, Uplink};
-use crate::recording::{LiveForces, NoFrame, UnsuitableCalibration};
+use super::{LinkError, LogSink, Uplink};
+use crate::recording::{BoardFrame, LiveForces, Losses, NoFrame, UnsuitableCalibration};
 
 /// How a recording is made.
 #[derive(Clone, Debug, Default)]
@@ -22,10 +24,60 @@ pub struct RecordOptions {
     pub start: Option<Uplink>,
     /// Channels are not brought to one time.
     pub as_sampled: bool,
-    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`](super::RecordCommand::Label)): there is a
+    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`]): there is a
     /// column for the labels, and rows of the first board wait until they are
-    /// [settled](super::RecordCommand::Settled), so that a stretch may have begun when it is found.
+    /// [settled](RecordCommand::Settled), so that a stretch may have begun when it is found.
     pub labels: bool,
+}
+
+/// Looks on while a recording is made. It is called on the thread that records, so it must not wait.
+pub trait Watcher: std::fmt::Debug + Send {
+    /// Frames that have just arrived, in the order in which they did; of several boards those of the first.
+    fn see(&mut self, frames: &[BoardFrame]);
+
+    /// What is to happen to the log from now on; asked about twice a second, until there is nothing more.
+    fn next_command(&mut self) -> Option<RecordCommand> {
+        None
+    }
+}
+
+/// What a watcher wants.
+#[derive(Debug)]
+pub enum RecordCommand {
+    /// A new log, in place of those that are being written; of several boards of the first, others beside it.
+    Record(Box<dyn LogSink>),
+    /// No log.
+    StopLog,
+    /// A flag with the number of the mark on the first row, from the frame of this index on, that has not been
+    /// written.
+    Mark { index: i64, number: u32 },
+    /// A label for the rows of a stretch of the first board that have not been written.
+    Label(FrameLabel),
+    /// Frames of the first board before the one of this index get no label any more.
+    Settled(i64),
+}
+
+/// How a recording is going, about twice a second.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordingProgress {
+    /// Time since its start.
+    pub elapsed: Duration,
+    /// Frames per second since the report before.
+    pub rate_hz: f64,
+    /// Frames so far.
+    pub frames: u64,
+    /// Bytes so far.
+    pub bytes: u64,
+    /// What was lost so far.
+    pub losses: Losses,
+    /// The protocol, once it is known.
+    pub protocol: Option<Protocol>,
+    /// Whether the port is there.
+    pub connected: bool,
+    /// The newest wrench in N and N·m, where forces are wanted.
+    pub wrench: Option<AxisValues<f64>>,
+    /// What to send, so that boards stream as they did; nothing as a rule.
+    pub commands: Vec<u8>,
 }
 
 /// A recording that has ended before its time. What arrived until then is in the files.
@@ -37,14 +89,9 @@ pub enum RecordError {
     /// A file.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// There is no frame.
+    /// There is no frame from the port or file, for a reason.
     #[error("`{source_name}`: {problem}")]
-    NoFrame {
-        /// The port or file.
-        source_name: String,
-        /// Why not.
-        problem: NoFrame,
-    },
+    NoFrame { source_name: String, problem: NoFrame },
     /// The calibration.
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),

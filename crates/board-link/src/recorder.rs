@@ -7,9 +7,10 @@ use serde::Serialize;
 use shared_proto::{Boot, Command, Identity, Protocol};
 
 use super::board_log::{BoardLog, RecordedBoard};
-use super::record_options::{RecordError, RecordOptions};
+use super::record_options::{
+    RecordCommand, RecordError, RecordOptions, RecordingProgress, Watcher,
+};
 use super::resume::commands;
-use super::watcher::{RecordCommand, RecordingProgress, Watcher};
 use super::{LinkError, LogSink};
 use crate::recording::{
     Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, other_version,
@@ -64,7 +65,7 @@ pub struct Recorded {
 }
 
 /// A recording that is going on: bytes and times in, lines of logs out. It reads no clock and no port.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Recorder {
     /// The port or file.
     name: String,
@@ -89,19 +90,8 @@ pub struct Recorder {
 impl Recorder {
     /// Of a port or file of this name.
     pub fn new(name: &str, sinks: Sinks, options: RecordOptions) -> Self {
-        Self {
-            name: name.to_owned(),
-            recognition: Recognition::new(options.protocol),
-            receiving: None,
-            options,
-            sinks,
-            shown: 0,
-            annotations: Annotations::default(),
-            logs: Vec::new(),
-            bytes: 0,
-            flushed_at: Duration::ZERO,
-            observed: 0,
-        }
+        let recognition = Recognition::new(options.protocol);
+        Self { name: name.to_owned(), recognition, options, sinks, ..Self::default() }
     }
 
     /// What to send at `arrival`, so that every board streams, if they are to be started: see [`RecordingProgress::commands`].

@@ -1,10 +1,9 @@
 //! Curves with a legend beside the panels, or below them where a figure is narrow: any series on one pair of axes, linear or
 //! logarithmic, and a body in a channel of beams (drag over position, and the beams that touch below).
 
+use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange};
 use super::canvas::{Figure, Pen, Rect, Size, Style, polyline, text_width};
 use super::palette::{self, Colour};
-use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{PlotAxis, ValueRange};
 
 /// How the points of a series are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -230,7 +229,7 @@ fn below(lowest: Rect) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::scale::Spacing;
+    use super::super::axes::Spacing;
     use super::*;
 
     #[test]

@@ -1,9 +1,8 @@
 //! Which loads a calibration was made from: forces against forces, moments against moments.
 
+use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange};
 use super::canvas::{Figure, Rect, Size, Style};
 use super::palette;
-use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{PlotAxis, ValueRange};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// What is drawn against what, x first.

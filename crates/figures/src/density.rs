@@ -1,11 +1,10 @@
 //! A two-dimensional histogram drawn as coloured cells, colour by the logarithm of the count. Data of few constant loads
 //! fall on a few specks, of which the mean and the spread are drawn.
 
+use super::axes::{Panel, log_label};
 use super::canvas::{Figure, Pen, Rect, Style, number, point};
 use super::histogram::{Histogram2d, HistogramCell};
 use super::palette::{self, Colour};
-use super::panel::Panel;
-use super::scale::log_label;
 
 /// Steps of the colour scale: more than the eye separates, few enough paths.
 const LEVELS: usize = 48;

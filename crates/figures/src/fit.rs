@@ -2,12 +2,11 @@
 //!
 //! The residual is predicted minus measured, so that a positive one means a prediction too high.
 
+use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange, decimal};
 use super::canvas::{Figure, Pen, Rect, Size, Style, number, point};
 use super::density::{ColourScale, LoadPlateau, doublings, draw_cells, draw_plateaus, plateaus};
 use super::histogram::{Histogram2d, HistogramCell};
 use super::palette;
-use super::panel::{BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{PlotAxis, ValueRange, decimal};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// Predictions and measurements of any number of rows, reduced to what a figure needs (some 9 MB).

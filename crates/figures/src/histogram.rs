@@ -6,7 +6,7 @@
 
 use std::array;
 
-use super::scale::ValueRange;
+use super::axes::ValueRange;
 
 /// A window of bins over the real line.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -80,11 +80,8 @@ impl Bins {
     pub(super) fn coarsened(&self, doublings: u32) -> Self {
         let first = self.first >> doublings;
         let last = (self.first + self.count as i64 - 1) >> doublings;
-        Self {
-            exponent: self.exponent + doublings as i32,
-            first,
-            count: (last - first + 1) as usize,
-        }
+        let count = (last - first + 1) as usize;
+        Self { exponent: self.exponent + doublings as i32, first, count }
     }
 }
 

@@ -10,6 +10,7 @@
 //! stays text (DejaVu Sans where the viewer has it, another sans-serif where not); for PDF and PNG the font
 //! is part of the program.
 
+mod axes;
 mod canvas;
 mod chart;
 mod coverage;
@@ -19,10 +20,8 @@ mod histogram;
 mod lettering;
 mod matching;
 mod palette;
-mod panel;
 mod pdf;
 mod pixels;
-mod scale;
 mod svg;
 mod trace;
 pub mod trial;
@@ -32,12 +31,12 @@ use std::path::{Path, PathBuf};
 
 use ruzstd::decoding::StreamingDecoder;
 
+pub use axes::{PlotAxis, Spacing};
 pub use canvas::{Figure, Size};
 pub use chart::{ChannelCurve, Chart, ChartMark, Series, channel_figure};
 pub use coverage::coverage_figure;
 pub use fit::{FitPlot, fit_figure};
 pub use matching::match_figure;
-pub use scale::{PlotAxis, Spacing};
 pub use trace::{WrenchTrace, trace_figure};
 
 /// A file format for pictures.

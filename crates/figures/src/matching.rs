@@ -1,10 +1,9 @@
 //! How well two recordings match: the search over all offsets, and readings beside what the aligned
 //! reference predicts.
 
+use super::axes::{BOTTOM_MARGIN, Panel, PlotAxis, ValueRange, wide_area};
 use super::canvas::{Figure, Pen, Size, Style, polyline};
 use super::palette;
-use super::panel::{BOTTOM_MARGIN, Panel, wide_area};
-use super::scale::{PlotAxis, ValueRange};
 use alignment::Quality;
 
 const WIDTH: f64 = 860.0;

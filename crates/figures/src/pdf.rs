@@ -74,10 +74,8 @@ impl PdfPage {
                 let (rgb, width) = (rgb(*colour), number(pen.width()));
                 let _ = writeln!(self.content, "{rgb} RG {width} w {join} j [{dash}] 0 d");
                 // A circle is closed before it is stroked.
-                self.outline(
-                    outline,
-                    if matches!(outline, Outline::Circle(..)) { "s" } else { "S" },
-                );
+                let is_circle = matches!(outline, Outline::Circle(..));
+                self.outline(outline, if is_circle { "s" } else { "S" });
             }
             Shape::Text { at, text, style, .. } => self.text(*at, text, *style),
             Shape::Clip(rect) => {

@@ -2,11 +2,10 @@
 //! value, which draw the same line as all the values (Jugel et al., "M4: A Visualization-Oriented
 //! Time Series Data Aggregation", VLDB 2014).
 
+use super::axes::{BOTTOM_MARGIN, Panel, PlotAxis, ValueRange, wide_area};
 use super::canvas::{Figure, Pen, Size, point};
 use super::histogram::{Cell, Grid};
 use super::palette::{self, Colour};
-use super::panel::{BOTTOM_MARGIN, Panel, wide_area};
-use super::scale::{PlotAxis, ValueRange};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Slivers of time held: at least half of them, more than there are pixels, cover the log.
@@ -76,14 +75,10 @@ impl TraceCurve {
 impl Cell for Option<Sliver> {
     fn absorb(&mut self, later: &Self) {
         *self = match (*self, *later) {
-            (Some(held), Some(later)) => Some(Sliver {
-                lowest: if later.lowest.1 < held.lowest.1 { later.lowest } else { held.lowest },
-                highest: if later.highest.1 > held.highest.1 {
-                    later.highest
-                } else {
-                    held.highest
-                },
-                last: later.last,
+            (Some(held), Some(Sliver { lowest, highest, last, .. })) => Some(Sliver {
+                lowest: if lowest.1 < held.lowest.1 { lowest } else { held.lowest },
+                highest: if highest.1 > held.highest.1 { highest } else { held.highest },
+                last,
                 ..held
             }),
             (held, later) => held.or(later),

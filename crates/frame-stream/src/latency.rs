@@ -50,12 +50,11 @@ impl Latency {
         self.stretch.push(host_us - board_us);
     }
 
-    /// What has been found so far; `None` of nothing.
-    pub fn summary(&self) -> Option<LatencySummary> {
-        let mut all = self.clone();
-        all.close();
-        let ms = |share: f64| all.delays.quantile(share) * UNIT_US / 1000.0;
-        let (rows, median_ms, p99_ms) = (all.rows, ms(0.5), ms(0.99));
+    /// What was found; `None` of nothing.
+    pub fn summary(mut self) -> Option<LatencySummary> {
+        self.close();
+        let ms = |share: f64| self.delays.quantile(share) * UNIT_US / 1000.0;
+        let (rows, median_ms, p99_ms) = (self.rows, ms(0.5), ms(0.99));
         (rows > 0).then_some(LatencySummary { rows, median_ms, p99_ms })
     }
 
@@ -85,7 +84,7 @@ mod tests {
     #[test]
     fn delays_are_beyond_the_fastest_row_of_their_stretch() {
         let mut latency = Latency::default();
-        assert_eq!(latency.summary(), None);
+        assert_eq!(latency.clone().summary(), None);
         // 1 kHz for 60 s; the computer's clock gains 100 ppm, which is 1 ms in a stretch; one row of 50 is 5 ms late.
         for i in 0..60_000_i64 {
             let late = if i % 50 == 49 { 5000 } else { 0 };

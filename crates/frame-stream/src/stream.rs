@@ -58,7 +58,7 @@ impl FromStr for StreamCommand {
 }
 
 /// What passes frames on.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct FrameStream {
     simultaneous: Option<Simultaneous>,
     forces: Option<RunningForces>,
@@ -126,18 +126,11 @@ impl FrameStream {
             simultaneous,
             axes: forces.as_ref().map_or(Axes::ALL, RunningForces::axes),
             forces,
-            tare: RunningTare::default(),
-            last_index: None,
-            marks: (0, 0),
             format: options.format,
             commands: options.commands,
             decimator: options.rate_hz.map(Decimator::new),
-            encoder: None,
             readers,
-            latency: Latency::default(),
-            frames: 0,
-            sent: 0,
-            newest: None,
+            ..Self::default()
         })
     }
 
@@ -208,15 +201,11 @@ impl FrameStream {
             let (last, waiting) = self.marks;
             flags.extend((last - waiting + 1..=last).map(|number| format!("mark{number}")));
             self.marks.1 = 0;
-            rows.push(StreamRow {
-                time_us: frame.time_us,
-                index: frame.index,
-                host_us,
-                readings,
-                wrench,
-                standard_errors: errors.as_ref().map(|errors| errors.each_ref().map(|it| it[at])),
-                flags: flags.join(" "),
-            });
+            let standard_errors = errors.as_ref().map(|errors| errors.each_ref().map(|it| it[at]));
+            let (&BoardFrame { time_us, index, .. }, flags) = (frame, flags.join(" "));
+            let row =
+                StreamRow { time_us, index, host_us, readings, wrench, standard_errors, flags };
+            rows.push(row);
         }
         Ok(rows)
     }

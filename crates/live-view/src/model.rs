@@ -102,7 +102,7 @@ pub struct Picture {
 }
 
 /// The state of a live view.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct LiveModel {
     axes: Axes,
     ranges: Option<Vec<ReadingRange>>,
@@ -121,15 +121,8 @@ impl LiveModel {
     /// time that is shown first, and `axes` are those of the wrench that there are, where forces are known.
     pub fn new(ranges: Option<Vec<ReadingRange>>, window_s: f64, axes: Axes) -> Self {
         let fits = |window: &f64| *window >= window_s;
-        Self {
-            ranges,
-            axes,
-            history: History::default(),
-            frozen: None,
-            window: WINDOWS_S.iter().position(fits).unwrap_or(WINDOWS_S.len() - 1),
-            tare: RunningTare::default(),
-            marks: Vec::new(),
-        }
+        let window = WINDOWS_S.iter().position(fits).unwrap_or(WINDOWS_S.len() - 1);
+        Self { ranges, axes, window, ..Self::default() }
     }
 
     /// Takes the next row.

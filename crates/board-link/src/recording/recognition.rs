@@ -37,7 +37,7 @@ const HOPELESS: (usize, Duration) = (1 << 16, Duration::from_secs(3));
 const SOME: usize = 100;
 
 /// Finds out which protocol a stream speaks.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Recognition {
     asked_for: Option<Protocol>,
     bytes: Vec<u8>,
@@ -56,25 +56,18 @@ pub enum NoFrame {
     /// No protocol has frames in so many bytes.
     #[error("bytes arrive ({0} so far) but no valid frame")]
     Any(usize),
-    /// Frames of another protocol than the one asked for.
+    /// Frames of another protocol than the one asked for, in so many bytes.
     #[error(
         "no valid frame of framing `{}` in {bytes} bytes; they are framed `{}`",
         protocol_name(*asked_for), protocol_name(*found)
     )]
-    OtherProtocol {
-        /// How many bytes were looked at.
-        bytes: usize,
-        /// What was asked for.
-        asked_for: Protocol,
-        /// What the bytes are.
-        found: Protocol,
-    },
+    OtherProtocol { bytes: usize, asked_for: Protocol, found: Protocol },
 }
 
 impl Recognition {
     /// Nothing has arrived. With a protocol `asked_for`, no other is accepted.
     pub fn new(asked_for: Option<Protocol>) -> Self {
-        Self { asked_for, bytes: Vec::new(), first_at: None }
+        Self { asked_for, ..Self::default() }
     }
 
     /// Takes bytes that arrived at time `now`: the protocol, and all bytes since the start of the stream, which are still

@@ -45,12 +45,9 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
             if boxes.is_empty() {
                 continue;
             }
-            let area = Rect {
-                left: LEFT_MARGIN + 8.0 + (width + LEFT_MARGIN + 12.0) * column as f64,
-                top: TOP + pitch * row as f64,
-                width,
-                height: HEIGHT,
-            };
+            let left = LEFT_MARGIN + 8.0 + (width + LEFT_MARGIN + 12.0) * column as f64;
+            let top = TOP + pitch * row as f64;
+            let area = Rect { left, top, width, height: HEIGHT };
             let is_last = shown[row + 1..].iter().all(|&below| of(below, per).is_empty());
             draw_boxes(&mut canvas, area, (quantity, per), &boxes, &labels);
             labels.draw(&mut canvas, area, &boxes, is_last);

@@ -9,10 +9,9 @@ pub use boxes::box_figure;
 pub use over_time::{Passage, drag_lift_figure, stack_figure, window_figure};
 pub use phase::phase_figure;
 
+use super::axes::{self, BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange};
 use super::canvas::{Figure, Pen, Rect, Size, Style, number, point, text_width};
 use super::palette::{self, Colour};
-use super::panel::{self, BOTTOM_MARGIN, LEFT_MARGIN, Panel};
-use super::scale::{PlotAxis, ValueRange};
 use super::trace::{TraceCurve, draw_curves};
 use shell_data::statistics::upper_median;
 use trial::Trace;
@@ -24,7 +23,7 @@ const TOP: f64 = 58.0;
 
 /// The area of a panel that is as wide as the figure allows.
 fn wide_area(size: Size, top: f64, height: f64) -> Rect {
-    panel::wide_area(size.width(WIDTH), top, height)
+    axes::wide_area(size.width(WIDTH), top, height)
 }
 
 /// A figure of this height.

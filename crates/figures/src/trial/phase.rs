@@ -38,12 +38,9 @@ pub fn phase_figure(size: Size, title: &str, conditions: &[(String, PhaseProfile
     for (row, (name, profile)) in conditions.iter().enumerate() {
         let columns = [("drag", &profile.drag, SOLID), ("lift", &profile.lift, DASHED)];
         for (column, (quantity, force, pen)) in columns.into_iter().enumerate() {
-            let area = Rect {
-                left: LEFT_MARGIN + 8.0 + (width + LEFT_MARGIN + GAP) * column as f64,
-                top: top + 14.0 + PITCH * row as f64,
-                width,
-                height: HEIGHT,
-            };
+            let left = LEFT_MARGIN + 8.0 + (width + LEFT_MARGIN + GAP) * column as f64;
+            let top = top + 14.0 + PITCH * row as f64;
+            let area = Rect { left, top, width, height: HEIGHT };
             let panel = Panel {
                 area,
                 x: PlotAxis::linear("right leg angle", "rad", ValueRange { low: 0.0, high: TAU }),

@@ -15,6 +15,456 @@
 //! own code, and why it is no WebSocket.
 
 mod request;
-mod server;
 
-pub use server::{Server, Site};
+use std::collections::VecDeque;
+use std::io::{self, Read, Write};
+use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
+use std::time::{Duration, Instant};
+use std::{ptr, thread};
+
+use request::{HttpRefusal, LONGEST, end_of_head, is_host_ours, is_same, parse};
+use shell_data::lock::lock;
+
+/// Connections that may see something, at a time; a page needs one, and a second for a moment.
+const CONNECTIONS: usize = 16;
+
+/// Connections that have not yet sent a request with the token, at a time. One more takes the place of the oldest:
+/// who has the token sends it at once, so that others cannot lock the page out.
+const STRANGERS: usize = 32;
+
+/// Orders that wait.
+const ORDERS: usize = 64;
+
+/// How long a request may take to arrive, and a write to be taken.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// After so long without an event a listener gets an empty line: who has gone is found out.
+const KEEP_ALIVE: Duration = Duration::from_secs(2);
+
+/// How long the end waits for listeners to be told.
+const GOODBYE: Duration = Duration::from_millis(500);
+
+/// Of a connection's thread, bytes.
+const STACK: usize = 256 * 1024;
+
+/// What is served.
+#[derive(Clone, Debug)]
+pub struct Site {
+    /// The page, HTML.
+    pub page: String,
+    /// What the page's own scripts and styles are marked with; no others are run.
+    pub nonce: String,
+    /// What every request has to carry, in the address: `?token=…`.
+    pub token: String,
+    /// The orders there are: `mark` is `POST /mark`.
+    pub orders: Vec<&'static str>,
+}
+
+/// A server, which listens until the process ends.
+#[derive(Debug)]
+pub struct Server {
+    shared: Arc<ServerShared>,
+    address: SocketAddr,
+}
+
+#[derive(Debug)]
+struct ServerShared {
+    site: Site,
+    state: Mutex<ServerState>,
+    changed: Condvar,
+    /// A clone for each connection that may see something, and for each that takes events.
+    connections: Arc<()>,
+    listeners: Arc<()>,
+}
+
+#[derive(Debug, Default)]
+struct ServerState {
+    /// The newest event as it goes over the wire, and its number.
+    event: Arc<str>,
+    number: u64,
+    /// Connections that have not sent the token yet, the oldest first; their threads have them.
+    strangers: VecDeque<Weak<TcpStream>>,
+    orders: VecDeque<&'static str>,
+    ended: bool,
+}
+
+impl Server {
+    /// Listens at an address, on a port that is free where it is 0.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn start(at: SocketAddr, site: Site) -> io::Result<Self> {
+        let listener = TcpListener::bind(at)?;
+        let address = listener.local_addr()?;
+        let (connections, listeners) = Default::default();
+        let (state, changed) = (Mutex::default(), Condvar::new());
+        let shared = Arc::new(ServerShared { site, state, changed, connections, listeners });
+        let accepting = Arc::clone(&shared);
+        let run = move || {
+            for stream in listener.incoming() {
+                match stream {
+                    Ok(stream) => accepting.admit(stream),
+                    // Out of descriptors, as a rule, which passes.
+                    Err(_) => thread::sleep(Duration::from_millis(50)),
+                }
+            }
+        };
+        thread::Builder::new().name("web".to_owned()).stack_size(STACK).spawn(run)?;
+        Ok(Self { shared, address })
+    }
+
+    /// Where it listens.
+    pub fn address(&self) -> SocketAddr {
+        self.address
+    }
+
+    /// Whether anybody takes events.
+    pub fn has_listeners(&self) -> bool {
+        others(&self.shared.listeners) > 0
+    }
+
+    /// Makes a line of text the newest event.
+    pub fn publish(&self, line: &str) {
+        // A text of several lines is several lines of data.
+        let data: String = line.lines().map(|line| format!("data: {line}\n")).collect();
+        let mut state = self.shared.state();
+        (state.event, state.number) = ((data + "\n").into(), state.number + 1);
+        self.shared.changed.notify_all();
+    }
+
+    /// The order that has waited longest.
+    pub fn next_order(&self) -> Option<&'static str> {
+        self.shared.state().orders.pop_front()
+    }
+
+    /// Tells the listeners that there is nothing more, and waits a moment for it to arrive.
+    pub fn end(self) {
+        self.shared.state().ended = true;
+        self.shared.changed.notify_all();
+        let deadline = Instant::now() + GOODBYE;
+        while self.has_listeners() && Instant::now() < deadline {
+            thread::sleep(Duration::from_millis(1));
+        }
+    }
+}
+
+impl ServerShared {
+    /// A thread that has ended badly has left the state whole: nothing under the lock can fail half way.
+    fn state(&self) -> MutexGuard<'_, ServerState> {
+        lock(&self.state)
+    }
+
+    /// Gives a connection a thread. Where too many have not sent the token yet, the oldest of them is closed, and its
+    /// thread ends.
+    fn admit(self: &Arc<Self>, stream: TcpStream) {
+        // A connection without limits of time is none.
+        if stream.set_write_timeout(Some(PATIENCE)).is_err() || stream.set_nodelay(true).is_err() {
+            return;
+        }
+        let (shared, stream) = (Arc::clone(self), Arc::new(stream));
+        let strangers = &mut self.state().strangers;
+        strangers.retain(|other| other.strong_count() > 0);
+        if strangers.len() >= STRANGERS
+            && let Some(oldest) = strangers.pop_front().and_then(|oldest| oldest.upgrade())
+        {
+            // Where it is closed already, so much the better.
+            let _ = oldest.shutdown(Shutdown::Both);
+        }
+        strangers.push_back(Arc::downgrade(&stream));
+        let serve = move || {
+            // A browser that has gone, as a rule: nobody is left to tell.
+            let _ = shared.serve(&stream);
+        };
+        // Where there is no thread, the connection is closed, and the browser tries again.
+        let _ = thread::Builder::new().name("browser".to_owned()).stack_size(STACK).spawn(serve);
+    }
+
+    /// Reads the request of a stranger, who is one until it is allowed, and answers it.
+    fn serve(&self, stream: &TcpStream) -> io::Result<()> {
+        let (mut buffer, mut place) = ([0; LONGEST], None);
+        match self.answer(stream, &mut place, &mut buffer) {
+            Ok(()) => {}
+            Err(Some(refusal)) => refuse(stream, refusal)?,
+            Err(None) => return Ok(()),
+        }
+        close(stream, &mut buffer)
+    }
+
+    /// An allowed connection has a place among those that are counted. The error is `None` if the connection is gone, or
+    /// nothing was sent.
+    fn answer(
+        &self,
+        stream: &TcpStream,
+        place: &mut Option<Arc<()>>,
+        buffer: &mut [u8; LONGEST],
+    ) -> Result<(), Option<HttpRefusal>> {
+        let request = parse(read_head(stream, buffer)?)?;
+        if !is_host_ours(request.host) {
+            return Err(Some(HttpRefusal::HOST));
+        }
+        if !is_same(request.token, &self.site.token) {
+            return Err(Some(HttpRefusal::NO_TOKEN));
+        }
+        *place = Some(self.take_in(stream)?);
+        let order = request.path.strip_prefix('/');
+        let order = self.site.orders.iter().find(|&&known| Some(known) == order);
+        let sent = match (request.method, request.path, order) {
+            ("GET", "/", _) => self.send_page(stream),
+            ("GET", "/events", _) => self.send_events(stream),
+            ("POST", _, Some(order)) => {
+                self.take_order(order)?;
+                send_head(stream, "204 No Content", "")
+            }
+            ("POST", "/" | "/events", _) | ("GET", _, Some(_)) => {
+                return Err(Some(HttpRefusal::METHOD));
+            }
+            _ => return Err(Some(HttpRefusal::NOT_FOUND)),
+        };
+        sent.map_err(|_| None)
+    }
+
+    /// A place for a connection that has sent the token, unless all are taken.
+    fn take_in(&self, stream: &TcpStream) -> Result<Arc<()>, HttpRefusal> {
+        let mut state = self.state();
+        state.strangers.retain(|other| !ptr::eq(other.as_ptr(), stream));
+        match others(&self.connections) < CONNECTIONS {
+            true => Ok(Arc::clone(&self.connections)),
+            false => Err(HttpRefusal::BUSY),
+        }
+    }
+
+    fn take_order(&self, order: &'static str) -> Result<(), HttpRefusal> {
+        let mut state = self.state();
+        if state.orders.len() >= ORDERS {
+            return Err(HttpRefusal::BUSY);
+        }
+        state.orders.push_back(order);
+        Ok(())
+    }
+
+    fn send_page(&self, mut stream: &TcpStream) -> io::Result<()> {
+        let Site { page, nonce, .. } = &self.site;
+        let more = format!(
+            "Content-Type: text/html; charset=utf-8\r\nContent-Length: {}\r\n\
+             Content-Security-Policy: default-src 'none'; script-src 'nonce-{nonce}'; style-src 'nonce-{nonce}'; \
+             connect-src 'self'; img-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'\r\n",
+            page.len()
+        );
+        send_head(stream, "200 OK", &more)?;
+        stream.write_all(page.as_bytes())
+    }
+
+    fn send_events(&self, mut stream: &TcpStream) -> io::Result<()> {
+        send_head(stream, "200 OK", "Content-Type: text/event-stream\r\n")?;
+        // How soon to come back after a connection was lost, ms.
+        stream.write_all(b"retry: 500\n\n")?;
+        // What has come before is old where nobody has listened.
+        let mut seen = self.state().number;
+        let _listener = Arc::clone(&self.listeners);
+        while let Some(event) = self.next_event(&mut seen) {
+            stream.write_all(event.as_bytes())?;
+        }
+        stream.write_all(b"event: end\ndata:\n\n")
+    }
+
+    /// The newest event, or an empty one if none that was not seen has come for a while; `None` at the end.
+    fn next_event(&self, seen: &mut u64) -> Option<Arc<str>> {
+        let state = self.state();
+        let is_idle = |state: &mut ServerState| state.number == *seen && !state.ended;
+        let waited = self.changed.wait_timeout_while(state, KEEP_ALIVE, is_idle);
+        let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        if state.ended {
+            return None;
+        }
+        if state.number == *seen {
+            return Some(":\n\n".into());
+        }
+        *seen = state.number;
+        Some(Arc::clone(&state.event))
+    }
+}
+
+/// How many others have a clone.
+fn others(places: &Arc<()>) -> usize {
+    Arc::strong_count(places) - 1
+}
+
+/// Reads up to the empty line. The error is `None` if the connection is gone, or nothing was sent.
+fn read_head<'a>(
+    mut stream: &TcpStream,
+    buffer: &'a mut [u8; LONGEST],
+) -> Result<&'a [u8], Option<HttpRefusal>> {
+    let deadline = Instant::now() + PATIENCE;
+    let mut length = 0;
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() {
+            return Err(Some(HttpRefusal::TOO_SLOW));
+        }
+        stream.set_read_timeout(Some(left)).map_err(|_| None)?;
+        match stream.read(&mut buffer[length..]) {
+            Ok(0) if length == 0 => return Err(None),
+            Ok(0) => return Err(Some(HttpRefusal::MALFORMED)),
+            Ok(count) => length += count,
+            Err(error) => match error.kind() {
+                io::ErrorKind::Interrupted => continue,
+                io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => {
+                    return Err(Some(HttpRefusal::TOO_SLOW));
+                }
+                _ => return Err(None),
+            },
+        }
+        if let Some(end) = end_of_head(&buffer[..length]) {
+            return Ok(&buffer[..end]);
+        }
+        if length == buffer.len() {
+            return Err(Some(HttpRefusal::TOO_LONG));
+        }
+    }
+}
+
+/// Nothing of it is kept anywhere, and the address, which has the token in it, is told to no other site.
+fn send_head(mut stream: &TcpStream, status: &str, more: &str) -> io::Result<()> {
+    let head = format!(
+        "HTTP/1.1 {status}\r\nConnection: close\r\nCache-Control: no-store\r\nReferrer-Policy: no-referrer\r\n\
+         X-Content-Type-Options: nosniff\r\n{more}\r\n"
+    );
+    stream.write_all(head.as_bytes())
+}
+
+fn refuse(mut stream: &TcpStream, refusal: HttpRefusal) -> io::Result<()> {
+    let HttpRefusal(status, text) = refusal;
+    let allow = if refusal == HttpRefusal::METHOD { "Allow: GET, POST\r\n" } else { "" };
+    let length = text.len() + 1;
+    let more =
+        format!("{allow}Content-Type: text/plain; charset=utf-8\r\nContent-Length: {length}\r\n");
+    send_head(stream, status, &more)?;
+    stream.write_all(format!("{text}\n").as_bytes())
+}
+
+/// Says that nothing more comes, and takes what is still sent, for a moment: a connection that is closed
+/// before is reset, and what was answered may be lost.
+fn close(mut stream: &TcpStream, buffer: &mut [u8; LONGEST]) -> io::Result<()> {
+    stream.shutdown(Shutdown::Write)?;
+    stream.set_read_timeout(Some(Duration::from_millis(200)))?;
+    for _ in 0..64 {
+        if stream.read(buffer)? == 0 {
+            break;
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{BufRead, BufReader};
+
+    use super::*;
+
+    fn server() -> Server {
+        let site = Site {
+            page: "<p>page</p>".to_owned(),
+            nonce: "n0".to_owned(),
+            token: "secret".to_owned(),
+            orders: vec!["mark"],
+        };
+        Server::start("127.0.0.1:0".parse().unwrap(), site).unwrap()
+    }
+
+    fn listen(server: &Server) -> TcpStream {
+        let mut stream = TcpStream::connect(server.address()).unwrap();
+        stream.write_all(b"GET /events?token=secret HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+        stream
+    }
+
+    fn wait_for_listeners(server: &Server, wanted: usize) {
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while others(&server.shared.listeners) != wanted {
+            assert!(Instant::now() < deadline, "never {wanted} listeners");
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    /// Each would keep a place for [`PATIENCE`].
+    #[test]
+    fn who_says_nothing_locks_nobody_out() {
+        let server = server();
+        let silent: Vec<TcpStream> =
+            (0..40).map(|_| TcpStream::connect(server.address()).unwrap()).collect();
+        for _ in 0..3 {
+            let mut stream = TcpStream::connect(server.address()).unwrap();
+            stream.write_all(b"GET /?token=secret HTTP/1.1\r\nHost: localhost\r\n\r\n").unwrap();
+            let mut answer = String::new();
+            stream.read_to_string(&mut answer).unwrap();
+            assert!(answer.starts_with("HTTP/1.1 200 OK"), "{answer}");
+        }
+        drop(silent);
+    }
+
+    /// A publisher that waited for one that reads nothing would wait for [`PATIENCE`] each of ten times.
+    #[test]
+    fn who_takes_nothing_holds_up_nobody_and_is_dropped() {
+        let server = server();
+        let stuck = listen(&server);
+        wait_for_listeners(&server, 1);
+        let mut reader = BufReader::new(listen(&server));
+        wait_for_listeners(&server, 2);
+        // Each is more than a system keeps for a connection.
+        let filling = "x".repeat(32 << 20);
+        thread::scope(|scope| {
+            // It reads meanwhile: however long that takes, it is none that takes nothing.
+            scope.spawn(|| {
+                let mut line = String::new();
+                while line != "data: last\n" {
+                    line.clear();
+                    assert!(reader.read_line(&mut line).unwrap() > 0, "events end");
+                }
+            });
+            for number in 0..10 {
+                server.publish(&format!("{number} {filling}"));
+            }
+            server.publish("last");
+        });
+        wait_for_listeners(&server, 1);
+        drop(stuck);
+        // The end is told, and waited for.
+        server.end();
+        let mut rest = String::new();
+        reader.read_to_string(&mut rest).unwrap();
+        assert!(rest.ends_with("event: end\ndata:\n\n"), "{rest}");
+    }
+
+    #[test]
+    fn a_listener_that_has_gone_is_forgotten() {
+        let server = server();
+        let gone = listen(&server);
+        wait_for_listeners(&server, 1);
+        drop(gone);
+        wait_for_listeners(&server, 0);
+        let deadline = Instant::now() + Duration::from_secs(60);
+        while others(&server.shared.connections) > 0 {
+            assert!(Instant::now() < deadline, "its seat is kept");
+            thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    #[test]
+    fn orders_that_nobody_takes_do_not_pile_up() {
+        let server = server();
+        let post = || {
+            let mut stream = TcpStream::connect(server.address()).unwrap();
+            let order = b"POST /mark?token=secret HTTP/1.1\r\nHost: localhost\r\n\r\n";
+            stream.write_all(order).unwrap();
+            let mut answer = String::new();
+            stream.read_to_string(&mut answer).unwrap();
+            answer.split(' ').nth(1).unwrap().to_owned()
+        };
+        for _ in 0..ORDERS {
+            assert_eq!(post(), "204");
+        }
+        assert_eq!(post(), "503");
+        assert_eq!(server.next_order(), Some("mark"));
+        assert_eq!(post(), "204");
+    }
+}

@@ -32,17 +32,11 @@ impl HttpRefusal {
     const VERSION: Self = Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
 }
 
-/// How something is asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum RequestMethod {
-    Get,
-    Post,
-}
-
 /// What is asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Request<'a> {
-    pub(super) method: RequestMethod,
+    /// `GET` or `POST`.
+    pub(super) method: &'a str,
     pub(super) path: &'a str,
     /// The value of `token=` in the address; empty if there is none.
     pub(super) token: &'a str,
@@ -85,11 +79,9 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
             return Err(HttpRefusal::BODY);
         }
     }
-    let method = match method {
-        "GET" => RequestMethod::Get,
-        "POST" => RequestMethod::Post,
-        _ => return Err(HttpRefusal::METHOD),
-    };
+    if !matches!(method, "GET" | "POST") {
+        return Err(HttpRefusal::METHOD);
+    }
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
     Ok(Request { method, path, token, host: host.ok_or(HttpRefusal::MALFORMED)? })
@@ -123,16 +115,11 @@ mod tests {
     fn a_request_of_a_browser_is_understood() {
         let head =
             b"GET /events?x=1&token=ab12 HTTP/1.1\r\nHost: localhost:80\r\nAccept: */*\r\n\r\n";
-        let request = Request {
-            method: RequestMethod::Get,
-            path: "/events",
-            token: "ab12",
-            host: "localhost:80",
-        };
+        let request =
+            Request { method: "GET", path: "/events", token: "ab12", host: "localhost:80" };
         assert_eq!(parse(head), Ok(request));
         let head = b"POST /mark HTTP/1.1\r\nhOST:\tlocalhost \r\nContent-Length: 0\r\n\r\n";
-        let request =
-            Request { method: RequestMethod::Post, path: "/mark", token: "", host: "localhost" };
+        let request = Request { method: "POST", path: "/mark", token: "", host: "localhost" };
         assert_eq!(parse(head), Ok(request));
     }
 
