@@ -4,7 +4,6 @@ use std::process::Command;
 
 use anyhow::{Result, bail};
 
-use crate::firmware;
 use crate::image::Board;
 use crate::steps::{self, installed};
 
@@ -31,7 +30,7 @@ pub(crate) fn run(args: &FlashArgs) -> Result<()> {
              `cargo install --locked probe-rs-tools`, or see https://probe.rs/docs/getting-started"
         );
     }
-    let image = firmware::build(args.board)?;
+    let image = args.board.build()?;
     let mut probe = vec!["--chip", args.board.chip()];
     if let Some(selector) = &args.probe {
         probe.extend(["--probe", selector]);

@@ -6,11 +6,16 @@ use std::process::Command;
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
 
-use crate::compiler::{BOARD_TARGET, Toolchain};
+use crate::compiler::{BOARD_TARGET, Compiler};
+use crate::need;
 use crate::steps::{self, workspace};
 
 /// Where the RAM of all boards begins.
 const RAM: u32 = 0x2000_0000;
+
+/// How an image is linked, and names of functions that say of which types they are (stack.rs).
+const FLAGS: &str = "-C link-arg=-Tlink.x -C link-arg=--nmagic -C link-arg=-Tdefmt.x \
+    -C symbol-mangling-version=v0";
 
 /// A board that can be flashed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -42,44 +47,33 @@ impl Board {
         }
     }
 
-    /// What its linker script gives to the stack: all of SRAM1.
-    pub(crate) fn stack_size(self) -> u64 {
+    /// In bytes: flash for code, without the pages of the calibration, and what the linker script gives to
+    /// variables, all of SRAM2, and to the stack, all of SRAM1.
+    pub(crate) fn memory(self) -> [u64; 3] {
         match self {
-            Self::SkinProc => 48 * 1024,
-            Self::NucleoG491re => 80 * 1024,
+            Self::SkinProc => [248, 16, 48].map(|kib| kib * 1024),
+            Self::NucleoG491re => [504, 16, 80].map(|kib| kib * 1024),
         }
-    }
-
-    /// Flash for code, without the pages of the calibration.
-    pub(crate) fn flash_size(self) -> u64 {
-        match self {
-            Self::SkinProc => 248 * 1024,
-            Self::NucleoG491re => 504 * 1024,
-        }
-    }
-
-    /// What its linker script gives to variables: all of SRAM2.
-    pub(crate) fn ram_size(self) -> u64 {
-        16 * 1024
     }
 
     /// Lints what only the board's target compiles; warnings are errors.
-    pub(crate) fn lint(self, toolchain: &Toolchain) -> Result<()> {
-        let mut cargo = self.cargo("clippy", toolchain);
+    pub(crate) fn lint(self, compiler: &Compiler) -> Result<()> {
+        let mut cargo = self.cargo("clippy", compiler);
         steps::run(&format!("lints of {}", self.name()), cargo.args(["--", "-D", "warnings"]))
     }
 
     /// Builds its image and returns where it is.
-    pub(crate) fn build(self, toolchain: &Toolchain) -> Result<PathBuf> {
-        let title = format!("build {} ({})", self.name(), toolchain.compiler.version);
-        steps::run(&title, &mut self.cargo("build", toolchain))?;
+    pub(crate) fn build(self) -> Result<PathBuf> {
+        let compiler = need::compiler(BOARD_TARGET)?;
+        let title = format!("build {} ({})", self.name(), compiler.version);
+        steps::run(&title, &mut self.cargo("build", &compiler))?;
         Ok(self.image())
     }
 
-    fn cargo(self, name: &str, toolchain: &Toolchain) -> Command {
-        let mut cargo = toolchain.command(name);
+    fn cargo(self, name: &str, compiler: &Compiler) -> Command {
+        let mut cargo = compiler.cargo(&[name, "--profile", "firmware", "--package", "firmware"]);
         cargo.args(["--features", self.name(), "--bin", self.name(), "--target-dir"]);
-        cargo.arg(target_dir());
+        cargo.arg(target_dir()).env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS", FLAGS);
         cargo
     }
 

@@ -5,14 +5,12 @@ mod check;
 mod compiler;
 mod dependencies;
 mod emulate;
-mod equipment;
 mod firmware;
 mod flash;
 mod image;
 mod need;
 mod pictures;
 mod python;
-mod setup;
 mod stack;
 mod steps;
 mod test;
@@ -37,7 +35,7 @@ enum Task {
     /// Check what a change has to pass beside the tests; exit code 1 if anything fails
     Check(check::CheckArgs),
     /// Install what tests and checks need; each command is printed before it runs
-    Setup(setup::SetupArgs),
+    Setup(need::SetupArgs),
     /// Write the list of packages and licences that `shellcal licences` prints
     Licences,
     /// Make the pictures of README anew
@@ -56,10 +54,10 @@ fn main() -> ExitCode {
     let done = match Xtask::parse().task {
         Task::Test(args) => test::run(&args),
         Task::Check(args) => check::run(&args),
-        Task::Setup(args) => setup::run(args),
+        Task::Setup(args) => need::set_up(args),
         Task::Licences => dependencies::write_notices(),
         Task::Pictures => pictures::make(),
-        Task::Web => web::make(),
+        Task::Web => web::build().map(drop),
         Task::Firmware(args) => firmware::run(args),
         Task::Flash(args) => flash::run(&args),
         Task::Emulate(args) => emulate::run(&args),
