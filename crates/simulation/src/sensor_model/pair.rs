@@ -8,7 +8,9 @@
 //! The load is a function of reference time. The board's clock shows 0 at its first frame.
 
 use super::recording::check_timing;
-use super::{LoadScript, ReferenceSensor, SensorModel, SensorParameters, SimulatedFrame};
+use super::{
+    LoadScript, RecordingKind, ReferenceSensor, SensorModel, SensorParameters, SimulatedFrame,
+};
 use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
@@ -76,11 +78,8 @@ impl Pair {
             "a share of {loss} of the frames lost, where 0 to 1 (excluded) is wanted"
         );
         let unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
-        let load = match settings.loaded {
-            true => LoadScript::training(settings.seed),
-            false => LoadScript::zero(),
-        };
-        Ok(Self { settings, unit, load })
+        let kind = if settings.loaded { RecordingKind::Training } else { RecordingKind::Zero };
+        Ok(Self { settings, unit, load: LoadScript::new(kind, settings.seed) })
     }
 
     /// The load starts when the first of the two does.

@@ -6,7 +6,7 @@ use firmware::{Clock, FrontEnd};
 use shared_proto::{COUNTS_PER_LSB, Vitals};
 
 use super::PacedClock;
-use crate::sensor_model::{Exposure, LoadScript, LoadTable, SensorModel};
+use crate::sensor_model::{Exposure, LoadScript, LoadTable, RecordingKind, SensorModel};
 use shell_data::lock::lock;
 use shell_data::wrench::PerAxis;
 
@@ -41,7 +41,7 @@ pub enum Load {
 impl Load {
     /// Five seconds of rest and then the poses of a test recording.
     pub fn hands(seed: u64) -> Self {
-        Self::Hands { rest_s: 5.0, script: LoadScript::test(seed) }
+        Self::Hands { rest_s: 5.0, script: LoadScript::new(RecordingKind::Test, seed) }
     }
 
     /// The wrench (N and N·m) at a time since the start.

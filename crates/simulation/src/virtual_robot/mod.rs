@@ -217,9 +217,7 @@ impl VirtualTrial {
     pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, SimulationError> {
         let TrialSettings { unit_seed, noise_scale, .. } = self.settings;
         let mut unit = SensorParameters::noisy_unit(unit_seed, noise_scale)?;
-        if self.settings.elastic {
-            unit.make_elastic();
-        }
+        unit.elastic = self.settings.elastic;
         let mut sensor = SensorModel::new(&unit, self.settings.seed)?;
         let end_s = self.times_s[self.times_s.len() - 1];
         let frames = ((end_s - self.frame_delay_s) / FRAME_S) as u64 + 1;

@@ -140,7 +140,7 @@ const LOADS: [[f64; 2]; 6] =
 fn true_calibration(unit_seed: u64) -> Calibration {
     let mut unit = SensorParameters::nominal().unit(unit_seed);
     unit.scale_noise(0.0);
-    unit.make_elastic();
+    unit.elastic = true;
     let mut sensor = SensorModel::new(&unit, 99).unwrap();
     let mut text = Vec::new();
     write!(text, "fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm").unwrap();
