@@ -95,8 +95,10 @@ struct Taken {
 
 impl Taken {
     fn measure(board: Board, image: &Path) -> Result<Self> {
-        let (flash, ram) = image::footprint(image)?;
-        let stack_bound = stack::bound(image)?.into();
+        let bytes = std::fs::read(image).with_context(|| image.display().to_string())?;
+        let image = object::File::parse(&*bytes).context("not an image")?;
+        let (flash, ram) = image::footprint(&image);
+        let stack_bound = stack::bound(&image)?.into();
         let mut taken = Self { flash, ram, stack_bound, ..Self::default() };
         match model(board) {
             Ok(model) => {

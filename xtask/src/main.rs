@@ -6,7 +6,6 @@ mod compiler;
 mod dependencies;
 mod emulate;
 mod firmware;
-mod flash;
 mod image;
 mod need;
 mod pictures;
@@ -45,7 +44,7 @@ enum Task {
     /// Lint and build the boards' images and print what they take; exit code 1 if they do not fit
     Firmware(firmware::FirmwareArgs),
     /// Build a board's image and flash it, with probe-rs
-    Flash(flash::FlashArgs),
+    Flash(image::FlashArgs),
     /// Run a board's image on the model of its microcontroller, on a pty, until Ctrl-C
     Emulate(emulate::EmulateArgs),
 }
@@ -59,7 +58,7 @@ fn main() -> ExitCode {
         Task::Pictures => pictures::make(),
         Task::Web => web::build().map(drop),
         Task::Firmware(args) => firmware::run(args),
-        Task::Flash(args) => flash::run(&args),
+        Task::Flash(args) => image::flash(&args),
         Task::Emulate(args) => emulate::run(&args),
     };
     match done {
