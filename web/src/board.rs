@@ -21,9 +21,8 @@ use shell_data::lock::lock;
 use shell_data::wrench::Axes;
 use shellcal::workflow::live::{Feed, LiveAction, LiveSession, LogSeries, guide_through};
 
-use crate::Answer;
-use crate::failure::Failure;
 use crate::request::FileRef;
+use crate::{Answer, Failure};
 
 /// The span of time that is shown first, s.
 const WINDOW_S: f64 = 10.0;
@@ -130,8 +129,12 @@ impl Begin {
         let protocol = self.framing.as_deref().map(protocol_named).transpose()?;
         let framing = protocol.map_or(Some(Framing::Cobs), Protocol::framing);
         let uplink = framing.map(|framing| Uplink { framing, to: EVERYONE });
-        let forces = self.calibration.as_ref().map(|file| live_forces(file, files)).transpose()?;
-        let plan = self.plan.as_ref().map(|file| read_plan(file, files)).transpose()?;
+        let calibration = self.calibration.map(|file| file.parsed(files, CalibrationFile::parse));
+        let forces = calibration.transpose()?.map(|CalibrationFile { calibration, .. }| {
+            LiveForces { calibration, options: ForceOptions::default().with_delay(true) }
+        });
+        let parse = |bytes: &[u8]| HungLoads::parse(&String::from_utf8_lossy(bytes));
+        let plan = self.plan.map(|file| file.parsed(files, parse)).transpose()?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
         let axes = forces.as_ref().map_or(Axes::ALL, |forces| forces.calibration.axes);
         let (logs, made_before) = (PageLogs::default(), self.logs);
@@ -169,18 +172,6 @@ fn protocol_named(name: &str) -> Result<Protocol, Failure> {
 
 /// The address of all modules.
 const EVERYONE: u16 = 0xFFFF;
-
-fn live_forces(file: &FileRef, files: &[Arc<[u8]>]) -> Result<LiveForces, Failure> {
-    let CalibrationFile { calibration, .. } = file.calibration(files)?;
-    Ok(LiveForces { calibration, options: ForceOptions::default().with_delay(true) })
-}
-
-fn read_plan(file: &FileRef, files: &[Arc<[u8]>]) -> Result<HungLoads, Failure> {
-    let bytes = file.bytes(files)?;
-    let text = String::from_utf8_lossy(&bytes);
-    HungLoads::parse(&text)
-        .map_err(|problem| Failure::new(&problem, None).about(&format!("`{}`", file.name)))
-}
 
 fn in_words(identity: Identity) -> Value {
     let [major, minor, patch] = identity.firmware;

@@ -11,9 +11,8 @@ use serde_json::json;
 use shellcal::workflow::convert::{Conversion, ConvertOptions, OutputPlan, convert, table_name};
 use shellcal::workflow::remark::Remark;
 
-use crate::Answer;
-use crate::failure::Failure;
 use crate::request::{ColumnsGiven, FileRef};
+use crate::{Answer, Failure};
 
 #[derive(Deserialize)]
 pub(crate) struct Convert {
@@ -29,7 +28,8 @@ impl Convert {
         files: &[Arc<[u8]>],
         progress: &(dyn Fn(u64) + Sync),
     ) -> Result<Answer, Failure> {
-        let CalibrationFile { calibration, origin } = self.calibration.calibration(files)?;
+        let CalibrationFile { calibration, origin } =
+            self.calibration.parsed(files, CalibrationFile::parse)?;
         let log = self.log.log(files, &self.columns.mapping(origin.columns))??;
         let options = ConvertOptions::new(&log, &calibration);
         let read = ReadOptions { threads: 1, progress: Some(progress), ..ReadOptions::default() };

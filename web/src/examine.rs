@@ -9,9 +9,8 @@ use log_file::{Column, Log, ReadOptions};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use crate::Answer;
-use crate::failure::Failure;
 use crate::request::{ColumnsGiven, FileRef};
+use crate::{Answer, Failure};
 
 #[derive(Deserialize)]
 pub(crate) struct Examine {

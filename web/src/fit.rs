@@ -16,9 +16,8 @@ use shellcal::workflow::outliers::NamedOutliers;
 use shellcal::workflow::remark::{about_fit, about_table};
 use shellcal::workflow::{WorkflowError, agree_on_axes};
 
-use crate::failure::Failure;
 use crate::request::{ColumnsGiven, FileRef};
-use crate::{Answer, Progress};
+use crate::{Answer, Failure, Progress};
 
 const CALIBRATION: &str = "calibration.json";
 const REPORT: &str = "report.html";

@@ -15,19 +15,24 @@ mod abi;
 mod board;
 mod convert;
 mod examine;
-mod failure;
 mod fit;
 mod request;
 
+use std::error::Error;
 use std::sync::Arc;
 
+use board_link::RecordError;
+use calibration::FitError;
+use log_file::LogError;
+use output_file::OutputError;
 use serde::Deserialize;
-use serde_json::Value;
+use serde_json::{Value, json};
+use shell_data::hint::{Hint, with_causes};
+use shellcal::workflow::WorkflowError;
 
 pub use board::BoardSession;
 use convert::Convert;
 use examine::Examine;
-use failure::Failure;
 use fit::FitRequest;
 
 /// What a page gets for a request.
@@ -42,6 +47,54 @@ pub struct Answer {
 impl From<Value> for Answer {
     fn from(document: Value) -> Self {
         Self { document, files: Vec::new() }
+    }
+}
+
+/// Why something could not be done, as the terminal says it: an error with its causes, and the next step.
+struct Failure {
+    error: String,
+    hint: Option<String>,
+}
+
+impl Failure {
+    fn new(error: &dyn Error, hint: Option<String>) -> Self {
+        Self { error: with_causes(error), hint }
+    }
+
+    /// The same of some files.
+    fn about(self, names: &str) -> Self {
+        Self { error: format!("{names}: {}", self.error), ..self }
+    }
+}
+
+impl From<String> for Failure {
+    fn from(error: String) -> Self {
+        Self { error, hint: None }
+    }
+}
+
+impl From<serde_json::Error> for Failure {
+    fn from(error: serde_json::Error) -> Self {
+        Self::new(&error, None)
+    }
+}
+
+macro_rules! with_hint {
+    ($($error:ty),*) => {$(
+        impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                let hint = error.hint();
+                Self::new(&error, hint)
+            }
+        }
+    )*};
+}
+
+with_hint!(FitError, LogError, OutputError, RecordError, WorkflowError);
+
+impl From<Failure> for Answer {
+    fn from(Failure { error, hint }: Failure) -> Self {
+        json!({ "error": error, "hint": hint }).into()
     }
 }
 

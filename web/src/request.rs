@@ -1,15 +1,15 @@
 //! What requests have in common: files, and what is said of their columns.
 
+use std::error::Error;
 use std::path::Path;
 use std::sync::Arc;
 
-use calibration_file::CalibrationFile;
 use log_file::{ColumnRef, Log, LogError, Mapping, MomentUnit};
 use serde::Deserialize;
 use shell_data::ColumnNames;
 use shell_data::wrench::PerAxis;
 
-use crate::failure::Failure;
+use crate::Failure;
 
 /// A file that the page holds.
 #[derive(Deserialize)]
@@ -25,10 +25,14 @@ impl FileRef {
         files.get(self.file).cloned().ok_or_else(|| missing().into())
     }
 
-    pub(crate) fn calibration(&self, files: &[Arc<[u8]>]) -> Result<CalibrationFile, Failure> {
-        let name = format!("`{}`", self.name);
-        let told = |problem| Failure::new(&problem, None).about(&name);
-        CalibrationFile::parse(&self.bytes(files)?).map_err(told)
+    /// What `parse` makes of it, or why it makes nothing, with the file's name.
+    pub(crate) fn parsed<T, E: Error>(
+        &self,
+        files: &[Arc<[u8]>],
+        parse: impl Fn(&[u8]) -> Result<T, E>,
+    ) -> Result<T, Failure> {
+        let told = |problem| Failure::new(&problem, None).about(&format!("`{}`", self.name));
+        parse(&self.bytes(files)?).map_err(told)
     }
 
     pub(crate) fn log(

@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::thread;
 
-use anyhow::{Context, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use clap::ValueEnum;
 
-use crate::compiler::Compiler;
+use crate::compiler::SYSTEMS;
 use crate::firmware::{self, FirmwareArgs};
-use crate::need::{Need, Way};
-use crate::steps::{self, Job, PROFILE, cargo, installed, run as step, scratch, workspace};
+use crate::need::{self, FUZZER, Need};
+use crate::steps::{self, Job, PROFILE, cargo, run as step, scratch, workspace};
 use crate::{book, dependencies, pictures, python, test};
 
 #[derive(Debug, clap::Args)]
@@ -51,45 +51,6 @@ enum CheckPart {
     Package,
 }
 
-const FORMATTER: Need = Need {
-    what: "rustfmt",
-    is_met: || installed("cargo", &["fmt", "--version"]),
-    ways: &[Way::Rustup(&["component", "add", "rustfmt"])],
-};
-
-const LINTER: Need = Need {
-    what: "clippy",
-    is_met: || installed("cargo", &["clippy", "--version"]),
-    ways: &[Way::Rustup(&["component", "add", "clippy"])],
-};
-
-const FUZZER: Need = Need {
-    what: "a C++ compiler for libFuzzer",
-    is_met: || installed("c++", &["--version"]),
-    ways: &[Way::Packages(&["g++"])],
-};
-
-/// Debian's compiler with the sources of the standard library.
-const SOURCES: Way = Way::Packages(&["cargo-web", "rustc-web", "rust-web-src"]);
-
-/// Windows with the compiler's own tools: with GNU's, the standard library needs those to compile.
-const WINDOWS: Need = Need {
-    what: "a standard library for Windows",
-    is_met: || compiler(SYSTEMS[0].0).is_some(),
-    ways: &[Way::Rustup(&["target", "add", "x86_64-pc-windows-msvc"]), SOURCES],
-};
-
-const AARCH64: Need = Need {
-    what: "a standard library for Linux on aarch64",
-    is_met: || compiler(SYSTEMS[1].0).is_some(),
-    ways: &[Way::Rustup(&["target", "add", "aarch64-unknown-linux-gnu"]), SOURCES],
-};
-
-const SYSTEMS: [(&str, Need); 2] =
-    [("x86_64-pc-windows-msvc", WINDOWS), ("aarch64-unknown-linux-gnu", AARCH64)];
-
-pub(crate) const NEEDS: [Need; 5] = [FORMATTER, LINTER, FUZZER, WINDOWS, AARCH64];
-
 /// Runs all that is asked for, to its end, and tells what has failed.
 pub(crate) fn run(args: &CheckArgs) -> Result<()> {
     let all = CheckPart::value_variants();
@@ -101,7 +62,7 @@ pub(crate) fn run(args: &CheckArgs) -> Result<()> {
             CheckPart::Studies => test::studies(),
             CheckPart::Lints => lints(),
             CheckPart::Firmware => {
-                LINTER.meet().and_then(|()| firmware::run(FirmwareArgs::default()))
+                Need::Linters.meet().and_then(|()| firmware::run(FirmwareArgs::default()))
             }
             CheckPart::Dependencies => dependencies::check(),
             CheckPart::Systems => systems(),
@@ -129,12 +90,12 @@ fn package() -> Result<()> {
 }
 
 fn format() -> Result<()> {
-    FORMATTER.meet()?;
+    Need::Linters.meet()?;
     step("formatting", &mut cargo(&["fmt", "--all", "--check"]))
 }
 
 fn lints() -> Result<()> {
-    LINTER.meet()?;
+    Need::Linters.meet()?;
     let deny = ["--", "-D", "warnings"];
     let clippy = ["clippy", "--workspace", "--all-targets"];
     step("lints", &mut cargo(&[&clippy[..], &PROFILE, &deny].concat()))
@@ -148,22 +109,17 @@ fn docs() -> Result<()> {
 
 /// Checked only, neither linked nor run, so no linker and no library of the other system is needed.
 fn systems() -> Result<()> {
-    for (target, need) in SYSTEMS {
-        need.meet()?;
-        let compiler = compiler(target).context("the standard library is gone")?;
+    for target in SYSTEMS {
+        let compiler = need::compiler(target)?;
         // The libraries are checked along with the program.
         let check = ["check", "--package", "shellcal", "--lib", "--bins"];
-        let mut check = compiler.cargo(&check, "std,panic_abort");
+        let mut check = compiler.cargo(&check);
         // A directory of its own: the compiler may be another one than the host's.
         check.arg("--target-dir").arg(workspace().join("target/cross"));
         check.env("RUSTFLAGS", "-D warnings");
         step(&format!("{target} ({})", compiler.version), &mut check)?;
     }
     Ok(())
-}
-
-fn compiler(target: &'static str) -> Option<Compiler> {
-    Compiler::for_target(target).next()
 }
 
 /// Runs the fuzz targets of every package by cargo-fuzz, on the stable compiler: no code of ours is `unsafe`, so

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, ensure};
 use shared_proto::CHANNELS;
 use system_tests::flashed::PlayedFrame;
 
@@ -26,7 +26,7 @@ const DARK: u16 = 100;
 
 pub(crate) fn run(args: &EmulateArgs) -> Result<()> {
     let frames = read(&workspace().join(&args.play))?;
-    firmware::build(args.board)?;
+    args.board.build()?;
     let model = firmware::model(args.board)?;
     println!("it plays {} frames of {}", frames.len(), args.play.display());
     let mut command = model.command(&frames, &steps::scratch("emulation")?);
@@ -38,27 +38,23 @@ fn read(path: &Path) -> Result<Vec<PlayedFrame>> {
     let text = std::fs::read_to_string(path);
     let text = text.with_context(|| format!("cannot read `{}`", path.display()))?;
     let mut lines = text.lines();
-    let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let mut positions = [0; CHANNELS];
-    for (channel, position) in positions.iter_mut().enumerate() {
-        let name = format!("s{}", channel + 1);
-        let found = header.iter().position(|column| column.trim() == name);
-        *position = found.with_context(|| format!("`{}`: no column `{name}`", path.display()))?;
-    }
+    let header: Vec<&str> = lines.next().unwrap_or_default().split(',').map(str::trim).collect();
+    let position = |channel| header.iter().position(|column| *column == format!("s{channel}"));
+    let positions: Option<Vec<usize>> = (1..=CHANNELS).map(position).collect();
+    let positions =
+        positions.with_context(|| format!("`{}`: no columns `s1` to `s8`", path.display()))?;
     let frames = lines.enumerate().map(|(i, line)| {
         let fields: Vec<&str> = line.split(',').collect();
         frame(&fields, &positions)
             .with_context(|| format!("`{}`, line {}: not eight readings", path.display(), i + 2))
     });
     let frames = frames.collect::<Result<Vec<_>>>()?;
-    if frames.is_empty() {
-        bail!("`{}` has no rows", path.display());
-    }
+    ensure!(!frames.is_empty(), "`{}` has no rows", path.display());
     Ok(frames)
 }
 
 /// The codes that make the board measure these readings.
-fn frame(fields: &[&str], positions: &[usize; CHANNELS]) -> Option<PlayedFrame> {
+fn frame(fields: &[&str], positions: &[usize]) -> Option<PlayedFrame> {
     let mut frame = PlayedFrame::default();
     for (codes, &position) in frame.iter_mut().zip(positions) {
         let reading: f64 = fields.get(position)?.trim().parse().ok()?;

@@ -16,8 +16,9 @@ use shared_proto::{
 use system_tests::flashed::{FlashedBoard, Model, PlayedFrame, SERIAL};
 use system_tests::workload;
 
-use crate::compiler;
+use crate::compiler::BOARD_TARGET;
 use crate::image::{self, Board};
+use crate::need;
 use crate::python;
 use crate::stack;
 use crate::steps::{self, workspace};
@@ -46,24 +47,29 @@ const RECORD_HEAD: &str = "\
 
 /// Lints and builds all images, measures, prints, and is an error where something does not fit.
 pub(crate) fn run(args: FirmwareArgs) -> Result<()> {
-    let recorded = MeasuredImages::read()?;
-    let toolchain = compiler::set_up()?;
-    let compiler: Vec<&str> = toolchain.compiler.version.split(' ').take(2).collect();
-    let mut measured = MeasuredImages { compiler: compiler.join(" "), boards: BTreeMap::new() };
+    let record = workspace().join(RECORD);
+    let recorded = std::fs::read_to_string(&record).context(RECORD)?;
+    let recorded: MeasuredImages = toml::from_str(&recorded).context(RECORD)?;
+    let compiler = need::compiler(BOARD_TARGET)?;
+    let version = compiler.version.split(" (").next().unwrap_or_default().to_owned();
+    let mut measured = MeasuredImages { compiler: version, boards: BTreeMap::new() };
     let mut exceeded = Vec::new();
     for board in Board::ALL {
-        board.lint(&toolchain)?;
-        let image = board.build(&toolchain)?;
+        board.lint(&compiler)?;
+        let image = board.build()?;
         let before = recorded.boards.get(board.name()).cloned().unwrap_or_default();
         let taken = Taken::measure(board, &image)?;
-        println!("{}: {}", image.display(), toolchain.compiler.version);
-        taken.print(board, &before, &recorded.compiler);
-        let what = taken.exceeds(board, &before).into_iter();
-        exceeded.extend(what.map(|what| format!("{what} of {}", board.name())));
+        println!("{}: {}", image.display(), compiler.version);
+        let too_much = taken.report(board, &before, &recorded.compiler).into_iter();
+        exceeded.extend(too_much.map(|what| format!("{what} of {}", board.name())));
         measured.boards.insert(board.name().to_owned(), taken);
     }
     ensure!(exceeded.is_empty(), "the firmware takes too much: {}", exceeded.join(", "));
-    if args.record { measured.write() } else { Ok(()) }
+    if args.record {
+        let text = toml::to_string(&measured).context(RECORD)?;
+        std::fs::write(record, format!("{RECORD_HEAD}{text}")).context(RECORD)?;
+    }
+    Ok(())
 }
 
 /// What was measured of all boards.
@@ -87,27 +93,12 @@ struct Taken {
     instructions: BTreeMap<String, f64>,
 }
 
-impl MeasuredImages {
-    fn read() -> Result<Self> {
-        let text = std::fs::read_to_string(workspace().join(RECORD)).context(RECORD)?;
-        toml::from_str(&text).context(RECORD)
-    }
-
-    fn write(&self) -> Result<()> {
-        let text = toml::to_string(self).context(RECORD)?;
-        std::fs::write(workspace().join(RECORD), format!("{RECORD_HEAD}{text}")).context(RECORD)
-    }
-}
-
-/// The image for a board, for who wants to flash it.
-pub(crate) fn build(board: Board) -> Result<PathBuf> {
-    board.build(&compiler::set_up()?)
-}
-
 impl Taken {
     fn measure(board: Board, image: &Path) -> Result<Self> {
-        let (flash, ram) = image::footprint(image)?;
-        let stack_bound = stack::bound(image)?.into();
+        let bytes = std::fs::read(image).with_context(|| image.display().to_string())?;
+        let image = object::File::parse(&*bytes).context("not an image")?;
+        let (flash, ram) = image::footprint(&image);
+        let stack_bound = stack::bound(&image)?.into();
         let mut taken = Self { flash, ram, stack_bound, ..Self::default() };
         match model(board) {
             Ok(model) => {
@@ -128,36 +119,20 @@ impl Taken {
         Ok(taken)
     }
 
-    /// What does not fit into the part, and frames that cost far more than they did.
-    fn exceeds(&self, board: Board, before: &Self) -> Vec<String> {
-        let mut exceeded: Vec<String> = [
-            (self.flash > board.flash_size(), "flash"),
-            (self.ram > board.ram_size(), "RAM"),
-            (self.stack_bound > board.stack_size(), "stack"),
-        ]
-        .into_iter()
-        .filter(|(exceeds, _)| *exceeds)
-        .map(|(_, what)| what.to_owned())
-        .collect();
-        for (workload, instructions) in &self.instructions {
-            let recorded = before.instructions.get(workload);
-            if recorded.is_some_and(|recorded| *instructions > INSTRUCTIONS_FACTOR * recorded) {
-                exceeded.push(format!("instructions for {workload}"));
-            }
-        }
-        exceeded
-    }
-
-    fn print(&self, board: Board, before: &Self, compiler: &str) {
+    /// Prints it; returns what does not fit into the part, and frames that cost far more than they did.
+    fn report(&self, board: Board, before: &Self, compiler: &str) -> Vec<String> {
+        let [flash, ram, stack] = board.memory();
         let kib = |bytes: u64| format!("{:8.1} KiB", bytes as f64 / 1024.0);
         let sizes = [
-            ("flash", self.flash, before.flash, board.flash_size()),
-            ("static RAM", self.ram, before.ram, board.ram_size()),
-            ("stack at most", self.stack_bound, before.stack_bound, board.stack_size()),
-            ("stack seen", self.stack_seen, before.stack_seen, board.stack_size()),
+            ("flash", self.flash, before.flash, flash),
+            ("static RAM", self.ram, before.ram, ram),
+            ("stack at most", self.stack_bound, before.stack_bound, stack),
+            ("stack seen", self.stack_seen, before.stack_seen, stack),
         ];
         println!("  {:<24} {:>12} {:>12} {:>12}", "", "now", "recorded", "of");
+        let mut exceeded = Vec::new();
         for (name, now, then, room) in sizes {
+            exceeded.extend((now > room).then(|| name.to_owned()));
             println!("  {name:<24} {} {} {}", kib(now), kib(then), kib(room));
         }
         println!("  instructions per frame (recorded with {compiler}):");
@@ -165,7 +140,11 @@ impl Taken {
             let then = before.instructions.get(workload).copied().unwrap_or_default();
             let share = now * RATE_HZ / CORE_HZ * 100.0;
             println!("  {workload:<24} {now:>12.1} {then:>12.1} {share:>10.2} %");
+            if then > 0.0 && *now > INSTRUCTIONS_FACTOR * then {
+                exceeded.push(format!("instructions for {workload}"));
+            }
         }
+        exceeded
     }
 }
 

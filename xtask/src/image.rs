@@ -1,16 +1,21 @@
-//! The images of the firmware: building them, and what they take.
+//! The images of the firmware: building and flashing them, and what they take.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
-use anyhow::{Context, Result};
+use anyhow::{Result, ensure};
 use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
 
-use crate::compiler::{BOARD_TARGET, Toolchain};
-use crate::steps::{self, workspace};
+use crate::compiler::{BOARD_TARGET, Compiler};
+use crate::need;
+use crate::steps::{self, installed, workspace};
 
 /// Where the RAM of all boards begins.
 const RAM: u32 = 0x2000_0000;
+
+/// How an image is linked, and names of functions that say of which types they are (stack.rs).
+const FLAGS: &str = "-C link-arg=-Tlink.x -C link-arg=--nmagic -C link-arg=-Tdefmt.x \
+    -C symbol-mangling-version=v0";
 
 /// A board that can be flashed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -42,44 +47,33 @@ impl Board {
         }
     }
 
-    /// What its linker script gives to the stack: all of SRAM1.
-    pub(crate) fn stack_size(self) -> u64 {
+    /// In bytes: flash for code, without the pages of the calibration, and what the linker script gives to
+    /// variables, all of SRAM2, and to the stack, all of SRAM1.
+    pub(crate) fn memory(self) -> [u64; 3] {
         match self {
-            Self::SkinProc => 48 * 1024,
-            Self::NucleoG491re => 80 * 1024,
+            Self::SkinProc => [248, 16, 48].map(|kib| kib * 1024),
+            Self::NucleoG491re => [504, 16, 80].map(|kib| kib * 1024),
         }
-    }
-
-    /// Flash for code, without the pages of the calibration.
-    pub(crate) fn flash_size(self) -> u64 {
-        match self {
-            Self::SkinProc => 248 * 1024,
-            Self::NucleoG491re => 504 * 1024,
-        }
-    }
-
-    /// What its linker script gives to variables: all of SRAM2.
-    pub(crate) fn ram_size(self) -> u64 {
-        16 * 1024
     }
 
     /// Lints what only the board's target compiles; warnings are errors.
-    pub(crate) fn lint(self, toolchain: &Toolchain) -> Result<()> {
-        let mut cargo = self.cargo("clippy", toolchain);
+    pub(crate) fn lint(self, compiler: &Compiler) -> Result<()> {
+        let mut cargo = self.cargo("clippy", compiler);
         steps::run(&format!("lints of {}", self.name()), cargo.args(["--", "-D", "warnings"]))
     }
 
     /// Builds its image and returns where it is.
-    pub(crate) fn build(self, toolchain: &Toolchain) -> Result<PathBuf> {
-        let title = format!("build {} ({})", self.name(), toolchain.compiler.version);
-        steps::run(&title, &mut self.cargo("build", toolchain))?;
+    pub(crate) fn build(self) -> Result<PathBuf> {
+        let compiler = need::compiler(BOARD_TARGET)?;
+        let title = format!("build {} ({})", self.name(), compiler.version);
+        steps::run(&title, &mut self.cargo("build", &compiler))?;
         Ok(self.image())
     }
 
-    fn cargo(self, name: &str, toolchain: &Toolchain) -> Command {
-        let mut cargo = toolchain.command(name);
+    fn cargo(self, name: &str, compiler: &Compiler) -> Command {
+        let mut cargo = compiler.cargo(&[name, "--profile", "firmware", "--package", "firmware"]);
         cargo.args(["--features", self.name(), "--bin", self.name(), "--target-dir"]);
-        cargo.arg(target_dir());
+        cargo.arg(target_dir()).env("CARGO_TARGET_THUMBV7EM_NONE_EABIHF_RUSTFLAGS", FLAGS);
         cargo
     }
 
@@ -94,14 +88,11 @@ fn target_dir() -> PathBuf {
     workspace().join("target/firmware")
 }
 
-/// Memory that the image in a file takes whatever it does, in bytes: flash for code, constants and initial values, and
-/// RAM for variables, the futures of all tasks among them, but not for the stack.
-pub(crate) fn footprint(path: &Path) -> Result<(u64, u64)> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read `{}`", path.display()))?;
-    let file = object::File::parse(&*bytes)
-        .with_context(|| format!("`{}` is not an image", path.display()))?;
+/// Memory that an image takes whatever it does, in bytes: flash for code, constants and initial values, and RAM for
+/// variables, the futures of all tasks among them, but not for the stack.
+pub(crate) fn footprint(image: &object::File<'_>) -> (u64, u64) {
     let (mut flash, mut ram) = (0, 0);
-    for section in file.sections() {
+    for section in image.sections() {
         let SectionFlags::Elf { sh_flags, .. } = section.flags() else { continue };
         if !sh_flags.contains(elf::SHF_ALLOC) {
             continue;
@@ -113,5 +104,45 @@ pub(crate) fn footprint(path: &Path) -> Result<(u64, u64)> {
             ram += section.size();
         }
     }
-    Ok((flash, ram))
+    (flash, ram)
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct FlashArgs {
+    /// Board that is at the probe
+    #[arg(long, value_enum, default_value = "skinproc")]
+    board: Board,
+
+    /// Probe to use where there are several, as `probe-rs list` names it
+    #[arg(long, value_name = "VID:PID[:SERIAL]")]
+    probe: Option<String>,
+
+    /// Stay and print the board's log
+    #[arg(long)]
+    log: bool,
+}
+
+/// `cargo xtask flash`: builds a board's image and flashes it with probe-rs.
+pub(crate) fn flash(args: &FlashArgs) -> Result<()> {
+    // Before minutes are spent on the image.
+    ensure!(
+        installed("probe-rs", &["--version"]),
+        "`probe-rs` is missing, which talks to the debug probe; install it with \
+         `cargo install --locked probe-rs-tools`, or see https://probe.rs/docs/getting-started"
+    );
+    let image = args.board.build()?;
+    let mut probe = vec!["--chip", args.board.chip()];
+    if let Some(selector) = &args.probe {
+        probe.extend(["--probe", selector]);
+    }
+    let command = |name: &str| {
+        let mut command = Command::new("probe-rs");
+        command.arg(name).args(&probe);
+        command
+    };
+    if args.log {
+        return steps::run("flash, reset, and listen until Ctrl-C", command("run").arg(&image));
+    }
+    steps::run("flash", command("download").arg("--verify").arg(&image))?;
+    steps::run("reset", &mut command("reset"))
 }

@@ -5,14 +5,11 @@ mod check;
 mod compiler;
 mod dependencies;
 mod emulate;
-mod equipment;
 mod firmware;
-mod flash;
 mod image;
 mod need;
 mod pictures;
 mod python;
-mod setup;
 mod stack;
 mod steps;
 mod test;
@@ -37,7 +34,7 @@ enum Task {
     /// Check what a change has to pass beside the tests; exit code 1 if anything fails
     Check(check::CheckArgs),
     /// Install what tests and checks need; each command is printed before it runs
-    Setup(setup::SetupArgs),
+    Setup(need::SetupArgs),
     /// Write the list of packages and licences that `shellcal licences` prints
     Licences,
     /// Make the pictures of README anew
@@ -47,7 +44,7 @@ enum Task {
     /// Lint and build the boards' images and print what they take; exit code 1 if they do not fit
     Firmware(firmware::FirmwareArgs),
     /// Build a board's image and flash it, with probe-rs
-    Flash(flash::FlashArgs),
+    Flash(image::FlashArgs),
     /// Run a board's image on the model of its microcontroller, on a pty, until Ctrl-C
     Emulate(emulate::EmulateArgs),
 }
@@ -56,12 +53,12 @@ fn main() -> ExitCode {
     let done = match Xtask::parse().task {
         Task::Test(args) => test::run(&args),
         Task::Check(args) => check::run(&args),
-        Task::Setup(args) => setup::run(args),
+        Task::Setup(args) => need::set_up(args),
         Task::Licences => dependencies::write_notices(),
         Task::Pictures => pictures::make(),
-        Task::Web => web::make(),
+        Task::Web => web::build().map(drop),
         Task::Firmware(args) => firmware::run(args),
-        Task::Flash(args) => flash::run(&args),
+        Task::Flash(args) => image::flash(&args),
         Task::Emulate(args) => emulate::run(&args),
     };
     match done {

@@ -2,138 +2,194 @@
 
 use std::fmt;
 use std::process::{Command, Stdio};
-use std::sync::OnceLock;
+use std::sync::Once;
 
-use anyhow::{Result, bail};
-use nix::unistd::geteuid;
+use anyhow::{Context, Result, ensure};
+use system_tests::chromium;
 
+use crate::compiler::{BOARD_TARGET, Compiler, PAGE_TARGET, SYSTEMS};
 use crate::steps::{self, installed, workspace};
 
 /// Something that has to be on the machine.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Need {
-    pub(crate) what: &'static str,
-    pub(crate) is_met: fn() -> bool,
-    /// Ways to get it, the best first.
-    pub(crate) ways: &'static [Way],
+pub(crate) enum Need {
+    /// A compiler for a target.
+    Target(&'static str),
+    /// rustfmt and clippy.
+    Linters,
+    /// Programs in packages of Debian and its descendants.
+    Packages { what: &'static str, is_met: fn() -> bool, packages: &'static [&'static str] },
 }
 
-/// A command that may give what is needed.
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum Way {
-    /// Arguments of rustup: the standard library of another target, or a tool of the compiler.
-    Rustup(&'static [&'static str]),
-    /// Packages of Debian and its descendants.
-    Packages(&'static [&'static str]),
+pub(crate) const BROWSER: Need = Need::Packages {
+    what: "Chromium",
+    is_met: || chromium::find().is_some(),
+    packages: &["chromium"],
+};
+
+/// For the tests of completions, of the manual and of the installation script.
+pub(crate) const SHELLS: Need = Need::Packages {
+    what: "zsh, fish, groff and curl",
+    is_met: || ["zsh", "fish", "groff", "curl"].iter().all(|name| installed(name, &["--version"])),
+    packages: &["zsh", "fish", "groff-base", "curl"],
+};
+
+/// The oldest that the package is for, with what makes an environment.
+pub(crate) const PYTHON: Need = Need::Packages {
+    what: "Python 3.10 or later",
+    is_met: || {
+        let check = "import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 10))";
+        installed("python3", &["-c", check])
+    },
+    packages: &["python3", "python3-venv"],
+};
+
+pub(crate) const FUZZER: Need = Need::Packages {
+    what: "a C++ compiler for libFuzzer",
+    is_met: || installed("c++", &["--version"]),
+    packages: &["g++"],
+};
+
+const ALL: [Need; 9] = [
+    Need::Target(BOARD_TARGET),
+    Need::Target(PAGE_TARGET),
+    Need::Target(SYSTEMS[0]),
+    Need::Target(SYSTEMS[1]),
+    Need::Linters,
+    PYTHON,
+    BROWSER,
+    SHELLS,
+    FUZZER,
+];
+
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(crate) struct SetupArgs {
+    /// Install nothing: name what is missing and how to get it; exit code 1 if anything is
+    #[arg(long)]
+    no_install: bool,
+}
+
+/// `cargo xtask setup`: what tests and checks need of a machine.
+pub(crate) fn set_up(args: SetupArgs) -> Result<()> {
+    let is_here = |need: &Need| if args.no_install { need.is_met() } else { need.meet().is_ok() };
+    let missing: Vec<Need> = ALL.into_iter().filter(|need| !is_here(need)).collect();
+    missing.iter().for_each(|need| println!("{need}"));
+    ensure!(missing.is_empty(), "{} of what tests and checks need is missing", missing.len());
+    println!("everything that tests and checks need is here");
+    Ok(())
+}
+
+/// A compiler for a target; it is installed where there is none.
+pub(crate) fn compiler(target: &'static str) -> Result<Compiler> {
+    Need::Target(target).meet()?;
+    Compiler::find(target).context("the compiler is gone")
 }
 
 impl Need {
-    /// Gets what is needed, unless it is there; an error if no way leads to it.
+    /// Gets what is needed, unless it is there; an error if no command of this machine gets it.
     pub(crate) fn meet(&self) -> Result<()> {
-        for way in self.ways.iter().filter(|way| way.is_open()) {
-            // rustup's target is tried even where the distribution's compiler is there: it is quicker to build
-            // with, and of the same version as the rest.
-            let is_better =
-                matches!(way, Way::Rustup(["target", "add", target]) if !has_target(target));
-            if (self.is_met)() && !is_better {
-                break;
+        // rustup's target is tried even where the distribution's compiler is there: it is quicker to build
+        // with, and of the same version as the rest.
+        let is_slow = |target| Compiler::find(target).is_some_and(|it| it.std_parts.is_some());
+        if self.is_met() && !matches!(self, Self::Target(target) if is_slow(target)) {
+            return Ok(());
+        }
+        for command in self.commands() {
+            if installed(command[0], &["--version"])
+                && let Err(error) = get(&command)
+            {
+                eprintln!("    {error:#}");
             }
-            match way.take(self.what) {
-                Ok(()) => eprintln!("    got {} by {way}", self.what),
-                Err(error) => eprintln!("    {error:#}"),
+            if self.is_met() {
+                return Ok(());
             }
         }
-        if (self.is_met)() { Ok(()) } else { bail!("{self}") }
+        Err(anyhow::Error::msg(self.to_string()))
+    }
+
+    fn is_met(&self) -> bool {
+        match self {
+            Self::Target(target) => Compiler::find(target).is_some(),
+            Self::Linters => {
+                ["fmt", "clippy"].iter().all(|tool| installed("cargo", &[tool, "--version"]))
+            }
+            Self::Packages { is_met, .. } => is_met(),
+        }
+    }
+
+    /// The commands that may get it, the best first.
+    fn commands(&self) -> Vec<Vec<&'static str>> {
+        let install = |packages: &[&'static str]| {
+            [&["apt-get", "install", "--no-install-recommends"], packages].concat()
+        };
+        // Debian's packages named `web` follow the browsers, which want a new compiler.
+        let distribution = ["cargo-web", "rustc-web", "rust-web-src", "binutils-arm-none-eabi"];
+        match *self {
+            Self::Target(PAGE_TARGET) => vec![vec!["rustup", "target", "add", PAGE_TARGET]],
+            Self::Target(target) => {
+                vec![vec!["rustup", "target", "add", target], install(&distribution)]
+            }
+            Self::Linters => vec![vec!["rustup", "component", "add", "rustfmt", "clippy"]],
+            Self::Packages { packages, .. } => vec![install(packages)],
+        }
     }
 }
 
 impl fmt::Display for Need {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ways: Vec<_> = self.ways.iter().map(ToString::to_string).collect();
-        write!(f, "{} is missing; to get it: {}", self.what, ways.join(" or "))
-    }
-}
-
-/// Whether the compiler in use has the standard library of a target.
-fn has_target(target: &str) -> bool {
-    let folder =
-        steps::output(Command::new("rustc").args(["--print", "target-libdir", "--target", target]));
-    folder.is_ok_and(|folder| std::path::Path::new(folder.trim()).is_dir())
-}
-
-impl Way {
-    /// Whether this machine has the program for it.
-    fn is_open(self) -> bool {
-        let program = if matches!(self, Self::Rustup(_)) { "rustup" } else { "apt-get" };
-        installed(program, &["--version"])
-    }
-
-    fn take(self, what: &str) -> Result<()> {
-        let packages = match self {
-            Self::Packages(packages) => packages,
-            Self::Rustup(arguments) => {
-                let mut rustup = Command::new("rustup");
-                rustup.args(arguments).current_dir(workspace()).stdin(Stdio::null());
-                // Without a network it gives up at once.
-                return steps::run(what, rustup.env("RUSTUP_MAX_RETRIES", "0"));
-            }
-        };
-        static UPDATED: OnceLock<()> = OnceLock::new();
-        if !geteuid().is_root() {
-            bail!("not root: run `sudo {}`", line(packages));
-        }
-        if UPDATED.set(()).is_ok() {
-            steps::run("the distribution's list of packages", &mut apt_get(&["update"]))?;
-        }
-        let install = [&["install", "--no-install-recommends"], packages].concat();
-        steps::run(what, &mut apt_get(&install))
-    }
-}
-
-impl fmt::Display for Way {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Packages(packages) => write!(f, "`{}` on Debian", line(packages)),
-            Self::Rustup(arguments) => write!(f, "`rustup {}`", arguments.join(" ")),
+            Self::Target(target) => write!(f, "a compiler for {target}")?,
+            Self::Linters => write!(f, "rustfmt or clippy")?,
+            Self::Packages { what, .. } => write!(f, "{what}")?,
         }
+        let commands: Vec<_> =
+            self.commands().iter().map(|command| format!("`{}`", command.join(" "))).collect();
+        write!(f, " is missing; to get it: {}", commands.join(" or "))
     }
 }
 
-/// The command that installs packages, for who has to do it by hand.
-fn line(packages: &[&str]) -> String {
-    format!("apt-get install --no-install-recommends {}", packages.join(" "))
-}
-
-/// Waits for another installer to finish, asks nothing, and tells what goes wrong.
-fn apt_get(arguments: &[&str]) -> Command {
-    let mut command = Command::new("apt-get");
-    command.args(["--quiet", "--yes", "--option", "DPkg::Lock::Timeout=600"]).args(arguments);
-    command.env("DEBIAN_FRONTEND", "noninteractive").stdin(Stdio::null()).stdout(Stdio::null());
-    command
+/// Runs a command of rustup or apt-get, and before the first of the latter has the list of packages fetched.
+fn get(command: &[&str]) -> Result<()> {
+    static UPDATED: Once = Once::new();
+    let by_apt = command[0] == "apt-get";
+    if by_apt && !UPDATED.is_completed() {
+        UPDATED.call_once(|| ());
+        get(&["apt-get", "update"])?;
+    }
+    let mut get = Command::new(command[0]);
+    get.args(&command[1..]).current_dir(workspace()).stdin(Stdio::null()).stdout(Stdio::null());
+    if by_apt {
+        // Waits for another installer to finish, and asks nothing.
+        get.args(["--quiet", "--yes", "--option", "DPkg::Lock::Timeout=600"]);
+        get.env("DEBIAN_FRONTEND", "noninteractive");
+    }
+    // Without a network rustup gives up at once.
+    steps::run("installation", get.env("RUSTUP_MAX_RETRIES", "0"))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
+    const AIR: Need =
+        Need::Packages { what: "air", is_met: || true, packages: &["no-such-package"] };
+
     #[test]
     fn what_is_there_is_not_fetched() {
-        let ways = &[
-            Way::Rustup(&["component", "add", "no-such-component"]),
-            Way::Packages(&["no-such-package"]),
-        ];
-        assert!(Need { what: "air", is_met: || true, ways }.meet().is_ok());
+        assert!(AIR.meet().is_ok());
     }
 
     #[test]
-    fn what_no_way_leads_to_is_named_with_the_commands() {
-        let need = Need { what: "air", is_met: || false, ways: &[] };
-        assert!(need.meet().is_err());
-        let ways = &[Way::Rustup(&["target", "add", "moon"]), Way::Packages(&["air", "water"])];
+    fn what_no_command_gets_is_named_with_the_commands() {
+        let need = Need::Packages { what: "air", is_met: || false, packages: &["no-such-package"] };
         assert_eq!(
-            Need { ways, ..need }.to_string(),
-            "air is missing; to get it: `rustup target add moon` or `apt-get install \
-             --no-install-recommends air water` on Debian"
+            need.to_string(),
+            "air is missing; to get it: `apt-get install --no-install-recommends no-such-package`"
+        );
+        assert_eq!(
+            Need::Target("moon").to_string(),
+            "a compiler for moon is missing; to get it: `rustup target add moon` or `apt-get install \
+             --no-install-recommends cargo-web rustc-web rust-web-src binutils-arm-none-eabi`"
         );
     }
 }

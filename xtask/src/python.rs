@@ -5,20 +5,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result};
 
-use crate::need::{Need, Way};
+use crate::need::PYTHON;
 use crate::steps::{self, Job, installed, target, workspace};
-
-/// The Python that environments are made with.
-const PYTHON: &str = "python3";
-
-/// The oldest that the package is for, with what makes an environment.
-const IS_COMPLETE: &str = "import ensurepip, sys, venv; sys.exit(sys.version_info < (3, 10))";
-
-pub(crate) const NEED: Need = Need {
-    what: "Python 3.10 or later",
-    is_met: || installed(PYTHON, &["-c", IS_COMPLETE]),
-    ways: &[Way::Packages(&["python3", "python3-venv"])],
-};
 
 /// The Python of an environment with some packages, by arguments of pip: it is made where there is none, and what it lacks
 /// is installed.
@@ -26,8 +14,8 @@ pub(crate) fn environment(name: &str, packages: &[&str]) -> Result<PathBuf> {
     let folder = target().join(name);
     let python = folder.join("bin/python");
     if !folder.join("bin/pip").exists() {
-        NEED.meet()?;
-        let mut make = Command::new(PYTHON);
+        PYTHON.meet()?;
+        let mut make = Command::new("python3");
         steps::run("Python environment", make.args(["-m", "venv", "--clear"]).arg(&folder))?;
     }
     let mut pip = Command::new(&python);

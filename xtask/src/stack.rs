@@ -11,9 +11,8 @@
 //! Encodings: Arm DDI0403 (ARMv7-M), chapter A7.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Result, bail};
 use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
 
 /// Calls through pointers that are followed one below the other, below that of a task: a waker
@@ -52,12 +51,9 @@ struct Code {
     interrupts: BTreeSet<u32>,
 }
 
-/// A bound on the stack of the image in a file, in bytes.
-pub(crate) fn bound(path: &Path) -> Result<u32> {
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read `{}`", path.display()))?;
-    let file = object::File::parse(&*bytes)
-        .with_context(|| format!("`{}` is not an image", path.display()))?;
-    let code = Code::read(&file)?;
+/// A bound on the stack of an image, in bytes.
+pub(crate) fn bound(image: &object::File<'_>) -> Result<u32> {
+    let code = Code::read(image)?;
     let split = |all: BTreeSet<u32>, part: &str| -> (BTreeSet<u32>, BTreeSet<u32>) {
         all.into_iter().partition(|address| code.functions[address].name.contains(part))
     };
@@ -65,7 +61,7 @@ pub(crate) fn bound(path: &Path) -> Result<u32> {
     let (urgent_tasks, tasks) = split(tasks, URGENT_TASK);
     let (urgent, interrupts) = split(code.interrupts.clone(), URGENT_INTERRUPT);
     if tasks.is_empty() || urgent_tasks.is_empty() || urgent.is_empty() {
-        bail!("`{}` does not contain the tasks of a board", path.display());
+        bail!("the image does not contain the tasks of a board");
     }
     let mut below = 0;
     for _ in 0..INDIRECT {

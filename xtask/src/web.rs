@@ -13,38 +13,21 @@ use flate2::write::GzEncoder;
 use sha2::{Digest, Sha256};
 use zopfli::Options;
 
-use crate::compiler::Compiler;
-use crate::need::{Need, Way};
+use crate::compiler::PAGE_TARGET;
+use crate::need;
 use crate::steps::{self, scratch, target, workspace};
-
-const TARGET: &str = "wasm32-unknown-unknown";
 
 /// The largest page, compressed, in bytes.
 const LIMIT: usize = 1_500_000;
 
-pub(crate) const NEED: Need = Need {
-    what: "a compiler for WebAssembly",
-    is_met: || compiler().is_some(),
-    ways: &[Way::Rustup(&["target", "add", TARGET])],
-};
-
-fn compiler() -> Option<Compiler> {
-    Compiler::for_target(TARGET).find(|compiler| !compiler.builds_std)
-}
-
-pub(crate) fn make() -> Result<()> {
-    NEED.meet()?;
-    build().map(drop)
-}
-
 /// Builds the page and prints its size; returns its file.
 pub(crate) fn build() -> Result<PathBuf> {
-    let compiler = compiler().context("the compiler for WebAssembly is missing")?;
+    let compiler = need::compiler(PAGE_TARGET)?;
     let arguments = ["build", "--profile", "web", "--package", "shellcal-web", "--lib"];
-    let mut cargo = compiler.cargo(&arguments, "std");
+    let mut cargo = compiler.cargo(&arguments);
     cargo.env("RUSTFLAGS", "-C target-feature=+simd128");
     steps::run("module of the page", &mut cargo)?;
-    let module = target().join(TARGET).join("web/shellcal_web.wasm");
+    let module = target().join(PAGE_TARGET).join("web/shellcal_web.wasm");
     let read = |path: &str| {
         let path = workspace().join(path);
         fs::read_to_string(&path).with_context(|| format!("cannot read `{}`", path.display()))

@@ -41,9 +41,9 @@ pub enum AlignError {
     TimeGoesBack { side: RecordingSide, rows: usize, of: usize },
     /// Too little was recorded: too few usable rows, or too short a time from the first to the last.
     #[error(
-        "{side}: {rows} usable rows over {span_s:.3} s, where {needed_s} s and 100 rows are needed"
+        "{side}: {rows} usable rows over {span_s:.3} s, where {LEAST_OVERLAP_S} s and 100 rows are needed"
     )]
-    TooShort { side: RecordingSide, rows: usize, span_s: f64, needed_s: f64 },
+    TooShort { side: RecordingSide, rows: usize, span_s: f64 },
     /// Nothing moves in a recording.
     #[error("{0}: no column changes")]
     Constant(RecordingSide),

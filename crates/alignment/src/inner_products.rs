@@ -3,31 +3,7 @@
 //! Sums are kept in eight lanes whatever the registers, so that results are the same bits on every
 //! machine.
 
-use pulp::NullaryFnOnce;
-use shell_data::instructions::arch;
 use shell_data::vectorised;
-
-/// Σ a b for each `b` of `others`.
-pub(super) fn dots<'b>(a: &[f64], others: impl Iterator<Item = &'b [f64]>, sums: &mut [f64]) {
-    arch().dispatch(Dots { a, others, sums });
-}
-
-struct Dots<'a, I> {
-    a: &'a [f64],
-    others: I,
-    sums: &'a mut [f64],
-}
-
-impl<'b, I: Iterator<Item = &'b [f64]>> NullaryFnOnce for Dots<'_, I> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        for (sum, b) in self.sums.iter_mut().zip(self.others) {
-            *sum = dot(self.a, b);
-        }
-    }
-}
 
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
@@ -43,6 +19,13 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 }
 
 vectorised! {
+    /// Σ a b for each `b` of `others`.
+    pub(super) fn dots(a: &[f64], others: &mut dyn Iterator<Item = &[f64]>, sums: &mut [f64]) {
+        for (sum, b) in sums.iter_mut().zip(others) {
+            *sum = dot(a, b);
+        }
+    }
+
     /// Σ_j w_j r_j, where the rows r_j follow one another in `rows`, for two sets of weights.
     pub(super) fn combine(
         rows: &[f64],

@@ -30,8 +30,8 @@ mod trajectory;
 mod uncertainty;
 
 pub use edges::{EdgeMatch, Edges, rising_edges};
+use error::LARGEST_SKEW_PPM;
 pub use error::{AlignError, RecordingSide};
-use error::{LARGEST_SKEW_PPM, LEAST_OVERLAP_S};
 pub use recording::{LeftOut, Recording};
 
 use coarse::Match;
@@ -174,8 +174,8 @@ pub fn align(
     options: Options,
 ) -> Result<Aligned, AlignError> {
     let Options { exposure_s, repeats_are_stale, edges } = options;
-    let reference = Clean::new(reference, RecordingSide::Reference, LEAST_OVERLAP_S, false)?;
-    let board = Clean::new(board, RecordingSide::Board, LEAST_OVERLAP_S, repeats_are_stale)?;
+    let reference = Clean::new(reference, RecordingSide::Reference, false)?;
+    let board = Clean::new(board, RecordingSide::Board, repeats_are_stale)?;
     let loads = by_loads(&reference, &board);
     let (clock, quality, edges) = match edges {
         Some(edges) => {

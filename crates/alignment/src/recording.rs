@@ -1,6 +1,6 @@
 //! A recording made ready: rows in order of time, repeats left out, saturated rows marked.
 
-use super::error::{AlignError, RecordingSide};
+use super::error::{AlignError, LEAST_OVERLAP_S, RecordingSide};
 use super::optics::ReadingReach;
 use shell_data::statistics::{extremes, upper_median};
 
@@ -56,7 +56,6 @@ impl Clean {
     pub(super) fn new(
         recording: Recording,
         side: RecordingSide,
-        needed_s: f64,
         all_repeats: bool,
     ) -> Result<Self, AlignError> {
         let Recording { mut time_s, mut columns } = recording;
@@ -78,8 +77,8 @@ impl Clean {
         let rows = time_s.len();
         let span_s = time_s.last().zip(time_s.first()).map_or(0.0, |(last, first)| last - first);
         // Written so that a span that is not a number is refused.
-        if rows < 100 || span_s.is_nan() || span_s < needed_s {
-            return Err(AlignError::TooShort { side, rows, span_s, needed_s });
+        if rows < 100 || span_s.is_nan() || span_s < LEAST_OVERLAP_S {
+            return Err(AlignError::TooShort { side, rows, span_s });
         }
         if columns.iter().all(|column| column.iter().all(|&x| x == column[0])) {
             return Err(AlignError::Constant(side));

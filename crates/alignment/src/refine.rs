@@ -313,8 +313,8 @@ impl<'a> WarpProblem<'a> {
             let from_pivot_s = time_s - self.pivot_s;
             features[1] = from_pivot_s / self.half_span_s;
             let map = || (0..channels).map(|c| current.map.col_as_slice(c));
-            dots(&slopes, map(), &mut slope);
-            dots(&features, map(), &mut residual);
+            dots(&slopes, &mut map(), &mut slope);
+            dots(&features, &mut map(), &mut residual);
             straight.clear();
             let channel = readings.iter().zip(&self.frames.ranges).zip(&current.bends);
             straight.extend(channel.map(|((y, range), bend)| range.straighten(*y, bend)));

@@ -92,8 +92,8 @@ impl ResidualSums {
         self.late_features.resize(of_load.len(), 0.0);
         at.model.late(of_load, &mut self.late_features);
         let map = (0..at.map.ncols()).map(|c| at.map.col(c).try_as_col_major());
-        let map = map.map(|column| column.expect("a column of a matrix").as_slice());
-        dots(&self.late_features, map, &mut self.late_part);
+        let mut map = map.map(|column| column.expect("a column of a matrix").as_slice());
+        dots(&self.late_features, &mut map, &mut self.late_part);
         let bin = ((row.from_pivot_s - self.start_s).max(0.0) / SCORE_BIN_S) as usize;
         if self.scores.len() <= bin {
             self.scores.resize(bin + 1, [0.0; 2]);

@@ -177,7 +177,7 @@ impl PipelineSetup {
     /// Whether all is known, so that no more rows are needed.
     pub fn is_done(&self) -> bool {
         let needs_clock = self.options.low_pass.is_some();
-        self.tare.is_done && (!needs_clock || self.clock.is_done())
+        self.tare.is_done() && (!needs_clock || self.clock.is_done())
     }
 
     /// The times between which rows are needed to know the forces between two times, s, if the clock

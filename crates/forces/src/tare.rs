@@ -19,8 +19,8 @@ const CHUNK: usize = 4096;
 pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
-    /// Whether all frames are found.
-    pub(super) is_done: bool,
+    /// Whether no frame can be among what is looked for any more.
+    is_over: bool,
     /// Frames found that are not in `mean` yet: counts, one column a channel.
     chunk: Vec<Vec<f64>>,
     mean: Option<Tare>,
@@ -86,7 +86,7 @@ pub struct FirstRows<'a> {
 impl TareSearch {
     /// Nothing found yet.
     pub(super) fn new(rule: TareRule, rows: RowRule) -> Self {
-        let mut search = Self { rule, rows, is_done: rule == TareRule::Untared, ..Self::default() };
+        let mut search = Self { rule, rows, is_over: rule == TareRule::Untared, ..Self::default() };
         if let TareRule::Rests { causal } = rule {
             search.zeros = Some(StationaryZeros { causal, knots: Vec::new() });
             search.finder = Some(StationaryFinder::default());
@@ -97,9 +97,14 @@ impl TareSearch {
     /// Whether rows that end at `last_s` may be among what is looked for.
     pub(super) fn wants(&self, last_s: f64) -> bool {
         match self.rule {
-            TareRule::Between(start_s, _) => !self.is_done && last_s >= start_s,
-            _ => !self.is_done,
+            TareRule::Between(start_s, _) => !self.is_done() && last_s >= start_s,
+            _ => !self.is_done(),
         }
+    }
+
+    /// Whether all frames are found. Further stationary intervals are looked for after the first.
+    pub(super) fn is_done(&self) -> bool {
+        self.is_over || (self.found >= self.wanted() && self.finder.is_none())
     }
 
     /// The most frames of a tare.
@@ -116,16 +121,14 @@ impl TareSearch {
         self.look_for_rests(calibration, rows);
         let wanted = self.wanted();
         for row in 0..rows.fresh.len() {
-            // Further stationary intervals are looked for after the first.
-            self.is_done |= self.found >= wanted && self.finder.is_none();
-            if self.is_done || self.found >= wanted {
+            if self.is_over || self.found >= wanted {
                 return;
             }
             let time = rows.times_s.get(row).copied();
             extend(&mut self.seen_s, time);
             let is_early = match self.rule {
                 TareRule::Between(_, end_s) if time.is_none_or(|time| time > end_s) => {
-                    self.is_done = true;
+                    self.is_over = true;
                     return;
                 }
                 TareRule::Between(start_s, _) => time.is_some_and(|time| time < start_s),
@@ -135,7 +138,6 @@ impl TareSearch {
                 self.take(calibration, rows, row);
             }
         }
-        self.is_done |= self.found >= wanted && self.finder.is_none();
     }
 
     fn look_for_rests(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {

@@ -33,16 +33,12 @@ pub enum SyntheticLayout {
 
 impl SyntheticLayout {
     /// The line that names the columns, empty if the layout has none.
-    pub fn header(self, kind: RecordingKind) -> &'static str {
+    pub fn header(self, kind: RecordingKind) -> String {
+        let group = if kind == RecordingKind::Zero { "" } else { ",group" };
         match self {
-            Self::Shellcal if kind == RecordingKind::Zero => {
-                "t_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n"
-            }
-            Self::Shellcal => {
-                "t_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm,group\n"
-            }
-            Self::Peer => "Timestamp,Fx,Fy,Fz,Mx,My,Mz,s0,s1,s2,s3,s4,s5,s6,s7\n",
-            Self::Training => "",
+            Self::Shellcal => format!("{FRAME_HEADER}{}{group}\n", &WRENCH_HEADER["t_s".len()..]),
+            Self::Peer => "Timestamp,Fx,Fy,Fz,Mx,My,Mz,s0,s1,s2,s3,s4,s5,s6,s7\n".to_owned(),
+            Self::Training => String::new(),
         }
     }
 

@@ -17,7 +17,6 @@ use super::profile::Profile;
 use super::results::{Diagnostic, Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
 use super::signals::{Signals, count_fresh};
 use super::statistics::Interval;
-use super::trace::Trace;
 use super::uncertainty::half_widths;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -52,7 +51,12 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     }
     let spans = evaluation.signals.strides.iter().flat_map(Strides::spans);
     let stride_rows = (1..).zip(spans).map(|(k, span)| evaluation.stride_row(k, span)).collect();
-    let trace = evaluation.trace();
+    let whole = || evaluation.signals.into_trace(rows);
+    let trace = match options.trace {
+        TraceExtent::Nothing => None,
+        TraceExtent::Window => Some(whole().within(enter, exit)),
+        TraceExtent::Log => Some(whole()),
+    };
     Ok(TrialResult { row, stride_rows, diagnostics, trace, phase: None })
 }
 
@@ -163,14 +167,5 @@ impl TrialEvaluation<'_> {
             rows: rows_within(times, start, end).len() as u64,
             measures: measures.unwrap_or_default(),
         }
-    }
-
-    fn trace(&self) -> Option<Trace> {
-        let rows = match self.input.options.trace {
-            TraceExtent::Nothing => return None,
-            TraceExtent::Window => self.window.clone(),
-            TraceExtent::Log => 0..self.input.rows.times_s.len(),
-        };
-        Some(self.signals.trace(self.input.rows, rows))
     }
 }

@@ -11,7 +11,6 @@
 //! `needed_s` of the pipeline's set-up says how far around. `docs/trials.md` has the formulas
 //! and definitions, the crate `forces` the way from readings to forces.
 
-mod cell_position;
 mod error;
 mod evaluate;
 mod input;

@@ -11,7 +11,7 @@ use shell_data::hint::quoted;
 use shell_data::telemetry::Telemetry;
 use toml::{Spanned, Table, Value};
 
-use super::cell_position::{ManifestProblem, parse_toml as parse};
+use super::manifest::{ManifestProblem, parse_toml as parse};
 
 /// The built-in profile as a document, to start another from.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
@@ -129,19 +129,15 @@ impl Profile {
         Ok(profile)
     }
 
-    /// What the profile says of a column of telemetry.
-    fn column(&self, kind: Telemetry) -> Option<&TelemetryColumn> {
-        self.columns.get(key_of(kind)?)
-    }
-
     /// The name that its logs have for a column of telemetry, where the profile gives one.
     pub fn column_name(&self, kind: Telemetry) -> Option<&str> {
-        self.column(kind)?.name.as_deref()
+        self.columns.get(key_of(kind)?)?.name.as_deref()
     }
 
     /// How much of the SI unit the unit of a column is, where the profile gives one.
     pub(super) fn unit(&self, kind: Telemetry) -> Option<f64> {
-        self.column(kind)?.unit_in_si(kind)
+        let (key, _, units) = COLUMNS.into_iter().find(|(_, of, _)| *of == kind)?;
+        in_si(self.columns.get(key)?.unit.as_deref()?, units)
     }
 
     /// The angle of what a column of a leg's position counts, rad.
@@ -247,23 +243,19 @@ pub(super) fn key_of(kind: Telemetry) -> Option<&'static str> {
     COLUMNS.into_iter().find(|(_, of, _)| *of == kind).map(|(key, ..)| key)
 }
 
-impl TelemetryColumn {
-    /// How much of the SI unit its unit is, as a column of this kind.
-    pub(super) fn unit_in_si(&self, kind: Telemetry) -> Option<f64> {
-        let (_, _, units) = COLUMNS.into_iter().find(|(_, of, _)| *of == kind)?;
-        let unit = self.unit.as_deref()?;
-        units.iter().find(|(name, _)| *name == unit).map(|(_, si)| *si)
-    }
+/// How much of the SI unit a unit is, if it is one of these.
+fn in_si(unit: &str, units: Units) -> Option<f64> {
+    units.iter().find(|(name, _)| *name == unit).map(|(_, si)| *si)
 }
 
 /// Checks what a profile says of the column `key`; what is wrong is said in words.
-pub(super) fn check_column(key: &str, column: &TelemetryColumn) -> Result<(), String> {
-    let Some((_, kind, units)) = COLUMNS.into_iter().find(|(known, ..)| *known == key) else {
+fn check_column(key: &str, column: &TelemetryColumn) -> Result<(), String> {
+    let Some((.., units)) = COLUMNS.into_iter().find(|(known, ..)| *known == key) else {
         let keys = quoted(COLUMNS.iter().map(|(key, ..)| key), ", ");
         return Err(format!("no column `{key}`, expected one of {keys}"));
     };
     match &column.unit {
-        Some(unit) if column.unit_in_si(kind).is_none() => {
+        Some(unit) if in_si(unit, units).is_none() => {
             let units = quoted(units.iter().map(|(unit, _)| unit), " or ");
             Err(format!("`{key}` cannot be in `{unit}`, expected {units}"))
         }

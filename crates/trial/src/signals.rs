@@ -75,27 +75,23 @@ impl Signals {
         Ok(Self { forces, power, right_leg, left_leg, strides })
     }
 
-    /// The signals at some rows.
-    pub(super) fn trace(&self, of: &TrialRows, rows: Range<usize>) -> Trace {
-        let cut = |column: &[f64]| column.get(rows.clone()).unwrap_or_default().to_vec();
-        let wrench = self.forces.as_ref().map(|forces| forces.wrench.each_ref().map(|of| cut(of)));
-        let (power_w, [right_power_w, left_power_w]) = match &self.power {
-            Some(Power { sides_w: Some(sides), .. }) => {
-                (Vec::new(), sides.each_ref().map(|w| cut(w)))
-            }
-            Some(Power { total_w, sides_w: None }) => (cut(total_w), Default::default()),
+    /// The signals at all rows.
+    pub(super) fn into_trace(self, of: &TrialRows) -> Trace {
+        let (power_w, [right_power_w, left_power_w]) = match self.power {
+            Some(Power { sides_w: Some(sides), .. }) => (Vec::new(), sides),
+            Some(Power { total_w, sides_w: None }) => (total_w, Default::default()),
             None => Default::default(),
         };
         Trace {
-            t_s: cut(&of.times_s),
-            wrench: wrench.unwrap_or_default(),
-            fresh: of.fresh.get(rows.clone()).unwrap_or_default().to_vec(),
-            right_leg_rad: cut(&self.right_leg),
-            left_leg_rad: cut(&self.left_leg),
+            t_s: of.times_s.clone(),
+            wrench: self.forces.map(|forces| forces.wrench).unwrap_or_default(),
+            fresh: of.fresh.clone(),
+            right_leg_rad: self.right_leg,
+            left_leg_rad: self.left_leg,
             right_power_w,
             left_power_w,
             power_w,
-            stride_times_s: self.strides.as_ref().map_or_else(Vec::new, |s| s.times_s.clone()),
+            stride_times_s: self.strides.map(|strides| strides.times_s).unwrap_or_default(),
         }
     }
 }

@@ -25,7 +25,7 @@ pub fn write_log(
     match layout {
         TrialLayout::WithoutTelemetry => {
             writeln!(text, "{FRAME_HEADER}")?;
-            for (time_s, frame) in trial.frames()? {
+            for (time_s, frame) in trial.frames() {
                 write_frame(&mut text, time_s, &frame)?;
                 rows += 1;
             }
@@ -33,7 +33,7 @@ pub fn write_log(
         TrialLayout::Full | TrialLayout::WithoutSensors => {
             let sensors = layout == TrialLayout::Full;
             write_telemetry_header(&mut text, &trial.settings, sensors)?;
-            for row in trial.rows()? {
+            for row in trial.rows() {
                 write_telemetry_row(&mut text, &row, sensors)?;
                 rows += 1;
             }

@@ -19,7 +19,7 @@ const RATE_HZ: f64 = 100.0;
 /// The shipped unit, without light and warmth of its own but this rise of temperature, without hysteresis.
 fn sensor(warm_up_k: f64, warm_up_s: f64, seed: u64) -> SensorModel {
     let mut unit = SensorParameters::nominal().unit(1);
-    unit.make_elastic();
+    unit.elastic = true;
     unit.surroundings.start_k = 0.0;
     unit.surroundings.ambient = 0.0;
     (unit.surroundings.warm_up_k, unit.surroundings.warm_up_s) = (warm_up_k, warm_up_s);
@@ -127,7 +127,7 @@ fn slopes_are_those_of_the_warm_up() {
         // Truth: the mean of a second at the end less that of one at the start, from the model without
         // noise, per K in between.
         let mut quiet = SensorParameters::nominal().unit(1);
-        quiet.make_elastic();
+        quiet.elastic = true;
         quiet.scale_noise(0.0);
         quiet.adc_bits = 16;
         quiet.surroundings.start_k = 0.0;

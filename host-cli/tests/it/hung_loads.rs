@@ -55,7 +55,7 @@ impl Weight {
 /// Rows of the simulated sensor, 20 for each weight: group, readings, wrench.
 fn log(weights: &[Weight], label: bool, seed: u64) -> String {
     let mut unit = SensorParameters::nominal().unit(1);
-    unit.make_elastic();
+    unit.elastic = true;
     let mut sensor = SensorModel::new(&unit, seed).unwrap();
     let mut text = String::from(if label { "t,group," } else { "t," });
     text += "s1,s2,s3,s4,s5,s6,s7,s8,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n";

@@ -11,8 +11,7 @@ use simulation::sensor_model::{
 fn ideal() -> SensorParameters {
     let mut drawing = SensorParameters::nominal();
     drawing.scale_noise(0.0);
-    drawing.creep.fraction = 0.0;
-    drawing.hysteresis.fraction = 0.0;
+    drawing.elastic = true;
     drawing.surroundings.ambient = 0.0;
     drawing.surroundings.start_k = 0.0;
     drawing.surroundings.warm_up_k = 0.0;

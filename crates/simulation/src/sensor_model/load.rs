@@ -28,6 +28,17 @@ const REST_S: f64 = 0.1;
 const TAPS: u32 = 4;
 const TAP_S: f64 = 0.08;
 
+/// What is done to the shell during a recording.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RecordingKind {
+    /// Loads to calibrate on.
+    Training,
+    /// Other loads, to test a calibration on.
+    Test,
+    /// Nothing touches the shell.
+    Zero,
+}
+
 /// A sequence of poses, or no load at all.
 #[derive(Clone, Debug)]
 pub struct LoadScript {
@@ -37,22 +48,13 @@ pub struct LoadScript {
 }
 
 impl LoadScript {
-    /// The poses of the training recording that `seed` names.
-    pub fn training(seed: u64) -> Self {
-        Self::new(Purpose::TrainingPoses, seed)
-    }
-
-    /// The poses of the test recording that `seed` names; never those of a training recording.
-    pub fn test(seed: u64) -> Self {
-        Self::new(Purpose::TestPoses, seed)
-    }
-
-    /// No load.
-    pub fn zero() -> Self {
-        Self { poses: None, first: [0.0; 2], current: None }
-    }
-
-    fn new(purpose: Purpose, seed: u64) -> Self {
+    /// The loads of the recording of this kind that `seed` names; those of a test are never those of a training.
+    pub fn new(kind: RecordingKind, seed: u64) -> Self {
+        let purpose = match kind {
+            RecordingKind::Training => Purpose::TrainingPoses,
+            RecordingKind::Test => Purpose::TestPoses,
+            RecordingKind::Zero => return Self { poses: None, first: [0.0; 2], current: None },
+        };
         let mut stream = RandomStream::new(seed, purpose, u64::MAX);
         let first = std::array::from_fn(|_| stream.uniform());
         Self { poses: Some((purpose, seed)), first, current: None }
@@ -238,11 +240,14 @@ impl LoadTable {
 
 #[cfg(test)]
 mod tests {
+    use super::RecordingKind::{Test, Training};
     use super::*;
 
     #[test]
     fn thirty_poses_load_every_axis_both_ways() {
-        for mut script in [LoadScript::training(1), LoadScript::training(9), LoadScript::test(1)] {
+        for mut script in
+            [LoadScript::new(Training, 1), LoadScript::new(Training, 9), LoadScript::new(Test, 1)]
+        {
             let mut extremes = [[0.0_f64; 2]; 6];
             for step in 0..6000 {
                 for (extreme, w) in extremes.iter_mut().zip(script.wrench_at(0.01 * step as f64)) {
@@ -258,17 +263,17 @@ mod tests {
 
     #[test]
     fn load_is_a_function_of_time_alone() {
-        let mut forward = LoadScript::training(5);
+        let mut forward = LoadScript::new(Training, 5);
         let times: Vec<f64> = (0..500).map(|i| 0.037 * f64::from(i)).collect();
         let along: Vec<_> = times.iter().map(|&t| forward.wrench_at(t)).collect();
-        let mut backward = LoadScript::training(5);
+        let mut backward = LoadScript::new(Training, 5);
         let back: Vec<_> = times.iter().rev().map(|&t| backward.wrench_at(t)).collect();
         assert!(along.iter().eq(back.iter().rev()));
     }
 
     #[test]
     fn load_is_smooth_also_from_pose_to_pose() {
-        let mut script = LoadScript::training(2);
+        let mut script = LoadScript::new(Training, 2);
         let mut before = script.wrench_at(0.0);
         for step in 1..200_000 {
             let wrench = script.wrench_at(1e-4 * f64::from(step));
@@ -282,9 +287,15 @@ mod tests {
 
     #[test]
     fn test_poses_are_not_those_of_the_training() {
-        assert_ne!(LoadScript::training(1).wrench_at(1.0), LoadScript::test(1).wrench_at(1.0));
-        assert_ne!(LoadScript::training(1).wrench_at(1.0), LoadScript::training(2).wrench_at(1.0));
-        assert_eq!(LoadScript::zero().wrench_at(1.0), [0.0; 6]);
+        assert_ne!(
+            LoadScript::new(Training, 1).wrench_at(1.0),
+            LoadScript::new(Test, 1).wrench_at(1.0)
+        );
+        assert_ne!(
+            LoadScript::new(Training, 1).wrench_at(1.0),
+            LoadScript::new(Training, 2).wrench_at(1.0)
+        );
+        assert_eq!(LoadScript::new(RecordingKind::Zero, 1).wrench_at(1.0), [0.0; 6]);
     }
 
     fn along_x(newton: f64) -> PerAxis<f64> {

@@ -26,19 +26,17 @@ mod response;
 mod springs;
 
 pub use geometry::Reflector;
-pub use load::{LoadScript, LoadTable};
+pub use load::{LoadScript, LoadTable, RecordingKind};
 pub use pair::{Pair, PairSettings};
 pub use parameters::{Reference, SensorChannel, SensorNoise, SensorParameters, Surroundings};
-pub use recording::{
-    RecordingKind, RecordingSettings, ReferenceSensor, SensorRecording, SensorSample,
-};
+pub use recording::{RecordingSettings, ReferenceSensor, SensorRecording, SensorSample};
 use springs::compliance;
-pub use springs::{Creep, Displacement, Hysteresis, Spring, stiffness};
+pub use springs::{Displacement, Spring, stiffness};
 
 use crate::SimulationError;
 use geometry::RigidMotion;
 use shell_data::random::{Purpose, RandomStream};
-use springs::Suspension;
+use springs::{CREEP, HYSTERESIS, Suspension};
 
 use shell_data::wrench::PerAxis;
 
@@ -87,11 +85,12 @@ impl SensorModel {
         let loose =
             || SimulationError("the springs do not hold the plate in all six directions".into());
         let compliance = compliance(&stiffness(&unit.springs)).ok_or_else(loose)?;
+        let (creep, hysteresis) = if unit.elastic { (0.0, 0.0) } else { (CREEP, HYSTERESIS) };
         let mut session = RandomStream::new(seed, Purpose::Session, 0);
         Ok(Self {
             unit: unit.clone(),
             normals: unit.channels.map(|channel| channel.reflector.normal()),
-            suspension: Suspension::new(compliance, unit.creep, unit.hysteresis),
+            suspension: Suspension::new(compliance, creep, hysteresis),
             start_k: unit.surroundings.start_k * session.normal(),
             ambient: std::array::from_fn(|_| unit.surroundings.ambient * session.normal()),
             full_scale: f64::from(1_u32 << unit.adc_bits),

@@ -8,7 +8,9 @@
 //! The load is a function of reference time. The board's clock shows 0 at its first frame.
 
 use super::recording::check_timing;
-use super::{LoadScript, ReferenceSensor, SensorModel, SensorParameters, SimulatedFrame};
+use super::{
+    LoadScript, RecordingKind, ReferenceSensor, SensorModel, SensorParameters, SimulatedFrame,
+};
 use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
@@ -48,7 +50,8 @@ pub struct PairSettings {
 #[derive(Clone, Debug)]
 pub struct Pair {
     settings: PairSettings,
-    unit: SensorParameters,
+    sensor: SensorModel,
+    reference: ReferenceSensor,
     load: LoadScript,
 }
 
@@ -76,11 +79,13 @@ impl Pair {
             "a share of {loss} of the frames lost, where 0 to 1 (excluded) is wanted"
         );
         let unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
-        let load = match settings.loaded {
-            true => LoadScript::training(settings.seed),
-            false => LoadScript::zero(),
-        };
-        Ok(Self { settings, unit, load })
+        let kind = if settings.loaded { RecordingKind::Training } else { RecordingKind::Zero };
+        Ok(Self {
+            settings,
+            sensor: SensorModel::new(&unit, settings.seed)?,
+            reference: ReferenceSensor::new(&unit.reference, settings.seed),
+            load: LoadScript::new(kind, settings.seed),
+        })
     }
 
     /// The load starts when the first of the two does.
@@ -90,43 +95,37 @@ impl Pair {
 
     /// The reference's recording: time on its clock, s, and wrench, N and N·m.
     pub fn reference(&self) -> impl Iterator<Item = (f64, PerAxis<f64>)> {
-        let PairSettings { seed, duration_s, margin_s, reference_rate_hz, offset_s, skew, .. } =
+        let PairSettings { duration_s, margin_s, reference_rate_hz, offset_s, skew, .. } =
             self.settings;
         let length_s = duration_s * (1.0 + skew) + 2.0 * margin_s;
-        let mut sensor = ReferenceSensor::new(&self.unit.reference, seed);
-        let mut load = self.load.clone();
-        let pair = self.clone();
+        let mut pair = self.clone();
         (0..count(length_s, reference_rate_hz)).map(move |k| {
             let time_s = offset_s - margin_s + k as f64 / reference_rate_hz;
-            (time_s, sensor.sample(&load.wrench_at(pair.load_time_s(time_s).max(0.0))))
+            let load_s = pair.load_time_s(time_s).max(0.0);
+            (time_s, pair.reference.sample(&pair.load.wrench_at(load_s)))
         })
     }
 
     /// The board's log: time on its clock, s, and frame.
-    ///
-    /// # Errors
-    /// [`SimulationError`] if the instrument cannot be modelled.
-    pub fn board(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, SimulationError> {
+    pub fn board(&self) -> impl Iterator<Item = (f64, SimulatedFrame)> {
         let PairSettings { seed, duration_s, board_rate_hz, offset_s, skew, loss, .. } =
             self.settings;
-        let mut sensor = SensorModel::new(&self.unit, seed)?;
         let mut losses = RandomStream::new(seed, Purpose::Losses, 0);
-        let mut load = self.load.clone();
         let parts = (SPRINGS_HZ / board_rate_hz).ceil().clamp(1.0, 1e3) as u64;
-        let pair = self.clone();
-        Ok((0..count(duration_s, board_rate_hz)).filter_map(move |k| {
+        let mut pair = self.clone();
+        (0..count(duration_s, board_rate_hz)).filter_map(move |k| {
             let time_s = k as f64 / board_rate_hz;
             let load_s = pair.load_time_s(time_s * (1.0 + skew) + offset_s).max(0.0);
             // The springs see what happens between two frames.
             for part in 1..parts {
                 let before_s = load_s - (parts - part) as f64 / (parts as f64 * board_rate_hz);
                 if before_s > 0.0 {
-                    sensor.sample(before_s, &load.wrench_at(before_s));
+                    pair.sensor.sample(before_s, &pair.load.wrench_at(before_s));
                 }
             }
-            let frame = sensor.sample(load_s, &load.wrench_at(load_s));
+            let frame = pair.sensor.sample(load_s, &pair.load.wrench_at(load_s));
             (losses.uniform() >= loss).then_some((time_s, frame))
-        }))
+        })
     }
 }
 

@@ -3,7 +3,7 @@
 //! [`SensorParameters::nominal`] is the drawing; [`SensorParameters::unit`] is one instrument built from it.
 
 use super::geometry::Reflector;
-use super::springs::{Creep, Hysteresis, Spring};
+use super::springs::Spring;
 use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 
@@ -64,10 +64,9 @@ pub struct Reference {
 pub struct SensorParameters {
     /// The springs that carry the reflector plate; the frame's origin is at their centre.
     pub springs: [Spring; 4],
-    /// Their creep.
-    pub creep: Creep,
-    /// Their hysteresis.
-    pub hysteresis: Hysteresis,
+    /// Whether they are without creep and hysteresis: readings are then a function of the load at the moment,
+    /// which a calibration can follow exactly.
+    pub elastic: bool,
     /// The eight channels: four flat, two tilted about y, two tilted about x.
     pub channels: [SensorChannel; 8],
     /// Noise of the readings.
@@ -123,9 +122,6 @@ impl SensorParameters {
     ///   0.5 %; what is left is taken as −0.2 % per K.
     /// - Reference: resolution as of a small strain-gauge sensor for 25 N and 250 N·mm (1/160 N,
     ///   1/32 N·mm), with noise of 1.5 steps.
-    /// - Creep and hysteresis: chosen so that a cubic calibration at the paper's sizes (77,522 and
-    ///   19,932 rows) leaves the paper's errors, 0.118, 0.122 and 0.126 N: a tenth of the travel
-    ///   comes late, and a loop is 2 · 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
     pub fn nominal() -> Self {
         let spring = |[x, y]: [f64; 2]| Spring {
             position_m: [x * MM, y * MM, 0.0],
@@ -144,8 +140,7 @@ impl SensorParameters {
         };
         Self {
             springs: [[25.0, 20.0], [-25.0, 20.0], [-25.0, -20.0], [25.0, -20.0]].map(spring),
-            creep: Creep { fraction: 0.10, time_s: 1.5 },
-            hysteresis: Hysteresis { fraction: 0.2, force_n: 0.7, moment_nm: 0.025 },
+            elastic: false,
             channels: [
                 channel([18.0, 15.0], 0.0, 0.0),
                 channel([-18.0, 15.0], 0.0, 0.0),
@@ -210,13 +205,6 @@ impl SensorParameters {
         let mut unit = Self::nominal().unit(unit_seed);
         unit.scale_noise(factor);
         Ok(unit)
-    }
-
-    /// Takes creep and hysteresis away: what is left is a function of the load at the moment, which a
-    /// calibration can follow exactly.
-    pub fn make_elastic(&mut self) {
-        self.creep.fraction = 0.0;
-        self.hysteresis.fraction = 0.0;
     }
 
     /// Scales every random noise, of the readings and of the reference sensor: 0 leaves none, 1 is

@@ -6,18 +6,7 @@ use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::{PerAxis, cross};
 
-use super::{LoadScript, SensorModel, SensorParameters, SimulatedFrame};
-
-/// What is done to the shell during a recording.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RecordingKind {
-    /// Loads to calibrate on.
-    Training,
-    /// Other loads, to test a calibration on.
-    Test,
-    /// Nothing touches the shell.
-    Zero,
-}
+use super::{LoadScript, RecordingKind, SensorModel, SensorParameters, SimulatedFrame};
 
 /// How a recording is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -93,19 +82,12 @@ impl SensorRecording {
         check_timing(rate_hz, start_time_s)?;
         let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
         unit.adc_bits = settings.adc_bits;
-        if settings.elastic {
-            unit.make_elastic();
-        }
-        let (load, session) = match kind {
-            RecordingKind::Training => (LoadScript::training(seed), 0),
-            RecordingKind::Test => (LoadScript::test(seed), 1),
-            RecordingKind::Zero => (LoadScript::zero(), 2),
-        };
+        unit.elastic = settings.elastic;
         // The two highest bits of a seed are free in practice: they make room for the kind.
-        let session_seed = seed.rotate_left(2) ^ session;
+        let session_seed = seed.rotate_left(2) ^ kind as u64;
         Ok(Self {
             settings,
-            load,
+            load: LoadScript::new(kind, seed),
             sensor: SensorModel::new(&unit, session_seed)?,
             reference: ReferenceSensor::new(&unit.reference, session_seed),
             row: 0,

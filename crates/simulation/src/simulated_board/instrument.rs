@@ -6,7 +6,7 @@ use firmware::{Clock, FrontEnd};
 use shared_proto::{COUNTS_PER_LSB, Vitals};
 
 use super::PacedClock;
-use crate::sensor_model::{Exposure, LoadScript, LoadTable, SensorModel};
+use crate::sensor_model::{Exposure, LoadScript, LoadTable, RecordingKind, SensorModel};
 use shell_data::lock::lock;
 use shell_data::wrench::PerAxis;
 
@@ -22,16 +22,14 @@ const ROOM_C: f64 = 23.0;
 const SUPPLY_V: f64 = 3.3;
 const REFERENCE_V: f64 = 1.212;
 
+/// Time without a load before hands come, s.
+const REST_S: f64 = 5.0;
+
 /// What is done to the shell, over the board's time.
 #[derive(Clone, Debug)]
 pub enum Load {
-    /// Nothing for so many seconds, in which a zero can be taken; then hands.
-    Hands {
-        /// Time without a load, s.
-        rest_s: f64,
-        /// Their poses.
-        script: LoadScript,
-    },
+    /// Nothing for five seconds, in which a zero can be taken; then hands.
+    Hands(LoadScript),
     /// What somebody has written down.
     Table(LoadTable),
     /// What somebody says while it runs, N and N·m.
@@ -41,14 +39,14 @@ pub enum Load {
 impl Load {
     /// Five seconds of rest and then the poses of a test recording.
     pub fn hands(seed: u64) -> Self {
-        Self::Hands { rest_s: 5.0, script: LoadScript::test(seed) }
+        Self::Hands(LoadScript::new(RecordingKind::Test, seed))
     }
 
     /// The wrench (N and N·m) at a time since the start.
     pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
         match self {
-            Self::Hands { rest_s, .. } if time_s < *rest_s => PerAxis::default(),
-            Self::Hands { rest_s, script } => script.wrench_at(time_s - *rest_s),
+            Self::Hands(_) if time_s < REST_S => PerAxis::default(),
+            Self::Hands(script) => script.wrench_at(time_s - REST_S),
             Self::Table(table) => table.wrench_at(time_s),
             Self::Commanded(wrench) => *lock(wrench),
         }

@@ -156,6 +156,7 @@ pub struct VirtualTrial {
     pub gait: Gait,
     contact: BeamContact,
     drive: Drive,
+    sensor: SensorModel,
     /// First and last contact with the beams, s on the robot's clock.
     pub window_s: [f64; 2],
     /// Times of the rows, s, also of those that go missing.
@@ -172,6 +173,9 @@ impl VirtualTrial {
     /// [`SimulationError`] if the settings make none.
     pub fn new(settings: TrialSettings) -> Result<Self, SimulationError> {
         check(&settings)?;
+        let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
+        unit.elastic = settings.elastic;
+        let sensor = SensorModel::new(&unit, settings.seed)?;
         let TrialSettings { seed, condition, stride_hz, lead_in_s, .. } = settings;
         let mut random = RandomStream::new(seed, Purpose::Trial, 0);
         let usual_w = drive::usual_power_w(stride_hz);
@@ -200,8 +204,17 @@ impl VirtualTrial {
             Counter::LongWrapping => -i64::from(i32::MIN) - span,
             Counter::Turn => 0,
         };
-        let frame_delay_s = random.between(0.0, FRAME_S);
-        Ok(Self { settings, gait, contact, drive, window_s, times_s, first_count, frame_delay_s })
+        Ok(Self {
+            settings,
+            gait,
+            contact,
+            drive,
+            sensor,
+            window_s,
+            times_s,
+            first_count,
+            frame_delay_s: random.between(0.0, FRAME_S),
+        })
     }
 
     /// The wrench on the shell at `time_s`, N and N·m.
@@ -211,27 +224,19 @@ impl VirtualTrial {
     }
 
     /// The sensor's frames with their times, s on the robot's clock.
-    ///
-    /// # Errors
-    /// [`SimulationError`] if the sensor cannot be modelled.
-    pub fn frames(&self) -> Result<impl Iterator<Item = (f64, SimulatedFrame)>, SimulationError> {
-        let TrialSettings { unit_seed, noise_scale, .. } = self.settings;
-        let mut unit = SensorParameters::noisy_unit(unit_seed, noise_scale)?;
-        if self.settings.elastic {
-            unit.make_elastic();
-        }
-        let mut sensor = SensorModel::new(&unit, self.settings.seed)?;
+    pub fn frames(&self) -> impl Iterator<Item = (f64, SimulatedFrame)> {
+        let mut sensor = self.sensor.clone();
         let end_s = self.times_s[self.times_s.len() - 1];
         let frames = ((end_s - self.frame_delay_s) / FRAME_S) as u64 + 1;
-        Ok((0..frames).map(move |frame| {
+        (0..frames).map(move |frame| {
             let time_s = self.frame_delay_s + frame as f64 * FRAME_S;
             (time_s, sensor.sample(time_s, &self.wrench_at(time_s)))
-        }))
+        })
     }
 }
 
 fn check(settings: &TrialSettings) -> Result<(), SimulationError> {
-    let &TrialSettings { stride_hz, lead_in_s, encoder_noise, noise_scale, missing, .. } = settings;
+    let &TrialSettings { stride_hz, lead_in_s, encoder_noise, missing, .. } = settings;
     let ChannelForces { drag_n, lift_n, specific_resistance, .. } = settings.condition;
     let is_rate = (0.2..=50.0).contains(&stride_hz);
     ensure!(is_rate, "{stride_hz} strides per second, where 0.2 to 50 can be made");
@@ -239,8 +244,6 @@ fn check(settings: &TrialSettings) -> Result<(), SimulationError> {
     ensure!(is_time, "a lead-in of {lead_in_s} s, where 0 to 3600 s can be made");
     let is_noise = (0.0..=1000.0).contains(&encoder_noise);
     ensure!(is_noise, "encoder noise of {encoder_noise} counts, where 0 to 1000 can be made");
-    let is_factor = noise_scale.is_finite() && noise_scale >= 0.0;
-    ensure!(is_factor, "noise scaled by {noise_scale}, where a factor of 0 or more is wanted");
     let is_share = (0.0..1.0).contains(&missing);
     ensure!(is_share, "a share of {missing} of the frames lost, where 0 to 1 (excluded) is wanted");
     let are_usual = drag_n.abs() <= 10.0

@@ -3,7 +3,6 @@
 use super::drive::Drive;
 use super::{Counter, LegSide, VirtualTrial};
 use super::{GRAVITY, RAD_PER_COUNT, TURN};
-use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 
 /// The columns, as the lab names them: those of the robot, then those of the sensor.
@@ -31,17 +30,14 @@ const ACCELERATION_M_S2: [f64; 2] = [4.0, 5.0];
 
 impl VirtualTrial {
     /// The rows of the log, those that go missing left out.
-    ///
-    /// # Errors
-    /// [`SimulationError`] if the sensor cannot be modelled.
-    pub fn rows(&self) -> Result<impl Iterator<Item = TelemetryRow>, SimulationError> {
+    pub fn rows(&self) -> impl Iterator<Item = TelemetryRow> {
         let seed = self.settings.seed;
         let mut noise = RandomStream::new(seed, Purpose::Telemetry, 0);
         let mut losses = RandomStream::new(seed, Purpose::Losses, 0);
-        let mut frames = self.frames()?.peekable();
+        let mut frames = self.frames().peekable();
         // Before its first frame the sensor shows what it had before: the same, but for noise.
         let mut readings = frames.peek().map(|(_, frame)| frame.readings).unwrap_or_default();
-        Ok(self.times_s.iter().enumerate().filter_map(move |(row, &time_s)| {
+        self.times_s.iter().enumerate().filter_map(move |(row, &time_s)| {
             while let Some((_, frame)) = frames.next_if(|&(at_s, _)| at_s <= time_s) {
                 readings = frame.readings;
             }
@@ -50,7 +46,7 @@ impl VirtualTrial {
                 *value = i64::from(reading);
             }
             (losses.uniform() >= self.settings.missing).then_some(values)
-        }))
+        })
     }
 
     /// The columns of the robot; those of the sensor are zero.

@@ -168,7 +168,7 @@ mod tests {
                 (settings.counter, settings.reversed) = (counter, reversed);
                 (settings.encoder_noise, settings.noise_scale) = (0.0, 0.0);
             });
-            let rows: Vec<_> = trial.rows().unwrap().collect();
+            let rows: Vec<_> = trial.rows().collect();
             let turn_of = |row: &super::super::TelemetryRow| row[1].div_euclid(1 << 16);
             let within = |row: &super::super::TelemetryRow| row[1].rem_euclid(1 << 16);
             // A fast leg moves 900 counts between rows: only a wrap moves it by more than half a turn.

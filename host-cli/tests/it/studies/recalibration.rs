@@ -25,7 +25,7 @@ struct State {
 impl State {
     fn new(seed: u64) -> Self {
         let mut unit = SensorParameters::nominal().unit(seed);
-        unit.make_elastic();
+        unit.elastic = true;
         Self { unit, lever_m: [0.0; 3], turn_rad: [0.0; 3], session: 10 * seed }
     }
 

@@ -66,7 +66,7 @@ fn error(
 ) -> (f64, f64) {
     let trial = VirtualTrial::new(settings).unwrap();
     let mut rows = TrialRows { readings: vec![Vec::new(); 8], ..TrialRows::default() };
-    for (time_s, frame) in trial.frames().unwrap() {
+    for (time_s, frame) in trial.frames() {
         rows.times_s.push(time_s);
         rows.fresh.push(true);
         for (column, reading) in rows.readings.iter_mut().zip(frame.readings) {

@@ -40,7 +40,7 @@ fn a_trial([t_enter_s, t_exit_s]: [f64; 2]) -> Trial {
 
 /// The telemetry of a trial as the evaluation takes it, without the readings.
 fn trial_rows(trial: &VirtualTrial) -> TrialRows {
-    let rows: Vec<_> = trial.rows().unwrap().collect();
+    let rows: Vec<_> = trial.rows().collect();
     let column = |at: usize| rows.iter().map(|row| row[at] as f64).collect::<Vec<_>>();
     TrialRows {
         times_s: column(0).into_iter().map(|us| us / 1e6).collect(),
@@ -140,7 +140,7 @@ const LOADS: [[f64; 2]; 6] =
 fn true_calibration(unit_seed: u64) -> Calibration {
     let mut unit = SensorParameters::nominal().unit(unit_seed);
     unit.scale_noise(0.0);
-    unit.make_elastic();
+    unit.elastic = true;
     let mut sensor = SensorModel::new(&unit, 99).unwrap();
     let mut text = Vec::new();
     write!(text, "fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm").unwrap();

@@ -27,7 +27,7 @@ pub(crate) fn recordings(settings: PairSettings) -> (Recording, Recording) {
         reference.columns.iter_mut().zip(wrench).for_each(|(column, w)| column.push(w));
     }
     let mut board = Recording { time_s: vec![], columns: vec![vec![]; 8] };
-    for (time_s, frame) in pair.board().unwrap() {
+    for (time_s, frame) in pair.board() {
         board.time_s.push(time_s);
         let readings = frame.readings.map(f64::from);
         board.columns.iter_mut().zip(readings).for_each(|(column, r)| column.push(r));

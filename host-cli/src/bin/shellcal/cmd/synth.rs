@@ -122,7 +122,7 @@ impl RecordingArgs {
         let mut out = printer.create_or_stdout(self.output.as_ref())?;
         let layout = self.layout;
         let progress = printer.count("making rows", rows);
-        let mut text = layout.header(kind).as_bytes().to_vec();
+        let mut text = layout.header(kind).into_bytes();
         let (mut bytes, mut rows_saturated) = (0, 0);
         for sample in recording.take(rows as usize) {
             layout.write_row(&mut text, kind, &sample)?;
@@ -236,7 +236,7 @@ impl PairArgs {
             reference_rows += 1;
         }
         writeln!(log, "{FRAME_HEADER}")?;
-        for (time_s, frame) in pair.board()? {
+        for (time_s, frame) in pair.board() {
             write_frame(&mut log, time_s, &frame)?;
             log_rows += 1;
         }
