@@ -223,7 +223,7 @@ impl Workspace {
 
 /// The elements of a column, which in every matrix here follow each other.
 #[inline(always)]
-fn contiguous(column: ColRef<'_, f64>) -> &[f64] {
+pub(super) fn contiguous(column: ColRef<'_, f64>) -> &[f64] {
     column.try_as_col_major().expect("a column of a column-major matrix").as_slice()
 }
 
