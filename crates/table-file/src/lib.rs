@@ -1,6 +1,6 @@
 //! Tables in binary files, read row by row.
 //!
-//! [`recognise`] tells from the first bytes what a file is. [`Table::open`] finds its columns, and
+//! [`recognise()`] tells from the first bytes what a file is. [`Table::open`] finds its columns, and
 //! [`Table::text`] streams its rows as the text of a CSV file, in memory that does not grow with their
 //! number: what reads text logs reads these as well, to the same bits, as every number is written with
 //! the digits that read back as the same.
