@@ -222,7 +222,7 @@ pub struct AtomicFile {
 impl AtomicFile {
     /// The standard output in place of a file, for what is not printed line by line.
     pub fn stdout() -> Self {
-        Self { path: "-".into(), file: BufWriter::new(Box::new(io::stdout())), replacement: None }
+        Self { path: "standard output".into(), file: BufWriter::new(Box::new(io::stdout())), replacement: None }
     }
 
     fn open(path: &Path) -> io::Result<Self> {
