@@ -222,7 +222,8 @@ pub struct AtomicFile {
 impl AtomicFile {
     /// The standard output in place of a file, for what is not printed line by line.
     pub fn stdout() -> Self {
-        Self { path: "standard output".into(), file: BufWriter::new(Box::new(io::stdout())), replacement: None }
+        let stdout: Box<dyn Write + Send> = Box::new(io::stdout());
+        Self { path: "standard output".into(), file: BufWriter::new(stdout), replacement: None }
     }
 
     fn open(path: &Path) -> io::Result<Self> {
