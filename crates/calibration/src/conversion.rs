@@ -169,7 +169,10 @@ impl Calibration {
 
     /// The number of rows with a reading outside the range of the training data.
     pub fn rows_out_of_range(&self, readings: &[Vec<f64>]) -> u64 {
-        self.out_of_range(readings).iter().filter(|&&flags| flags != 0).count() as u64
+        match self.valid_range {
+            Some(_) => self.out_of_range(readings).iter().filter(|&&of| of != 0).count() as u64,
+            None => 0,
+        }
     }
 
     /// Number of rows, after a check of the shape that callers promise.

@@ -73,12 +73,12 @@ pub fn merge(all: &mut PerAxis<AxisErrors>, other: &PerAxis<AxisErrors>) {
     all.iter_mut().zip(other).for_each(|(all, other)| all.merge(other));
 }
 
-/// What there is to say of each axis, between its name and its unit: `Fx 0.12 N, Fy 0.1 N`.
+/// A value for each axis, written between its name and its unit: `Fx 0.12 N, Fy 0.1 N`.
 pub(crate) fn in_units(
     axes: impl IntoIterator<Item = Axis>,
-    say: impl Fn(usize) -> String,
+    value: impl Fn(usize) -> String,
 ) -> String {
-    let of = |axis: Axis| format!("{} {} {}", axis.name(), say(axis.index()), axis.unit());
+    let of = |axis: Axis| format!("{} {} {}", axis.name(), value(axis.index()), axis.unit());
     axes.into_iter().map(of).collect::<Vec<_>>().join(", ")
 }
 

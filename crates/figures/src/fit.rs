@@ -256,7 +256,7 @@ fn draw_density(
     panel.draw_frame(canvas);
 }
 
-/// The outline of a distribution at the side of a panel; `None` of nothing.
+/// The outline of a distribution at the side of a panel; `None` without values.
 fn steps(profile: &[(ValueRange, u64)], panel: &Panel, side: Rect) -> Option<String> {
     let density = |&(range, count): &(ValueRange, u64)| count as f64 / (range.high - range.low);
     let densest = profile.iter().map(density).fold(0.0, f64::max);

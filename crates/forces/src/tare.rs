@@ -183,7 +183,7 @@ impl TareSearch {
         });
     }
 
-    /// A pipeline with the tare and what it was taken from; with nothing where none is to be taken.
+    /// A pipeline with the tare and the frames that it is the mean of; without either by [`TareRule::Untared`].
     ///
     /// # Errors
     /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few.

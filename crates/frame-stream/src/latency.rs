@@ -50,7 +50,7 @@ impl Latency {
         self.stretch.push(host_us - board_us);
     }
 
-    /// What was found; `None` of nothing.
+    /// The summary of all rows; `None` if there were none.
     pub fn summary(mut self) -> Option<LatencySummary> {
         self.close();
         let ms = |share: f64| self.delays.quantile(share) * UNIT_US / 1000.0;

@@ -232,7 +232,7 @@ fn exact_sums_and_r_factors_are_not_merged_and_damaged_r_factors_are_refused() {
     };
     assert_eq!(sealed(&text), text);
     let cases = [
-        ("\"triangle\"", "\"square\"", "enum `moments` or `triangle`"),
+        ("\"triangle\"", "\"square\"", "missing field `moments` or `triangle`"),
         ("\"rows\": 833,\n    \"scaling\"", "\"rows\": 834,\n    \"scaling\"", "the sum of ones"),
         ("\"channels\": 8", "\"channels\": 7", "`triangle` are not those of `model`"),
         ("\"held_out_folds\": 0", "\"held_out_folds\": 1", "that are held out"),

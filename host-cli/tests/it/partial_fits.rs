@@ -153,7 +153,7 @@ fn a_damaged_or_foreign_part_is_refused() {
         ("\"partial_schema_version\": 4", "\"partial_schema_version\": 5", "schema version is `5`"),
         ("\"channels\": 8", "\"channels\": 7", "`moments` are not those of `model`"),
         ("\"rows\": 900,\n    \"channels\"", "\"rows\": 901,\n    \"channels\"", "sum of ones"),
-        ("\"moments\"", "\"sums\"", "enum `moments` or `triangle`"),
+        ("\"moments\"", "\"sums\"", "missing field `moments`"),
     ];
     for (from, to, expected) in cases {
         assert!(text.contains(from), "{from} in {}", &text[..600]);

@@ -9,8 +9,7 @@ use super::MergeError;
 
 /// What is kept of some rows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-// What serde calls it where a document has neither.
-#[serde(rename = "`moments` or `triangle`")]
+#[serde(try_from = "SumsDocument")]
 pub enum Sums {
     /// Exact sums: merged in any order they are the same, bit for bit.
     #[serde(rename = "moments")]
@@ -18,6 +17,26 @@ pub enum Sums {
     /// The R factor of rows that cannot be summed exactly: merged in another order it differs in its last digits.
     #[serde(rename = "triangle")]
     Factored(FactoredRows),
+}
+
+/// The fields of a document, one of which has them.
+#[derive(Deserialize)]
+struct SumsDocument {
+    moments: Option<Moments>,
+    triangle: Option<FactoredRows>,
+}
+
+impl TryFrom<SumsDocument> for Sums {
+    type Error = &'static str;
+
+    fn try_from(SumsDocument { moments, triangle }: SumsDocument) -> Result<Self, Self::Error> {
+        match (moments, triangle) {
+            (Some(moments), None) => Ok(Self::Exact(moments)),
+            (None, Some(triangle)) => Ok(Self::Factored(triangle)),
+            (None, None) => Err("missing field `moments` or `triangle`"),
+            (Some(_), Some(_)) => Err("it has both `moments` and `triangle`"),
+        }
+    }
 }
 
 impl Sums {

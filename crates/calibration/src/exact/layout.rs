@@ -153,7 +153,7 @@ impl MomentLayout {
         }
     }
 
-    /// The same for sums of one and the features with something else.
+    /// The same for the sums of one axis of the wrench, or of its digits, times one and times each feature.
     pub(crate) fn move_features(&self, sums: &mut [i128], by: &[i64]) {
         for ((_, steps), &by) in self.steps.iter().zip(by) {
             shift(sums, steps, by);

@@ -97,9 +97,9 @@ impl FeatureLimbs {
         (BITS - self.right_bits + 1).min(SQUARE_WIDTH)
     }
 
-    /// About how many products there are for a row, and what cutting takes as long as.
+    /// The cost of a row, in products: those of features and wrench, and the cutting of the wrench.
     fn cost(&self, layout: &MomentLayout, wrench: &[BinaryPlaces]) -> usize {
-        /// Products that take as long as cutting off one limb.
+        /// The cost of cutting off one limb.
         const CUT: usize = 5;
         let count = |cut: &Cut, f: usize| cut.counts[layout.features[f].factors().len()];
         let products = layout.groups.iter().map(|group| {
@@ -111,7 +111,7 @@ impl FeatureLimbs {
         let width = self.cross_width();
         let limbs: usize =
             wrench.iter().filter_map(|axis| axis.limbs(width)).map(|limbs| limbs.count).sum();
-        // Limbs of the usual width are there for the squares of the wrench anyway.
+        // Limbs of `SQUARE_WIDTH` are cut for the squares of the wrench in any case.
         let cut = if width == SQUARE_WIDTH { 0 } else { limbs };
         products.sum::<usize>() + (limbs + 1) * rights + CUT * cut
     }
@@ -165,9 +165,9 @@ impl BinaryPlaces {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// Limbs of the given width that cover these places, with a few places to spare where that takes no further limb:
-    /// one or two above, for larger loads; all others below, for a number that happens to be near zero has its last
-    /// place far below those of others. `None` if the places are too many.
+    /// Limbs of the given width that cover these places. Places that the last limb leaves over are added: one or two
+    /// above, for larger loads, and the others below, because the last place of a number near zero is far below those
+    /// of other numbers. `None` if the places are too many.
     pub(crate) fn limbs(self, width: u32) -> Option<Limbs> {
         /// More would be slower than other solvers and need more exponents than `f64` has.
         const MOST_PLACES: i32 = 256;

@@ -164,7 +164,8 @@ impl OpenSums {
             }
         };
         let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
-        // Of each axis, limb by limb: a limb is below 2²³, so each sum is below 2³⁰·2⁴⁸·2²³ wherever the origin is.
+        // For each axis, limb by limb. Wherever the origin is, 128 bits hold each sum: there are at most 2³⁰ rows, a
+        // feature is below 2⁴⁸ and a limb below 2²³.
         let planes = |limbs: &Limbs| {
             let mut planes = vec![vec![0; 1 + layout.features.len()]; limbs.count];
             for plane in &mut planes {

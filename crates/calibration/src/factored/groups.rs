@@ -447,25 +447,13 @@ mod tests {
         }
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let (solution, mut groups) = fitted(&block, model);
-        let found = Covariance::from_factored(
-            &groups,
-            None,
-            &solution,
-            (SolverKind::Tsqr.into(), 0.0),
-            Workers::ONE,
-        )
-        .unwrap_err();
-        assert_eq!(found, FitError::Alone { groups: vec!["4".to_owned()] });
+        let refused = |groups: &FactoredGroups| {
+            let method = (SolverKind::Tsqr.into(), 0.0);
+            Covariance::from_factored(groups, None, &solution, method, Workers::ONE).unwrap_err()
+        };
+        assert_eq!(refused(&groups), FitError::Alone { groups: vec!["4".to_owned()] });
         groups.groups.truncate(1);
-        let found = Covariance::from_factored(
-            &groups,
-            None,
-            &solution,
-            (SolverKind::Tsqr.into(), 0.0),
-            Workers::ONE,
-        )
-        .unwrap_err();
-        assert_eq!(found, FitError::TooFewGroups { found: 1 });
+        assert_eq!(refused(&groups), FitError::TooFewGroups { found: 1 });
     }
 
     /// The result depends on the order of the rows alone, not on how they come in.

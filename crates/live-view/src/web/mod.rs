@@ -413,7 +413,7 @@ mod tests {
         // Each is more than a system keeps for a connection.
         let filling = "x".repeat(32 << 20);
         thread::scope(|scope| {
-            // It reads meanwhile: however long that takes, it is none that takes nothing.
+            // This listener reads all the while, so that it is not dropped, however long publishing takes.
             scope.spawn(|| {
                 let mut line = String::new();
                 while line != "data: last\n" {
