@@ -3,7 +3,7 @@
     pip install numpy scipy polars pyarrow openpyxl mcap-ros2-support h5py
     python make_seeds.py
 
-The files are seeds of the fuzz targets, and what host-cli/tests/it/log_containers.rs compares.
+The files are seeds of the fuzz targets, and what host-cli/tests/logs/log_containers.rs compares.
 """
 
 import datetime

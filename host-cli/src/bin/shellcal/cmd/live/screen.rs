@@ -393,7 +393,7 @@ mod tests {
 
     fn assert_golden(name: &str, screen: &str) {
         let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("tests/it/golden/live")
+            .join("tests/boards/golden/live")
             .join(name);
         if std::env::var_os("SHELLCAL_BLESS").is_some() {
             std::fs::create_dir_all(path.parent().unwrap()).unwrap();

@@ -1,0 +1,36 @@
+//! Tests of boards: recording, live views, streams and `doctor`; one module for each subject.
+//!
+//! Tests on real recordings are ignored where `SHELLCAL_REAL_DATA` does not name their directory
+//! when the tests are built; see `build.rs`.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    unreachable_pub,
+    reason = "a test may panic and say why, and report its figures"
+)]
+
+#[cfg(unix)]
+mod board;
+#[cfg(unix)]
+mod board_line;
+#[cfg(unix)]
+mod board_port;
+mod board_wrench;
+mod doctor;
+#[cfg(unix)]
+mod doctor_port;
+#[cfg(all(unix, feature = "live"))]
+mod live;
+#[cfg(all(unix, feature = "live"))]
+mod live_serve;
+#[cfg(unix)]
+mod record_port;
+mod record_replay;
+#[cfg(unix)]
+mod record_restart;
+#[path = "../support/recording.rs"]
+mod recording;
+#[path = "../support/sealed.rs"]
+mod sealed;
+mod tcp_board;

@@ -1,0 +1,225 @@
+//! A sensor that creeps beside a reference that lags, from its logs to forces.
+
+use std::fmt::Write;
+use std::fs;
+use std::path::Path;
+
+use calibration_file::CalibrationFile;
+use serde_json::Value;
+use shell_data::wrench::PerAxis;
+use system_tests::random::Random;
+use system_tests::{program, real_recording};
+
+use crate::recording::column;
+
+const AXES: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
+const CHANNELS: usize = 6;
+const PERIOD_S: f64 = 0.005;
+const LAG_S: f64 = 0.0035;
+const CREEP: (f64, f64) = (0.15, 0.4);
+
+/// A log of readings that creep (`s + c·(s − e) = u`) and loads that the reference shows late; every seventh row is
+/// missing, as of frames that a radio loses. Each reading wanders by so many counts (root mean square), which it forgets
+/// within some fifty rows.
+pub(crate) fn log(dir: &Path, name: &str, seed: u64, wander: f64) {
+    let mut random = Random(seed);
+    let mut sines = |_| (random.unit() - 0.5, 1.0 + 15.0 * random.unit(), 6.0 * random.unit());
+    let sines: Vec<(f64, f64, f64)> = (0..6 * 8).map(&mut sines).collect();
+    let load = |axis: usize, t: f64| -> f64 {
+        sines[axis * 8..][..8].iter().map(|(size, w, phase)| size * (w * t + phase).sin()).sum()
+    };
+    let mixed = |channel: usize, t: f64| -> f64 {
+        let own = |axis: usize| {
+            let share = if axis == channel { 100.0 } else { ((channel * 6 + axis) as f64).sin() };
+            share * load(axis, t)
+        };
+        (0..6).map(own).sum()
+    };
+    // It has rested under the load that the log begins with.
+    let mut past: [f64; CHANNELS] = std::array::from_fn(|channel| mixed(channel, 0.0));
+    let mut text = "t_s,s1,s2,s3,s4,s5,s6,".to_owned() + &AXES.join(",") + "\n";
+    let mut off = [0.0; CHANNELS];
+    for row in 0..4000 {
+        for off in off.iter_mut().filter(|_| wander > 0.0) {
+            const KEPT: f64 = 0.98;
+            *off = KEPT * *off + wander * (1.0 - KEPT * KEPT).sqrt() * random.normal();
+        }
+        let t = f64::from(row) * PERIOD_S;
+        let mut readings = [0.0; CHANNELS];
+        for (channel, reading) in readings.iter_mut().enumerate() {
+            *reading = (mixed(channel, t) + CREEP.0 * past[channel]) / (1.0 + CREEP.0);
+        }
+        for (past, reading) in past.iter_mut().zip(readings) {
+            *past += (reading - *past) * -(-PERIOD_S / CREEP.1).exp_m1();
+        }
+        if row % 7 == 3 {
+            continue;
+        }
+        write!(text, "{t}").unwrap();
+        for (s, off) in readings.iter().zip(off) {
+            write!(text, ",{}", (2000.0 + s + off).round()).unwrap();
+        }
+        (0..6).for_each(|axis| write!(text, ",{:.5}", load(axis, t - LAG_S)).unwrap());
+        text.push('\n');
+    }
+    fs::write(dir.join(name), text).unwrap();
+}
+
+fn rms(report: &Value, set: &str) -> Vec<f64> {
+    report[set].as_array().unwrap().iter().map(|axis| axis["rms"].as_f64().unwrap()).collect()
+}
+
+#[test]
+fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    for (seed, name) in (1..).zip(["a.csv", "b.csv", "c.csv", "d.csv", "test.csv"]) {
+        log(dir, name, seed, 0.0);
+    }
+    let logs = "a.csv b.csv c.csv d.csv --test test.csv --model linear";
+    let plain = program::json(dir, &format!("fit {logs} --json"));
+    assert!(plain.get("dynamics").is_none());
+    let search = "--lag auto --memory-terms auto -o cal.json --json";
+    let found = program::json(dir, &format!("fit {logs} {search}"));
+    let dynamics = &found["dynamics"];
+    let lag = dynamics["lag"].as_f64().unwrap();
+    assert!((lag - LAG_S).abs() < 1e-4, "{dynamics}");
+    let times = dynamics["time_constants"].as_array().unwrap();
+    let near = |tau: &Value| (tau.as_f64().unwrap() / CREEP.1 - 1.0).abs() < 0.2;
+    assert!(times.iter().any(near), "{dynamics}");
+    let (before, after) = (rms(&plain, "test"), rms(&found, "test"));
+    assert!((0..6).all(|axis| after[axis] < 0.3 * before[axis]), "{before:?} {after:?}");
+
+    // The same errors on the same log from the file.
+    let evaluated = program::json(dir, "eval cal.json test.csv --json");
+    let of_all: Vec<f64> = rms(&evaluated["all"], "errors");
+    assert_eq!(of_all, after);
+
+    // What `convert` writes is what the library gives row by row, however the rows are cut.
+    program::succeed(dir, "convert cal.json test.csv --no-tare --no-lowpass -o out.csv");
+    let file = CalibrationFile::read(&dir.join("cal.json")).unwrap();
+    let numbers = |name: &str| -> Vec<f64> {
+        column(&dir.join("test.csv"), name).iter().map(|x| x.parse().unwrap()).collect()
+    };
+    let times_s = numbers("t_s");
+    let readings: Vec<Vec<f64>> = (1..=CHANNELS).map(|i| numbers(&format!("s{i}"))).collect();
+    let mut memory = file.calibration.start_memory().unwrap();
+    let converted: Vec<Vec<f64>> = AXES
+        .map(|axis| column(&dir.join("out.csv"), axis).iter().map(|x| x.parse().unwrap()).collect())
+        .into();
+    for row in 0..times_s.len() {
+        let mut frame: Vec<Vec<f64>> = readings.iter().map(|column| vec![column[row]]).collect();
+        frame.extend(memory.terms(&times_s[row..=row], &frame).unwrap());
+        let mut wrench = PerAxis::default();
+        file.calibration.wrench(&frame, &mut wrench);
+        for axis in 0..6 {
+            assert_eq!(wrench[axis][0].to_bits(), converted[axis][row].to_bits(), "row {row}");
+        }
+    }
+
+    // What cannot remember is told so.
+    let (_, said) = program::ended(dir, "export cal.json matrix.csv", 2);
+    assert!(said.contains("a matrix cannot have memory terms"), "{said}");
+    let bare: String = fs::read_to_string(dir.join("test.csv")).unwrap().replace("t_s,", "row,");
+    fs::write(dir.join("bare.csv"), bare).unwrap();
+    let (_, said) = program::ended(dir, "convert cal.json bare.csv --no-lowpass -o none.csv", 2);
+    assert!(said.contains("time"), "{said}");
+}
+
+#[test]
+fn what_is_given_is_not_searched_for() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    log(dir, "a.csv", 1, 0.0);
+    let given = "--lag 3.5 --memory-terms 0.4,2 --model linear -o cal.json --json";
+    let found = program::json(dir, &format!("fit a.csv {given}"));
+    assert_eq!(found["dynamics"]["lag"], 0.0035);
+    assert_eq!(found["dynamics"]["time_constants"], serde_json::json!([0.4, 2.0]));
+    let document = fs::read_to_string(dir.join("cal.json")).unwrap();
+    assert!(document.contains("\"s6-EMA2(s6)\""), "{document}");
+    for (option, wrong) in [("--lag", "soon"), ("--memory-terms", "0.1,-2")] {
+        program::ended(dir, &format!("fit a.csv {option} {wrong}"), 2);
+    }
+}
+
+#[test]
+fn poses_are_not_searched_and_the_reason_is_given() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut random = Random(3);
+    let mut text = "t_s,s1,s2,s3,s4,s5,s6,".to_owned() + &AXES.join(",") + ",group\n";
+    for row in 0..3000 {
+        let mut hung = Random(100 + row / 50);
+        let load: [f64; 6] = std::array::from_fn(|_| (200.0 * hung.unit()).round() / 100.0 - 1.0);
+        write!(text, "{}", row as f64 * PERIOD_S).unwrap();
+        for (channel, own) in load.iter().enumerate() {
+            let mixed = 100.0 * own + 10.0 * load[(channel + 1) % 6];
+            write!(text, ",{}", (2000.0 + mixed + random.normal()).round()).unwrap();
+        }
+        load.iter().for_each(|load| write!(text, ",{load}").unwrap());
+        writeln!(text, ",{}", row / 50).unwrap();
+    }
+    fs::write(dir.path().join("poses.csv"), text).unwrap();
+    let (_, said) = program::ended(dir.path(), "fit poses.csv --model auto", 0);
+    assert!(said.contains("the loads are constant in each pose"), "{said}");
+}
+
+/// The simulated springs creep: a tenth of their travel comes late by 1.5 s. Without creep and hysteresis nothing pays.
+#[test]
+fn creep_of_the_simulated_sensor_is_found_and_of_elastic_springs_none() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    for (elastic, file) in [("", "creeps"), (" --elastic", "elastic")] {
+        let rows = "--rows 2500 --rate 10";
+        program::run(dir, &format!("synth train {rows}{elastic} -o {file}.csv"), 0);
+        program::run(
+            dir,
+            &format!("synth test --rows 800 --rate 10{elastic} -o {file}-test.csv"),
+            0,
+        );
+    }
+    let fit = |of: &str, more: &str| {
+        let command = format!("fit {of}.csv --test {of}-test.csv --model auto {more} --json");
+        program::json(dir, &command)
+    };
+    // Contacts one by one: nothing is searched for unless that is asked for.
+    let plain = fit("creeps", "");
+    let reason = plain["dynamics"]["not_searched"].as_str().unwrap();
+    assert!(reason.contains("labelled as groups"), "{reason}");
+    let creeps = fit("creeps", "--memory-terms auto");
+    let times = creeps["dynamics"]["time_constants"].as_array().unwrap();
+    // Contacts last two seconds; sticking looks like a short creep.
+    let near = |tau: &Value| (tau.as_f64().unwrap() / 1.5 - 1.0).abs() < 0.2;
+    assert!(times.iter().any(near), "{times:?}");
+    let plain = rms(&plain, "test");
+    // Another session: what was found there pays here.
+    assert!(rms(&creeps, "test").iter().zip(&plain).all(|(with, plain)| *with < 0.8 * plain));
+    let elastic = fit("elastic", "--memory-terms auto");
+    let dynamics = &elastic["dynamics"];
+    assert!(dynamics["time_constants"].as_array().is_none_or(Vec::is_empty), "{dynamics}");
+}
+
+/// Errors of the published network on the file kept for validation: .120 .166 .254 N, 3.34 3.54 1.40 mN·m. These limits
+/// are what least squares with memory terms reached in a prototype.
+#[test]
+#[ignore = "needs the recordings"]
+fn another_labs_sensor_is_fitted_better_than_by_its_network() {
+    let folder = real_recording("others/coinft");
+    let dir = tempfile::tempdir().unwrap();
+    let (mut train, mut test) = (Vec::new(), Vec::new());
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path().display().to_string();
+        match path {
+            path if path.ends_with("train.csv.gz") => train.push(path),
+            path if path.ends_with("val.csv.gz") => test.push(path),
+            _ => {}
+        }
+    }
+    train.sort();
+    let files = format!("{} --test {}", train.join(" "), test.join(" "));
+    let found = program::json(dir.path(), &format!("fit {files} --model auto --json"));
+    // 2 % above what poly3 with lag and memory terms errs; `cubic+products`, the next best, errs 14 to 58 % more.
+    let limits = [0.047, 0.126, 0.215, 1.40e-3, 1.33e-3, 0.47e-3];
+    for (rms, limit) in rms(&found, "test").iter().zip(limits) {
+        assert!(*rms <= limit, "{found}");
+    }
+}

@@ -1,0 +1,45 @@
+//! Tests of fitting and judging calibrations, by the library and the program; one module for each subject.
+//!
+//! Tests on real recordings are ignored where `SHELLCAL_REAL_DATA` does not name their directory
+//! when the tests are built; see `build.rs`.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    unreachable_pub,
+    reason = "a test may panic and say why, and report its figures"
+)]
+
+mod any_numbers;
+mod bench_command;
+mod calibration_cli;
+mod certificate;
+mod certified;
+mod cross_validation;
+mod exact_coefficients;
+mod exact_optimum;
+mod exact_sums;
+mod fit_report;
+mod found_groups;
+mod gates;
+mod golden;
+mod hung_loads;
+mod instruction_sets;
+mod lag_and_memory;
+mod memory;
+mod outliers;
+mod partial_fits;
+mod physics_command;
+mod plan_command;
+mod rational;
+#[path = "../support/recording.rs"]
+mod recording;
+mod refits;
+#[path = "../support/sealed.rs"]
+mod sealed;
+mod solver_identities;
+mod solver_intervals;
+mod some_axes;
+mod studies;
+mod temperature;
+mod verdict;

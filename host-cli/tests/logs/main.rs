@@ -1,0 +1,37 @@
+//! Tests of reading, converting and aligning logs; one module for each subject.
+//!
+//! Tests on real recordings are ignored where `SHELLCAL_REAL_DATA` does not name their directory
+//! when the tests are built; see `build.rs`.
+
+#![allow(
+    clippy::unwrap_used,
+    clippy::print_stdout,
+    unreachable_pub,
+    reason = "a test may panic and say why, and report its figures"
+)]
+
+mod align_command;
+mod align_disturbed;
+#[path = "../support/alignment.rs"]
+mod alignment;
+mod companion_files;
+mod convert;
+mod convert_formats;
+mod drift;
+mod foreign;
+mod hostile;
+mod kept_columns;
+mod log_bad_input;
+mod log_containers;
+mod log_formats;
+mod log_real;
+mod noise;
+mod one_pipeline;
+mod outages;
+mod payload;
+#[path = "../support/recording.rs"]
+mod recording;
+#[path = "../support/sealed.rs"]
+mod sealed;
+mod settings;
+mod studies;
