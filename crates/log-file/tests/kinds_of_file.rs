@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use shell_data::block::Block;
+use table_file::write::Cells;
 
 /// The folders of the files.
 const FOLDERS: [&str; 8] = ["text", "packed", "parquet", "matlab", "hdf5", "numpy", "xlsx", "mcap"];
@@ -77,5 +78,65 @@ fn a_recording_has_the_same_rows_in_every_kind_of_file() {
         for threads in [2, 5] {
             assert_eq!(rows(&path, threads).unwrap().0, found, "{name}, {threads} threads");
         }
+    }
+}
+
+/// A table beside a table, a table beside a text, and a text beside a table.
+#[test]
+fn a_companion_of_any_kind_gives_the_columns_beside_those_of_the_log() {
+    let dir = tempfile::tempdir().unwrap();
+    let column = |at: usize| -> Vec<f64> {
+        (0..3000).map(|row| f64::from(row % 97) / 7.0 + at as f64).collect()
+    };
+    let readings: Vec<(String, Vec<f64>)> =
+        (1..=2).map(|at| (format!("s{at}"), column(at))).collect();
+    let wrench: Vec<(String, Vec<f64>)> = ["fx_n", "fy_n"]
+        .iter()
+        .zip(3..)
+        .map(|(name, at)| ((*name).to_owned(), column(at)))
+        .collect();
+    let write = |name: &str, columns: &[(String, Vec<f64>)], rows: usize| {
+        let cells: Vec<(String, Cells<'_>)> = columns
+            .iter()
+            .map(|(name, it)| (name.clone(), Cells::Full(it[..rows].into())))
+            .collect();
+        let mut file = std::fs::File::create(dir.path().join(name)).unwrap();
+        match name.ends_with(".mat") {
+            true => table_file::write::write_matlab(&mut file, &cells).unwrap(),
+            false => {
+                let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
+                let row = |row: usize| {
+                    columns.iter().map(|(_, it)| it[row].to_string()).collect::<Vec<_>>().join(";")
+                };
+                let rows: Vec<String> = (0..rows).map(row).collect();
+                let text = format!("{}\n{}\n", names.join(";"), rows.join("\n"));
+                std::fs::write(dir.path().join(name), text).unwrap();
+            }
+        }
+    };
+    for name in ["readings.mat", "readings.csv"] {
+        write(name, &readings, 3000);
+    }
+    for name in ["wrench.mat", "wrench.csv"] {
+        write(name, &wrench, 3000);
+        write(&format!("short_{name}"), &wrench, 2999);
+    }
+    let open = |log: &str, companion: &str| {
+        let [log, companion] = [log, companion].map(|name| dir.path().join(name));
+        let log = Log::open_with_companion(&log, &companion, &Mapping::default())?;
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        log.read_whole(&wanted, &ReadOptions::default()).map(|(block, _)| block)
+    };
+    for (log, companion) in [
+        ("readings.csv", "wrench.csv"),
+        ("readings.mat", "wrench.mat"),
+        ("readings.mat", "wrench.csv"),
+        ("readings.csv", "wrench.mat"),
+    ] {
+        let block = open(log, companion).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!((block.rows, &block.readings[1]), (3000, &readings[1].1), "{log}");
+        assert_eq!(block.wrench[..2], [wrench[0].1.clone(), wrench[1].1.clone()], "{companion}");
+        let error = open(log, &format!("short_{companion}")).map(drop).unwrap_err().to_string();
+        assert!(error.contains("is in one of them alone"), "{error}");
     }
 }

@@ -142,17 +142,14 @@ impl DataSets {
 /// What a filter that is not read makes of a data set, by the number that The HDF Group registered.
 fn unread_filter(filter: u16) -> Option<&'static str> {
     Some(match filter {
-        // Deflate, shuffle, Fletcher32.
-        1..=3 => return None,
+        // Deflate, shuffle, Fletcher32, scale-offset, LZF, ZFP.
+        1..=3 | 6 | 32_000 | 32_013 => return None,
         4 => "compressed with szip",
         5 => "compressed with n-bit",
-        6 => "compressed with scale-offset",
         307 => "compressed with bzip2",
-        32_000 => "compressed with LZF",
         32_001 => "compressed with Blosc",
         32_004 => "compressed with LZ4",
         32_008 => "compressed with Bitshuffle",
-        32_013 => "compressed with ZFP",
         32_015 => "compressed with Zstandard",
         32_026 => "compressed with Blosc2",
         _ => "compressed with a filter that is not known",

@@ -13,11 +13,11 @@ use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 /// A table in a file.
 #[derive(Clone, Debug)]
 pub struct Table {
-    /// What kind of file it is.
+    /// The kind of its file.
     pub kind: FileKind,
     /// Its columns; `None` where they have no names, or the rows hold them.
     pub columns: Option<Vec<TableColumn>>,
-    /// What the file holds that is left out, with the reason, and what was decided.
+    /// Notes on contents of the file that are left out, with the reason, and on what was decided.
     pub notes: Vec<String>,
     rows: Arc<dyn RowSource>,
 }
@@ -73,7 +73,7 @@ impl Table {
         (bytes / (3 * self.rows.columns().max(1))).max(1)
     }
 
-    /// The rows of some columns, each of which is [read](Self::check_is_read), from the first on.
+    /// Streams the rows of some columns that are [read](Self::check_is_read), from the first row on.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be opened.
@@ -82,7 +82,7 @@ impl Table {
     }
 
     /// The first rows as the text of a CSV file, of at most so many rows and about so many bytes, with a line of names
-    /// before them if the columns have names. Of the columns only `shown` are filled, if that is some.
+    /// before them if the columns have names. If `shown` is some, only those columns are filled.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read.

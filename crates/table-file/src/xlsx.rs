@@ -127,7 +127,7 @@ fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, Tabl
     Ok(texts)
 }
 
-/// What a style shows of a number of days.
+/// The way in which a style shows a number of days.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TimeStyle {
     /// A date, with or without a time.
@@ -170,8 +170,8 @@ fn time_styles(
     Ok(styles)
 }
 
-/// What a format shows, if that is a date or time: it has a letter for one outside quotes, and brackets around hours,
-/// minutes or seconds that go on beyond their day.
+/// Finds how a format shows a number of days, `None` if not as a date or time. Letters within quotes say nothing, and
+/// brackets stand around hours, minutes or seconds that go on beyond their day.
 fn time_style(code: &str) -> Option<TimeStyle> {
     let (mut quoted, mut bracket, mut escaped) = (false, None, false);
     let mut letters = String::new();
@@ -249,7 +249,7 @@ impl RowSource for Sheet {
     }
 }
 
-/// Whether a row holds nothing, or a remark.
+/// Whether a row is empty or a remark.
 fn is_blank(row: &[Cell]) -> bool {
     let first = row.iter().find(|cell| **cell != Cell::Missing);
     first.is_none_or(|cell| matches!(cell, Cell::Text(text) if text.starts_with(['#'])))

@@ -1,4 +1,4 @@
-//! A file that pyarrow 26 wrote, with `write_page_checksum=True`: 24 rows of a number, a decimal, a list, and a
+//! A file that pyarrow 26 wrote, with `write_page_checksum=True`: 24 rows of a number, a decimal, a list of two, and a
 //! number in two structs, of which the outer one is null in every third row.
 
 #![allow(clippy::disallowed_methods, reason = "tests read files")]
@@ -7,11 +7,11 @@ use std::path::Path;
 
 use table_file::{ColumnPart, FileKind, FileSource, Table, TablePart, WantedColumn};
 
-/// The numbers of two columns, and the texts of one of them.
+/// The numbers of a list and of two other columns, and the texts of one of them.
 fn columns(path: &Path) -> Result<TablePart, String> {
     let file = FileSource::Disk(path.to_owned());
     let table = Table::open(&file, FileKind::Parquet, None).map_err(|error| error.to_string())?;
-    let wanted = [(0, false), (3, false), (3, true)];
+    let wanted = [(0, false), (4, false), (4, true), (3, false), (2, false)];
     let wanted = wanted.map(|(at, is_text)| WantedColumn { at, is_text }).to_vec();
     let mut rows = table.rows(wanted).map_err(|error| error.to_string())?;
     let mut part = TablePart::default();
@@ -24,19 +24,22 @@ fn nested() -> std::path::PathBuf {
 }
 
 #[test]
-fn decimals_and_lists_are_refused_by_name_and_null_structs_are_missing() {
+fn decimals_are_refused_by_name_lists_are_columns_and_null_structs_are_missing() {
     let table = Table::open(&FileSource::Disk(nested()), FileKind::Parquet, None).unwrap();
-    let names = ["t_s", "price", "tags.list.element", "wrench.force.x"];
+    let names = ["t_s", "price", "tags1", "tags2", "wrench.force.x"];
     assert_eq!(table.names().unwrap(), names);
-    for (column, what) in [(1, "decimal"), (2, "list")] {
-        let said = table.check_is_read(column).unwrap_err().to_string();
-        assert!(said.contains(names[column]) && said.contains(what), "{said}");
-    }
-    assert!(table.check_is_read(0).is_ok() && table.check_is_read(3).is_ok());
+    let said = table.check_is_read(1).unwrap_err().to_string();
+    assert!(said.contains("`price`") && said.contains("decimal"), "{said}");
+    assert!([0, 2, 3, 4].iter().all(|&column| table.check_is_read(column).is_ok()));
     let part = columns(&nested()).unwrap();
     assert_eq!(part.rows, 24);
     let times = (0..24).map(|row| f64::from(row) / 100.0).collect();
     assert_eq!(part.columns[0], ColumnPart::Numbers { values: times, missing: Vec::new() });
+    // The lists are [0, 1], [1, 2], ….
+    for (column, first) in [(4, 0), (3, 1)] {
+        let values = (first..first + 24).map(f64::from).collect();
+        assert_eq!(part.columns[column], ColumnPart::Numbers { values, missing: Vec::new() });
+    }
     let ColumnPart::Numbers { values, missing } = &part.columns[1] else { panic!("no numbers") };
     let ColumnPart::Cells(cells) = &part.columns[2] else { panic!("no texts") };
     for row in 0..24_u32 {

@@ -232,7 +232,7 @@ impl LogSource {
     }
 
     /// Opens the text of this file alone.
-    fn open_alone(&self) -> Result<ByteStream, LogError> {
+    pub(crate) fn open_alone(&self) -> Result<ByteStream, LogError> {
         self.open_alone_counting(&ReadMeter::default())
     }
 

@@ -71,7 +71,7 @@ impl<'a> TableSide<'a> {
                 let rows = table.rows(wanted.clone());
                 SideRows::Table(rows.map_err(|problem| source.table_error(problem))?)
             }
-            None => SideRows::Text(TextRows::new(source.open()?)),
+            None => SideRows::Text(TextRows::new(source.open_alone()?)),
         };
         let mut side = Self { source, rows, wanted, places, part: TablePart::default() };
         // Lines above the rows are rows of a file without names of its own.

@@ -208,6 +208,7 @@ impl<'a> ScannedLog<'a> {
         let (log, format) = (self.log, self.log.format());
         let format = FORMATS.iter().find(|(.., known)| *known == format);
         let outliers = self.outliers.as_ref().map(NamedOutliers::report);
+        let notes: Vec<String> = log.notes().into_iter().map(str::to_owned).collect();
         document! {
             file: log.path().display().to_string(),
             format: log.table_kind().map_or(format.map_or("", |(name, ..)| name), FileKind::key),
@@ -220,7 +221,7 @@ impl<'a> ScannedLog<'a> {
             fresh_rate_hz: self.repeats().and_then(|(_, rate_hz)| rate_hz),
             time: timing(&self.summary.timing),
             columns: self.columns().map(|column| column.document()).collect::<Vec<_>>(),
-            notes?: Some(log.notes()).filter(|notes| !notes.is_empty()),
+            notes?: (!notes.is_empty()).then_some(notes),
             outliers?: outliers.filter(|found| !found.is_empty()),
         }
     }
