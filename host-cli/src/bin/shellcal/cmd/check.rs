@@ -7,10 +7,12 @@ use calibration_file::CalibrationFile;
 use log_file::{Log, Wanted, read_logs};
 use report::CheckedLoad;
 use shell_data::wrench::{Axes, Axis};
-use shellcal::workflow::check::check_weights;
+use shellcal::workflow::check::{CheckedWeights, check_weights};
 use shellcal::workflow::check_channels;
+use shellcal::workflow::gates::Gate;
 use shellcal::workflow::remark::found_groups;
 
+use super::eval::AxesArg;
 use super::mapping::{EditedArg, MappingArgs};
 use super::plan::read_table;
 use crate::files::InputPath;
@@ -35,6 +37,9 @@ pub(crate) struct CheckArgs {
     logs: Vec<InputPath>,
 
     #[command(flatten)]
+    axes: AxesArg,
+
+    #[command(flatten)]
     edited: EditedArg,
 
     #[command(flatten)]
@@ -47,19 +52,30 @@ impl CheckArgs {
         let table = read_table(&self.loads)?;
         let calibration = Some((&self.calibration, &file));
         let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
-        let axes = file.calibration.axes;
-        let checked = check_weights(&file, &logs, &table, &self.mapping.read_options())?;
-        let passes = checked.iter().all(|of| of.off.is_empty());
-        let verdict = match passes {
-            true => "passes: every difference is within what errors of sensor and weights explain",
-            false => "fails: the sensor has changed, or the weights are not what the table says",
+        let named = self.axes.named();
+        let axes = named.map_or(file.calibration.axes, |axes| axes.and(file.calibration.axes));
+        let read = self.mapping.read_options();
+        let CheckedWeights { loads, gate } = check_weights(&file, &logs, &table, named, &read)?;
+        let outcome = printer.judge(&gate);
+        let verdict = match () {
+            () if gate.passes() => {
+                "passes: every difference is within what errors of sensor and weights explain"
+            }
+            () if loads.iter().all(|of| of.off.is_empty()) => "fails: not all was compared",
+            () => "fails: the sensor has changed, or the weights are not what the table says",
         };
-        let document = document! { passes: passes, axes: axes.columns(), loads: &checked };
+        let document = document! {
+            passes: gate.passes(),
+            axes: axes.columns(),
+            loads: &loads,
+            // What was not compared, or differs.
+            failures: gate.failures().iter().map(ToString::to_string).collect::<Vec<_>>(),
+        };
         printer.finish(&document, |printer| {
-            print(printer, &checked, axes);
+            print(printer, &loads, axes);
             printer.line(verdict)
         })?;
-        Ok(if passes { Outcome::Done } else { Outcome::CheckFailed })
+        Ok(outcome)
     }
 }
 
@@ -96,16 +112,21 @@ pub(crate) struct CompareArgs {
     test: Vec<InputPath>,
 
     #[command(flatten)]
+    axes: AxesArg,
+
+    #[command(flatten)]
     mapping: MappingArgs,
 }
 
 impl CompareArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let [first, second] = [&self.first, &self.second].map(|path| CalibrationFile::read(path));
         let (first, second) = (first?, second?);
         let mut logs = self.mapping.open(&self.test, &[], Some((&self.first, &first)), printer)?;
-        let axes = first.calibration.axes.and(second.calibration.axes);
-        anyhow::ensure!(!axes.is_empty(), "the calibrations have no axis in common");
+        let of = [&first, &second].map(|of| of.calibration.axes);
+        let asked = self.axes.named().unwrap_or_else(|| of[0].iter().chain(of[1].iter()).collect());
+        let axes = asked.and(of[0]).and(of[1]);
+        anyhow::ensure!(!axes.is_empty(), "the calibrations have none of the axes in common");
         for log in &mut logs {
             check_channels(log, first.calibration.channels())?;
             check_channels(log, second.calibration.channels())?;
@@ -122,11 +143,26 @@ impl CompareArgs {
         };
         let data = read_logs(&logs, &wanted, &self.mapping.read_options())?;
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
+        let mut gate = Gate::default();
+        for log in &data.logs {
+            let name = format!("`{}`", log.name.display());
+            let subject = gate.ask(&name, asked);
+            for (path, given) in [&self.first, &self.second].into_iter().zip(of) {
+                let path = path.display();
+                subject.lacks(asked.without(given), |axes| {
+                    format!("{axes}, which `{path}` does not give")
+                });
+            }
+            subject.has_rows(log.rows(), log.rows() + log.summary.skipped_rows);
+            subject.hold();
+        }
+        let outcome = printer.judge(&gate);
         let found = paired_errors([&first, &second].map(|of| &of.calibration), &data, workers)?;
         if let Some(groups) = found.group_by.found() {
             printer.remarks([found_groups(groups)]);
         }
-        self.report(&found, axes, printer)
+        self.report(&found, axes, printer)?;
+        Ok(outcome)
     }
 
     fn report(&self, found: &PairedErrors, axes: Axes, printer: &Printer) -> anyhow::Result<()> {

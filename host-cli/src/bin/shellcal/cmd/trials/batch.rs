@@ -138,6 +138,7 @@ impl BatchArgs {
             Some(_) => Vec::new(),
             None => batch.statistics(self.reference.as_deref(), self.seed),
         };
+        let outcome = printer.decide(batch.failures.is_empty());
         self.output.write_tables(printer, &batch, &conditions, self.shard)?;
         if let Some(figures) = &figures {
             if self.shard.is_none() {
@@ -152,8 +153,7 @@ impl BatchArgs {
         let suspicious = manifest.suspicious().into_iter().filter(|_| self.conditions.is_none());
         let warnings: Vec<_> = suspicious.map(|problem| format!("{path}:{problem}")).collect();
         self.show(printer, &equipment, &batch, &conditions, &warnings)?;
-        let is_whole = batch.failures.is_empty();
-        Ok((batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
+        Ok((batch, outcome))
     }
 
     fn show(
