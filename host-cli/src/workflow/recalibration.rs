@@ -2,7 +2,8 @@
 
 use std::collections::HashMap;
 
-use super::hung_loads::{self, hung_rows, stated};
+use super::gates::{Gate, GateSubject};
+use super::hung_loads::{self, gate_of_loads, hung_rows, loaded_axes, stated};
 use super::{WorkflowError, agree_on_axes, check_channels};
 use calibration::FitError;
 use calibration::fit::{Evaluation, Workers, evaluate, label_poses_or_files};
@@ -25,6 +26,8 @@ pub struct Recalibrated {
     pub rows: Dataset,
     /// How many loads they are.
     pub loads: usize,
+    /// Whether every load of the table was used.
+    pub gate: Gate,
     /// Of the calibration on these rows, as it was.
     errors: Evaluation,
 }
@@ -44,10 +47,15 @@ pub fn recalibrate(
     for log in logs {
         check_channels(log, calibration.channels())?;
     }
-    let rows = match table {
-        Some(table) => hung_rows(logs, table, read)?.0,
-        None => read_rows(logs, calibration.axes, read)?,
+    let (rows, mut gate) = match table {
+        Some(table) => {
+            let rows = hung_rows(logs, table, read)?.0;
+            let gate = gate_of_loads(table, &rows, loaded_axes, calibration.axes);
+            (rows, gate)
+        }
+        None => (read_rows(logs, calibration.axes, read)?, Gate::default()),
     };
+    gate.subjects().iter_mut().for_each(GateSubject::hold);
     let (training, labels) = TrainingRows::from_dataset(&rows);
     let observations = training.observations().map_err(FitError::from)?;
     let errors: HashMap<&str, PerAxis<f64>> = (table.into_iter().flat_map(HungLoads::loads))
@@ -63,7 +71,7 @@ pub fn recalibrate(
     })?;
     let evaluations = evaluate(&found.calibration, &rows, Workers::new(read.threads))?;
     let errors = Evaluation::total(&evaluations);
-    Ok(Recalibrated { found, rows, loads: labels.len(), errors })
+    Ok(Recalibrated { found, rows, loads: labels.len(), gate, errors })
 }
 
 fn read_rows(logs: &[Log], axes: Axes, read: &ReadOptions<'_>) -> Result<Dataset, WorkflowError> {

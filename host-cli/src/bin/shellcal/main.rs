@@ -78,7 +78,7 @@ fn main() -> ExitCode {
     let outcome = run(&mut command, &said.config, matches, &printer);
     match outcome.and_then(|outcome| printer.printed().map(|()| outcome)) {
         Ok(outcome) => ExitCode::from(outcome as u8),
-        Err(error) if printer::is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if printer::is_closed_pipe(&error) => ExitCode::from(printer.decided() as u8),
         Err(error) => {
             printer.error(&error);
             ExitCode::from(2)

@@ -98,6 +98,7 @@ impl DoctorArgs {
         };
         let (faults, warnings) = (count(FindingSeverity::Fault), count(FindingSeverity::Warning));
         let is_sound = faults + warnings == 0;
+        let outcome = printer.decide(faults == 0);
         let report =
             document! { sound: is_sound, faults: faults, warnings: warnings, examined: &examined };
         printer.finish(&report, |printer| {
@@ -109,7 +110,7 @@ impl DoctorArgs {
                 }
             })
         })?;
-        Ok(if faults > 0 { Outcome::CheckFailed } else { Outcome::Done })
+        Ok(outcome)
     }
 
     /// Findings about a port and, if it can be opened, those of `ask` about its board.
