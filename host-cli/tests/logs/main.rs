@@ -19,6 +19,7 @@ mod convert;
 mod convert_formats;
 mod drift;
 mod foreign;
+mod foreign_tables;
 mod hostile;
 mod kept_columns;
 mod log_bad_input;

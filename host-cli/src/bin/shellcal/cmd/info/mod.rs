@@ -220,6 +220,7 @@ impl<'a> ScannedLog<'a> {
             fresh_rate_hz: self.repeats().and_then(|(_, rate_hz)| rate_hz),
             time: timing(&self.summary.timing),
             columns: self.columns().map(|column| column.document()).collect::<Vec<_>>(),
+            notes?: Some(log.notes()).filter(|notes| !notes.is_empty()),
             outliers?: outliers.filter(|found| !found.is_empty()),
         }
     }
@@ -251,6 +252,7 @@ impl<'a> ScannedLog<'a> {
             format!(", {repeated} ({share:.1} %) with the readings of the row before")
         });
         lines.push(format!("  rows      {rows}{repeated}"));
+        lines.extend(log.notes().into_iter().map(|note| format!("  note      {note}")));
         if self.skipped_rows > 0 {
             lines.push(format!("  skipped   {} bad rows", self.skipped_rows));
         }
