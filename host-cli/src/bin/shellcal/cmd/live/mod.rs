@@ -28,8 +28,8 @@ use shellcal::workflow::live::{Feed, LiveSession, LogSeries, guide_through, play
 
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
-use super::plan::read_table;
 use super::outputs::ReplacingArgs;
+use super::plan::read_table;
 use super::ports::{SourceArgs, is_port};
 use super::stream::{self, PlayingArgs, StreamToArgs};
 use crate::files::{InputPath, OutputPath};

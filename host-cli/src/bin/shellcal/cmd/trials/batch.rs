@@ -55,10 +55,7 @@ impl BatchArgs {
         let manifest = evaluation::read(&self.manifest, printer)?;
         evaluation::check_reference(&manifest, self.compared.reference.as_deref())?;
         let figures = self.output.figure_folder(printer)?;
-        let options = BatchOptions {
-            shard: self.shard,
-            ..equipment.batch_options()
-        };
+        let options = BatchOptions { shard: self.shard, ..equipment.batch_options() };
         let (path, profile) = (&self.manifest, &equipment.profile);
         let keep = |position, result: &mut _| {
             self.output.write_trial(printer, position, result, figures.as_ref(), profile)
