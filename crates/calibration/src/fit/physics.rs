@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::choice::{FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
+use super::outcome::Outcome;
 use super::outlier_search::name_outliers;
 use super::outliers::Outliers;
 use super::refits::{FOLDS, MOST_ALONE};
@@ -113,8 +114,10 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     let of_train = Evaluation::total(&errors[0].logs);
     // They are told by a polynomial: what they do to that is not what they do to this model.
     let looks = of_train.has_large_errors() && options.looks_for_outliers();
-    let outliers =
-        looks.then(|| Ok(Outliers { rms: None, ..name_outliers(train, None, options)? }));
+    let outliers = match looks.then(|| name_outliers(train, None, options)) {
+        None => Outcome::NotAsked,
+        Some(found) => found.map(|found| Outliers { rms: None, ..found }).into(),
+    };
     let quality = of_train.quality().ok_or(FitError::NoRows)?;
     let physics = PhysicsFit {
         observations: choice.sample.count,

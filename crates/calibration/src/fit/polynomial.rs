@@ -7,7 +7,6 @@ use std::mem::take;
 use super::choice::{Clusters, FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
 use super::outlier_search::{KnownFit, name_outliers};
-use super::outliers::Outliers;
 use super::refits::{PolynomialProblem, Solved, check_sizes, solve};
 use super::warning::Warning;
 use super::{CovarianceRule, Fit, FitMethod, FitOptions};
@@ -114,13 +113,14 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     warnings.extend(not_exact.clone().filter(|_| loses_digits).map(Warning::NotExact));
     warnings.extend(options.warn_of_groups(&choice, not_grouped)?);
     let has_outliers = errors.tested.iter().flatten().any(TestedRow::starts_search);
-    let outliers = spread.filter(|_| has_outliers).map(|spread| -> Result<Outliers, FitError> {
+    let outliers = spread.filter(|_| has_outliers).map(|spread| {
         let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
         let uses_all = !options.fresh && input.excluded.is_empty();
         let is_same_fit = uses_all && options.solver == SolverKind::Exact;
         let known = KnownFit { fit: &solved, spread, tested: take(&mut errors.tested) };
-        name_outliers(input.train, is_same_fit.then_some(known), &judged_by)
+        name_outliers(input.train, is_same_fit.then_some(known), &judged_by).into()
     });
+    let outliers = outliers.unwrap_or_default();
     let (rows, solution, truncate) = (solution.rows, Box::new(solved.solution), options.truncate);
     let how = FitMethod::Polynomial { solution, solver: solved.solver, truncate };
     let fitted = Fit { outliers, warnings, ..Fit::new(calibration, choice, how, rows, quality) };
@@ -149,8 +149,13 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
     };
     let (choice, solver, solution, ranges, train) = match sums {
         RowSums::Exact(total, groups) => {
-            let decide =
-                |(by, sums): (GroupKind, _)| options.decide(options.open(Some(by.into())), sums);
+            let decide = |(by, sums): (GroupKind, GroupedMoments)| {
+                let mut choice = options.open(Some(by.into()));
+                if options.basis().is_none() {
+                    options.select(&mut choice, &sums)?;
+                }
+                options.decide(choice, sums)
+            };
             let choice = groups.map_or_else(none, decide)?;
             let model = options.model_without_memory(choice.basis, total.channels());
             let fit = total.solve(&model, choice.ridge)?;
@@ -187,7 +192,8 @@ fn choose_r_factors(
     }
     let model = options.model_without_memory(choice.basis, channels);
     if options.validation().is_some() {
-        let found = factored::cross_validate(&groups, &model, choice.ridge, options.folds())?;
+        let folds = options.folds(groups.groups.len());
+        let found = factored::cross_validate(&groups, &model, choice.ridge, folds)?;
         choice.cross_validation = Some(found);
     }
     Ok(match choice.by_group {

@@ -138,10 +138,10 @@ pub(super) fn sum_groups_or_sets(
     options: &FitOptions<'_>,
 ) -> Result<GroupedMoments, FitError> {
     let random = options.validation().map_or_else(RandomSplit::default, |_| {
-        random_split(options.folds().unwrap_or(RANDOM_FOLDS), options.seed)
+        random_split(options.folds(0).unwrap_or(RANDOM_FOLDS), options.seed)
     });
     match sum_groups(rows, basis, (Apart::Groups, random), options.workers) {
-        Err(FitError::TooManyGroups { .. }) if options.folds().is_some() => {
+        Err(FitError::TooManyGroups { .. }) if options.folds(usize::MAX).is_some() => {
             sum_groups(rows, basis, (Apart::Sets, random), options.workers)
         }
         sums => sums,
