@@ -8,17 +8,19 @@ use super::refits::{
     sum_groups, sum_groups_or_sets,
 };
 use super::{CovarianceRule, FitOptions, ModelRule};
-use crate::error::FitError;
-use crate::exact::Moments;
-use crate::factored::FactoredGroups;
-use crate::grouped_rows::GroupedRows;
 use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
-use crate::model::{Basis, Model};
-use crate::scaling::Scaling;
-use crate::solver::SolverKind;
-use crate::validation::cross_validation::{CrossValidation, cross_validate};
-use crate::validation::grouped::{Apart, GroupedMoments, MAX_GROUPS, RandomSplit};
-use crate::validation::selection::{self, Advice, Candidate, Selection};
+use least_squares::error::FitError;
+use least_squares::exact::Moments;
+use least_squares::factored::FactoredGroups;
+use least_squares::grouped_rows::GroupedRows;
+use least_squares::grouped_rows::MAX_GROUPS;
+use least_squares::model::{Basis, Model};
+use least_squares::random_split::RandomSplit;
+use least_squares::scaling::Scaling;
+use least_squares::solver::SolverKind;
+use least_squares::validation::cross_validation::{CrossValidation, cross_validate};
+use least_squares::validation::grouped::{Apart, GroupedMoments};
+use least_squares::validation::selection::{self, Advice, Candidate, Selection};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, RowSet};
 

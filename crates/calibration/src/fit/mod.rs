@@ -57,21 +57,21 @@ pub use crate::groups::{
     FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
 };
 pub use crate::holds::{HoldMismatch, label_holds};
-pub use crate::passes::Workers;
+pub use least_squares::passes::Workers;
 
 use self::choice::{FitInput, ModelChoice, choose};
 use self::evaluation::RowErrors;
 use crate::conversion::{Calibration, Kind};
 use crate::dynamics::{Dynamics, NotSearched};
-use crate::error::FitError;
-use crate::model::Basis;
-use crate::physics::COVERAGE_LEVEL;
-use crate::quality::AxisQuality;
-use crate::solver::{Solution, SolverKind};
-use crate::validation::cross_validation::CrossValidation;
 use crate::validation::excitation::{Excitation, LONGEST_LEVER_M};
 use crate::validation::leaks::share_in_several_groups;
-use crate::validation::selection::{Advice, Selection};
+use least_squares::error::FitError;
+use least_squares::model::Basis;
+use least_squares::quality::AxisQuality;
+use least_squares::solver::{Solution, SolverKind};
+use least_squares::validation::cross_validation::CrossValidation;
+use least_squares::validation::selection::{Advice, Selection};
+use sensor_physics::COVERAGE_LEVEL;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 

@@ -7,11 +7,11 @@ use super::outcome::Outcome;
 use super::physics;
 use super::warning::Warning;
 use crate::dynamics::{Dynamics, DynamicsRule, NotSearched, find, prepared};
-use crate::error::FitError;
 use crate::groups::HeldOut;
-use crate::model::Basis;
-use crate::passes::Workers;
-use crate::solver::SolverKind;
+use least_squares::error::FitError;
+use least_squares::model::Basis;
+use least_squares::passes::Workers;
+use least_squares::solver::SolverKind;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 

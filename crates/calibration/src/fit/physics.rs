@@ -10,18 +10,20 @@ use super::outliers::Outliers;
 use super::refits::{FOLDS, MOST_ALONE};
 use super::{Fit, FitMethod};
 use crate::conversion::{Calibration, Kind};
-use crate::error::FitError;
 use crate::groups::{GroupBy, HeldOut};
-use crate::model::{Basis, Model};
-use crate::physics::{
+use least_squares::error::FitError;
+use least_squares::model::{Basis, Model};
+use least_squares::quality::{in_units, significant};
+use least_squares::reading_ranges::ReadingRanges;
+use least_squares::validation::comparison::Comparison;
+use least_squares::validation::cross_validation::{
+    CrossValidation, HeldOutQuality, assign_groups, sizes,
+};
+use least_squares::validation::grouped::GroupedMoments;
+use least_squares::validation::selection;
+use sensor_physics::{
     Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows,
 };
-use crate::quality::{in_units, significant};
-use crate::reading_ranges::ReadingRanges;
-use crate::validation::comparison::Comparison;
-use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups, sizes};
-use crate::validation::grouped::GroupedMoments;
-use crate::validation::selection;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
