@@ -234,9 +234,7 @@ impl Hint for FitError {
                 "the readings never move: check the cable and the shell, and that `--sensors` names the \
                  right columns"
             }
-            Self::Solver(_) => {
-                "use `--solver exact` or `--solver wide-tsqr`, or choose a smaller `--model`"
-            }
+            Self::Solver(_) => "use `--solver exact`, or choose a smaller `--model`",
             Self::RankDeficient(_) | Self::NearlyDependent => {
                 "record loads that move the channels independently, drop a channel with `--sensors`, \
                  choose a smaller `--model`, or accept a damped answer with `--ridge 1e-6`"

@@ -100,13 +100,28 @@ impl SolverKind {
     pub const fn description(self) -> &'static str {
         NAMES[self as usize].1
     }
+
+    /// The solver to take in its place, of those that only judge others in tests and benchmarks: one that is offered has
+    /// their digits at a smaller price.
+    pub const fn instead(self) -> Option<Self> {
+        match self {
+            Self::RefinedTsqr | Self::Gram | Self::WideGram | Self::WideTsqr => Some(Self::Exact),
+            Self::PivotedQr => Some(Self::Svd),
+            Self::Exact | Self::Tsqr | Self::Svd | Self::RidgeGcv | Self::Huber => None,
+        }
+    }
+
+    /// Those that are offered.
+    pub fn offered() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|solver| solver.instead().is_none())
+    }
 }
 
 /// The names of the solvers and what they do, in the order of [`SolverKind`].
 const NAMES: [(&str, &str); 10] = [
-    ("exact", "Exact sums of integer readings; `refined-tsqr` where readings are not integers"),
+    ("exact", "Exact sums of integer readings; QR, corrected by residuals, of others"),
     ("tsqr", "Householder QR over row blocks"),
-    ("refined-tsqr", "The same, corrected by residuals in double-double"),
+    ("refined-tsqr", "QR, corrected by residuals in double-double"),
     ("pivoted-qr", "QR with column pivoting"),
     ("svd", "Singular values"),
     ("gram", "Normal equations in double precision: fast and coarse"),

@@ -39,7 +39,7 @@ pub(crate) struct BenchArgs {
     no_intercept: bool,
 
     /// Solvers to run [default: all]
-    #[arg(long, value_name = "SOLVER", value_delimiter = ',', value_parser = choices::solver())]
+    #[arg(long, value_name = "SOLVER", value_delimiter = ',', value_parser = choices::any_solver())]
     solver: Vec<SolverKind>,
 
     #[command(flatten)]

@@ -61,9 +61,27 @@ pub(super) fn basis() -> impl TypedValueParser<Value = Basis> {
     one_of(&Basis::ALL.map(|basis| (basis.name(), basis.description(), basis)))
 }
 
-/// A solver.
-pub(super) fn solver() -> impl TypedValueParser<Value = SolverKind> {
+/// A solver, of all that there are.
+pub(super) fn any_solver() -> impl TypedValueParser<Value = SolverKind> {
     one_of(&SolverKind::ALL.map(|solver| (solver.name(), solver.description(), solver)))
+}
+
+/// A solver that is offered; of any other the one to take in its place is said.
+pub(super) fn solver() -> impl TypedValueParser<Value = SolverKind> {
+    let names = SolverKind::ALL.map(|solver| {
+        let name = PossibleValue::new(solver.name()).help(solver.description());
+        name.hide(solver.instead().is_some())
+    });
+    PossibleValuesParser::new(names).try_map(|name| {
+        let known = SolverKind::ALL.into_iter().find(|solver| solver.name() == name);
+        let solver = known.ok_or_else(|| "no such solver".to_owned())?;
+        match solver.instead() {
+            None => Ok(solver),
+            Some(instead) => {
+                Err(format!("it only judges others in tests: use `{}`", instead.name()))
+            }
+        }
+    })
 }
 
 /// A family of features, the physics model, or the best of them.
