@@ -10,7 +10,7 @@ pub use crate::solution::Solution;
 
 use crate::double_double::DoubleDouble;
 use crate::error::FitError;
-use crate::exact::{Accumulator, ExactError, Moments};
+use crate::exact::{Accumulator, ExactError, ExactSums};
 use crate::features::Features;
 use crate::methods::{self, Method, Reduction, Ridge, RowChunk, Shape};
 use crate::model::Model;
@@ -99,18 +99,18 @@ pub fn fit(
 ) -> Result<(Solution, ReadingRanges), FitError> {
     if kind == SolverKind::Exact {
         // One pass is enough, and its sums know the ranges.
-        let moments = exact_moments(problem.model, rows)?;
+        let moments = exact_sums(problem.model, rows)?;
         let ranges = moments.reading_ranges();
         return Ok((moments.solve(&problem.model, problem.ridge)?.solution, ranges));
     }
     fit_by(kind.into(), problem, rows)
 }
 
-/// The exact sums of the rows, for [`Moments::solve`] and all else that can be told from them.
+/// The exact sums of the rows, for [`ExactSums::solve`] and all else that can be told from them.
 ///
 /// # Errors
 /// [`FitError::NotExact`] if they cannot be exact.
-pub fn exact_moments(model: Model, rows: &Rows<'_>) -> Result<Moments, FitError> {
+pub fn exact_sums(model: Model, rows: &Rows<'_>) -> Result<ExactSums, FitError> {
     model.check_size()?;
     if model.memory > 0 {
         return Err(FitError::NotExact(ExactError::MemoryTerms));

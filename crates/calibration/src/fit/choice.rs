@@ -10,7 +10,7 @@ use super::refits::{
 use super::{CovarianceRule, FitOptions, ModelRule};
 use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
 use least_squares::error::FitError;
-use least_squares::exact::Moments;
+use least_squares::exact::ExactSums;
 use least_squares::factored::FactoredGroups;
 use least_squares::grouped_rows::GroupedRows;
 use least_squares::grouped_rows::MAX_GROUPS;
@@ -19,7 +19,7 @@ use least_squares::random_split::RandomSplit;
 use least_squares::scaling::Scaling;
 use least_squares::solver::SolverKind;
 use least_squares::validation::cross_validation::{CrossValidation, cross_validate};
-use least_squares::validation::grouped::{Apart, GroupedMoments};
+use least_squares::validation::grouped::{Apart, SumsByGroup};
 use least_squares::validation::selection::{self, Advice, Candidate, Selection};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, RowSet};
@@ -50,7 +50,7 @@ pub(super) struct ModelChoice {
     /// What either says to do.
     pub(super) advice: Option<Advice>,
     /// The sums of the training rows, by group, where they were made.
-    pub(super) sums: Option<GroupedMoments>,
+    pub(super) sums: Option<SumsByGroup>,
     /// What standard errors by group are made of, where that is not the sums.
     pub(super) clusters: Option<Clusters>,
     /// What the groups are.
@@ -243,11 +243,7 @@ impl FitOptions<'_> {
     }
 
     /// The exact sums of the rows by group, if they tell anything of what is asked and the rows can be summed so.
-    fn sum(
-        &self,
-        choice: &ModelChoice,
-        rows: &Dataset,
-    ) -> Result<Option<GroupedMoments>, FitError> {
+    fn sum(&self, choice: &ModelChoice, rows: &Dataset) -> Result<Option<SumsByGroup>, FitError> {
         if self.basis().is_some() && self.solver != SolverKind::Exact {
             return Ok(None);
         }
@@ -261,9 +257,9 @@ impl FitOptions<'_> {
     pub(super) fn decide(
         &self,
         mut choice: ModelChoice,
-        sums: GroupedMoments,
+        sums: SumsByGroup,
     ) -> Result<ModelChoice, FitError> {
-        let channels = sums.total().map_or(0, Moments::channels);
+        let channels = sums.total().map_or(0, ExactSums::channels);
         let model = self.model_without_memory(choice.basis, channels);
         self.test_group_count(&mut choice, &model, sums.groups.len());
         if self.validation().is_some() {
@@ -291,7 +287,7 @@ impl FitOptions<'_> {
     pub(super) fn select(
         &self,
         choice: &mut ModelChoice,
-        sums: &GroupedMoments,
+        sums: &SumsByGroup,
     ) -> Result<(), FitError> {
         let tried = selection::select(sums, self.intercept, self.ridges())?;
         choice.advice = Some(Advice::new(&tried, None));
@@ -388,7 +384,7 @@ impl FitOptions<'_> {
 
 /// What to say of the model that was asked for beside the smaller ones that the same sums serve; `None`
 /// if there is none, or it cannot be fitted without one of the folds.
-fn advice(sums: &GroupedMoments, model: &Model, ridge: f64) -> Result<Option<Advice>, FitError> {
+fn advice(sums: &SumsByGroup, model: &Model, ridge: f64) -> Result<Option<Advice>, FitError> {
     let tried = selection::select(sums, model.intercept, &[ridge])?;
     let candidates = &tried.selection.candidates;
     let is_given =

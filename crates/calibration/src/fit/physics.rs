@@ -19,7 +19,7 @@ use least_squares::validation::comparison::Comparison;
 use least_squares::validation::cross_validation::{
     CrossValidation, HeldOutQuality, assign_groups, sizes,
 };
-use least_squares::validation::grouped::GroupedMoments;
+use least_squares::validation::grouped::SumsByGroup;
 use least_squares::validation::selection;
 use sensor_physics::{
     Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows,
@@ -222,7 +222,7 @@ impl ModelComparison {
 /// Whether groups are few, or the polynomial errs much more on those that are held out than on its own rows. Stretches
 /// of time do not count as few: each has many loads.
 fn is_worth_trying(
-    sums: &GroupedMoments,
+    sums: &SumsByGroup,
     group_by: GroupBy,
     model: &Model,
     choice: &ModelChoice,

@@ -13,14 +13,14 @@ use super::{CovarianceRule, Fit, FitMethod, FitOptions};
 use crate::conversion::Calibration;
 use crate::validation::outliers::{RowTest, Spread, TestedRow};
 use least_squares::error::FitError;
-use least_squares::exact::Moments;
+use least_squares::exact::ExactSums;
 use least_squares::factored::{FactoredGroups, FactoredRows};
 use least_squares::methods::Method;
 use least_squares::passes::Rows;
 use least_squares::solver::{Solution, SolverKind};
 use least_squares::uncertainty::{Covariance, ErrorShape};
 use least_squares::validation::factored;
-use least_squares::validation::grouped::{GroupKind, GroupedMoments};
+use least_squares::validation::grouped::{GroupKind, SumsByGroup};
 use shell_data::dataset::Dataset;
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::{Axes, PerAxis};
@@ -79,7 +79,7 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
         ridge: choice.ridge,
         truncate: options.truncate,
     };
-    let total = choice.sums.as_ref().and_then(GroupedMoments::total);
+    let total = choice.sums.as_ref().and_then(SumsByGroup::total);
     let sample = train.logs.first().map(|log| &log.sample);
     let solved = solve(&problem, total, &Rows::new(&train, options.workers), sample)?;
     let Solved { solution, ranges, solver, not_exact, .. } = &solved;
@@ -132,7 +132,7 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
 #[expect(clippy::large_enum_variant, reason = "there is one of them, for one call")]
 pub enum RowSums<'a> {
     /// Exact sums.
-    Exact(&'a Moments, Option<(GroupKind, GroupedMoments)>),
+    Exact(&'a ExactSums, Option<(GroupKind, SumsByGroup)>),
     /// R factors.
     Factored(&'a FactoredRows, Option<(GroupKind, FactoredGroups)>),
 }
@@ -149,7 +149,7 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
     };
     let (choice, solver, solution, ranges, train) = match sums {
         RowSums::Exact(total, groups) => {
-            let decide = |(by, sums): (GroupKind, GroupedMoments)| {
+            let decide = |(by, sums): (GroupKind, SumsByGroup)| {
                 let mut choice = options.open(Some(by.into()));
                 if options.basis().is_none() {
                     options.select(&mut choice, &sums)?;

@@ -9,7 +9,7 @@ use super::FitOptions;
 use crate::conversion::Calibration;
 use crate::groups::HeldOut;
 use least_squares::error::FitError;
-use least_squares::exact::{ExactError, Moments};
+use least_squares::exact::{ExactError, ExactSums};
 use least_squares::factored::FactoredGroups;
 use least_squares::grouped_rows::{GroupedRows, Run, count};
 use least_squares::held_out_errors::HeldOutErrors;
@@ -22,7 +22,7 @@ use least_squares::reading_ranges::ReadingRanges;
 use least_squares::scaling::Scaling;
 use least_squares::solver::{self, FitProblem, ReadingSums, Solution, SolverKind};
 use least_squares::validation::cross_validation::{CrossValidation, assign_groups};
-use least_squares::validation::grouped::{Apart, GroupSums, GroupWorker, GroupedMoments};
+use least_squares::validation::grouped::{Apart, GroupSums, GroupWorker, SumsByGroup};
 use least_squares::validation::normal_equations;
 use least_squares::validation::selection::{self, Selection};
 use shell_data::block::Block;
@@ -138,7 +138,7 @@ pub(super) fn sum_groups_or_sets(
     rows: &Dataset,
     basis: Basis,
     options: &FitOptions<'_>,
-) -> Result<GroupedMoments, FitError> {
+) -> Result<SumsByGroup, FitError> {
     let random = options.validation().map_or_else(RandomSplit::default, |_| {
         random_split(options.folds(0).unwrap_or(RANDOM_FOLDS), options.seed)
     });
@@ -159,7 +159,7 @@ pub fn sum_groups(
     basis: Basis,
     (apart, random): (Apart, RandomSplit),
     workers: Workers<'_>,
-) -> Result<GroupedMoments, FitError> {
+) -> Result<SumsByGroup, FitError> {
     if data.has_weights() {
         return Err(FitError::Weights("a partial fit"));
     }
@@ -202,21 +202,21 @@ pub(super) struct Solved {
     /// Why it is not the exact one, where that was asked for.
     pub(super) not_exact: Option<ExactError>,
     /// The exact sums that it is the solution of, if it is.
-    pub(super) sums: Option<Moments>,
+    pub(super) sums: Option<ExactSums>,
 }
 
 /// Solves by the solver that is asked for. `total` are the exact sums of the rows, where they have been made
 /// already; `sample` is of the rows, for solvers that need to know their sizes before the first pass.
 pub(super) fn solve(
     problem: &PolynomialProblem,
-    total: Option<&Moments>,
+    total: Option<&ExactSums>,
     rows: &Rows<'_>,
     sample: Option<&Block>,
 ) -> Result<Solved, FitError> {
     let PolynomialProblem { model, mut solver, ridge, truncate } = *problem;
     let mut not_exact = None;
     if solver == SolverKind::Exact {
-        match total.map_or_else(|| solver::exact_moments(model, rows), |total| Ok(total.clone())) {
+        match total.map_or_else(|| solver::exact_sums(model, rows), |total| Ok(total.clone())) {
             Ok(sums) => {
                 let ranges = sums.reading_ranges();
                 let solution = sums.solve(&model, ridge)?.solution;

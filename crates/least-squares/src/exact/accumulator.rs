@@ -4,7 +4,7 @@
 //! channel's range, which makes them small. Each sum over such a block is exact (see
 //! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
 //! the rest, which stay exact for 2²⁶ blocks. When readings or wrenches occur that the plan of
-//! centre and limbs does not cover, the sums so far are put into [`Moments`] and a new plan is
+//! centre and limbs does not cover, the sums so far are put into [`ExactSums`] and a new plan is
 //! made.
 //!
 //! An [`Adder`] has many accumulators of one worker, each of which learns from the rows of the others.
@@ -12,12 +12,12 @@
 use std::sync::Arc;
 
 use super::block_sums::{Scratch, sum_block};
-use super::layout::MomentLayout;
+use super::layout::SumLayout;
 use super::limbs::ROWS;
 use super::limbs::{BinaryPlaces, FeatureLimbs, Limbs, SQUARE_WIDTH};
 use super::plan::{MOST_BLOCKS, OpenSums, SummationPlan};
 use super::readings::{count, scan_column};
-use super::{ChannelRange, ExactError, Moments, ReadingUnit};
+use super::{ChannelRange, ExactError, ExactSums, ReadingUnit};
 use crate::model::Basis;
 use shell_data::wrench::Axis;
 
@@ -25,9 +25,9 @@ use shell_data::wrench::Axis;
 #[derive(Clone, Debug)]
 pub struct Accumulator {
     basis: Basis,
-    layout: Arc<MomentLayout>,
+    layout: Arc<SumLayout>,
     /// Sums that are closed: in their final form.
-    closed: Option<Moments>,
+    closed: Option<ExactSums>,
     /// Units and ranges of the channels over all rows, staged ones included.
     channels: Vec<ChannelRange>,
     pub(super) expected: ExpectedRows,
@@ -73,7 +73,7 @@ impl Accumulator {
         let nothing = vec![ChannelRange::EMPTY; channels];
         Self {
             basis,
-            layout: Arc::new(MomentLayout::new(basis, channels)),
+            layout: Arc::new(SumLayout::new(basis, channels)),
             closed: None,
             channels: nothing.clone(),
             expected: ExpectedRows {
@@ -161,7 +161,7 @@ impl Accumulator {
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
-    pub fn settle(&mut self) -> Result<Option<Moments>, ExactError> {
+    pub fn settle(&mut self) -> Result<Option<ExactSums>, ExactError> {
         self.close()?;
         Ok(self.closed.take())
     }
@@ -170,10 +170,10 @@ impl Accumulator {
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
-    pub fn finish(mut self) -> Result<Moments, ExactError> {
+    pub fn finish(mut self) -> Result<ExactSums, ExactError> {
         self.sum_staged()?;
         self.close()?;
-        Ok(self.closed.unwrap_or_else(|| Moments::with_layout(self.basis, self.layout)))
+        Ok(self.closed.unwrap_or_else(|| ExactSums::with_layout(self.basis, self.layout)))
     }
 
     /// Checks that readings are integers in some unit, and widens the known ranges by them.
@@ -336,7 +336,7 @@ impl Adder {
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
-    pub fn finish(&mut self, mut sums: Accumulator) -> Result<Moments, ExactError> {
+    pub fn finish(&mut self, mut sums: Accumulator) -> Result<ExactSums, ExactError> {
         sums.scratch = std::mem::take(&mut self.scratch);
         sums.sum_staged()?;
         self.scratch = std::mem::take(&mut sums.scratch);

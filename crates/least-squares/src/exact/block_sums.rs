@@ -7,7 +7,7 @@
 use pulp::Simd;
 
 use super::integers::power_of_two;
-use super::layout::MomentLayout;
+use super::layout::SumLayout;
 use super::limbs::Limbs;
 use super::limbs::ROWS;
 use super::plan::{LimbColumn, OpenSums, SummationPlan};
@@ -40,7 +40,7 @@ vectorised! {
     /// of [`ROWS`] numbers, one per axis of the wrench, zero beyond the rows.
     pub(crate) fn sum_block<S: Simd>(
         simd: S,
-        layout: &MomentLayout,
+        layout: &SumLayout,
         open: &mut OpenSums,
         rows: usize,
         readings: &[f64],

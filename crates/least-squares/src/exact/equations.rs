@@ -23,7 +23,7 @@ use super::integers::{
 };
 use super::layout::pair;
 use super::rank::rank_loss;
-use super::{ExactFit, Moments};
+use super::{ExactFit, ExactSums};
 use crate::double_double::DoubleDouble;
 use crate::error::FitError;
 use crate::model::{Model, Term};
@@ -33,7 +33,7 @@ use crate::solution::Solution;
 use crate::symmetric::UpperTriangle;
 use shell_data::wrench::{Axis, PerAxis};
 
-impl Moments {
+impl ExactSums {
     /// The coefficients of `model` that fit the rows best: those that minimise the sum of squares
     /// of residuals and, for each feature but the intercept, of `√ridge` times its coefficient
     /// times the norm of its column.
@@ -130,7 +130,7 @@ const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 
 /// The normal equations in integers.
 pub(crate) struct IntegerEquations<'a> {
-    moments: &'a Moments,
+    moments: &'a ExactSums,
     model: Model,
     scales: EquationScales,
     /// Sums about the centre, in the order of the layout.
@@ -139,7 +139,7 @@ pub(crate) struct IntegerEquations<'a> {
 }
 
 impl<'a> IntegerEquations<'a> {
-    pub(crate) fn new(moments: &'a Moments, model: &Model, scales: EquationScales) -> Self {
+    pub(crate) fn new(moments: &'a ExactSums, model: &Model, scales: EquationScales) -> Self {
         let (readings, wrench) = moments.about(&scales.centre);
         let sums = 0..=moments.layout.features.len();
         let wrench = wrench.map(|axis| sums.clone().map(|position| axis.value(position)).collect());

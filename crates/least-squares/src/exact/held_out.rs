@@ -14,7 +14,7 @@
 //! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
 //! before the tenth was wrong.
 //!
-//! [`PartMoments`] are the sums over some of the rows in the units of all, which fits without a part, and
+//! [`PartSums`] are the sums over some of the rows in the units of all, which fits without a part, and
 //! the spread of coefficients from part to part, are computed from.
 //!
 //! So is the [scatter](crate::sandwich) of coefficients over groups of rows: `K_g` and `u_g` of a group come from its
@@ -29,7 +29,7 @@ use super::double_double_matrix::{
 };
 use super::integers::{power_of_two, round, round_scaled};
 use super::layout::pair;
-use super::{Moments, ReadingUnit};
+use super::{ExactSums, ReadingUnit};
 use crate::double_double::DoubleDouble;
 use crate::error::FitError;
 use crate::held_out_errors::HeldOutErrors;
@@ -43,38 +43,38 @@ use shell_data::wrench::PerAxis;
 
 /// Sums over all rows, ready to fit without parts of them.
 #[derive(Debug)]
-pub struct PartitionedMoments<'a> {
-    pub(crate) total: &'a Moments,
+pub struct PartitionedSums<'a> {
+    pub(crate) total: &'a ExactSums,
     pub(crate) model: Model,
     pub(crate) scales: EquationScales,
-    pub(crate) all: PartMoments,
+    pub(crate) all: PartSums,
 }
 
-impl<'a> PartitionedMoments<'a> {
+impl<'a> PartitionedSums<'a> {
     /// Of the rows of `total`, to be fitted with `model`.
     ///
     /// # Errors
     /// [`FitError::OtherFeatures`] if the features of the model were not summed;
     /// [`FitError::TooFewRows`] for zero rows.
-    pub fn new(total: &'a Moments, model: &Model) -> Result<Self, FitError> {
+    pub fn new(total: &'a ExactSums, model: &Model) -> Result<Self, FitError> {
         let scales = EquationScales::new(total, model)?;
         Ok(Self { total, model: *model, all: scales.part(total), scales })
     }
 
     /// The sums of some of the rows, in the form that is needed here.
-    pub fn part(&self, moments: &Moments) -> PartMoments {
+    pub fn part(&self, moments: &ExactSums) -> PartSums {
         self.scales.part(moments)
     }
 
     /// Fits all rows but those of `moments`, whose sums are `part`, and returns the errors on
-    /// those. `ridge` is as in [`Moments::solve`], about the mean of all rows.
+    /// those. `ridge` is as in [`ExactSums::solve`], about the mean of all rows.
     ///
     /// # Errors
     /// [`FitError`] if the other rows do not determine the coefficients.
     pub fn held_out(
         &self,
-        moments: &Moments,
-        part: &PartMoments,
+        moments: &ExactSums,
+        part: &PartSums,
         ridge: f64,
     ) -> Result<PerAxis<HeldOutErrors>, FitError> {
         if !(ridge >= 0.0 && ridge.is_finite()) {
@@ -105,7 +105,7 @@ vectorised! {
     /// Sums of errors and of their squares, scaled.
     fn error_sums(
         columns: &[i32],
-        part: &PartMoments,
+        part: &PartSums,
         coefficients: &[AxisRow],
     ) -> (AxisRow, AxisRow) {
         let mut sums = ElementLanes::new(&part.wrench.map(|sum| -sum));
@@ -136,7 +136,7 @@ vectorised! {
 
 /// Sums over a part of the rows, in the units of all. As large as the normal equations.
 #[derive(Debug)]
-pub struct PartMoments {
+pub struct PartSums {
     pub(crate) rows: u64,
     /// The upper triangle of the Gram matrix, row by row.
     pub(crate) gram: Vec<i128>,
@@ -168,7 +168,7 @@ impl EquationScales {
     ///
     /// # Errors
     /// [`FitError`] if the features of `model` were not summed, or over zero rows.
-    pub(crate) fn new(moments: &Moments, model: &Model) -> Result<Self, FitError> {
+    pub(crate) fn new(moments: &ExactSums, model: &Model) -> Result<Self, FitError> {
         let terms = moments.summed_terms(model)?;
         let size = terms.len();
         if moments.rows == 0 {
@@ -201,7 +201,7 @@ impl EquationScales {
     }
 
     /// The sums of some of the rows, about this origin.
-    pub(crate) fn part(&self, moments: &Moments) -> PartMoments {
+    pub(crate) fn part(&self, moments: &ExactSums) -> PartSums {
         let moments = moments.in_units(&self.units);
         let (readings, wrench) = moments.about(&self.centre);
         let size = self.terms.len();
@@ -213,7 +213,7 @@ impl EquationScales {
             let exponent = moments.wrench[axis].exponent - column - self.axes[axis];
             wrench[axis].rounded(position, exponent)
         };
-        PartMoments {
+        PartSums {
             rows: moments.rows(),
             gram: upper.map(|&position| readings[position]).collect(),
             features: ones.iter().map(|&position| readings[position]).collect(),
@@ -229,7 +229,7 @@ impl EquationScales {
     }
 
     /// Scaled coefficients without the part; `None` if they are not sure to ten digits.
-    fn solve(&self, all: &PartMoments, part: &PartMoments, ridge: f64) -> Option<Vec<AxisRow>> {
+    fn solve(&self, all: &PartSums, part: &PartSums, ridge: f64) -> Option<Vec<AxisRow>> {
         let rest = all.gram.iter().zip(&part.gram).map(|(all, part)| all.wrapping_sub(*part));
         let mut gram = DoubleDoubleMatrix::new(rest, &self.columns);
         for (a, term) in self.terms.iter().enumerate() {
@@ -247,7 +247,7 @@ impl EquationScales {
     /// The errors of scaled coefficients on a part.
     pub(super) fn errors(
         &self,
-        part: &PartMoments,
+        part: &PartSums,
         coefficients: &[AxisRow],
     ) -> PerAxis<HeldOutErrors> {
         let (sums, squares) = error_sums(&self.columns, part, coefficients);
@@ -286,13 +286,13 @@ impl ExactFit {
     }
 
     /// The figures on rows that were fitted, whose sums these are.
-    pub fn quality(&self, rows: &Moments) -> PerAxis<AxisQuality> {
+    pub fn quality(&self, rows: &ExactSums) -> PerAxis<AxisQuality> {
         let errors = self.errors_on(rows);
         std::array::from_fn(|axis| errors[axis].quality(rows.total_square(axis)))
     }
 
     /// The errors on some rows, by its own origin and units.
-    pub(crate) fn errors_on(&self, rows: &Moments) -> PerAxis<HeldOutErrors> {
+    pub(crate) fn errors_on(&self, rows: &ExactSums) -> PerAxis<HeldOutErrors> {
         self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
 
@@ -303,7 +303,7 @@ impl ExactFit {
     /// [`FitError`] if some group alone determines a coefficient, or all together do not.
     pub fn scatter<'a>(
         &self,
-        groups: impl IntoIterator<Item = &'a (String, Moments)>,
+        groups: impl IntoIterator<Item = &'a (String, ExactSums)>,
     ) -> Result<GroupScatter, FitError> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
         let factor = UpperTriangle::new(&self.solution.factor);
@@ -336,14 +336,14 @@ impl ExactFit {
     pub(crate) fn variances(
         &self,
         scatter: &GroupScatter,
-        groups: &[(String, Moments)],
+        groups: &[(String, ExactSums)],
     ) -> Vec<PerAxis<f64>> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
         // Rows are features: from those of the fit to those that are counted.
         let factors = scatter.factors.each_ref().map(|factor| {
             UpperTriangle::from_fn(factor.nrows(), |i, j| stretch[i] * factor[(i, j)])
         });
-        let of_group = |(_, group): &(String, Moments)| {
+        let of_group = |(_, group): &(String, ExactSums)| {
             let (part, columns) = (self.scales.part(group), &self.scales.columns);
             let gram = DoubleDoubleMatrix::new(part.gram.iter().copied(), columns).rounded();
             let rows = part.rows.max(1) as f64;
@@ -392,7 +392,7 @@ mod tests {
         readings: &[Vec<f64>],
         wrench: &[Vec<f64>],
         keep: impl Fn(usize) -> bool,
-    ) -> Moments {
+    ) -> ExactSums {
         let thin = |columns: &[Vec<f64>]| -> Vec<Vec<f64>> {
             let thin = |column: &Vec<f64>| {
                 column.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, x)| *x).collect()

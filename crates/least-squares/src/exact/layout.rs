@@ -81,7 +81,7 @@ pub(crate) struct ShiftStep {
 /// Sums of monomials, in a fixed order: one (the number of rows), the features, then the products
 /// of each group, left by left.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct MomentLayout {
+pub(crate) struct SumLayout {
     /// The features without the constant, in the order of the model.
     pub(crate) features: Vec<Term>,
     /// How each feature comes from earlier ones.
@@ -94,7 +94,7 @@ pub(crate) struct MomentLayout {
     steps: Vec<(Vec<ShiftStep>, Vec<ShiftStep>)>,
 }
 
-impl MomentLayout {
+impl SumLayout {
     /// The layout for a basis over `channels` channels.
     pub(crate) fn new(basis: Basis, channels: usize) -> Self {
         let model = Model { basis, intercept: false, channels, memory: 0 };
@@ -275,7 +275,7 @@ mod tests {
     fn every_product_of_two_features_has_a_place_and_no_place_is_idle() {
         for basis in Basis::ALL {
             for channels in 1..=8 {
-                let layout = MomentLayout::new(basis, channels);
+                let layout = SumLayout::new(basis, channels);
                 let mut used = vec![false; layout.sums()];
                 let terms = Model { basis, intercept: true, channels, memory: 0 }.terms();
                 for &a in &terms {
@@ -292,13 +292,13 @@ mod tests {
     fn eight_channels_need_as_many_sums_as_there_are_monomials() {
         // C(8 + 2d, 8) monomials of degree up to 2d; for powers 28 pairs × 9 + 8 × 6 + 1; with products also 56 of a
         // fourth power and another channel, 56 of three channels, 168 × 2 with a square or cube, 70 of four.
-        let sums = Basis::ALL.map(|basis| MomentLayout::new(basis, 8).sums());
+        let sums = Basis::ALL.map(|basis| SumLayout::new(basis, 8).sums());
         assert_eq!(sums, [45, 301, 495, 819, 3003]);
     }
 
     #[test]
     fn shifting_the_origin_of_one_row_gives_the_products_of_the_shifted_readings() {
-        let layout = MomentLayout::new(Basis::Poly3, 3);
+        let layout = SumLayout::new(Basis::Poly3, 3);
         let values = |readings: [i128; 3]| -> Vec<i128> {
             let power = |m: &Monomial, i: usize| readings[i].pow(m.exponent(i) as u32);
             layout.monomials.iter().map(|m| (0..3).map(|i| power(m, i)).product()).collect()
@@ -316,7 +316,7 @@ mod tests {
             by in prop::collection::vec(-65_535_i64..=65_535, 3),
         ) {
             // Poly3 of three channels: one and 19 features.
-            let layout = MomentLayout::new(Basis::Poly3, 3);
+            let layout = SumLayout::new(Basis::Poly3, 3);
             let values: Vec<BigInt> = (seeds.iter())
                 .map(|&seed| BigInt::from(seed).pow(7) % (BigInt::from(1) << bits))
                 .collect();

@@ -14,7 +14,7 @@
 use num_traits::Float;
 
 use super::integers::power_of_two;
-use super::layout::MomentLayout;
+use super::layout::SumLayout;
 
 /// Rows of a block: enough that adding up the lanes of a vector costs little beside the products,
 /// and few enough that the 164 features of degree three stay in a cache of 512 kB.
@@ -50,7 +50,7 @@ pub(crate) struct FeatureLimbs {
 impl FeatureLimbs {
     /// The cheapest way for distances up to `distance` and a wrench of these places, with room for a quarter more
     /// where that costs nothing.
-    pub(crate) fn new(distance: u32, layout: &MomentLayout, wrench: &[BinaryPlaces]) -> Self {
+    pub(crate) fn new(distance: u32, layout: &SumLayout, wrench: &[BinaryPlaces]) -> Self {
         let cheapest = |distance: u32| {
             let distance = distance.clamp(1, MAX_DISTANCE);
             let degrees = layout.features.iter().map(|term| term.factors().len() as u32);
@@ -98,7 +98,7 @@ impl FeatureLimbs {
     }
 
     /// The cost of a row, in products: those of features and wrench, and the cutting of the wrench.
-    fn cost(&self, layout: &MomentLayout, wrench: &[BinaryPlaces]) -> usize {
+    fn cost(&self, layout: &SumLayout, wrench: &[BinaryPlaces]) -> usize {
         /// The cost of cutting off one limb.
         const CUT: usize = 5;
         let count = |cut: &Cut, f: usize| cut.counts[layout.features[f].factors().len()];
@@ -253,7 +253,7 @@ mod tests {
     fn sums_of_a_block_never_exceed_what_is_exact() {
         let wrench = [BinaryPlaces::new(&[1e-3, 500.0 / 3.0]); 6];
         for basis in Basis::ALL {
-            let layout = MomentLayout::new(basis, 2);
+            let layout = SumLayout::new(basis, 2);
             for distance in 1..=MAX_DISTANCE {
                 let limbs = FeatureLimbs::new(distance, &layout, &wrench);
                 assert!(limbs.largest >= distance && limbs.largest <= MAX_DISTANCE);

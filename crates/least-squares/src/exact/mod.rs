@@ -3,8 +3,8 @@
 //! Readings are integers of at most 16 bits, features are products of up to three of them, so every
 //! element of the normal equations `XᵀX·C = XᵀW` is an integer times a power of two. An
 //! [`Accumulator`] sums them exactly, with ordinary vector arithmetic on integers that are small
-//! enough; [`Moments`] is the result, the same for any order and grouping of the rows.
-//! [`Moments::solve`] then moves the origin of every channel to its mean, still exactly, and solves
+//! enough; [`ExactSums`] is the result, the same for any order and grouping of the rows.
+//! [`ExactSums::solve`] then moves the origin of every channel to its mean, still exactly, and solves
 //! in double-double arithmetic, which carries twice the digits that forming `XᵀX` can cost. Loss of
 //! rank is decided by integer arithmetic, not by a tolerance.
 //!
@@ -27,8 +27,8 @@ mod readings;
 mod stored;
 
 pub use self::accumulator::{Accumulator, Adder};
-pub use self::held_out::{ExactFit, PartMoments, PartitionedMoments};
-pub use self::product_sums::Moments;
+pub use self::held_out::{ExactFit, PartSums, PartitionedSums};
+pub use self::product_sums::ExactSums;
 pub use self::readings::{ChannelRange, ReadingUnit};
-pub use self::stored::{StoredIntegers, StoredMoments};
+pub use self::stored::{StoredIntegers, StoredSums};
 pub use crate::error::{ExactError, MAX_ROWS};

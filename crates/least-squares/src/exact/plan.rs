@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use num_bigint::BigInt;
 
-use super::Moments;
+use super::ExactSums;
 use super::integers::{ScaledIntegers, join};
-use super::layout::{MomentLayout, pair};
+use super::layout::{SumLayout, pair};
 use super::limbs::{FeatureLimbs, Limbs, SQUARE_WIDTH};
 use crate::model::Basis;
 
@@ -53,7 +53,7 @@ pub(crate) struct Operands {
 
 impl SummationPlan {
     pub(crate) fn new(
-        layout: &MomentLayout,
+        layout: &SumLayout,
         centre: Vec<i64>,
         features: FeatureLimbs,
         squares: Vec<Limbs>,
@@ -152,8 +152,8 @@ impl OpenSums {
     }
 
     /// The sums about the origin of the readings.
-    pub(crate) fn moments(&self, layout: &Arc<MomentLayout>, basis: Basis) -> Moments {
-        let mut moments = Moments::with_layout(basis, layout.clone());
+    pub(crate) fn moments(&self, layout: &Arc<SumLayout>, basis: Basis) -> ExactSums {
+        let mut moments = ExactSums::with_layout(basis, layout.clone());
         moments.rows = self.rows;
         let sums = self.high.iter().zip(&self.low);
         let mut sums = sums.map(|(&high, &low)| high as i128 + low as i128);
@@ -190,8 +190,8 @@ impl OpenSums {
 
     fn add_products_of_features(
         &self,
-        layout: &MomentLayout,
-        moments: &mut Moments,
+        layout: &SumLayout,
+        moments: &mut ExactSums,
         sums: &mut impl Iterator<Item = i128>,
     ) {
         let plan = &*self.plan;
@@ -216,7 +216,7 @@ impl OpenSums {
     }
 
     /// Adds the sums of products of axes.
-    fn add_squares(&self, moments: &mut Moments, sums: &mut impl Iterator<Item = i128>) {
+    fn add_squares(&self, moments: &mut ExactSums, sums: &mut impl Iterator<Item = i128>) {
         let squares = &self.plan.squares;
         for (left, of_left) in squares.iter().enumerate() {
             let mut joined = [(); 6].map(|()| BigInt::ZERO);

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use num_bigint::BigInt;
 
 use super::integers::{DigitPlanes, ScaledIntegers};
-use super::layout::MomentLayout;
-use super::{ChannelRange, ExactError, MAX_ROWS, ReadingUnit, StoredMoments};
+use super::layout::SumLayout;
+use super::{ChannelRange, ExactError, MAX_ROWS, ReadingUnit, StoredSums};
 use crate::model::Basis;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use shell_data::wrench::PerAxis;
@@ -21,10 +21,10 @@ use shell_data::wrench::PerAxis;
 /// reading is below 2¹⁶ in magnitude, so a sum is below 2³⁰·2⁹⁶ = 2¹²⁶; and arithmetic modulo 2¹²⁸
 /// on the way there, such as moving the origin, is exact where its result fits.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(try_from = "StoredMoments", into = "StoredMoments")]
-pub struct Moments {
+#[serde(try_from = "StoredSums", into = "StoredSums")]
+pub struct ExactSums {
     pub(crate) basis: Basis,
-    pub(crate) layout: Arc<MomentLayout>,
+    pub(crate) layout: Arc<SumLayout>,
     pub(crate) rows: u64,
     /// One per channel.
     pub(crate) channels: Vec<ChannelRange>,
@@ -36,13 +36,13 @@ pub struct Moments {
     pub(crate) squares: Vec<ScaledIntegers>,
 }
 
-impl Moments {
+impl ExactSums {
     /// The sums over no rows.
     pub fn new(basis: Basis, channels: usize) -> Self {
-        Self::with_layout(basis, Arc::new(MomentLayout::new(basis, channels)))
+        Self::with_layout(basis, Arc::new(SumLayout::new(basis, channels)))
     }
 
-    pub(crate) fn with_layout(basis: Basis, layout: Arc<MomentLayout>) -> Self {
+    pub(crate) fn with_layout(basis: Basis, layout: Arc<SumLayout>) -> Self {
         Self {
             basis,
             rows: 0,
@@ -92,7 +92,7 @@ impl Moments {
     ///
     /// # Panics
     /// If basis or number of channels differ.
-    pub fn merge(&mut self, other: &Moments) -> Result<(), ExactError> {
+    pub fn merge(&mut self, other: &ExactSums) -> Result<(), ExactError> {
         assert_eq!((self.basis, self.channels.len()), (other.basis, other.channels.len()));
         if self.rows + other.rows > MAX_ROWS {
             return Err(ExactError::TooManyRows);
@@ -120,8 +120,8 @@ impl Moments {
     /// Adds these rows to those of `sums`, if there are any.
     ///
     /// # Errors
-    /// As [`Moments::merge`].
-    pub fn add_to(self, sums: &mut Option<Moments>) -> Result<(), ExactError> {
+    /// As [`ExactSums::merge`].
+    pub fn add_to(self, sums: &mut Option<ExactSums>) -> Result<(), ExactError> {
         match sums {
             None if self.rows > MAX_ROWS => Err(ExactError::TooManyRows),
             None => {
@@ -134,7 +134,7 @@ impl Moments {
 
     /// The sums over the rows that are not among those of `part`, which are rows of these. The
     /// ranges of the channels stay those of all rows.
-    pub fn without(&self, part: &Moments) -> Moments {
+    pub fn without(&self, part: &ExactSums) -> ExactSums {
         let mut rest = self.clone();
         let part = part.in_units(&self.units());
         rest.rows -= part.rows;
@@ -155,7 +155,7 @@ impl Moments {
     }
 
     /// These sums with readings counted in units that are theirs, or finer.
-    pub(crate) fn in_units(&self, units: &[ReadingUnit]) -> Cow<'_, Moments> {
+    pub(crate) fn in_units(&self, units: &[ReadingUnit]) -> Cow<'_, ExactSums> {
         if self.units() == units {
             return Cow::Borrowed(self);
         }

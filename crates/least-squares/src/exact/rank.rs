@@ -7,7 +7,7 @@
 use num_bigint::BigInt;
 use num_traits::Zero;
 
-use super::Moments;
+use super::ExactSums;
 use super::held_out::EquationScales;
 use crate::model::Term;
 use crate::rank_loss::{RankLoss, Relation};
@@ -17,7 +17,7 @@ use crate::rank_loss::{RankLoss, Relation};
 /// Independence is certain: a minor of the integer Gram matrix that does not vanish modulo a prime
 /// does not vanish. Dependence is certain where its relation is [`Relation::exact`], and otherwise
 /// wrong with a probability near 2⁻⁶¹ per feature.
-pub(crate) fn rank_loss(moments: &Moments, scales: &EquationScales) -> Option<RankLoss> {
+pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<RankLoss> {
     let EquationScales { terms: model_terms, positions, .. } = scales;
     let size = model_terms.len();
     // The simplest first, so that what depends on what reads best.

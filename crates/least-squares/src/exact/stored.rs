@@ -1,4 +1,4 @@
-//! Moments in the open, for programs that write them to files.
+//! Exact sums in the open, for programs that write them to files.
 //!
 //! Sums that are read from a file are checked: whether they can be those of some rows. A single changed
 //! digit of a sum makes a fit wrong, or its equations none. Not every change can be found so, but none that
@@ -8,15 +8,15 @@ use num_bigint::{BigInt, Sign};
 
 use super::integers::ScaledIntegers;
 use super::layout::pair;
-use super::{ChannelRange, MAX_ROWS, Moments};
+use super::{ChannelRange, ExactSums, MAX_ROWS};
 use crate::model::{Basis, Model};
 use shell_data::by_axis;
 use shell_data::wrench::{Axes, Axis};
 
-/// [`Moments`] as a file holds them: integers as decimal strings, since they exceed what readers of
+/// [`ExactSums`] as a file holds them: integers as decimal strings, since they exceed what readers of
 /// JSON take for numbers.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-pub struct StoredMoments {
+pub struct StoredSums {
     /// The features that were summed.
     pub basis: Basis,
     /// Rows.
@@ -61,8 +61,8 @@ fn pairs(axes: Axes) -> Vec<usize> {
 }
 
 /// The sums of the axes of the [document](by_axis) alone.
-impl From<Moments> for StoredMoments {
-    fn from(moments: Moments) -> Self {
+impl From<ExactSums> for StoredSums {
+    fn from(moments: ExactSums) -> Self {
         let axes = by_axis::axes();
         let stored = |scaled: &ScaledIntegers| StoredIntegers {
             exponent: scaled.exponent,
@@ -83,12 +83,12 @@ impl From<Moments> for StoredMoments {
 }
 
 /// Sums of the axes of the [document](by_axis); those of the others are zero.
-impl TryFrom<StoredMoments> for Moments {
+impl TryFrom<StoredSums> for ExactSums {
     type Error = String;
 
     /// # Errors
     /// What does not fit together, if they cannot be the sums of any rows.
-    fn try_from(stored: StoredMoments) -> Result<Self, String> {
+    fn try_from(stored: StoredSums) -> Result<Self, String> {
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
         }
@@ -99,7 +99,7 @@ impl TryFrom<StoredMoments> for Moments {
             memory: 0,
         };
         model.check_size().map_err(|error| error.to_string())?;
-        let mut moments = Moments::new(stored.basis, stored.channels.len());
+        let mut moments = ExactSums::new(stored.basis, stored.channels.len());
         let sane = |c: &ChannelRange| c.fits() && c.unit.is_sane();
         if !stored.channels.iter().all(sane) || stored.rows > MAX_ROWS {
             return Err("ranges or rows beyond what can be summed exactly".to_owned());
@@ -146,10 +146,10 @@ impl TryFrom<StoredMoments> for Moments {
     }
 }
 
-impl Moments {
+impl ExactSums {
     /// Whether these can be the sums of some of the rows of `whole`. Where they cannot, taking them away
     /// from it would leave sums of no rows.
-    pub fn can_be_part_of(&self, whole: &Moments) -> bool {
+    pub fn can_be_part_of(&self, whole: &ExactSums) -> bool {
         let within = |(part, whole): (&ChannelRange, &ChannelRange)| {
             let mut both = *whole;
             both.merge(part);

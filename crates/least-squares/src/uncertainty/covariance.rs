@@ -14,7 +14,7 @@ use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
 use crate::symmetric::{TriangularColumns, triangular_columns};
 use crate::validation::cross_validation::errors_on;
-use crate::validation::grouped::GroupedMoments;
+use crate::validation::grouped::SumsByGroup;
 use shell_data::by_axis;
 use shell_data::wrench::PerAxis;
 
@@ -81,14 +81,14 @@ impl Covariance {
     }
 
     /// The covariance of the fit of `model` to all rows of `sums`, errors being alike within its
-    /// groups. `ridge` is as in [`Moments::solve`](crate::exact::Moments::solve). Groups may be stretches of time that
+    /// groups. `ridge` is as in [`ExactSums::solve`](crate::exact::ExactSums::solve). Groups may be stretches of time that
     /// nothing else tells apart.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or without one of them the model cannot be
     /// fitted.
     pub fn from_groups(
-        sums: &GroupedMoments,
+        sums: &SumsByGroup,
         model: &Model,
         ridge: f64,
         are_stretches: bool,

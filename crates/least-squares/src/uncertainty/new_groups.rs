@@ -5,7 +5,7 @@
 //! read again. What the scores say, [`GroupIntervals`] does.
 
 use super::group_intervals::GroupIntervals;
-use crate::exact::Moments;
+use crate::exact::ExactSums;
 use crate::factored::FactoredGroups;
 use crate::held_out_errors::HeldOutErrors;
 use crate::model::Model;
@@ -46,8 +46,8 @@ pub(super) fn each<T: Send>(
 /// Mean and scatter of the errors of a group, in standard errors, by the fit to all others; `None` where that
 /// cannot be.
 pub(super) fn score_without(
-    total: &Moments,
-    groups: &[(String, Moments)],
+    total: &ExactSums,
+    groups: &[(String, ExactSums)],
     (model, ridge): (&Model, f64),
     group: usize,
 ) -> Option<PerAxis<(f64, f64)>> {
@@ -95,7 +95,7 @@ mod tests {
     use super::super::Covariance;
     use super::*;
     use crate::model::Basis;
-    use crate::validation::grouped::{Apart, GroupSums, GroupedMoments, RandomSplit};
+    use crate::validation::grouped::{Apart, GroupSums, RandomSplit, SumsByGroup};
     use shell_data::block::Block;
     use system_tests::random::Random;
 
@@ -126,7 +126,7 @@ mod tests {
         }
     }
 
-    fn sums(block: &Block) -> GroupedMoments {
+    fn sums(block: &Block) -> SumsByGroup {
         let mut sums = GroupSums::new(Basis::Linear, 2, Apart::Groups, RandomSplit::default());
         let mut worker = sums.worker();
         sums.add(worker.add(block, &block.groups).unwrap()).unwrap();

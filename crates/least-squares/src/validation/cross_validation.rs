@@ -1,8 +1,8 @@
 //! Errors on groups that were not trained on, beside those on rows that were held out at random.
 
-use super::grouped::GroupedMoments;
+use super::grouped::SumsByGroup;
 use crate::error::FitError;
-use crate::exact::{Moments, PartitionedMoments};
+use crate::exact::{ExactSums, PartitionedSums};
 use crate::held_out_errors::HeldOutErrors;
 use crate::model::Model;
 use shell_data::wrench::{Axis, PerAxis};
@@ -40,7 +40,7 @@ pub struct CrossValidation {
     /// Errors on groups that were not trained on.
     #[serde(with = "shell_data::by_axis")]
     pub grouped: PerAxis<HeldOutQuality>,
-    /// PartitionedMoments of the rows that were drawn at random and held out in turn; 0 if there were none.
+    /// Parts of the rows that were drawn at random and held out in turn; 0 if there were none.
     pub random_folds: usize,
     /// Errors on rows that were held out at random; `None` if that was not asked for, or not
     /// possible.
@@ -115,12 +115,12 @@ impl CrossValidation {
 /// errors there; the same with the rows that were assigned at random.
 ///
 /// Folds are filled with the largest groups first, each into the fold with the fewest rows. `ridge`
-/// is as in [`Moments::solve`].
+/// is as in [`ExactSums::solve`].
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit.
 pub fn cross_validate(
-    sums: &GroupedMoments,
+    sums: &SumsByGroup,
     model: &Model,
     ridge: f64,
     folds: Option<usize>,
@@ -146,15 +146,15 @@ pub fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<String> 
 
 /// The errors on some of the rows of a fit to all others.
 pub fn errors_on(
-    parts: &PartitionedMoments<'_>,
-    held_out: &Moments,
+    parts: &PartitionedSums<'_>,
+    held_out: &ExactSums,
     ridge: f64,
 ) -> Result<PerAxis<HeldOutErrors>, FitError> {
     parts.held_out(held_out, &parts.part(held_out), ridge)
 }
 
 /// The rows of each group.
-pub fn sizes(sums: &GroupedMoments) -> Vec<u64> {
+pub fn sizes(sums: &SumsByGroup) -> Vec<u64> {
     sums.groups.iter().map(|(_, moments)| moments.rows()).collect()
 }
 

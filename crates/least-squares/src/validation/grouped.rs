@@ -20,7 +20,7 @@ use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
 use std::sync::Arc;
 
-use crate::exact::{Accumulator, Adder, ExactError, Moments, PartitionedMoments};
+use crate::exact::{Accumulator, Adder, ExactError, ExactSums, PartitionedSums};
 pub use crate::grouped_rows::MAX_GROUPS;
 use crate::model::{Basis, Model};
 use crate::random_split::mix;
@@ -36,7 +36,7 @@ pub struct GroupSums {
     /// The labels of the groups, in the order of their first rows.
     labels: Vec<Arc<str>>,
     /// Every group is among them, and those folds that have been handed over.
-    sums: BTreeMap<SummedRows, Option<Moments>>,
+    sums: BTreeMap<SummedRows, Option<ExactSums>>,
     /// Hashes of the groups that have been assigned to sets.
     assigned: HashSet<u64>,
 }
@@ -81,7 +81,7 @@ impl GroupSums {
             self.labels.push(label);
         }
         self.assigned.extend(block.assigned);
-        block.settled.into_iter().try_for_each(|(rows, moments)| self.add_moments(rows, moments))
+        block.settled.into_iter().try_for_each(|(rows, moments)| self.add_sums(rows, moments))
     }
 
     /// The sums over all rows of all `workers`.
@@ -91,11 +91,11 @@ impl GroupSums {
     pub fn finish(
         mut self,
         workers: impl IntoIterator<Item = GroupWorker>,
-    ) -> Result<GroupedMoments, FitError> {
+    ) -> Result<SumsByGroup, FitError> {
         for worker in workers {
             for sums in worker.finish() {
                 let (rows, moments) = sums?;
-                self.add_moments(rows, moments)?;
+                self.add_sums(rows, moments)?;
             }
         }
         let mut sums_of = |summed: SummedRows| self.sums.remove(&summed).flatten();
@@ -106,14 +106,14 @@ impl GroupSums {
         let groups = self.labels.into_iter().filter_map(with_label).collect();
         let random =
             (0..self.empty.random.held_out).map(SummedRows::Fold).filter_map(sums_of).collect();
-        let mut grouped = GroupedMoments::new(groups, random)?;
+        let mut grouped = SumsByGroup::new(groups, random)?;
         if self.empty.apart == Apart::Sets {
             grouped.group_count = self.assigned.len();
         }
         Ok(grouped)
     }
 
-    fn add_moments(&mut self, rows: SummedRows, moments: Moments) -> Result<(), FitError> {
+    fn add_sums(&mut self, rows: SummedRows, moments: ExactSums) -> Result<(), FitError> {
         Ok(moments.add_to(self.sums.entry(rows).or_default())?)
     }
 }
@@ -143,17 +143,17 @@ impl GroupKind {
 
 /// Sums over all rows, apart by group.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GroupedMoments {
+pub struct SumsByGroup {
     /// Label and sums of each group, in the order of their first rows.
-    pub groups: Vec<(String, Moments)>,
+    pub groups: Vec<(String, ExactSums)>,
     /// How many groups there are: more than have sums where sets of them were summed.
     pub group_count: usize,
     /// The sums of rows that were drawn at random from the same ones.
-    pub random: Vec<Moments>,
-    total: Option<Moments>,
+    pub random: Vec<ExactSums>,
+    total: Option<ExactSums>,
 }
 
-impl GroupedMoments {
+impl SumsByGroup {
     /// The sums of `groups`, in the order of their first rows, and of the rows drawn at random.
     ///
     /// # Errors
@@ -161,7 +161,10 @@ impl GroupedMoments {
     ///
     /// # Panics
     /// If bases or numbers of channels differ.
-    pub fn new(groups: Vec<(String, Moments)>, random: Vec<Moments>) -> Result<Self, ExactError> {
+    pub fn new(
+        groups: Vec<(String, ExactSums)>,
+        random: Vec<ExactSums>,
+    ) -> Result<Self, ExactError> {
         let total = total(groups.iter().map(|(_, moments)| moments))?;
         Ok(Self { group_count: groups.len(), groups, random, total })
     }
@@ -170,12 +173,12 @@ impl GroupedMoments {
     ///
     /// # Errors
     /// [`FitError`] if there are fewer than two groups, or the sums do not suit the model.
-    pub(crate) fn partitioned(&self, model: &Model) -> Result<PartitionedMoments<'_>, FitError> {
-        PartitionedMoments::new(self.all_of_several()?, model)
+    pub(crate) fn partitioned(&self, model: &Model) -> Result<PartitionedSums<'_>, FitError> {
+        PartitionedSums::new(self.all_of_several()?, model)
     }
 
     /// The sums over the rows of all groups, which are two at least.
-    pub(crate) fn all_of_several(&self) -> Result<&Moments, FitError> {
+    pub(crate) fn all_of_several(&self) -> Result<&ExactSums, FitError> {
         let found = self.groups.len();
         self.total().filter(|_| found > 1).ok_or(FitError::TooFewGroups { found })
     }
@@ -184,19 +187,21 @@ impl GroupedMoments {
     ///
     /// # Panics
     /// If there are none.
-    pub(crate) fn of_fold(&self, fold: &[usize]) -> Moments {
+    pub(crate) fn of_fold(&self, fold: &[usize]) -> ExactSums {
         let moments = total(fold.iter().map(|&group| &self.groups[group].1));
         moments.expect("parts of sums that are exact").expect("a fold of one group or more")
     }
 
     /// The sums over the rows of all groups; `None` for zero groups.
-    pub fn total(&self) -> Option<&Moments> {
+    pub fn total(&self) -> Option<&ExactSums> {
         self.total.as_ref()
     }
 }
 
 /// The sums of all `parts`.
-fn total<'a>(parts: impl IntoIterator<Item = &'a Moments>) -> Result<Option<Moments>, ExactError> {
+fn total<'a>(
+    parts: impl IntoIterator<Item = &'a ExactSums>,
+) -> Result<Option<ExactSums>, ExactError> {
     let mut parts = parts.into_iter();
     let Some(first) = parts.next() else { return Ok(None) };
     let mut total = first.clone();
@@ -250,7 +255,7 @@ pub struct BlockGroups {
     pub(super) labels: Vec<Arc<str>>,
     /// Where groups are assigned to sets: a hash of each group.
     pub(super) assigned: Vec<u64>,
-    pub(super) settled: Vec<(SummedRows, Moments)>,
+    pub(super) settled: Vec<(SummedRows, ExactSums)>,
 }
 
 impl GroupWorker {
@@ -284,7 +289,7 @@ impl GroupWorker {
     /// The sums that have not been handed over.
     pub(super) fn finish(
         mut self,
-    ) -> impl Iterator<Item = Result<(SummedRows, Moments), FitError>> {
+    ) -> impl Iterator<Item = Result<(SummedRows, ExactSums), FitError>> {
         let sums = std::mem::take(&mut self.sums);
         sums.into_iter().map(move |(rows, sums)| Ok((rows, self.adder.finish(sums)?)))
     }
@@ -295,7 +300,7 @@ impl GroupWorker {
         summed: SummedRows,
         columns: &[&'a [f64]],
         rows: &[usize],
-    ) -> Result<Option<(SummedRows, Moments)>, FitError> {
+    ) -> Result<Option<(SummedRows, ExactSums)>, FitError> {
         let of_rows = |column: &&'a [f64]| match column.len() == rows.len() {
             true => Cow::Borrowed(*column),
             false => rows.iter().map(|&row| column[row]).collect(),

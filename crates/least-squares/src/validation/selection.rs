@@ -14,9 +14,9 @@
 
 use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
 use super::cross_validation::{assign_groups, errors_on, sizes};
-use super::grouped::GroupedMoments;
+use super::grouped::SumsByGroup;
 use crate::error::FitError;
-use crate::exact::PartitionedMoments;
+use crate::exact::PartitionedSums;
 use crate::held_out_errors::HeldOutErrors;
 use crate::model::{Basis, Model};
 use crate::quality::{in_units, significant};
@@ -100,13 +100,13 @@ impl Tried {
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no model can be fitted.
-pub fn select(sums: &GroupedMoments, intercept: bool, ridges: &[f64]) -> Result<Tried, FitError> {
+pub fn select(sums: &SumsByGroup, intercept: bool, ridges: &[f64]) -> Result<Tried, FitError> {
     let whole = sums.all_of_several()?;
     let folds = folds(sums)?;
     let variances = Axis::ALL.map(|axis| whole.variance(axis));
     let model = |basis| Model { basis, intercept, channels: whole.channels(), memory: 0 };
     let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
-        let parts = PartitionedMoments::new(whole, &model(basis)).ok()?;
+        let parts = PartitionedSums::new(whole, &model(basis)).ok()?;
         // The sums of a fold are the same for every ridge.
         let of_fold = |fold: &Vec<usize>| {
             let moments = sums.of_fold(fold);
@@ -177,7 +177,7 @@ fn is_best(candidates: &[Candidate]) -> bool {
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups.
-pub fn folds(sums: &GroupedMoments) -> Result<Vec<Vec<usize>>, FitError> {
+pub fn folds(sums: &SumsByGroup) -> Result<Vec<Vec<usize>>, FitError> {
     assign_groups(&sizes(sums), sums.groups.len().min(FOLDS))
 }
 
@@ -187,7 +187,7 @@ pub fn folds(sums: &GroupedMoments) -> Result<Vec<Vec<usize>>, FitError> {
 /// # Errors
 /// [`FitError`] if there are too few groups.
 pub fn errors_by_fold(
-    sums: &GroupedMoments,
+    sums: &SumsByGroup,
     model: &Model,
     ridge: f64,
     folds: &[Vec<usize>],
