@@ -3,11 +3,11 @@
 
 use std::ops::Range;
 
+use super::options::{CovarianceRule, FitOptions, ModelRule};
 use super::refits::{
     self, FOLDS, MOST_ALONE, MOST_COMPARED, few_by_fold, rows_in_one, select_by_normal_equations,
     sum_groups, sum_groups_or_sets,
 };
-use super::{CovarianceRule, FitOptions, ModelRule};
 use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
 use least_squares::error::FitError;
 use least_squares::exact::ExactSums;

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use super::FitOptions;
+use super::options::FitOptions;
 use super::outliers::{Outlier, OutlierColumn, Outliers, Reason};
 use super::refits::{PolynomialProblem, Solved, solve};
 use crate::validation::outliers::{LIMIT, RowTest, Spread, TestedRow};

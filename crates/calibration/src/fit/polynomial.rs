@@ -6,10 +6,11 @@ use std::mem::take;
 
 use super::choice::{Clusters, FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
+use super::options::{CovarianceRule, FitOptions};
 use super::outlier_search::{KnownFit, name_outliers};
 use super::refits::{PolynomialProblem, Solved, check_sizes, solve};
 use super::warning::Warning;
-use super::{CovarianceRule, Fit, FitMethod, FitOptions};
+use super::{Fit, FitMethod};
 use crate::conversion::Calibration;
 use crate::validation::outliers::{RowTest, Spread, TestedRow};
 use least_squares::error::FitError;

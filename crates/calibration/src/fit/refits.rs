@@ -5,7 +5,7 @@
 //! can be summed so. For readings of any kind the R factors of the folds do, for solvers that weigh rows alike; for
 //! others each fold is fitted anew. Each of up to forty groups is held out alone, more in ten folds.
 
-use super::FitOptions;
+use super::options::FitOptions;
 use crate::conversion::Calibration;
 use crate::groups::HeldOut;
 use least_squares::error::FitError;

@@ -12,7 +12,7 @@
 use std::collections::BTreeMap;
 use std::num::NonZeroU64;
 
-use super::{Order, Planner, SensorKnowledge};
+use super::planner::{Order, Planner, SensorKnowledge};
 use least_squares::error::FitError;
 use least_squares::passes::{Workers, map_folds};
 use sensor_physics::response::PARAMETERS;

@@ -16,8 +16,9 @@ use super::layout::SumLayout;
 use super::limbs::ROWS;
 use super::limbs::{BinaryPlaces, FeatureLimbs, Limbs, SQUARE_WIDTH};
 use super::plan::{MOST_BLOCKS, OpenSums, SummationPlan};
-use super::readings::{count, scan_column};
-use super::{ChannelRange, ExactError, ExactSums, ReadingUnit};
+use super::product_sums::ExactSums;
+use super::readings::{ChannelRange, ReadingUnit, count, scan_column};
+use crate::error::ExactError;
 use crate::model::Basis;
 use shell_data::wrench::Axis;
 

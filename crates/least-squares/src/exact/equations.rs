@@ -17,13 +17,13 @@ use num_bigint::BigInt;
 use num_traits::Zero;
 
 use super::double_double_matrix::{AxisRow, Bordered, LANES, factor, solve_lower, solve_upper};
-use super::held_out::{EquationScales, penalty_of};
+use super::held_out::{EquationScales, ExactFit, penalty_of};
 use super::integers::{
     DIGIT_BITS, digit_planes, integer, join, power_of_two, round, round_scaled, shifted,
 };
 use super::layout::pair;
+use super::product_sums::ExactSums;
 use super::rank::rank_loss;
-use super::{ExactFit, ExactSums};
 use crate::double_double::DoubleDouble;
 use crate::error::FitError;
 use crate::model::{Model, Term};

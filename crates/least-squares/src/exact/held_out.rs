@@ -29,7 +29,8 @@ use super::double_double_matrix::{
 };
 use super::integers::{power_of_two, round, round_scaled};
 use super::layout::pair;
-use super::{ExactSums, ReadingUnit};
+use super::product_sums::ExactSums;
+use super::readings::ReadingUnit;
 use crate::double_double::DoubleDouble;
 use crate::error::FitError;
 use crate::held_out_errors::HeldOutErrors;

@@ -6,10 +6,10 @@ use std::sync::Arc;
 
 use num_bigint::BigInt;
 
-use super::ExactSums;
 use super::integers::{ScaledIntegers, join};
 use super::layout::{SumLayout, pair};
 use super::limbs::{FeatureLimbs, Limbs, SQUARE_WIDTH};
+use super::product_sums::ExactSums;
 use crate::model::Basis;
 
 /// A plan of centre and limbs, with what follows from it for the work on a block of rows.

@@ -7,7 +7,8 @@ use num_bigint::BigInt;
 
 use super::integers::{DigitPlanes, ScaledIntegers};
 use super::layout::SumLayout;
-use super::{ChannelRange, ExactError, MAX_ROWS, ReadingUnit, StoredSums};
+use super::readings::{ChannelRange, ReadingUnit};
+use crate::error::{ExactError, MAX_ROWS};
 use crate::model::Basis;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use shell_data::wrench::PerAxis;
@@ -20,8 +21,7 @@ use shell_data::wrench::PerAxis;
 /// Sums are kept about the origin of the readings and modulo 2¹²⁸. They fit, by [`MAX_ROWS`]: a
 /// reading is below 2¹⁶ in magnitude, so a sum is below 2³⁰·2⁹⁶ = 2¹²⁶; and arithmetic modulo 2¹²⁸
 /// on the way there, such as moving the origin, is exact where its result fits.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(try_from = "StoredSums", into = "StoredSums")]
+#[derive(Clone, Debug, PartialEq)]
 pub struct ExactSums {
     pub(crate) basis: Basis,
     pub(crate) layout: Arc<SumLayout>,

@@ -7,8 +7,8 @@
 use num_bigint::BigInt;
 use num_traits::Zero;
 
-use super::ExactSums;
 use super::held_out::EquationScales;
+use super::product_sums::ExactSums;
 use crate::model::Term;
 use crate::rank_loss::{RankLoss, Relation};
 

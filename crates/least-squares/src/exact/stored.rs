@@ -5,10 +5,14 @@
 //! arithmetic further on takes for granted goes through.
 
 use num_bigint::{BigInt, Sign};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::integers::ScaledIntegers;
 use super::layout::pair;
-use super::{ChannelRange, ExactSums, MAX_ROWS};
+use super::product_sums::ExactSums;
+use super::readings::ChannelRange;
+use crate::error::MAX_ROWS;
 use crate::model::{Basis, Model};
 use shell_data::by_axis;
 use shell_data::wrench::{Axes, Axis};
@@ -143,6 +147,18 @@ impl TryFrom<StoredSums> for ExactSums {
         moments.channels = stored.channels;
         moments.check_possible().map_err(|error| format!("`moments`: {error}"))?;
         Ok(moments)
+    }
+}
+
+impl Serialize for ExactSums {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        StoredSums::from(self.clone()).serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for ExactSums {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        StoredSums::deserialize(deserializer)?.try_into().map_err(D::Error::custom)
     }
 }
 

@@ -23,4 +23,3 @@ mod stored;
 
 pub use self::groups::{FactoredGroups, GroupFactors};
 pub use self::rows::FactoredRows;
-use self::stored::StoredRows;

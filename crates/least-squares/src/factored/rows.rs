@@ -4,7 +4,6 @@ use std::collections::HashMap;
 
 use faer::{Mat, MatRef};
 
-use super::StoredRows;
 use crate::error::FitError;
 use crate::features::Features;
 use crate::held_out_errors::HeldOutErrors;
@@ -19,8 +18,7 @@ use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// What is kept of some rows: the R factor of features, a constant among them, and wrench.
-#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
-#[serde(try_from = "StoredRows", into = "StoredRows")]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FactoredRows {
     pub(super) features: Features,
     /// Their number, and the range of each channel.

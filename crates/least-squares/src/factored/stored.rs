@@ -1,9 +1,10 @@
 //! R factors as documents have them.
 
 use faer::Mat;
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-use super::FactoredRows;
+use super::rows::FactoredRows;
 use crate::model::{Basis, LARGEST, MAX_CHANNELS, Model};
 use crate::r_factor::RFactor;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
@@ -12,7 +13,7 @@ use crate::symmetric::triangular_columns;
 
 /// What is written of [`FactoredRows`].
 #[derive(Clone, Debug, Serialize, Deserialize)]
-pub(super) struct StoredRows {
+struct StoredRows {
     basis: Basis,
     rows: u64,
     scaling: Scaling,
@@ -66,5 +67,17 @@ impl TryFrom<StoredRows> for FactoredRows {
         let are_counted = (ones * ones / rows as f64 - 1.0).abs() < 1e-9;
         ensure(are_counted, "the sum of ones is not the number of rows")?;
         Ok(factored)
+    }
+}
+
+impl Serialize for FactoredRows {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        StoredRows::from(self.clone()).serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for FactoredRows {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        StoredRows::deserialize(deserializer)?.try_into().map_err(D::Error::custom)
     }
 }
