@@ -50,7 +50,7 @@ pub use self::fit::{Fit, FitOptions, fit};
 pub use least_squares::error::FitError;
 pub use least_squares::model::{Basis, Model};
 pub use least_squares::polynomial::Polynomial;
-// What callers of this crate use of the two below it.
+// Callers of this crate use these modules of the two below it.
 pub use least_squares::{
     double_double, exact, factored, features, magnitudes, methods, model, quality, rank_loss,
     reading_ranges, scaling, solver,

@@ -4,11 +4,11 @@
 //! rows ─▶ features ─▶ sums, all or by group ─▶ solution ─▶ errors on groups held out, covariance
 //! ```
 //!
-//! What rows leave behind is small and can be merged: [`exact`] sums of integer readings, the same bits in any order, or
+//! Rows leave little behind, which can be merged: [`exact`] sums of integer readings, the same bits in any order, or
 //! [R factors](factored) of readings of any kind. Either [holds groups out](validation), chooses a model, and says
 //! [how coefficients scatter](uncertainty) without the rows. [`solver`] goes over rows where they are, on several
-//! threads ([`passes`]), by one of several [methods]. Pure: no files, no clocks, no printing. What a reading is of, and
-//! what the loads are for, other crates know.
+//! threads ([`passes`]), by one of several [methods]. Other crates know which sensor a reading is from, and how a model of
+//! one is fitted. Pure: no files, no clocks, no printing.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

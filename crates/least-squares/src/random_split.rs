@@ -9,7 +9,7 @@ pub struct RandomSplit {
     /// Folds that all rows are assigned to.
     #[serde(rename = "random_folds")]
     pub folds: usize,
-    /// Those of them that are summed, to be held out. Two of ten tell an error to a hundredth
+    /// Folds that are summed, to be held out. Two of ten tell an error to a hundredth
     /// from some thousand rows, at a fifth of the work.
     #[serde(rename = "held_out_folds")]
     pub held_out: usize,

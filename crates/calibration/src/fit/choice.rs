@@ -253,7 +253,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// What sums by group say of the model that was chosen.
+    /// Adds to a choice the errors and the advice that sums by group give.
     pub(super) fn decide(
         &self,
         mut choice: ModelChoice,
@@ -300,7 +300,7 @@ impl FitOptions<'_> {
         if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
     }
 
-    /// The same for rows that cannot be summed exactly, of which nothing but standard errors is asked.
+    /// Adds to a choice the R factors that standard errors come from.
     pub(super) fn decide_by_r_factors(
         &self,
         mut choice: ModelChoice,

@@ -102,7 +102,7 @@ pub struct Fit {
     pub excitation: Option<Excitation>,
     /// Rows on both sides of a split.
     pub leaks: Leaks,
-    /// What the groups are that were taken.
+    /// The kind of groups that were taken.
     pub group_by: Option<GroupBy>,
     /// The groups that were found, where they are not given.
     pub found_groups: Option<FoundGroups>,
@@ -114,7 +114,7 @@ pub struct Fit {
     pub cross_validation: Option<CrossValidation>,
     /// Why no model could be chosen on held-out groups, where one was to be.
     pub not_judged: Option<FitError>,
-    /// What held-out errors say to do.
+    /// Advice from held-out errors.
     pub advice: Option<Advice>,
     /// The physics model beside the polynomial that was chosen, or why it was not compared.
     pub comparison: Outcome<ModelComparison, String>,
@@ -126,7 +126,7 @@ pub struct Fit {
     pub outliers: Outcome<Outliers, FitError>,
     /// Lag and memory.
     pub dynamics: Outcome<Dynamics, NotSearched>,
-    /// What is to be said of it.
+    /// Warnings about it.
     pub warnings: Vec<Warning>,
 }
 
@@ -146,7 +146,7 @@ pub struct MeansOf {
 pub enum FitMethod {
     /// A polynomial in the readings.
     Polynomial {
-        /// What the solver says.
+        /// Coefficients and their figures.
         solution: Box<Solution>,
         /// The solver that was used.
         solver: SolverKind,
@@ -253,7 +253,7 @@ impl Fit {
         fitted
     }
 
-    /// What errors, groups and covariance have to say.
+    /// Adds the warnings of errors, groups and covariance.
     fn warn(&mut self) {
         let test = self.test();
         let lever_m = self.excitation.as_ref().and_then(Excitation::lever_m);

@@ -1,6 +1,6 @@
 //! Dense linear least squares, `min ‖X·C − Y‖`, by a family of methods over one stream of rows.
 //!
-//! Nothing here knows of readings and wrenches. Rows come in chunks `[X | Y]`, elements of `X` in
+//! The methods know neither readings nor wrenches. Rows come in chunks `[X | Y]`, elements of `X` in
 //! double-double where a plain `f64` would round them ([`RowChunk`]). A [`Reduction`] says what a pass
 //! over the rows computes: a R factor, a Gram matrix, a gradient; memory does not grow with
 //! the rows. [`Rows`] is whatever can be passed over, as often as the method needs:
@@ -49,7 +49,7 @@ pub enum SolverKind {
     Exact,
     /// Householder QR over row blocks.
     Tsqr,
-    /// The same, corrected by residuals in double-double: two passes or more.
+    /// Householder QR, corrected by residuals in double-double: two passes or more.
     RefinedTsqr,
     /// QR with column pivoting. Pivots are chosen in the R factor that [`SolverKind::Tsqr`] leaves,
     /// whose columns have the lengths and angles of those of `X`: the same factorisation.
@@ -96,7 +96,7 @@ impl SolverKind {
         NAMES[self as usize].0
     }
 
-    /// What it does, in a few words.
+    /// The work of the solver in a few words.
     pub const fn description(self) -> &'static str {
         NAMES[self as usize].1
     }
@@ -111,7 +111,7 @@ impl SolverKind {
         }
     }
 
-    /// Those that are offered.
+    /// The solvers that users can pick.
     pub fn offered() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|solver| solver.instead().is_none())
     }

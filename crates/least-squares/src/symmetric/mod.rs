@@ -44,11 +44,13 @@ impl SymmetricMatrix {
     }
 
     /// A row from the diagonal on.
+    #[inline]
     pub fn row(&self, row: usize) -> &[f64] {
         &self.upper[first(self.size, row)..][..self.size - row]
     }
 
     /// A row from the diagonal on.
+    #[inline]
     pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
         &mut self.upper[first(self.size, row)..][..self.size - row]
     }
@@ -127,16 +129,19 @@ impl UpperTriangle {
     }
 
     /// Rows, and columns.
+    #[inline]
     pub fn size(&self) -> usize {
         self.0.size
     }
 
     /// A row from the diagonal on.
+    #[inline]
     pub fn row(&self, row: usize) -> &[f64] {
         self.0.row(row)
     }
 
     /// A row from the diagonal on.
+    #[inline]
     pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
         self.0.row_mut(row)
     }
