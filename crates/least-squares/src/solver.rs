@@ -167,7 +167,7 @@ struct FeatureRows<'a> {
     ranges: Option<ReadingRanges>,
 }
 
-impl methods::Rows for FeatureRows<'_> {
+impl methods::RowSource for FeatureRows<'_> {
     type Error = FitError;
 
     fn shape(&self) -> Shape {

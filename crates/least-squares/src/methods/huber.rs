@@ -17,7 +17,7 @@
 
 use faer::Mat;
 
-use super::rows::{Reduction, RowChunk, Rows, Shape};
+use super::rows::{Reduction, RowChunk, RowSource, Shape};
 use crate::magnitudes::FineMagnitudes;
 use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 use crate::vectors::{add_multiple, dot};
@@ -175,7 +175,7 @@ impl Reduction for Clipped<'_> {
 }
 
 /// Solves by least squares and modified residuals.
-pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
+pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
     let r_factor = rows.pass(&RFactor::new(p, q))?;

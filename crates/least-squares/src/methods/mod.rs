@@ -3,7 +3,7 @@
 //! The methods know neither readings nor wrenches. Rows come in chunks `[X | Y]`, elements of `X` in
 //! double-double where a plain `f64` would round them ([`RowChunk`]). A [`Reduction`] says what a pass
 //! over the rows computes: a R factor, a Gram matrix, a gradient; memory does not grow with
-//! the rows. [`Rows`] is whatever can be passed over, as often as the method needs:
+//! the rows. [`RowSource`] is whatever can be passed over, as often as the method needs:
 //!
 //! | method | passes | what is kept | relative error of the coefficients, about |
 //! | --- | --- | --- | --- |
@@ -33,7 +33,7 @@ mod wide;
 mod wide_matrix;
 
 pub(crate) use self::huber::clip_of_sizes;
-pub use self::rows::{Reduction, RowChunk, Rows, Shape};
+pub use self::rows::{Reduction, RowChunk, RowSource, Shape};
 pub use super::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
 use self::gram::Gram;
@@ -138,7 +138,7 @@ const NAMES: [(&str, &str); 10] = [
 /// # Errors
 /// [`LeastSquaresError`] if the rows do not determine the
 /// coefficients, or not for this method; the errors of `rows`.
-pub fn solve<R: Rows>(
+pub fn solve<R: RowSource>(
     rows: &mut R,
     method: Method,
     ridge: Ridge,

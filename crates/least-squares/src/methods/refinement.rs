@@ -10,7 +10,7 @@
 
 use faer::{Mat, MatRef};
 
-use super::rows::{Reduction, RowChunk, Rows, Shape, WideColumns};
+use super::rows::{Reduction, RowChunk, RowSource, Shape, WideColumns};
 use super::wide_matrix::{LANES, LaneSums, Wide, WideMatrix, add_multiple, add_products, rounded};
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
@@ -66,7 +66,7 @@ impl Reduction for Gradient<'_> {
 }
 
 /// Solves by QR and corrections.
-pub(super) fn solve<R: Rows>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
+pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSquares, R::Error> {
     let shape = rows.shape();
     let Shape { features: p, outputs: q } = shape;
     let r_factor = rows.pass(&RFactor::new(p, q))?;

@@ -86,7 +86,7 @@ pub trait Reduction: Clone + Send + Sync {
 }
 
 /// Rows that can be passed over any number of times.
-pub trait Rows {
+pub trait RowSource {
     /// What can go wrong on the way.
     type Error: From<LeastSquaresError>;
 

@@ -1,8 +1,8 @@
 //! A problem, its exact answer, and how many digits of it a method gets.
 
 use calibration::methods::{
-    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape, SolverKind,
-    solve,
+    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, RowSource, Shape,
+    SolverKind, solve,
 };
 use faer::Mat;
 use num_rational::BigRational;

@@ -3,7 +3,7 @@
 use faer::{Mat, MatRef};
 
 use super::{
-    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape, solve,
+    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, RowSource, Shape, solve,
 };
 
 /// `X` and `Y` in memory.
@@ -59,7 +59,7 @@ impl<'a> Dense<'a> {
     }
 }
 
-impl Rows for Dense<'_> {
+impl RowSource for Dense<'_> {
     type Error = LeastSquaresError;
 
     fn shape(&self) -> Shape {
