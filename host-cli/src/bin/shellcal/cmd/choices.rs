@@ -56,16 +56,6 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
 
-/// A family of features.
-pub(super) fn basis() -> impl TypedValueParser<Value = Basis> {
-    one_of(&Basis::ALL.map(|basis| (basis.name(), basis.description(), basis)))
-}
-
-/// A solver, of all that there are.
-pub(super) fn any_solver() -> impl TypedValueParser<Value = SolverKind> {
-    one_of(&SolverKind::ALL.map(|solver| (solver.name(), solver.description(), solver)))
-}
-
 /// A solver that is offered; of any other the one to take in its place is said.
 pub(super) fn solver() -> impl TypedValueParser<Value = SolverKind> {
     let names = SolverKind::ALL.map(|solver| {
