@@ -342,6 +342,17 @@ fn truncation_answers_where_rank_is_lost_and_says_so() {
 }
 
 #[test]
+fn a_solver_that_only_judges_others_is_refused_and_another_named() {
+    let dir = with_files(&[("log.csv", &log(400, 1e-3, |_| {}))]);
+    for (solver, instead) in
+        [("gram", "`exact`"), ("wide-tsqr", "`exact`"), ("pivoted-qr", "`svd`")]
+    {
+        let error = refused(&dir, &format!("fit log.csv --model linear --solver {solver}"));
+        assert!(error.contains(&format!("use {instead}")), "{error}");
+    }
+}
+
+#[test]
 fn a_load_whose_square_overflows_is_refused_with_its_place() {
     let train = log(400, 1e-3, |_| {});
     let (rows, last) = train.trim_end().rsplit_once(',').unwrap();

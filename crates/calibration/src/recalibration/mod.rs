@@ -15,8 +15,8 @@ mod search;
 pub use self::change::{Change, ChannelChange};
 use self::search::{ChangeSearch, FoundChange};
 use crate::conversion::{Calibration, Kind};
-use crate::physics::Observation;
-use crate::validation::cross_validation::HeldOutQuality;
+use least_squares::validation::cross_validation::HeldOutQuality;
+use sensor_physics::Observation;
 use shell_data::wrench::PerAxis;
 
 /// What may have changed.

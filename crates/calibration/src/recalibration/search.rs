@@ -13,8 +13,8 @@ use super::{
     ChangedQuantity, FIRST_SHARE, GAIN, LEVER_M, NewLoads, SHARES, SWEEPS, TURN_RAD, ZERO, errors,
 };
 use crate::conversion::{Calibration, Kind};
-use crate::physics::response::Answer;
-use crate::physics::{Observation, PhysicsModel, Sensor};
+use sensor_physics::response::Answer;
+use sensor_physics::{Observation, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
 /// How often the differences are made linear about what was found. They nearly are: the third time moves that by a

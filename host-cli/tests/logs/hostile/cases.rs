@@ -160,7 +160,7 @@ fn a_penalised_fit_is_the_same_in_any_order_of_rows() {
     let mut rows: Vec<&str> = rows.lines().collect();
     rows.sort_by_key(|row| row.chars().rev().collect::<String>());
     write(&dir, "sorted.csv", format!("{header}\n{}\n", rows.join("\n")));
-    for solver in ["tsqr", "refined-tsqr", "wide-tsqr", "gram", "pivoted-qr", "svd"] {
+    for solver in ["tsqr", "svd"] {
         let rms = |file: &str| {
             let command = format!(
                 "fit --model cubic {file} --test test.csv --solver {solver} --ridge 1e-2 --json"

@@ -58,9 +58,8 @@ impl FitArgs {
         self.ask_errors(&fitted, &mut gate);
         let outcome = printer.judge(&gate);
         let name = |found: &Outliers| NamedOutliers::new(found.clone(), &train, &data.train);
-        let used = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
         let dropped = dropped_file.is_some().then(|| name(&fitted.dropped));
-        let named = NamedRows { used: used.map(name), dropped };
+        let named = NamedRows { used: fitted.outliers.found().map(name), dropped };
         let sources = sources((&train, &test), &data, &fitted)?;
         let file = made_file(&fitted, self.origin(sources, &train)?);
 
