@@ -25,7 +25,7 @@ pub(crate) struct BoardArgs {
     port: Option<String>,
 
     /// Be a board until Ctrl-C
-    #[arg(long, conflicts_with = "port")]
+    #[arg(long, conflicts_with_all = ["port", "framing", "baud", "flow_control", "to"])]
     simulate: bool,
 
     /// How the base station frames bytes

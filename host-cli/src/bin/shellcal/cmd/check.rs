@@ -1,4 +1,4 @@
-//! Whether a calibration holds: `shellcal check` with known weights on the sensor, and `shellcal compare`, which of two
+//! A calibration held against the sensor: `shellcal check` with known weights on the sensor, and `shellcal compare`, which of two
 //! calibrations errs less.
 
 use calibration::fit::{Better, PairedErrors, Workers, paired_errors};
@@ -68,7 +68,7 @@ impl CheckArgs {
             passes: gate.passes(),
             axes: axes.columns(),
             loads: &loads,
-            // What was not compared, or differs.
+            // Items that were not compared, or differ.
             failures: gate.failures().iter().map(ToString::to_string).collect::<Vec<_>>(),
         };
         printer.finish(&document, |printer| {
