@@ -13,7 +13,7 @@ use shellcal::workflow::gates::{Gate, GateFailure};
 use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
 
-use super::evaluation::{self, EvaluationArgs};
+use super::evaluation::{self, BOOTSTRAP_SEED, EvaluationArgs, ReferenceArg, TitleArg};
 use crate::cmd::choices::numbers;
 use crate::cmd::mapping::open_logs;
 use crate::cmd::outputs;
@@ -35,17 +35,11 @@ pub(crate) struct ReportArgs {
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     output: OutputPath,
 
-    /// Title of the report [default: the manifest's name]
-    #[arg(long, value_name = "TEXT")]
-    title: Option<String>,
+    #[command(flatten)]
+    titled: TitleArg,
 
-    /// The condition that the others are compared with
-    #[arg(long, value_name = "NAME")]
-    reference: Option<String>,
-
-    /// What the bootstrap draws its samples from
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    compared: ReferenceArg,
 
     /// Certify a calibration instead, on one page: loads, uncertainty budget, check weights, checksums
     #[arg(long, conflicts_with_all = ["reference", "calibration", "profile", "by_row"], help_heading = "Certificate")]
@@ -80,7 +74,7 @@ impl ReportArgs {
         let equipment = self.evaluation.equipment(TraceExtent::Log)?;
         let path = &self.manifest;
         let manifest = evaluation::read(path, printer)?;
-        evaluation::check_reference(&manifest, self.reference.as_deref())?;
+        evaluation::check_reference(&manifest, self.compared.reference.as_deref())?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, true);
             Ok(())
@@ -90,7 +84,7 @@ impl ReportArgs {
         let failures = evaluation::tell_failures(printer, path, &batch);
         anyhow::ensure!(!batch.trials.is_empty(), "no trial could be evaluated");
 
-        let conditions = batch.statistics(self.reference.as_deref(), self.seed);
+        let conditions = batch.statistics(self.compared.reference.as_deref(), BOOTSTRAP_SEED);
         let phases = batch.phases();
         let files =
             [("manifest", path.as_path())].into_iter().chain(self.evaluation.files_by_role());
@@ -106,7 +100,7 @@ impl ReportArgs {
         let trials: Vec<TrialResult> =
             batch.trials.drain(..).map(|trial| trial.evaluated.result).collect();
         let name = self.evaluation.calibration.as_ref().map(|path| path.display().to_string());
-        let title = self.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
+        let title = self.titled.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
         let outcome = printer.decide(failures.is_empty());
         let document = Report {
             heading: Heading {
@@ -119,7 +113,7 @@ impl ReportArgs {
             failed: &failures,
             conditions: &conditions,
             phases: &phases,
-            settings: &report::settings(&trial, &equipment.profile, self.seed),
+            settings: &report::settings(&trial, &equipment.profile, BOOTSTRAP_SEED),
             calibration: name.as_deref().zip(equipment.calibration.as_ref()),
             robot_length_m: equipment.profile.robot.length_m,
             channel_length_m: equipment.profile.channel.length_m,
@@ -166,7 +160,7 @@ impl ReportArgs {
         let not_compared: Vec<_> = failures.map(|failure| failure.to_string()).collect();
         let certificate = Certificate {
             heading: Heading {
-                title: self.title.as_deref().unwrap_or(&usual_title),
+                title: self.titled.title.as_deref().unwrap_or(&usual_title),
                 made_by: shellcal::PROGRAM,
                 date: &outputs::date()?,
                 command: &outputs::command_line(),
