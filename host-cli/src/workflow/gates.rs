@@ -7,7 +7,7 @@ use calibration::quality::significant;
 use log_file::Log;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Rows of a subject that make it compared: so many, and a tenth of those that there are; all of fewer.
+/// The least number of rows that make a subject compared, with a tenth of those that there are; all, where there are fewer.
 const LEAST_ROWS: u64 = 10;
 
 /// A list of what is to be compared. It passes only if every item was compared, and held.
@@ -43,7 +43,7 @@ pub enum GateFailure {
 }
 
 impl Gate {
-    /// Asks for axes of a subject, none of which has been compared so far.
+    /// Asks for axes of a subject that has not been compared so far.
     pub fn ask(&mut self, name: impl Into<String>, axes: Axes) -> &mut GateSubject {
         let subject = GateSubject { name: name.into(), open: axes, failures: Vec::new() };
         self.subjects.push(subject);

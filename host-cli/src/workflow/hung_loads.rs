@@ -30,14 +30,14 @@ const MOUNTING_M: f64 = 3e-3;
 /// Loads that were hung, and what the readings say of them.
 #[derive(Clone, Debug)]
 pub struct HungReference {
-    /// Those with readings, in the order of the table.
+    /// The loads with readings, in the order of the table.
     pub loads: Vec<HungLoad>,
-    /// What they were.
+    /// The loads as the readings show them.
     pub corrected: CorrectedLoads,
     /// The labels of the mountings whose offsets were found.
     pub mountings: Vec<String>,
-    /// What errors on loads that were held out are against, by label: loads as they are stated, and as they were found
-    /// where a line of the table is wrong.
+    /// The loads that held-out errors are against, by label: as they are stated, and as they were found where a line of
+    /// the table is wrong.
     pub judged_by: BTreeMap<String, PerAxis<f64>>,
     /// Labels of loads without readings.
     pub unread: Vec<String>,
@@ -72,7 +72,7 @@ impl HungReference {
             loads.iter().filter_map(|of| of.mounting.clone()).collect();
         mountings.sort_unstable();
         mountings.dedup();
-        // What all loads share cannot be told from the sensors.
+        // An offset that all loads share cannot be told from the sensors.
         if mountings.len() < 2 {
             mountings.clear();
         }
@@ -163,7 +163,7 @@ pub(super) fn gate_of_loads(
     let mut gate = Gate::default();
     for load in table.loads() {
         let asked = asked(load);
-        let name = format!("load `{}` (line {}: {load})", load.group, load.line);
+        let name = load_name(load);
         let subject = gate.ask(&name, asked);
         match rows.get(load.group.as_str()).copied().unwrap_or_default() {
             0 => subject.lacks(Axes::ALL, |_| format!("{name}, which no row is at")),
@@ -174,6 +174,11 @@ pub(super) fn gate_of_loads(
         });
     }
     gate
+}
+
+/// A load by its label, with its line.
+pub(super) fn load_name(load: &HungLoad) -> String {
+    format!("load `{}` (line {}: {load})", load.group, load.line)
 }
 
 /// Axes on which a load is more than its errors explain.

@@ -64,6 +64,9 @@ fn a_certificate_sums_up_what_is_known_and_says_what_is_not() {
     let found = unit * combined(&said, 0);
     assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected} {budget:?}");
     assert!((number(&of("expanded")[2]) / (2.0 * found) - 1.0).abs() < 5e-3, "{budget:?}");
+    // A log of loads tells no repeatability.
+    let said = refused(&dir, "report cal.json --certificate --unloaded train.csv -o no.html");
+    assert!(said.contains("`train.csv` is of a loaded sensor: Fx scatters by"), "{said}");
     // The file can be told from others.
     assert!(html.contains("xxh128:"), "{html}");
 }

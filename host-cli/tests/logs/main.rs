@@ -35,4 +35,5 @@ mod recording;
 #[path = "../support/sealed.rs"]
 mod sealed;
 mod settings;
+mod streams;
 mod studies;

@@ -131,7 +131,7 @@ impl Printer {
         self.decided()
     }
 
-    /// What was decided, also where the command could not print it.
+    /// The decision, also where the command could not print its result.
     pub(crate) fn decided(&self) -> Outcome {
         match self.has_failed.load(Ordering::Relaxed) {
             true => Outcome::CheckFailed,

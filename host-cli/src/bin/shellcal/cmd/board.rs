@@ -24,7 +24,7 @@ pub(crate) struct BoardArgs {
     port: Option<String>,
 
     /// Be a board until Ctrl-C
-    #[arg(long, conflicts_with = "port")]
+    #[arg(long, conflicts_with_all = ["port", "framing", "baud", "flow_control", "to"])]
     simulate: bool,
 
     /// Serial number of the board, as `identify` prints it, where several hear

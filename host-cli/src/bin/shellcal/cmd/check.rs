@@ -1,4 +1,4 @@
-//! `shellcal check`: whether a calibration holds, with known weights on the sensor.
+//! `shellcal check`: a calibration held against known weights on the sensor.
 
 use calibration::quality::significant;
 use report::CheckedLoad;
@@ -61,7 +61,7 @@ impl CheckArgs {
             passes: gate.passes(),
             axes: axes.columns(),
             loads: &loads,
-            // What was not compared, or differs.
+            // Items that were not compared, or differ.
             failures: gate.failures().iter().map(ToString::to_string).collect::<Vec<_>>(),
         };
         printer.finish(&document, |printer| {

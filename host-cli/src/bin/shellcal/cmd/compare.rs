@@ -12,7 +12,6 @@ use shellcal::workflow::remark::found_groups;
 use super::eval::AxesArg;
 use super::mapping::MappingArgs;
 use crate::files::InputPath;
-
 use crate::printer::{Outcome, Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]

@@ -190,6 +190,9 @@ impl Examination {
 /// Whether a file is a document in JSON, as calibrations are.
 fn is_document(path: &Path) -> anyhow::Result<bool> {
     let cannot = || format!("cannot read `{}`", path.display());
+    // Before it is opened: whoever opens a pipe waits for its writer.
+    let kind = std::fs::metadata(path).with_context(cannot)?.file_type();
+    ensure!(kind.is_file() || kind.is_dir(), "{}: it is not a regular file", cannot());
     let mut head = Vec::new();
     let file = File::open(path).with_context(cannot)?;
     file.take(256).read_to_end(&mut head).with_context(cannot)?;
