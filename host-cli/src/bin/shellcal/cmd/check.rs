@@ -6,6 +6,7 @@ use calibration::quality::significant;
 use calibration_file::CalibrationFile;
 use log_file::{Log, Wanted, read_logs};
 use report::CheckedLoad;
+use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check::check_weights;
 use shellcal::workflow::check_channels;
@@ -49,11 +50,34 @@ impl CheckArgs {
         let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
         let axes = file.calibration.axes;
         let checked = check_weights(&file, &logs, &table, &self.mapping.read_options())?;
-        let passes = checked.iter().all(|of| of.off.is_empty());
-        let verdict = match passes {
-            true => "passes: every difference is within what errors of sensor and weights explain",
-            false => "fails: the sensor has changed, or the weights are not what the table says",
+        let holds = checked.iter().all(|of| of.off.is_empty());
+        let can_tell = !checked.iter().all(|of| of.cannot_tell);
+        let passes = holds && can_tell;
+        let verdict = match (holds, can_tell) {
+            (true, true) => {
+                "passes: every difference is within what errors of sensor and weights explain"
+            }
+            (true, false) => {
+                "cannot tell: a weight of nothing would pass as well; hang heavier ones"
+            }
+            (false, _) => {
+                "fails: the sensor has changed, or the weights are not what the table says"
+            }
         };
+        let light = checked.iter().filter(|of| of.cannot_tell).map(|of| &of.group);
+        let light: Vec<&String> = light.collect();
+        if can_tell && !light.is_empty() {
+            let labels = quoted(light, ", ");
+            printer.warning(format!("too light to tell anything: {labels}"));
+        }
+        for of in &checked {
+            if let Some(degrees) = of.turned_deg {
+                printer.warning(format!(
+                    "`{}`: the force is {degrees:.0}° from the stated direction, and of the stated size",
+                    of.group
+                ));
+            }
+        }
         let document = document! { passes: passes, axes: axes.columns(), loads: &checked };
         printer.finish(&document, |printer| {
             print(printer, &checked, axes);
@@ -113,16 +137,19 @@ impl CompareArgs {
             log.keep_axes(axes)?;
         }
         let has_groups = logs.iter().all(Log::has_groups);
+        let calibrations = [&first, &second].map(|of| &of.calibration);
+        let by_time = calibrations.iter().any(|of| of.needs_time())
+            || calibrations.iter().any(|of| of.lag.is_some()) && logs.iter().all(Log::has_time);
         let wanted = Wanted {
             readings: true,
             wrench: true,
             groups: has_groups,
-            time: !has_groups && logs.len() == 1 && logs[0].has_time(),
+            time: by_time || !has_groups && logs.len() == 1 && logs[0].has_time(),
             ..Wanted::default()
         };
         let data = read_logs(&logs, &wanted, &self.mapping.read_options())?;
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
-        let found = paired_errors([&first, &second].map(|of| &of.calibration), &data, workers)?;
+        let found = paired_errors(calibrations, &data, workers)?;
         if let Some(groups) = found.group_by.found() {
             printer.remarks([found_groups(groups)]);
         }
