@@ -205,13 +205,23 @@ struct DocumentHeader {
 }
 
 impl CalibrationFile {
-    /// The share of the training loads' variance that the calibration leaves unexplained, 1 − R² of
-    /// each axis, if that is known.
+    /// The share of the loads' variance that the calibration leaves unexplained, 1 − R² of each axis, if that is known: of
+    /// the training loads, by a physics model of loads that were held out.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {
-        let train = self.origin.diagnostics.as_ref()?.train;
+        let diagnostics = self.origin.diagnostics.as_ref()?;
+        let train = diagnostics.train;
         let has = |axis: Axis| train[axis.index()].r_squared.is_some();
         let known = self.calibration.axes.iter().all(has);
-        known.then(|| train.map(|axis| (1.0 - axis.r_squared.unwrap_or(0.0)).max(0.0)))
+        // A physics model has no coefficients that would say what new loads add.
+        let is_physics = self.calibration.polynomial().is_none();
+        let held_out = diagnostics.cross_validation.as_ref().filter(|_| is_physics);
+        let share = |axis: usize| {
+            let of = train[axis];
+            let new = held_out.map_or(of.rms, |held_out| held_out.grouped[axis].rms);
+            let more = if of.rms > 0.0 { (new / of.rms).powi(2) } else { 1.0 };
+            (more * (1.0 - of.r_squared.unwrap_or(0.0))).max(0.0)
+        };
+        known.then(|| std::array::from_fn(share))
     }
 
     /// Reads the JSON document at `path`.

@@ -213,6 +213,8 @@ impl FrameStream {
             self.marks.1 = 0;
             let standard_errors = errors.as_ref().map(|errors| errors.each_ref().map(|it| it[at]));
             let (&BoardFrame { time_us, index, .. }, flags) = (frame, flags.join(" "));
+            // The time of a row is that of its forces.
+            let time_us = self.forces.as_ref().map_or(time_us, |of| of.moved_us(time_us));
             let row =
                 StreamRow { time_us, index, host_us, readings, wrench, standard_errors, flags };
             rows.push(row);

@@ -7,6 +7,7 @@ use super::recalibration::known_errors;
 use super::{WorkflowError, check_channels};
 use calibration::physics::COVERAGE_LEVEL;
 use calibration_file::CalibrationFile;
+use forces::payload::{Vector, norm};
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions};
 use report::CheckedLoad;
@@ -91,17 +92,45 @@ pub fn check_weights(
             };
             let off = axes.iter().filter(is_off).collect();
             let (group, load) = (load.group.clone(), load.to_string());
-            CheckedLoad { group, load, stated, measured, allowed, off }
+            let cannot_tell = calibration
+                .axes
+                .iter()
+                .all(|axis| stated[axis.index()].abs() <= allowed[axis.index()]);
+            let turned_deg = turned_deg(&stated, &measured, &allowed);
+            CheckedLoad { group, load, stated, measured, allowed, off, cannot_tell, turned_deg }
         })
     };
     let weights = table.loads().iter().filter(|load| !is_rest(load));
     let loads: Vec<CheckedLoad> = weights.filter_map(compare).collect();
+    let cannot_tell = loads.iter().all(|of| of.cannot_tell);
     for (load, subject) in table.loads().iter().zip(gate.subjects()) {
+        if cannot_tell && !is_rest(&load) {
+            let name = &load.group;
+            subject.lacks(Axes::ALL, |axes| format!("{axes} of load `{name}`, which is too light"));
+        }
         let off = loads.iter().find(|of| of.group == load.group).map_or(Axes::NONE, |of| of.off);
         let name = format!("load `{}`", load.group);
         subject.compare(|_| (!off.is_empty()).then_some(GateFailure::Off { axes: off, name }));
     }
     Ok(CheckedWeights { loads, gate })
+}
+
+/// The angle between two forces of about the same size, degrees, if it is beyond what may differ across them.
+fn turned_deg(
+    stated: &PerAxis<f64>,
+    measured: &PerAxis<f64>,
+    allowed: &PerAxis<f64>,
+) -> Option<f64> {
+    /// Beyond this it is another weight.
+    const SAME_SIZE: f64 = 0.2;
+    let part = |wrench: &PerAxis<f64>| -> Vector { std::array::from_fn(|axis| wrench[axis]) };
+    let (stated, measured) = (part(stated), part(measured));
+    let (one, other) = (norm(stated), norm(measured));
+    let cosine = stated.iter().zip(measured).map(|(a, b)| a * b).sum::<f64>() / (one * other);
+    let angle = cosine.clamp(-1.0, 1.0).acos();
+    let is_alike = (other / one - 1.0).abs() <= SAME_SIZE;
+    (is_alike && angle.sin() * one > norm(part(allowed)) && angle.is_finite())
+        .then(|| angle.to_degrees())
 }
 
 /// The readings at a load, memory terms beside them.

@@ -30,6 +30,7 @@ mod noise;
 mod one_pipeline;
 mod outages;
 mod payload;
+mod payload_motion;
 #[path = "../support/recording.rs"]
 mod recording;
 #[path = "../support/sealed.rs"]

@@ -313,6 +313,9 @@ pub struct PairedErrors {
     pub axes: PerAxis<PairedError>,
 }
 
+/// A difference below this share of the errors is one of rounding.
+const ROUNDING: f64 = 1e-9;
+
 /// The errors of two calibrations on one axis, N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PairedError {
@@ -351,8 +354,8 @@ impl PairedError {
     }
 }
 
-/// The errors of two calibrations on the rows of `data`, by its groups: of a column, files, those that are found, or
-/// stretches of time.
+/// The errors of two calibrations on the rows of `data`, each with its own lag and memory made up for, by its groups: of a
+/// column, files, those that are found, or stretches of time.
 ///
 /// # Errors
 /// [`FitError`] if there are fewer than two groups, or whoever watches wants no more.
@@ -363,8 +366,9 @@ pub fn paired_errors(
 ) -> Result<PairedErrors, FitError> {
     let (group_by, data) = label_groups(data, HeldOut::Auto).ok_or(FitError::NoRows)?;
     let squares = |group: &GroupErrors| group.errors.each_ref().map(squares_of);
-    let of = |calibration| -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
-        Ok(group_errors(calibration, &data, 0, workers)?.groups.iter().map(squares).collect())
+    let of = |calibration: &Calibration| -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
+        let rows = calibration.prepared(&data)?;
+        Ok(group_errors(calibration, &rows, 0, workers)?.groups.iter().map(squares).collect())
     };
     let [first, second] = [of(calibrations[0])?, of(calibrations[1])?];
     let groups = first.len();
@@ -382,7 +386,10 @@ pub fn paired_errors(
         let differences: Vec<_> = first.iter().zip(&second).map(difference).collect();
         let per_square = if rms[0] + rms[1] > 0.0 { (rms[0] + rms[1]).recip() } else { 0.0 };
         let half_width = t * FoldMean::new(&differences).standard_error * per_square;
-        PairedError { rms, difference: rms[0] - rms[1], half_width }
+        // What rounding leaves of two equal sums of squares tells nothing, however narrow the interval.
+        let is_rounding = (rms[0] - rms[1]).abs() <= ROUNDING * (rms[0] + rms[1]);
+        let difference = if is_rounding { 0.0 } else { rms[0] - rms[1] };
+        PairedError { rms, difference, half_width }
     });
     Ok(PairedErrors { rows: data.rows(), group_by, groups, axes })
 }
@@ -443,6 +450,10 @@ mod tests {
         let chance = compare(&off_by(0.02));
         assert_eq!(chance.better(), Better::Neither);
         assert!(chance.half_width > chance.difference.abs());
+        // Alike but for the last bits.
+        let rounded = compare(&off_by(1e-13));
+        assert_ne!(rounded.rms[0], rounded.rms[1]);
+        assert_eq!((rounded.better(), rounded.difference), (Better::Neither, 0.0));
         let swapped = paired_errors([&off_by(1.5), &right], &data, Workers::ONE).unwrap().axes[2];
         assert_eq!(swapped.better(), Better::Second);
         assert_eq!(swapped.difference, -found.difference);

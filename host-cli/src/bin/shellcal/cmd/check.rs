@@ -2,6 +2,7 @@
 
 use calibration::quality::significant;
 use report::CheckedLoad;
+use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check::{CheckedWeights, check_weights};
 
@@ -50,13 +51,31 @@ impl CheckArgs {
         let read = self.mapping.read_options();
         let CheckedWeights { loads, gate } = check_weights(&file, &logs, &table, named, &read)?;
         let outcome = printer.judge(&gate);
+        let holds = loads.iter().all(|of| of.off.is_empty());
         let verdict = match () {
             () if gate.passes() => {
                 "passes: every difference is within what errors of sensor and weights explain"
             }
-            () if loads.iter().all(|of| of.off.is_empty()) => "fails: not all was compared",
+            () if holds && loads.iter().all(|of| of.cannot_tell) => {
+                "cannot tell: a weight of nothing would pass as well; hang heavier ones"
+            }
+            () if holds => "fails: not all was compared",
             () => "fails: the sensor has changed, or the weights are not what the table says",
         };
+        let light: Vec<&String> =
+            loads.iter().filter(|of| of.cannot_tell).map(|of| &of.group).collect();
+        if (1..loads.len()).contains(&light.len()) {
+            let labels = quoted(light, ", ");
+            printer.warning(format!("too light to tell anything: {labels}"));
+        }
+        for of in &loads {
+            if let Some(degrees) = of.turned_deg {
+                printer.warning(format!(
+                    "`{}`: the force is {degrees:.0}° from the stated direction, and of the stated size",
+                    of.group
+                ));
+            }
+        }
         let document = document! {
             passes: gate.passes(),
             axes: axes.columns(),

@@ -54,11 +54,14 @@ impl CompareArgs {
             log.keep_axes(axes)?;
         }
         let has_groups = logs.iter().all(Log::has_groups);
+        let calibrations = [&first, &second].map(|of| &of.calibration);
+        let by_time = calibrations.iter().any(|of| of.needs_time())
+            || calibrations.iter().any(|of| of.lag.is_some()) && logs.iter().all(Log::has_time);
         let wanted = Wanted {
             readings: true,
             wrench: true,
             groups: has_groups,
-            time: !has_groups && logs.len() == 1 && logs[0].has_time(),
+            time: by_time || !has_groups && logs.len() == 1 && logs[0].has_time(),
             ..Wanted::default()
         };
         let data = read_logs(&logs, &wanted, &self.mapping.read_options())?;
@@ -77,7 +80,7 @@ impl CompareArgs {
             subject.hold();
         }
         let outcome = printer.judge(&gate);
-        let found = paired_errors([&first, &second].map(|of| &of.calibration), &data, workers)?;
+        let found = paired_errors(calibrations, &data, workers)?;
         if let Some(groups) = found.group_by.found() {
             printer.remarks([found_groups(groups)]);
         }

@@ -181,6 +181,8 @@ impl ReportArgs {
             "axes": axes.columns(),
             "combined_standard_uncertainty": axes.of(&certificate.combined()),
             "expanded_uncertainty": axes.of(&certificate.expanded()),
+            "coverage_factor": axes.of(&certificate.coverage()),
+            "effective_degrees_of_freedom": axes.of(&certificate.degrees_of_freedom()),
             "weights_off": off,
         });
         printer.finish(&summary, |printer| {
