@@ -71,7 +71,8 @@ fn picture(all: &Dependencies) -> String {
     for (at, names) in layers.iter().enumerate() {
         let y = height - MARGIN - BOX[1] - at as f64 * step[1];
         let left = (width - (names.len() as f64 * step[0] - GAPS[0])) / 2.0;
-        corners.extend((0..).zip(names).map(|(i, name)| (*name, [left + f64::from(i) * step[0], y])));
+        corners
+            .extend((0..).zip(names).map(|(i, name)| (*name, [left + f64::from(i) * step[0], y])));
     }
     let mut svg = format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" font-family=\"sans-serif\" \
@@ -111,7 +112,8 @@ mod tests {
 
     fn crates() -> Dependencies {
         let of = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect();
-        let all = [("top", of(&["middle", "bottom"])), ("middle", of(&["bottom"])), ("bottom", of(&[]))];
+        let all =
+            [("top", of(&["middle", "bottom"])), ("middle", of(&["bottom"])), ("bottom", of(&[]))];
         all.map(|(name, below)| (name.to_owned(), below)).into()
     }
 

@@ -211,6 +211,23 @@ impl Batch {
                     sample.add_cluster(strides.filter_map(|stride| quantity.of(&stride.measures)));
                 }
             }
+            // A stride's drag energy is over its own length: its share of the trial's error is by its mean.
+            match result.row.shared_error(quantity) {
+                Some((parts, degrees)) => {
+                    let scale = match (per, quantity.of(&result.row.measures)) {
+                        (Per::Stride, Some(whole)) if quantity == Quantity::DragEnergy => {
+                            let strides = result.stride_rows.iter();
+                            let values = strides.filter_map(|stride| quantity.of(&stride.measures));
+                            values.sum::<f64>() / (result.stride_rows.len().max(1) as f64 * whole)
+                        }
+                        _ => 1.0,
+                    };
+                    let parts: Vec<f64> = parts.iter().map(|part| scale * part).collect();
+                    sample.add_shared_error(&parts, degrees);
+                }
+                None if result.row.is_beyond_range => sample.add_unknown_error(),
+                None => {}
+            }
         }
         sample
     }

@@ -26,6 +26,7 @@ mod hung_loads;
 mod instruction_sets;
 mod lag_and_memory;
 mod memory;
+mod one_time;
 mod outliers;
 mod partial_fits;
 mod physics_command;

@@ -65,6 +65,7 @@ fn options() -> ConvertOptions {
         rows: RowFilter::All,
         forces: ForceOptions::RAW,
         load: None,
+        frame: Vec::new(),
         columns: ALL,
         full_scale: None,
     }

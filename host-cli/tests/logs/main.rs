@@ -30,9 +30,11 @@ mod noise;
 mod one_pipeline;
 mod outages;
 mod payload;
+mod payload_motion;
 #[path = "../support/recording.rs"]
 mod recording;
 #[path = "../support/sealed.rs"]
 mod sealed;
 mod settings;
+mod streams;
 mod studies;

@@ -87,7 +87,8 @@ impl InfoArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         if self.robot {
             let profile = Profile::velociroach();
-            return printer.finish(&profile, |printer| printer.line(VELOCIROACH.trim_end()));
+            // As it is, not line by line: it is a file.
+            return printer.finish(&profile, |printer| printer.print(VELOCIROACH));
         }
         let is_at_rest = self.noise.is_some() || self.drift;
         anyhow::ensure!(

@@ -28,8 +28,8 @@ use shellcal::workflow::live::{Feed, LiveSession, LogSeries, guide_through, play
 
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
-use super::plan::read_table;
 use super::outputs::ReplacingArgs;
+use super::plan::read_table;
 use super::ports::{SourceArgs, is_port};
 use super::stream::{self, PlayingArgs, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
@@ -158,11 +158,11 @@ impl LiveArgs {
         let ended =
             source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
         shown?;
-        stream::finish(printer, streamed.as_ref())?;
+        let streamed = stream::finish(printer, streamed.as_ref());
         for line in session.report() {
             if printer.json() { printer.note(line) } else { printer.line(line) }
         }
-        ended
+        ended.and(streamed.map(drop))
     }
 
     /// Records a board, whatever the view does.

@@ -132,6 +132,29 @@ fn print(printer: &Printer, fit: &PayloadFit) {
 /// How it was found, and where that may not suffice.
 fn say(printer: &Printer, found: &FittedPayload) {
     let FittedPayload { fit, accelerometer, gravity_from, is_grouped, skipped_rows, .. } = found;
+    let (forces, weight_n) = (found.forces_left, fit.payload.mass_kg * fit.gravity_m_s2);
+    if forces.is_doubtful() {
+        printer.warning(format!(
+            "most of the forces do not follow gravity: {:.4} N (RMS) of a weight of {weight_n:.4} N are left over",
+            forces.rms
+        ));
+    }
+    if let Some(doubt) = &found.moment_doubt {
+        let left = format!(
+            "most of the moments do not follow gravity: {:.5} of {:.5} N·m (RMS) are left over",
+            doubt.left.rms, doubt.left.scatter
+        );
+        printer.warning(match (found.moments_upright_nm, &doubt.cure) {
+            (Some(rms), _) => {
+                format!("{left}; turned from the upright frame to the sensor's, {rms:.5}")
+            }
+            (None, Some((exchange, rms))) => format!("{left}; {exchange} leaves {rms:.5}"),
+            (None, None) => format!("{left}: the centre is not to be believed"),
+        });
+    }
+    if found.is_reaction {
+        printer.note("accelerations at rest point along gravity: taken with the other sign");
+    }
     if *skipped_rows > 0 {
         printer.note(format!("{skipped_rows} bad rows left out"));
     }
@@ -213,6 +236,7 @@ impl SubtractArgs {
             rows: RowFilter::All,
             forces: self.forces.options_without_tare(RowRule::Time),
             load: Some(load),
+            frame: Vec::new(),
             columns: TableColumns {
                 time: true,
                 axes: Axes::ALL,

@@ -55,10 +55,7 @@ impl BatchArgs {
         let manifest = evaluation::read(&self.manifest, printer)?;
         evaluation::check_reference(&manifest, self.compared.reference.as_deref())?;
         let figures = self.output.figure_folder(printer)?;
-        let options = BatchOptions {
-            shard: self.shard,
-            ..equipment.batch_options()
-        };
+        let options = BatchOptions { shard: self.shard, ..equipment.batch_options() };
         let (path, profile) = (&self.manifest, &equipment.profile);
         let keep = |position, result: &mut _| {
             self.output.write_trial(printer, position, result, figures.as_ref(), profile)
@@ -69,6 +66,7 @@ impl BatchArgs {
             Some(_) => Vec::new(),
             None => batch.statistics(self.compared.reference.as_deref(), BOOTSTRAP_SEED),
         };
+        let outcome = printer.decide(batch.failures.is_empty());
         self.output.write_tables(printer, &batch, &conditions, self.shard)?;
         if let Some(figures) = &figures {
             if self.shard.is_none() {
@@ -83,8 +81,7 @@ impl BatchArgs {
         let suspicious = manifest.suspicious().into_iter();
         let warnings: Vec<_> = suspicious.map(|problem| format!("{path}:{problem}")).collect();
         self.show(printer, &equipment, &batch, &conditions, &warnings)?;
-        let is_whole = batch.failures.is_empty();
-        Ok(if is_whole { Outcome::Done } else { Outcome::CheckFailed })
+        Ok(outcome)
     }
 
     fn show(
