@@ -26,8 +26,6 @@ pub struct BatchOptions<'a> {
     pub mapping: &'a Mapping,
     /// How logs are read; `threads` is how many trials are evaluated at a time.
     pub read: ReadOptions<'a>,
-    /// All the conditions that there may be, if that is known.
-    pub conditions: Option<&'a [String]>,
     /// The share of the rows that is evaluated, if not all are. What is wrong between rows is found in all.
     pub shard: Option<Shard>,
     /// Told how many trials are done.
@@ -78,8 +76,7 @@ pub fn run(
     options: &BatchOptions<'_>,
     keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
-    let faults: HashMap<usize, ManifestProblem> =
-        manifest.faults(options.conditions).into_iter().collect();
+    let faults: HashMap<usize, ManifestProblem> = manifest.faults(None).into_iter().collect();
     let mut batch = Batch::default();
     let mut done = 0;
     let count = manifest.rows.len();

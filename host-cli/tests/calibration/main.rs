@@ -33,9 +33,11 @@ mod physics_command;
 mod plan_command;
 mod rational;
 #[path = "../support/recording.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod recording;
 mod refits;
 #[path = "../support/sealed.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod sealed;
 mod solver_identities;
 mod solver_intervals;

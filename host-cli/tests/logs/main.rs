@@ -13,6 +13,7 @@
 mod align_command;
 mod align_disturbed;
 #[path = "../support/alignment.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod alignment;
 mod companion_files;
 mod convert;
@@ -32,8 +33,10 @@ mod outages;
 mod payload;
 mod payload_motion;
 #[path = "../support/recording.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod recording;
 #[path = "../support/sealed.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod sealed;
 mod settings;
 mod streams;
