@@ -289,7 +289,7 @@ fn a_row_of_hundreds_is_no_comparison() {
     let (dir, _, test) = folder();
     let bad = |(at, line): (usize, &str)| match at {
         0 | 1 => format!("{line}\n"),
-        _ => format!("x{line}\n"),
+        _ => format!("{line}x\n"),
     };
     let text: String = test.lines().enumerate().map(bad).collect();
     fs::write(dir.path().join("bad.csv"), text).unwrap();

@@ -1,6 +1,6 @@
 //! Models, solvers and the like as values of options, by the names that the library gives them.
 
-use std::ops::{Bound, RangeBounds};
+use std::ops::RangeBounds;
 
 use calibration::Basis;
 use calibration::fit::{CovarianceRule, ModelRule};
@@ -26,10 +26,6 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
         known.map(|(.., value)| *value).ok_or("no such name")
     })
 }
-
-/// Numbers above 0 that are finite.
-pub(super) const POSITIVE: (Bound<f64>, Bound<f64>) =
-    (Bound::Excluded(0.0), Bound::Included(f64::MAX));
 
 /// Reads a number of a range; what is expected is said of any other.
 pub(super) fn number_in(
