@@ -2,6 +2,7 @@
 
 pub(in crate::cmd) mod load;
 
+use calibration::quality::fixed;
 use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
 use calibration_file::payload_file::{PayloadFile, PayloadSource};
@@ -108,7 +109,7 @@ impl PayloadFitArgs {
 fn print(printer: &Printer, fit: &PayloadFit) {
     let (payload, errors) = (&fit.payload, &fit.standard_errors);
     let row = |name: String, value: f64, error: f64, decimals: usize| {
-        vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
+        vec![name, fixed(value, decimals), fixed(error, decimals)]
     };
     let mut rows = vec![row("mass (kg)".to_owned(), payload.mass_kg, errors.mass_kg, 6)];
     let vectors = [
