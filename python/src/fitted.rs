@@ -137,10 +137,10 @@ pub(crate) fn fit(
         let fitted =
             calibration::fit(data, Dataset::default(), &FitOptions { workers, ..options })?;
         let mut warnings: Vec<String> = fitted.warnings.iter().map(ToString::to_string).collect();
-        if let Some(Err(reason)) = &fitted.dynamics {
+        if let Some(reason) = fitted.dynamics.reason() {
             warnings.push(format!("lag and memory were not searched for: {reason}"));
         }
-        if let Some(Ok(found)) = &fitted.outliers {
+        if let Some(found) = fitted.outliers.found() {
             let columns = (1..=channels).map(|i| format!("s{i}"));
             let columns = columns.chain(Axis::ALL.map(|axis| axis.name().to_owned()));
             let columns: Vec<String> = columns.collect();

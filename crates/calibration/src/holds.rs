@@ -1,8 +1,8 @@
 //! Rows at which the readings of a recording without labels are still, matched with loads in their order.
 
 use crate::groups::label_runs;
-use crate::physics::MOST_CHANNELS;
 use crate::validation::plateaus::{Level, PlateauFinder, SAME_LEVEL, Steps};
+use sensor_physics::MOST_CHANNELS;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::extremes;
 

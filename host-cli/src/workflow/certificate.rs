@@ -8,10 +8,14 @@ use super::noise::noise;
 use super::recalibration::known_errors;
 use super::selection::RowFilter;
 use calibration::physics::COVERAGE_LEVEL;
+use calibration::quality::significant;
 use calibration_file::{CalibrationFile, Diagnostics};
 use log_file::{Log, ReadOptions};
 use report::Contribution;
-use shell_data::wrench::{AxisValues, PerAxis};
+use shell_data::wrench::{Axis, AxisValues, PerAxis};
+
+/// A log whose forces scatter by so much of the calibrated loads is not of an unloaded sensor: noise is a hundredth.
+const LOADED: f64 = 0.05;
 
 /// The uncertainty of a single frame, by what makes it. A log of the `unloaded` sensor tells repeatability and drift;
 /// `reference` is the standard uncertainty of the reference, N and N·m.
@@ -31,9 +35,28 @@ pub fn budget(
             let (frames, path) = (found.frames, log.path().display());
             let basis = format!("scatter of {frames} frames of the unloaded sensor, `{path}`");
             let standard = by_axis(&found.axes, |scatter| scatter.rms);
+            let model = budget[0].standard.unwrap_or([f64::INFINITY; 6]);
+            let is_more = |axis: &Axis| standard[axis.index()] > model[axis.index()];
+            let loads = file.largest_loads().unwrap_or([f64::INFINITY; 6]);
+            let is_load = |axis: &Axis| {
+                standard[axis.index()] > LOADED * loads[axis.index()] && is_more(axis)
+            };
+            let axes = file.calibration.axes;
+            if let Some(axis) = axes.iter().find(is_load) {
+                let [rms, error] = [standard, model].map(|of| significant(of[axis.index()], 3));
+                let (name, unit) = (axis.name(), axis.unit());
+                return Err(WorkflowError::refused(
+                    format!(
+                        "`{path}` is of a loaded sensor: {name} scatters by {rms} {unit}, the error on loads is {error} {unit}"
+                    ),
+                    "record the sensor at rest without a load, such as `shellcal record PORT --duration 60 -o rest.csv`",
+                ));
+            }
             let scatter = measured("repeatability", basis, Some(standard));
+            // Errors of means of many rows do not hold that of one row.
+            let is_part = !axes.iter().any(|axis| is_more(&axis));
             let degrees_of_freedom = Some(frames.saturating_sub(1).max(1) as f64);
-            budget.push(Contribution { is_part: true, degrees_of_freedom, ..scatter });
+            budget.push(Contribution { is_part, degrees_of_freedom, ..scatter });
             budget.push(of_drift(file, log, read)?);
         }
         None => {

@@ -74,6 +74,9 @@ fn a_certificate_sums_up_what_is_known_and_says_what_is_not() {
     let k = said["coverage_factor"][0].as_f64().unwrap();
     assert!((number(&of("expanded")[2]) / (k * found) - 1.0).abs() < 5e-3, "{budget:?}");
     assert!((1.95..2.2).contains(&k), "{k}");
+    // A log of loads tells no repeatability.
+    let said = refused(&dir, "report cal.json --certificate --unloaded train.csv -o no.html");
+    assert!(said.contains("`train.csv` is of a loaded sensor: Fx scatters by"), "{said}");
     // The file can be told from others.
     assert!(html.contains("xxh128:"), "{html}");
 }

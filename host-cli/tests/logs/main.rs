@@ -19,6 +19,7 @@ mod convert;
 mod convert_formats;
 mod drift;
 mod foreign;
+mod foreign_tables;
 mod hostile;
 mod kept_columns;
 mod log_bad_input;
@@ -35,4 +36,5 @@ mod recording;
 #[path = "../support/sealed.rs"]
 mod sealed;
 mod settings;
+mod streams;
 mod studies;

@@ -9,18 +9,18 @@
 use std::collections::HashMap;
 
 use crate::conversion::Calibration;
-use crate::error::FitError;
-use crate::exact::HeldOutErrors;
 use crate::groups::{GroupBy, HeldOut, label_groups};
-use crate::magnitudes::Magnitudes;
-use crate::passes::{Workers, each};
-use crate::physics::COVERAGE_LEVEL;
-use crate::quality::{self, AxisErrors, AxisQuality};
-use crate::uncertainty::student_quantile;
-use crate::validation::comparison::FoldMean;
 use crate::validation::excitation::WrenchSums;
 use crate::validation::leaks::{LEAKY, RowSample};
 use crate::validation::outliers::{self, RowTest, TestedRow};
+use least_squares::error::FitError;
+use least_squares::held_out_errors::HeldOutErrors;
+use least_squares::magnitudes::Magnitudes;
+use least_squares::passes::{Workers, each};
+use least_squares::quality::{self, AxisErrors, AxisQuality};
+use least_squares::uncertainty::student_quantile;
+use least_squares::validation::comparison::FoldMean;
+use sensor_physics::COVERAGE_LEVEL;
 use shell_data::dataset::{Dataset, LabelledBlock};
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::PerAxis;
@@ -405,8 +405,8 @@ mod tests {
     use shell_data::block::Block;
 
     use super::*;
-    use crate::model::{Basis, Model};
-    use crate::scaling::Scaling;
+    use least_squares::model::{Basis, Model};
+    use least_squares::scaling::Scaling;
     use shell_data::wrench::Axes;
     use system_tests::random::Random;
 

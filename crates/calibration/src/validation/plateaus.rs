@@ -15,7 +15,7 @@
 
 use shell_data::statistics::{MergeWeights, extremes};
 
-use super::grouped::MAX_GROUPS;
+use least_squares::grouped_rows::MAX_GROUPS;
 
 /// The fewest rows in succession that make a plateau.
 pub const FEWEST_ROWS: u64 = 5;

@@ -216,7 +216,7 @@ fn separated_header(
     first: &LayoutLine<'_>,
     mapping: &Mapping,
 ) -> Result<Header, LogError> {
-    let table_names = source.as_whole_table().and_then(|table| table.names.as_deref());
+    let table_names = source.as_whole_table().and_then(Table::names);
     let separator = if source.as_whole_table().is_some() { b',' } else { separator(first.text) };
     let fields = |line: &LayoutLine<'_>| fields(line.text, separator);
     let has_commas = separator != b',';
@@ -256,10 +256,12 @@ fn separated_header(
         return Ok(Header { names, names_line: line, ..header });
     }
     if has_names {
-        header.names = table_names.map_or_else(|| texts(&found), <[String]>::to_vec);
+        let are_units_below = table_names.is_none();
+        header.units = source.as_whole_table().map(Table::units).unwrap_or_default();
+        header.names = table_names.unwrap_or_else(|| texts(&found));
         // A line of units is one of texts above one of numbers.
         let mut below = lines(head, first.next, first.number + 1);
-        if let (None, Some(line)) = (table_names, below.next())
+        if let (true, Some(line)) = (are_units_below, below.next())
             && let units = fields(&line)
             && units.len() == header.names.len()
             && !units.iter().any(|field| is_number(field) || is_number(&with_points(field)))

@@ -36,6 +36,8 @@ pub struct Certificate<'a> {
     pub intervals: &'a str,
     /// Known weights beside what the sensor said of them.
     pub weights: &'a [CheckedLoad],
+    /// Weights, and axes of them, that were to be compared and could not.
+    pub not_compared: &'a [String],
 }
 
 /// A line of an uncertainty budget.
@@ -236,7 +238,8 @@ impl Certificate<'_> {
         };
         columns.push(Column::text("unit", rows.iter().map(|(.., scale)| &scale.unit)));
         columns.push(Column::text("result", rows.iter().map(|&(of, axis, ..)| result(of, axis))));
-        table("Known weights on the calibrated sensor", &columns)
+        let missing = self.not_compared.iter().map(|what| format!("<p>{}</p>\n", escape(what)));
+        table("Known weights on the calibrated sensor", &columns) + &missing.collect::<String>()
     }
 
     fn origin(&self) -> String {

@@ -56,14 +56,22 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
 
-/// A family of features.
-pub(super) fn basis() -> impl TypedValueParser<Value = Basis> {
-    one_of(&Basis::ALL.map(|basis| (basis.name(), basis.description(), basis)))
-}
-
-/// A solver.
+/// A solver that is offered; of any other the one to take in its place is said.
 pub(super) fn solver() -> impl TypedValueParser<Value = SolverKind> {
-    one_of(&SolverKind::ALL.map(|solver| (solver.name(), solver.description(), solver)))
+    let names = SolverKind::ALL.map(|solver| {
+        let name = PossibleValue::new(solver.name()).help(solver.description());
+        name.hide(solver.instead().is_some())
+    });
+    PossibleValuesParser::new(names).try_map(|name| {
+        let known = SolverKind::ALL.into_iter().find(|solver| solver.name() == name);
+        let solver = known.ok_or_else(|| "no such solver".to_owned())?;
+        match solver.instead() {
+            None => Ok(solver),
+            Some(instead) => {
+                Err(format!("it only judges others in tests: use `{}`", instead.name()))
+            }
+        }
+    })
 }
 
 /// A family of features, the physics model, or the best of them.
