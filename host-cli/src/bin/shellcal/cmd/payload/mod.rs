@@ -142,7 +142,7 @@ fn say(printer: &Printer, found: &FittedPayload) {
     }
     if let Some(doubt) = &found.moment_doubt {
         let left = format!(
-            "most of the moments do not follow gravity: {:.5} of {:.5} N·m (RMS) are left over",
+            "moments do not follow gravity: {:.5} of {:.5} N·m (RMS) are left over",
             doubt.left.rms, doubt.left.scatter
         );
         printer.warning(match (found.moments_upright_nm, &doubt.cure) {
