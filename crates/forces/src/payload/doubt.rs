@@ -7,6 +7,8 @@ use shell_data::wrench::Axis;
 
 /// A share of the scatter over poses: what is left over may be as much before it is doubted.
 const DOUBTED: f64 = 0.5;
+/// From this share on another reading of the columns is looked for.
+const SUSPECTED: f64 = 0.1;
 /// A cure leaves less than this share of what was left over.
 const CURED: f64 = 1.0 / 3.0;
 /// What is left of moments matters from this lever of the weight on, m.
@@ -35,6 +37,11 @@ impl LeftOver {
     /// Whether that is most of them.
     pub fn is_doubtful(&self) -> bool {
         self.rms > DOUBTED * self.scatter
+    }
+
+    /// Whether it is so much that another reading of the columns may be the right one.
+    pub fn is_suspected(&self) -> bool {
+        self.rms > SUSPECTED * self.scatter
     }
 
     /// Whether another reading of the columns, which leaves so much, is the right one.
@@ -115,7 +122,7 @@ pub struct MomentDoubt {
 /// Whether most of the moments do not follow gravity, and the exchange of axes after which they do.
 pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentDoubt> {
     let left = LeftOver::of_moments(found, poses);
-    if !left.is_doubtful() {
+    if !left.is_suspected() {
         return None;
     }
     let exchanged = |exchange: MomentExchange| {
@@ -131,7 +138,8 @@ pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentD
     // Of those that leave equally much the first changes least.
     let best = all.min_by(|(_, a), (_, b)| a.total_cmp(b));
     let cure = best.filter(|(_, rms)| left.is_cured_by(*rms));
-    let matters = left.rms > LEVER_M * found.payload.mass_kg * found.gravity_m_s2;
+    let matters =
+        left.is_doubtful() && left.rms > LEVER_M * found.payload.mass_kg * found.gravity_m_s2;
     (cure.is_some() || matters).then_some(MomentDoubt { left, cure })
 }
 

@@ -110,7 +110,7 @@ impl FrameConverter<'_> {
         let frames = self.frames(block);
         let written = match self.options.rows {
             RowFilter::Fresh => fresh,
-            RowFilter::All => vec![true; time_s.len()],
+            RowFilter::All => vec![true; fresh.len()],
         };
         ConvertedRows { time_s, wrench, written, frames, without_motion, watched }
     }

@@ -220,7 +220,7 @@ fn check_way(log: &Log, sums: &[Sum], known: [bool; WAYS.len()]) -> Result<(), W
         Err(PayloadError::NoMass { .. }) => (0.0, LeftOver { rms: f64::INFINITY, scatter: 1.0 }),
         Err(_) => return Ok(()),
     };
-    if !left.is_doubtful() {
+    if !left.is_suspected() {
         return Ok(());
     }
     let of = |way: usize| Some((way, fit(&poses(way)).ok()?.residual_rms_n));

@@ -2,6 +2,7 @@
 
 pub(in crate::cmd) mod load;
 
+use calibration::quality::fixed;
 use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
 use calibration_file::payload_file::{PayloadFile, PayloadSource};
@@ -108,7 +109,7 @@ impl PayloadFitArgs {
 fn print(printer: &Printer, fit: &PayloadFit) {
     let (payload, errors) = (&fit.payload, &fit.standard_errors);
     let row = |name: String, value: f64, error: f64, decimals: usize| {
-        vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
+        vec![name, fixed(value, decimals), fixed(error, decimals)]
     };
     let mut rows = vec![row("mass (kg)".to_owned(), payload.mass_kg, errors.mass_kg, 6)];
     let vectors = [
@@ -141,7 +142,7 @@ fn say(printer: &Printer, found: &FittedPayload) {
     }
     if let Some(doubt) = &found.moment_doubt {
         let left = format!(
-            "most of the moments do not follow gravity: {:.5} of {:.5} N·m (RMS) are left over",
+            "moments do not follow gravity: {:.5} of {:.5} N·m (RMS) are left over",
             doubt.left.rms, doubt.left.scatter
         );
         printer.warning(match (found.moments_upright_nm, &doubt.cure) {
