@@ -107,6 +107,7 @@ impl Recalibrated {
                 grouped,
                 random_folds: 0,
                 random: None,
+                by_fold: Vec::new(),
             }),
             ..Diagnostics::default()
         });

@@ -99,6 +99,10 @@ pub(crate) struct FitArgs {
     #[command(flatten, next_help_heading = "Validation")]
     limits: RmsLimits,
 
+    /// Fail unless the first line is OK: errors on new poses are known, and test and data have passed
+    #[arg(long, help_heading = "Validation")]
+    strict: bool,
+
     /// What standard errors and intervals of `convert` come from
     #[arg(long, value_name = "OF", value_parser = one_of(&COVARIANCES), default_value = "auto",
         help_heading = "Validation", hide_short_help = true)]
@@ -137,7 +141,7 @@ pub(crate) struct FitArgs {
     /// has changed of zeros, gains, lever and turn, and leaves all else as it is. The loads are held still
     #[arg(long, value_name = "CAL.json", help_heading = "Model",
         conflicts_with_all = ["test", "report", "plot", "model", "no_intercept", "ridge", "solver", "truncate", "lag",
-            "memory_terms", "cv", "covariance", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range",
+            "memory_terms", "cv", "covariance", "strict", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range",
             "dropped", "means", "partial", "export_matrix"])]
     from: Option<InputPath>,
 
@@ -152,7 +156,7 @@ pub(crate) struct FitArgs {
     /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON; `-` for the standard
     /// output)
     #[arg(long, value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "max_rms", "max_rms_moment", "lag", "memory_terms"],
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "strict", "max_rms", "max_rms_moment", "lag", "memory_terms"],
         help_heading = "Partial fits", hide_short_help = true)]
     partial: Option<OutputPath>,
 
@@ -210,13 +214,19 @@ impl FitArgs {
         self.fit(printer)
     }
 
-    /// Whether the errors on rows that were not used are within their limits.
+    /// Whether the errors that are shown, on rows that were not used and on the test, are within their limits, and the
+    /// verdict is OK if it has to be.
     fn outcome(&self, fitted: &Fit, printer: &Printer) -> Outcome {
+        let verdict = fitted.verdict();
+        if self.strict && !verdict.is_ok() {
+            printer.warning("`--strict`: the verdict is not OK");
+            return Outcome::CheckFailed;
+        }
         let gates = self.limits.gates(None);
         if gates.asked().is_empty() {
             return Outcome::Done;
         }
-        let Some(unseen) = fitted.verdict().unseen else {
+        let Some(unseen) = verdict.unseen else {
             printer.warning("the error on new loads is not known, so it is not within the limit");
             return Outcome::CheckFailed;
         };
@@ -225,7 +235,15 @@ impl FitArgs {
         let missing = self.train.iter().take(usize::from(!absent.is_empty()));
         let missing = missing.map(|log| (log.to_path_buf(), absent)).collect();
         let compared = ComparedAxes { axes, missing, uncalibrated: Axes::NONE };
-        let failures = gates.failures(&compared, &unseen.rms);
+        let mut failures = gates.failures(&compared, &unseen.rms);
+        if let Some(test) = fitted.test().quality() {
+            let of_test = gates.failures(&compared, &test.map(|of| of.rms));
+            for failure in of_test {
+                if !failures.contains(&failure) {
+                    failures.push(failure);
+                }
+            }
+        }
         failures.iter().for_each(|failure| printer.warning(failure.to_string()));
         if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed }
     }
