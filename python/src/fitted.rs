@@ -12,11 +12,11 @@ use figures::{FitPlot, Size, fit_figure};
 use forces::ForcePipeline;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::prelude::*;
-use shell_data::dataset::{BLOCK_ROWS, Dataset};
+use shell_data::dataset::BLOCK_ROWS;
 use shell_data::lock::lock;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::convert::interval_factors;
-use shellcal::workflow::fit::calibration_file;
+use shellcal::workflow::fit::{FitData, calibration_file};
 
 use crate::arrays::{Arrays, range_of_columns, repeated};
 use crate::error::{PythonFailure, PythonMessage};
@@ -119,7 +119,7 @@ pub(crate) fn fit(
         solver: options::solver(solver)?,
         truncate,
         // What is not given is searched for.
-        dynamics: DynamicsRule { lag, memory: memory_terms.as_deref(), in_groups: false },
+        dynamics: DynamicsRule { lag, memory: memory_terms.as_deref() },
         cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
         seed,
         covariance: options::covariance(covariance)?,
@@ -134,8 +134,8 @@ pub(crate) fn fit(
         let workers = Workers { watch: Some(&watch), ..Workers::new(threads) };
         let data = rows.dataset(false)?;
         let channels = data.channels();
-        let fitted =
-            calibration::fit(data, Dataset::default(), &FitOptions { workers, ..options })?;
+        let mut data = FitData { train: data, ..FitData::default() };
+        let fitted = data.fit(&FitOptions { workers, ..options })?;
         let mut warnings: Vec<String> = fitted.warnings.iter().map(ToString::to_string).collect();
         if let Some(reason) = fitted.dynamics.reason() {
             warnings.push(format!("lag and memory were not searched for: {reason}"));
@@ -161,7 +161,7 @@ pub(crate) fn fit(
             sources: vec![source(rows)],
             ..Origin::default()
         };
-        let verdict = fitted.verdict().lines();
+        let verdict = fitted.verdict().screen("").lines();
         Ok((calibration_file(&fitted, origin).into(), warnings, verdict))
     })
 }

@@ -3,6 +3,9 @@
 use crate::quality::AxisQuality;
 use shell_data::wrench::PerAxis;
 
+/// The level of the intervals whose coverage is counted.
+pub const COVERAGE_LEVEL: f64 = 0.95;
+
 /// Errors on rows that were not fitted, on one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HeldOutErrors {

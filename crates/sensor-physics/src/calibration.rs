@@ -9,6 +9,7 @@ use super::inversion::{Estimates, Inversion};
 use super::model::PhysicsModel;
 use super::rows::{ObservationSample, TrainingRows};
 use least_squares::error::FitError;
+use least_squares::held_out_errors::COVERAGE_LEVEL;
 use least_squares::held_out_errors::HeldOutErrors;
 use least_squares::passes::{Workers, map_folds};
 use least_squares::uncertainty::{GroupIntervals, Scores};
@@ -97,9 +98,6 @@ impl PhysicsCalibration {
         estimates
     }
 }
-
-/// The level of the intervals whose coverage is counted.
-pub const COVERAGE_LEVEL: f64 = 0.95;
 
 /// Errors are computed on about this many rows at most, evenly spread over the groups: the root mean square of so many
 /// is right to two thousandths.

@@ -33,7 +33,7 @@ mod rows;
 mod sensor;
 pub mod uncertain_loads;
 
-pub use self::calibration::{COVERAGE_LEVEL, GroupErrors, PhysicsCalibration, PhysicsValidation};
+pub use self::calibration::{GroupErrors, PhysicsCalibration, PhysicsValidation};
 pub use self::choice::{Choice, FactorTrial};
 pub use self::fit::wrench_scale;
 pub use self::fit::{MOST_CHANNELS, Observation};
@@ -44,4 +44,5 @@ pub use self::response::{FACTORS, Loadings};
 pub use self::rows::ObservationSample;
 pub use self::rows::TrainingRows;
 pub use least_squares::error::PhysicsError;
+pub use least_squares::held_out_errors::COVERAGE_LEVEL;
 pub use least_squares::uncertainty::{GroupIntervals, TooFewGroups};

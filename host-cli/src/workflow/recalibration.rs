@@ -214,6 +214,7 @@ impl Recalibrated {
                 grouped,
                 random_folds: 0,
                 random: None,
+                by_fold: Vec::new(),
             }),
             ..Diagnostics::default()
         });

@@ -52,8 +52,7 @@ pub fn moved_zero(log: &Path, zero: &ZeroMove) -> Option<Remark> {
     Some(Remark::Warning(format!("`{}`: {text}", log.display())))
 }
 
-/// How a fit was made and what is wrong with it, but for what is about its table of errors:
-/// [`about_table`].
+/// How a fit was made and what is wrong with it.
 pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     let mut remarks: Vec<Remark> = absent_axes(fit.calibration.axes).into_iter().collect();
     remarks.extend(fit.found_groups.map(found_groups));
@@ -67,8 +66,10 @@ pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     }
     remarks.extend(found_or_why(&fit.dynamics, "lag and memory were not searched for"));
     remarks.extend(found_or_why(&fit.comparison, "the physics model was not compared"));
-    let early = fit.warnings.iter().filter(|warning| !is_about_table(warning));
-    remarks.extend(early.map(|warning| Remark::Warning(warning.to_string())));
+    remarks.extend(fit.warnings.iter().map(|warning| match warning {
+        Warning::OutOfRange { .. } => Remark::Note(warning.to_string()),
+        _ => Remark::Warning(warning.to_string()),
+    }));
     if let Some(reason) = fit.outliers.reason() {
         let text = format!("some rows stand out, and were not looked at: {reason}");
         remarks.push(Remark::Note(text));
@@ -83,14 +84,4 @@ fn found_or_why(asked: &Outcome<impl Display, impl Display>, not_found: &str) ->
         Outcome::NotPossible(reason) => format!("{not_found}: {reason}"),
         Outcome::Found(found) => found.to_string(),
     }))
-}
-
-/// What is to be known of the table of errors of a fit.
-pub fn about_table(fit: &Fit) -> impl Iterator<Item = Remark> {
-    let about_table = fit.warnings.iter().filter(|warning| is_about_table(warning));
-    about_table.map(|warning| Remark::Note(warning.to_string()))
-}
-
-fn is_about_table(warning: &Warning) -> bool {
-    matches!(warning, Warning::OutOfRange { .. })
 }

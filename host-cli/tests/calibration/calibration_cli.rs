@@ -70,7 +70,7 @@ fn the_table_names_axes_figures_and_rows() {
     let rows = log(400, 0.01, |_| ());
     let test: String = rows.lines().take(300).map(|line| format!("{line}\n")).collect();
     let dir = with_files(&[("train.csv", &rows), ("test.csv", &test)]);
-    let text = succeed(&dir, "fit --model cubic train.csv --test test.csv");
+    let text = succeed(&dir, "fit --model cubic train.csv --test test.csv --verbose");
     for word in ["RMS train", "RMS test", "max train", "R² test", "Fx", "Mz", "N·m"] {
         assert!(text.contains(word), "{word} in {text}");
     }

@@ -291,11 +291,11 @@ fn the_warning_compares_models_on_new_poses() {
     fs::write(dir.path().join("many.csv"), log(&many)).unwrap();
     // Twelve poses determine twelve features of each fold's eleven only by chance: the linear model is
     // better on new ones, and named.
-    let (text, talk) = ended(&dir, "fit few.csv --model cubic --cv", 0);
+    let (text, talk) = ended(&dir, "fit few.csv --model cubic --cv --verbose", 0);
     assert!(talk.contains("linear predicts new groups better than cubic"), "{talk}");
     assert!(text.contains("leave-one-group-out cross-validation (12 groups"), "{text}");
     assert!(text.contains("best on new groups: linear, squared error"), "{text}");
-    let (text, talk) = ended(&dir, "fit many.csv --model cubic --cv=10", 0);
+    let (text, talk) = ended(&dir, "fit many.csv --model cubic --cv=10 --verbose", 0);
     assert!(!talk.contains("new groups"), "{talk}");
     assert!(text.contains("10-fold cross-validation (1440 groups"), "{text}");
     assert!(text.contains("best on new groups: cubic, squared error"), "{text}");
@@ -313,7 +313,7 @@ fn a_model_that_is_better_on_new_poses_is_not_warned_of_whatever_its_ratio() {
     assert!(rms("grouped") > 2.0 * rms("random"), "{} {}", rms("grouped"), rms("random"));
     assert_eq!(report["advice"]["best"]["basis"], "quadratic");
     assert_eq!(report["advice"]["another_is_better"], false);
-    let (_, talk) = ended(&dir, "fit poses.csv --model quadratic --cv", 0);
+    let (_, talk) = ended(&dir, "fit poses.csv --model quadratic --cv --verbose", 0);
     assert!(!talk.contains("better than"), "{talk}");
     assert!(talk.contains("rows of a group resemble each other"), "{talk}");
 }
@@ -331,13 +331,13 @@ fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
     assert!(linear.len() > selection::RIDGES.len(), "{linear:?}");
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("noise.csv"), log(&block)).unwrap();
-    let text = succeed(&dir, "fit noise.csv --model auto --cv");
+    let text = succeed(&dir, "fit noise.csv --model auto --cv --verbose");
     let at_limit = text.contains("its ridge is the largest that was tried");
     assert_eq!(at_limit, text.contains("with ridge 1e4, squared"), "{text}");
     // The summary says what is penalised.
-    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5");
+    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --verbose");
     assert!(text.contains("cubic + offset, ridge 5e-1 on powers of centred readings"), "{text}");
-    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --no-intercept");
+    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --no-intercept --verbose");
     assert!(text.contains("ridge 5e-1 on powers of raw readings"), "{text}");
 }
 

@@ -42,6 +42,7 @@ mod sealed;
 mod solver_identities;
 mod solver_intervals;
 mod some_axes;
+mod spoilt_files;
 mod studies;
 mod temperature;
 mod verdict;

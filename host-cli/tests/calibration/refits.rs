@@ -99,7 +99,7 @@ fn readings_that_no_sum_takes_exactly_are_validated_too() {
     let text = fs::read_to_string(volts.path().join("train.csv")).unwrap();
     let without: Vec<&str> = text.lines().map(|row| row.rsplit_once(',').unwrap().0).collect();
     fs::write(volts.path().join("train.csv"), without.join("\n") + "\n").unwrap();
-    let output = program::output(volts.path(), "fit --model cubic train.csv --cv");
+    let output = program::output(volts.path(), "fit --model cubic train.csv --cv --verbose");
     let said = String::from_utf8_lossy(&output.stderr);
     let is_told = said.contains("found") || said.contains("nothing to hold out");
     assert!(is_told, "{said}");

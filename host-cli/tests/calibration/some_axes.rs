@@ -129,7 +129,7 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
     let said = program::run(
         dir,
         &format!(
-            "fit --model cubic {two} --test {two_test} --cv --covariance rows --plot fit.svg -o two.json"
+            "fit --model cubic {two} --test {two_test} --cv --covariance rows --verbose --plot fit.svg -o two.json"
         ),
         0,
     );

@@ -37,20 +37,21 @@ fn tables_are_printed_as_they_are_asked_for() {
     // Nothing but the table, by an independent reader; the rest is said elsewhere.
     let mut reader = csv::Reader::from_reader(&output.stdout[..]);
     let header: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
-    assert_eq!(header[..2], ["axis", "RMS train"]);
+    assert_eq!(header[..2], ["axis", "error on training rows"]);
     let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
     assert_eq!(
         rows.iter().map(|row| &row[0]).collect::<Vec<_>>(),
-        ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
+        ["Fx (N)", "Fy (N)", "Fz (N)", "Mx (N·m)", "My (N·m)", "Mz (N·m)"]
     );
     assert!(rows.iter().all(|row| row[1].parse::<f64>().is_ok()), "{rows:?}");
-    assert!(String::from_utf8_lossy(&output.stderr).contains("solver exact"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("cubic + offset"));
     let quiet = program::output(dir.path(), &format!("{fit} --as csv --quiet"));
     assert_eq!(quiet.stdout, output.stdout);
-    assert!(!String::from_utf8_lossy(&quiet.stderr).contains("solver exact"));
+    assert!(!String::from_utf8_lossy(&quiet.stderr).contains("cubic + offset"));
     let markdown = program::output(dir.path(), &format!("{fit} --as markdown")).stdout;
     let markdown = String::from_utf8(markdown).unwrap();
-    let mut table = markdown.lines().skip_while(|line| !line.starts_with("| axis | RMS train |"));
+    let mut table =
+        markdown.lines().skip_while(|line| !line.starts_with("| axis | error on training rows |"));
     assert!(table.nth(1).unwrap().starts_with("| :-- | --: |"), "{markdown}");
     program::refused(dir.path(), &format!("{fit} --as csv --json"));
 }

@@ -27,7 +27,10 @@
 //! ```
 
 mod choice;
+mod contradictions;
+mod cures;
 mod evaluation;
+mod examination;
 mod means;
 mod options;
 mod outcome;
@@ -36,6 +39,7 @@ mod outliers;
 mod physics;
 mod polynomial;
 mod refits;
+mod screen;
 mod verdict;
 mod warning;
 
@@ -44,6 +48,7 @@ pub use self::evaluation::{
     Better, Evaluation, GroupErrors, Leaks, PairedError, PairedErrors, evaluate, group_errors,
     paired_errors,
 };
+pub use self::examination::{Examination, Fault, FaultPlace, TestRatio};
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
 pub use self::outcome::Outcome;
 pub use self::outlier_search::find_outliers;
@@ -51,6 +56,7 @@ pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 pub use self::physics::{ModelComparison, PhysicsFit};
 pub use self::polynomial::{RowSums, fit_sums};
 pub use self::refits::{RANDOM_FOLDS, random_split, sum_groups};
+pub use self::screen::Screen;
 pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::Warning;
 pub use crate::groups::{
@@ -128,6 +134,8 @@ pub struct Fit {
     pub dynamics: Outcome<Dynamics, NotSearched>,
     /// Warnings about it.
     pub warnings: Vec<Warning>,
+    /// Faults of test and training rows, where these were examined.
+    pub examination: Option<Examination>,
 }
 
 /// Rows that were reduced to means.
@@ -223,6 +231,7 @@ impl Fit {
             outliers: Outcome::NotAsked,
             dynamics: Outcome::NotAsked,
             warnings: Vec::new(),
+            examination: None,
         }
     }
 

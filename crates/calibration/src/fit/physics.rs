@@ -63,6 +63,7 @@ impl PhysicsFit {
             grouped: total.map(HeldOutQuality::from),
             random_folds: 0,
             random: None,
+            by_fold: validation.by_fold(),
         })
     }
 }

@@ -3,8 +3,9 @@
 use super::grouped::SumsByGroup;
 use crate::error::FitError;
 use crate::exact::{ExactSums, PartitionedSums};
-use crate::held_out_errors::HeldOutErrors;
+use crate::held_out_errors::{COVERAGE_LEVEL, HeldOutErrors};
 use crate::model::Model;
+use crate::uncertainty::student_quantile;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// How many times the error of a random split the error on new groups may be before it is worth a word
@@ -46,6 +47,9 @@ pub struct CrossValidation {
     /// possible.
     #[serde(with = "shell_data::by_axis::option")]
     pub random: Option<PerAxis<HeldOutQuality>>,
+    /// Errors on each fold; no part of a document.
+    #[serde(skip)]
+    pub by_fold: Vec<PerAxis<HeldOutErrors>>,
 }
 
 impl CrossValidation {
@@ -79,6 +83,7 @@ impl CrossValidation {
                 grouped: total.map(HeldOutQuality::from),
                 random_folds: 0,
                 random: None,
+                by_fold: known,
             }),
         }
     }
@@ -92,6 +97,30 @@ impl CrossValidation {
         let errors = errors.filter(|errors| !errors.is_empty());
         let random = errors.map(|errors| HeldOutErrors::total(&errors).map(HeldOutQuality::from));
         Self { random_folds, random, ..self }
+    }
+
+    /// The same as a document has it.
+    #[must_use]
+    pub fn without_folds(self) -> Self {
+        Self { by_fold: Vec::new(), ..self }
+    }
+
+    /// How many times its error that of a new fold may be, with 95 % probability, from the scatter between so many folds;
+    /// `None` of one.
+    pub fn spread(&self) -> Option<PerAxis<f64>> {
+        let n = self.by_fold.len() as f64;
+        if n < 2.0 {
+            return None;
+        }
+        let t = student_quantile(COVERAGE_LEVEL, n - 1.0);
+        Some(std::array::from_fn(|axis| {
+            let squares: Vec<f64> =
+                self.by_fold.iter().map(|fold| fold[axis].rms().powi(2)).collect();
+            let mean = squares.iter().sum::<f64>() / n;
+            let scatter = squares.iter().map(|of| (of - mean).powi(2)).sum::<f64>() / (n - 1.0);
+            let above = t * (scatter * (1.0 + 1.0 / n)).sqrt();
+            if mean > 0.0 { ((mean + above) / mean).sqrt() } else { 1.0 }
+        }))
     }
 
     /// For each axis how many times the random error the grouped one is; `None` where there is

@@ -95,6 +95,10 @@ pub(crate) struct FitArgs {
     #[command(flatten, next_help_heading = "Validation")]
     limits: RmsLimits,
 
+    /// Fail unless the first line is OK: errors on new poses are known, and test and data have passed
+    #[arg(long, help_heading = "Validation")]
+    strict: bool,
+
     /// What standard errors and intervals of `convert` come from
     #[arg(long, value_name = "OF", value_parser = one_of(&COVARIANCES), default_value = "auto",
         help_heading = "Validation", hide_short_help = true)]
@@ -133,7 +137,7 @@ pub(crate) struct FitArgs {
     /// has changed of zeros, gains, lever and turn, and leaves all else as it is. The loads are held still
     #[arg(long, value_name = "CAL.json", help_heading = "Model",
         conflicts_with_all = ["test", "report", "plot", "model", "no_intercept", "ridge", "solver", "truncate", "lag",
-            "memory_terms", "cv", "covariance", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range",
+            "memory_terms", "cv", "covariance", "strict", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range",
             "dropped", "means", "partial", "export_matrix"])]
     from: Option<InputPath>,
 
@@ -147,7 +151,7 @@ pub(crate) struct FitArgs {
     /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON; `-` for the standard
     /// output)
     #[arg(long, value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "max_rms", "max_rms_moment", "lag", "memory_terms"],
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "strict", "max_rms", "max_rms_moment", "lag", "memory_terms"],
         help_heading = "Partial fits", hide_short_help = true)]
     partial: Option<OutputPath>,
 

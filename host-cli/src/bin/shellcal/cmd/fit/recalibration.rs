@@ -4,7 +4,7 @@ use std::path::Path;
 
 use calibration::quality::significant;
 use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
-use calibration_file::{CalibrationFile, Role, SourceFile};
+use calibration_file::{CalibrationFile, Origin, Role, SourceFile};
 use log_file::{ReadOptions, checksum};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -55,7 +55,7 @@ impl FitArgs {
             let rows: Vec<u64> = read.iter().map(|log| log.summary.rows).collect();
             let mut sources = log_sources(Role::Train, &logs, read, &rows)?;
             sources.insert(0, was);
-            let origin = self.origin(sources, &logs)?;
+            let origin = Origin { sources, ..self.origin(&logs)? };
             output.commit_with(recalibrated.file(&before, origin).to_json().as_bytes())?;
         }
         report(printer, path, &recalibrated)?;

@@ -8,10 +8,11 @@ use calibration::quality::significant;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::comparison::FoldMean;
 use calibration::validation::selection::Advice;
-use calibration_file::{CalibrationFile, Diagnostics};
+use calibration_file::Diagnostics;
 use serde::Serialize;
 use shell_data::by_axis::Among;
 use shell_data::wrench::{Axes, PerAxis};
+use shellcal::workflow::fit::FittedLogs;
 use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::outliers::NamedOutliers;
 
@@ -21,23 +22,30 @@ use super::super::quality::{
 use super::hung_loads;
 use crate::printer::Printer;
 
-/// Rows of a fit with their files and lines.
-pub(super) struct NamedRows {
-    /// Outliers that were used, where some were looked for.
-    pub(super) used: Option<NamedOutliers>,
-    /// Rows that were left out.
-    pub(super) dropped: Option<NamedOutliers>,
-}
-
 /// What `--json` prints of a verdict.
 fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
     let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref());
     let interval = verdict.interval.as_ref().ok();
+    let test = verdict.examination().and_then(|of| of.test);
     document! {
         // The same in words.
-        text: verdict.lines(),
+        text: verdict.screen("").lines(),
+        // Whether errors are known, and all that was looked at has passed.
+        ok: verdict.is_ok(),
+        // Why not, most important first.
+        reasons: verdict.reasons(),
+        // What is wrong with test or training rows.
+        faults: verdict.examination().map(|of| of.faults.clone()).unwrap_or_default(),
+        // How many times the promised error that on the test is, on the axis where it is largest for that.
+        test_ratio?: test.map(|of| document! {
+            axis: of.axis.column(),
+            of.{ratio},
+            interval_95: of.interval.map(|bound| bound.is_finite().then_some(bound)),
+        }),
         // Errors on rows that were not used, N and N·m.
         unseen_rms?: unseen.map(|of| axes.of(&of.rms)),
+        // How many times as large they may be in a new file, from the scatter between files.
+        unseen_spread?: unseen.and_then(|of| of.spread).map(|spread| axes.of(&spread)),
         // The same over the range of the training loads.
         unseen_share_of_range?: unseen.map(|of| axes.of(&of.share_of_range)),
         unseen_rows?: unseen.map(|of| match of.on {
@@ -49,7 +57,6 @@ fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
         interval_95?: interval.map(|of| axes.of(&of.half_width)),
         // The share of held-out rows within it, where they were counted.
         interval_95_held?: interval.and_then(|of| of.held).map(|held| axes.of(&held)),
-        usable: verdict.is_usable(),
         // Axes whose error is about as large as the loads.
         useless_axes: verdict.useless.columns(),
     }
@@ -153,12 +160,12 @@ fn ridge(ridge: f64, intercept: bool) -> String {
 /// What was fitted: the figures of all fits, and those of a polynomial or of the physics model.
 pub(super) fn report(
     printer: &Printer,
-    fitted: &Fit,
+    logs: &FittedLogs,
     hung: Option<&HungReference>,
-    file: &CalibrationFile,
-    named: &NamedRows,
+    lists_dropped: bool,
     seconds: f64,
 ) -> anyhow::Result<()> {
+    let FittedLogs { fit: fitted, file, used, dropped, .. } = logs;
     let Some(diagnostics) = &file.origin.diagnostics else { return Ok(()) };
     let axes = fitted.calibration.axes;
     let polynomial = file.origin.solver.zip(fitted.solution());
@@ -177,8 +184,8 @@ pub(super) fn report(
                 features: model.term_count(),
                 diagnostics.{rank, condition},
                 advice?: fitted.advice.as_ref().map(|found| advice(found, axes)),
-                outliers?: named.used.as_ref().map(NamedOutliers::report),
-                dropped?: named.dropped.as_ref().map(NamedOutliers::report),
+                outliers?: used.as_ref().map(NamedOutliers::report),
+                dropped?: lists_dropped.then(|| dropped.report()),
                 covariance?: fitted.calibration.covariance.as_ref().map(|of| covariance(of, axes)),
             }
         });

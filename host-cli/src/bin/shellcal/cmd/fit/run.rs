@@ -4,29 +4,26 @@ use std::sync::OnceLock;
 use std::time::Instant;
 
 use calibration::dynamics::DynamicsRule;
-use calibration::fit::{
-    CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, Outliers, Workers,
-};
+use calibration::fit::{CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, Workers};
 use calibration::solver::SolverKind;
-use calibration_file::{Origin, SourceFile, matrix};
+use calibration_file::{Origin, matrix};
 use figures::fit_figure;
 use indicatif::ProgressBar;
 use load_table::HungLoads;
 use log_file::{Log, ReadOptions};
-use report::{CalibrationReport, OutlierTable, plots};
+use report::plots;
 use shell_data::hint::quoted;
 use shell_data::wrench::Axes;
 use shellcal::workflow::agree_on_axes;
-use shellcal::workflow::fit::{FitData, calibration_file as made_file, sources};
+use shellcal::workflow::fit::{FitData, FittedLogs};
 use shellcal::workflow::gates::Gate;
 use shellcal::workflow::hung_loads::HungReference;
-use shellcal::workflow::outliers::NamedOutliers;
-use shellcal::workflow::remark::{about_fit, about_table};
+use shellcal::workflow::remark::Remark;
 
 use super::super::mapping::open_logs;
 use super::super::outputs;
 use super::super::plan::read_table;
-use super::report::{NamedRows, report};
+use super::report::report;
 use super::{FitArgs, SearchArg, hung_loads};
 use crate::printer::{Outcome, Printer};
 
@@ -56,23 +53,24 @@ impl FitArgs {
         let (data, hung, fitted) = self.fit_logs((&train, &test), loads.as_ref(), printer)?;
         let mut gate = hung.as_ref().map_or_else(Gate::default, |hung| hung.gate.clone());
         self.ask_errors(&fitted, &mut gate);
-        let outcome = printer.judge(&gate);
-        let name = |found: &Outliers| NamedOutliers::new(found.clone(), &train, &data.train);
-        let dropped = dropped_file.is_some().then(|| name(&fitted.dropped));
-        let named = NamedRows { used: fitted.outliers.found().map(name), dropped };
-        let sources = sources((&train, &test), &data, &fitted)?;
-        let file = made_file(&fitted, self.origin(sources, &train)?);
+        let mut outcome = printer.judge(&gate);
+        if self.strict && !fitted.verdict().is_ok() {
+            printer.warning("`--strict`: the verdict is not OK");
+            outcome = printer.decide(false);
+        }
+        let origin = (self.origin(&train)?, self.outlier_rule());
+        let fitted = FittedLogs::new(fitted, (&train, &test), &data, origin)?;
+        let file = &fitted.file;
 
-        if let (Some(rows), Some(mut output)) = (&named.dropped, dropped_file) {
-            rows.write(&mut output)?;
+        if let Some(mut output) = dropped_file {
+            fitted.dropped.write(&mut output)?;
             output.commit()?;
         }
         if let Some(output) = report_file {
             let path = self.output.as_ref();
             let name = path.map_or("not written", |path| path.to_str().unwrap_or("?"));
-            let (outliers, command) = (self.outlier_rows(&named), &outputs::command_line());
-            let report = CalibrationReport { fit: &fitted, file: &file, name, command, outliers };
-            output.commit_with(report.html()?.as_bytes())?;
+            let report = fitted.report(name, &outputs::command_line())?;
+            output.commit_with(report.as_bytes())?;
         }
         calibration_file.map(|it| it.commit_with(file.to_json().as_bytes())).transpose()?;
         let axes = file.calibration.axes;
@@ -80,21 +78,38 @@ impl FitArgs {
             output.commit_with(matrix::to_csv(polynomial, axes).as_bytes())?;
         }
         if let Some(plot) = plot {
-            let (train, test) = plots(&fitted);
+            let (train, test) = plots(&fitted.fit);
             let title = format!("Calibration {}", file.calibration.name());
             plot.draw(|size| fit_figure(size, &title, axes, &train, test.as_ref()))?;
         }
 
         if !printer.json() {
-            fitted.verdict().lines().into_iter().for_each(|line| printer.line(line));
-            printer.line("");
+            self.print_screen(&fitted.fit, printer);
         }
-        self.tell(&fitted, &named, printer);
+        self.tell(&fitted, printer);
         let seconds = start.elapsed().as_secs_f64();
-        report(printer, &fitted, hung.as_ref(), &file, &named, seconds)?;
+        if printer.json() || printer.is_verbose() {
+            report(printer, &fitted, hung.as_ref(), self.dropped.is_some(), seconds)?;
+        }
         hung.iter().for_each(|hung| hung_loads::tell(hung, printer));
-        printer.remarks(about_table(&fitted));
         Ok(outcome)
+    }
+
+    /// What every fit says: whether to use it, a row for each axis, and a few lines.
+    fn print_screen(&self, fitted: &Fit, printer: &Printer) {
+        let written = [&self.output, &self.report, &self.export_matrix, &self.dropped];
+        let figure = self.figure.plot.as_ref();
+        let written = written.into_iter().flatten().chain(figure);
+        let files: Vec<String> = written.map(|path| path.display().to_string()).collect();
+        let files = match &files[..] {
+            [] => "nothing saved: give -o FILE".to_owned(),
+            files => files.join(", "),
+        };
+        let screen = fitted.verdict().screen(&files);
+        screen.headlines().into_iter().for_each(|line| printer.line(line));
+        let header: Vec<&str> = screen.header.iter().map(String::as_str).collect();
+        printer.table(&header, screen.rows.iter().cloned());
+        screen.note_lines().into_iter().for_each(|line| printer.line(line));
     }
 
     /// Reads the logs and fits.
@@ -123,9 +138,14 @@ impl FitArgs {
             }
         };
         bar.finish_and_clear();
+        let status = printer.status();
+        status.set_message("choosing the model on rows that are held out");
         let folds = OnceLock::<ProgressBar>::new();
         let told = |done: usize, of: usize| {
-            let bar = folds.get_or_init(|| printer.count("folds of the physics model", of as u64));
+            let bar = folds.get_or_init(|| {
+                status.finish_and_clear();
+                printer.count("folds of the physics model", of as u64)
+            });
             bar.set_position(done as u64);
         };
         let workers = Workers { folds: Some(&told), ..options.workers };
@@ -139,40 +159,33 @@ impl FitArgs {
                 false => error,
             }
         })?;
+        status.finish_and_clear();
         Ok((data, hung, fitted))
     }
 
-    /// Says what is to be known of a fit beside its figures.
-    fn tell(&self, fitted: &Fit, named: &NamedRows, printer: &Printer) {
-        if let (Some(dropped), Some(path)) = (&named.dropped, &self.dropped) {
-            printer.remarks(dropped.remarks());
-            let (rows, path) = (dropped.count(), path.display());
+    /// Says what is to be known of a fit beside its figures: notes on how it was made with `--verbose`.
+    fn tell(&self, fitted: &FittedLogs, printer: &Printer) {
+        if let Some(path) = &self.dropped {
+            printer.remarks(fitted.dropped.remarks());
+            let (rows, path) = (fitted.dropped.count(), path.display());
             printer.note(format!("left out {rows} rows, listed in `{path}`"));
         }
-        printer.remarks(about_fit(fitted));
-        if let Some(used) = &named.used {
-            printer.remarks(used.remarks());
-            if used.count() > 0 {
-                printer.note(
-                    "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
-                     not look",
-                );
+        for remark in fitted.remarks() {
+            match remark {
+                Remark::Note(text) => printer.detail(text),
+                Remark::Warning(text) => printer.warning(text),
             }
+        }
+        if fitted.used.as_ref().is_some_and(|used| used.count() > 0) {
+            printer.note(
+                "`--outliers drop --dropped FILE.csv` fits without them, `--outliers keep` does \
+                 not look",
+            );
         }
     }
 
-    /// What a report says of outliers: those that were left out, or were named.
-    fn outlier_rows(&self, named: &NamedRows) -> Option<OutlierTable> {
-        let NamedRows { used, dropped } = named;
-        let dropped = dropped.as_ref().map(|dropped| dropped.rows(true));
-        match self.outliers.unwrap_or(OutlierRule::Report) {
-            OutlierRule::Keep => None,
-            OutlierRule::Drop => dropped,
-            OutlierRule::Report => dropped
-                .filter(|dropped| dropped.count > 0)
-                .or_else(|| used.as_ref().map(|used| used.rows(false)))
-                .or_else(|| Some(OutlierTable::default())),
-        }
+    fn outlier_rule(&self) -> OutlierRule {
+        self.outliers.unwrap_or(OutlierRule::Report)
     }
 
     /// Whether the arguments go together.
@@ -202,12 +215,11 @@ impl FitArgs {
     }
 
     /// What a calibration file says of where it comes from.
-    pub(super) fn origin(&self, sources: Vec<SourceFile>, train: &[Log]) -> anyhow::Result<Origin> {
+    pub(super) fn origin(&self, train: &[Log]) -> anyhow::Result<Origin> {
         Ok(Origin {
             made_by: shellcal::PROGRAM.to_owned(),
             date: outputs::date()?,
             sensor_serial: self.serial.clone(),
-            sources,
             columns: self.mapping.specified(train),
             ..Origin::default()
         })
@@ -264,8 +276,6 @@ impl FitArgs {
                 Some(SearchArg::Auto) => None,
                 Some(SearchArg::Given(times)) => Some(times),
             },
-            in_groups: matches!(self.lag, Some(SearchArg::Auto))
-                || matches!(self.memory_terms, Some(SearchArg::Auto)),
         }
     }
 
@@ -288,7 +298,7 @@ impl FitArgs {
             means: self.means,
             fresh: self.fresh,
             valid_range: self.valid_range,
-            outliers: self.outliers.unwrap_or(OutlierRule::Report),
+            outliers: self.outlier_rule(),
             polynomials_only: self.polynomials_only(),
             stated_loads: None,
             workers: Workers::new(self.mapping.threads.map_or(0, usize::from)),
