@@ -47,7 +47,7 @@ fn layer(of: &str, all: &Dependencies) -> usize {
     all[of].iter().map(|below| 1 + layer(below, all)).max().unwrap_or(0)
 }
 
-/// Whether one crate reaches another by way of a third: an arrow would say nothing new.
+/// True where one crate reaches another by way of a third: an arrow would say nothing new.
 fn is_implied(from: &str, to: &str, all: &Dependencies) -> bool {
     fn reaches(from: &str, to: &str, all: &Dependencies) -> bool {
         all[from].contains(to) || all[from].iter().any(|next| reaches(next, to, all))

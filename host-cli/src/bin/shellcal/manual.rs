@@ -31,7 +31,7 @@ fn completions(shell: Shell) -> String {
     String::from_utf8(script).unwrap()
 }
 
-/// What files an argument names is in its type.
+/// Adds the kinds of files that arguments name, which are in their types.
 fn with_hints(command: clap::Command) -> clap::Command {
     let hint = |argument: Arg| {
         let kind = argument.get_value_parser().type_id();
@@ -63,7 +63,7 @@ fn write(path: &Path, bytes: &[u8]) {
     fs::write(path, bytes).unwrap();
 }
 
-/// What bash completes the last word of a command line to; `compopt` works at a prompt only.
+/// Completions by bash of the last word of a command line; `compopt` works at a prompt only.
 fn completed_by_bash(script: &Path, line: &[&str]) -> Vec<String> {
     let words: Vec<String> = line.iter().map(|word| format!("'{word}'")).collect();
     let ask = format!(
@@ -117,7 +117,7 @@ fn the_manual_is_written_with_a_script_for_every_shell() {
     assert!(count > 25, "{count} pages");
 }
 
-/// Groff is what `man` renders pages with.
+/// `man` renders pages with groff.
 #[cfg(unix)]
 #[test]
 #[cfg_attr(not(groff), ignore = "groff is not installed")]
@@ -138,7 +138,7 @@ fn the_pages_of_the_manual_render_without_warnings() {
     }
 }
 
-/// What zsh makes of command lines when somebody presses Tab at a prompt of its own: one zsh drives another.
+/// Command lines after a Tab at a prompt of zsh: one zsh drives another.
 const DRIVE_ZSH: &str = r#"
 zmodload zsh/zpty
 zpty -b prompt 'zsh -f -i'
