@@ -2,7 +2,7 @@
 # Question: a PyTables table for a log, with the column type that is made for times, Time64Col: what becomes of stamps?
 # Good guess: Time64 is a float64 of seconds with another name, "a 64-bit time value": the same bits come back, and every
 # reader of HDF5 sees a float64.
-# True: stamps are cut to whole microseconds on the way (a stamp of 250 ns becomes 0), as seconds and microseconds of
+# True: stamps are rounded to whole microseconds on the way (a stamp of 250 ns becomes 0), as seconds and microseconds of
 # 32 bits each; and the column has HDF5's time type, which h5py cannot read: the whole table, forces and all, is refused
 # with "No NumPy equivalent for TypeTimeID". A Float64Col keeps bits and readers.
 # Packages: PyTables 3.11.1, h5py 3.16.0.

@@ -72,7 +72,7 @@ impl Arc {
             let (near, far) = (w * w, (1.0 - w) * (1.0 - w));
             let past = length * (near - arc.before * far) / (near + far);
             arc.nodes[i] = w;
-            arc.coefficients[i] = sqrt(arc.search(path, travel[0] + past).sin_a);
+            arc.coefficients[i] = arc.search(path, travel[0] + past).z();
         }
         for order in 1..NODES {
             for i in (order..NODES).rev() {
@@ -107,7 +107,7 @@ impl Arc {
         if travel >= self.travel[1] {
             return self.z[1];
         }
-        sqrt(self.locate(path, travel).sin_a)
+        self.locate(path, travel).z()
     }
 
     /// The contact at a travel on this arc, at the nearer end outside.

@@ -50,7 +50,7 @@ impl Law {
     #[inline]
     pub(crate) fn force(&self, path: &Path, contact: &Contact, wall: Wall) -> BeamForce {
         let deflection_rad = self.deflection(path, contact);
-        let push = self.stiffness * deflection_rad / self.divisor(path, contact);
+        let push = self.push(path, contact);
         let Contact { sin, cos, back, out, .. } = *contact;
         let fx_n = -push * (out + self.friction * back);
         let fy_n = -push * (back - self.friction * out);
@@ -61,10 +61,18 @@ impl Law {
 
     /// The drag of a beam in N.
     pub(crate) fn drag(&self, path: &Path, contact: &Contact) -> f64 {
+        self.push(path, contact) * (contact.out + self.friction * contact.back)
+    }
+
+    /// Factor of normal and tangent in N/m.
+    #[inline]
+    fn push(&self, path: &Path, contact: &Contact) -> f64 {
+        // EI/L² is k_t/L.
         self.stiffness
-            * self.deflection(path, contact)
-            * (contact.out + self.friction * contact.back)
-            / self.divisor(path, contact)
+            * match &path.elastica {
+                None => self.deflection(path, contact) / self.divisor(path, contact),
+                Some(elastica) => contact.z() * elastica.push.at(contact.z()).0,
+            }
     }
 
     /// The sign of `d drag/d travel` and its size, in N/m, on the arc of `contact`.
@@ -77,9 +85,17 @@ impl Law {
         let back_slope = path.half_length * cos + path.shear * sin;
         let out_slope = -path.half_width * sin;
         let push_slope = out_slope + self.friction * back_slope;
+        if let Some(elastica) = &path.elastica {
+            let (over_z, slope) = elastica.push.at(contact.z());
+            let of_z = (over_z + contact.z() * slope) * push
+                + over_z * push_slope * 4.0 * contact.sin_a / contact.cos_a;
+            return self.stiffness * of_z / contact.slope();
+        }
         // Of what the force is divided by, as a share of it.
         let divisor_slope = match self.normal {
-            Normal::Unit => (back * back_slope + out * out_slope) / self.square(contact),
+            Normal::Unit | Normal::Elastica => {
+                (back * back_slope + out * out_slope) / self.square(contact)
+            }
             Normal::AsPrinted => -(back * back_slope + out * out_slope) / self.square(contact),
             Normal::MomentBalance => {
                 let upright = path.beam - rise;
@@ -112,7 +128,7 @@ impl Law {
     #[inline]
     fn divisor(&self, path: &Path, contact: &Contact) -> f64 {
         match self.normal {
-            Normal::Unit | Normal::AsPrinted => sqrt(self.square(contact)),
+            Normal::Unit | Normal::AsPrinted | Normal::Elastica => sqrt(self.square(contact)),
             Normal::MomentBalance => self.across(path, contact),
         }
     }
@@ -134,7 +150,7 @@ impl Law {
     fn square(&self, contact: &Contact) -> f64 {
         let length = contact.back * contact.back + contact.out * contact.out;
         match self.normal {
-            Normal::Unit | Normal::MomentBalance => length,
+            Normal::Unit | Normal::MomentBalance | Normal::Elastica => length,
             // R_x² cos² φ + R_y² sin² φ, where the above is R_y² cos² φ + R_x² sin² φ.
             Normal::AsPrinted => self.axes - length,
         }

@@ -38,6 +38,7 @@
 #![warn(missing_docs)]
 
 mod arc;
+mod elastica;
 mod force;
 mod model;
 mod path;

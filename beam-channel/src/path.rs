@@ -6,6 +6,8 @@
 
 use libm::{atan2, cbrt, sqrt};
 
+use crate::elastica::Elastica;
+
 /// Ellipse, wall line and length of beam: what the way of a tip depends on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Path {
@@ -20,6 +22,8 @@ pub(crate) struct Path {
     /// `τ_e` by its sine and cosine.
     pub(crate) sin_e: f64,
     pub(crate) cos_e: f64,
+    /// Where the tip of a beam that bends is; a bar's follows from its length.
+    pub(crate) elastica: Option<Elastica>,
 }
 
 impl Path {
@@ -33,7 +37,7 @@ impl Path {
     /// like size cancel.
     #[inline]
     pub(crate) fn position(&self, z: f64) -> Contact {
-        let Self { half_length, shear, half_width, beam, sin_e, cos_e } = *self;
+        let Self { half_length, shear, half_width, beam, sin_e, cos_e, ref elastica } = *self;
         let sin_a = z * z;
         let cos_a = sqrt((1.0 - sin_a) * (1.0 + sin_a));
         let sin_mid = sin_e * cos_a + cos_e * sin_a;
@@ -43,10 +47,17 @@ impl Path {
         let width = 2.0 * half_width * cos_mid;
         let rise = width * sin_a;
         // Rounding must not make the root of a negative number of what is zero.
-        let root = sqrt((width * (2.0 * beam - rise)).max(f64::MIN_POSITIVE));
-        let reach = z * root;
+        let bar = sqrt((width * (2.0 * beam - rise)).max(f64::MIN_POSITIVE));
         let back = half_length * sin - shear * cos;
         let out = half_width * cos;
+        let (root, steepness) = match elastica {
+            None => (bar, z * bar * back + out * (beam - rise)),
+            Some(elastica) => {
+                let (root, slope) = elastica.reach.at(z);
+                (root, root * (z * back + 0.25 * cos_a * (root + z * slope)))
+            }
+        };
+        let reach = z * root;
         Contact {
             travel: 2.0 * sin_a * (half_length * sin_mid - shear * cos_mid) + reach,
             rise,
@@ -58,7 +69,16 @@ impl Path {
             sin_a,
             cos_a,
             root,
-            steepness: z * root * back + out * (beam - rise),
+            steepness,
+        }
+    }
+
+    /// `z` where the body's progress is slowest on the way in, a later one where it moves on, and one after the beam
+    /// has slipped off.
+    pub(crate) fn landmarks(&self) -> [f64; 3] {
+        match &self.elastica {
+            None => [self.slowest(), self.widest(), self.last()],
+            Some(elastica) => elastica.landmarks,
         }
     }
 
@@ -68,7 +88,7 @@ impl Path {
     }
 
     /// `z` where the ellipse is widest, `τ = π/2`.
-    pub(crate) fn widest(&self) -> f64 {
+    fn widest(&self) -> f64 {
         // sin² a = (1 − cos 2a)/2 with cos 2a = sin τ_e, and cos² τ_e = (1 − sin τ_e)(1 + sin τ_e).
         sqrt(self.cos_e / sqrt(2.0 * (1.0 + self.sin_e)))
     }
@@ -101,7 +121,7 @@ impl Path {
     /// `κ³ = W·L/H²`, which is quadratic in `h`, negative at the first touch and positive at the
     /// widest place. So the body's travel falls with `z` on one stretch at most on the way in; on
     /// the way out `E` rises throughout, and the travel has one maximum.
-    pub(crate) fn slowest(&self) -> f64 {
+    fn slowest(&self) -> f64 {
         let Self { half_length, half_width, beam, sin_e, cos_e, .. } = *self;
         let kappa = cbrt(half_length * beam / (half_width * half_width));
         // In units of H: h = H·x and L = H·l.
@@ -137,6 +157,11 @@ pub struct Contact {
 }
 
 impl Contact {
+    /// Where it is on the tip's way.
+    pub(crate) fn z(&self) -> f64 {
+        sqrt(self.sin_a)
+    }
+
     /// `ds/dz`, in m.
     pub(crate) fn slope(&self) -> f64 {
         4.0 * self.steepness / (self.cos_a * self.root)

@@ -20,7 +20,7 @@ pub struct Setup {
     pub channel: Channel,
     /// Where the body runs.
     pub pose: Pose,
-    /// What the equations leave open.
+    /// Readings of what the equations leave open.
     pub rules: Rules,
 }
 
@@ -122,10 +122,13 @@ pub enum Normal {
     /// By the denominator that the paper prints, which has the semi-axes swapped: their length
     /// then runs from `R_y/R_x` at the nose to `R_x/R_y` at the flank.
     AsPrinted,
-    /// So that the moment of the force about the beam's base is that of its spring, which the paper's force has
+    /// By the balance of moments about the beam's base, between the force and the spring. The paper's force balances
     /// only where it is across the beam. Belongs to [`Angle::True`]. Without friction the force would
     /// grow without bound where a beam slips off.
     MomentBalance,
+    /// By the force that bends a beam clamped at its base, which cannot be stretched, until its tip lies where it does:
+    /// Euler's elastica in place of bar and spring.
+    Elastica,
 }
 
 impl Default for Ellipse {
@@ -173,7 +176,7 @@ impl Setup {
     pub(crate) fn check(&self) -> Result<(), SetupError> {
         let Self { ellipse, beam, channel, pose, rules } = self;
         let least_friction = match rules.normal {
-            Normal::Unit | Normal::AsPrinted => 0.0,
+            Normal::Unit | Normal::AsPrinted | Normal::Elastica => 0.0,
             Normal::MomentBalance => LEAST_FRICTION,
         };
         let quarter_turn = core::f64::consts::FRAC_PI_2;
@@ -210,7 +213,8 @@ pub enum SetupError {
     /// The body reaches so far past the line of a wall's beam tips, in m, that the beams cannot turn out of its way:
     /// the depth must be less than twice their length.
     Jams { wall: Wall, depth_m: f64, beam_length_m: f64 },
-    /// Friction of this coefficient holds a tip of a wall where bar and spring balance: the body cannot pass.
+    /// Friction of this coefficient holds a tip of a wall where bar and spring, or a clamped beam, balance: the body cannot
+    /// pass.
     Locks { wall: Wall, friction: f64 },
     /// The middle of the body, which is so far from the channel's, towards the left, in m, lies on or beyond the line of
     /// a wall's beam tips, which are half the channel's width from it.
@@ -218,7 +222,7 @@ pub enum SetupError {
 }
 
 impl SetupError {
-    /// What to do about it, in the options of the program.
+    /// Advice in terms of the program's options.
     #[must_use]
     pub fn hint(&self) -> Option<&'static str> {
         Some(match self {

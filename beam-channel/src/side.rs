@@ -5,8 +5,9 @@ use core::ops::Range;
 use libm::{atan2, cos, sin, sqrt};
 
 use crate::arc::Arc;
+use crate::elastica::Elastica;
 use crate::path::{Contact, Path};
-use crate::{Setup, SetupError, Wall};
+use crate::{Normal, Setup, SetupError, Wall};
 
 /// One wall's beams against the body: when they touch, where, and when they slip off.
 ///
@@ -14,7 +15,7 @@ use crate::{Setup, SetupError, Wall};
 /// the body: until the ellipse, seen from the beam's base, falls away, which is where the body's
 /// travel `s(z)` has its greatest value. On the way in `s` may fall on one stretch of `z` if the
 /// body reaches farther past the tips than a beam is long (`d > L`) or is yawed; a tip cannot stay
-/// there and snaps across ([`snaps`](Self#structfield.snaps)). What is left are arcs on which `s` rises.
+/// there and snaps across ([`snaps`](Self#structfield.snaps)). The arcs that are left are those on which `s` rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     pub(crate) path: Path,
@@ -64,7 +65,20 @@ impl Side {
         }
         let sin_e = gap / half_width;
         let cos_e = sqrt(depth_m * (half_width + gap)) / half_width;
-        let path = Path { half_length, shear, half_width, beam: beam_length_m, sin_e, cos_e };
+        let mut path = Path {
+            half_length,
+            shear,
+            half_width,
+            beam: beam_length_m,
+            sin_e,
+            cos_e,
+            elastica: None,
+        };
+        if setup.rules.normal == Normal::Elastica {
+            let friction = setup.beam.friction;
+            let elastica = Elastica::new(&path, friction);
+            path.elastica = Some(elastica.ok_or(SetupError::Locks { wall, friction })?);
+        }
         let mut side = Self {
             path,
             arcs: [Arc::default(); 4],
@@ -79,10 +93,9 @@ impl Side {
 
     fn find_arcs(&mut self) {
         let path = self.path;
-        let widest = path.widest();
+        let [slowest, moving, last] = path.landmarks();
         let steepness = |z| path.position(z).steepness;
-        let release = turn(steepness, widest, path.last());
-        let slowest = path.slowest();
+        let release = turn(steepness, moving, last);
         if steepness(slowest) < 0.0 {
             let stop = turn(steepness, 0.0, slowest);
             let stopped = path.position(stop).travel;
@@ -90,7 +103,7 @@ impl Side {
             self.add_smooth(0.0, stop);
             if path.position(release).travel > stopped {
                 // Beyond the stretch on which the travel falls, where it is back at what it was.
-                let again = turn(|z| -steepness(z), slowest, widest);
+                let again = turn(|z| -steepness(z), slowest, moving);
                 let resume = turn(|z| stopped - path.position(z).travel, again, release);
                 self.add_smooth(resume, release);
             }
@@ -145,6 +158,11 @@ impl Side {
     /// bases, and a real beam bends otherwise.
     pub fn turns_past_a_right_angle(&self) -> bool {
         self.path.depth() > self.path.beam
+    }
+
+    /// Whether the face of a clamped beam comes to lie against the body: the model then misses the push of the face.
+    pub fn beams_lie_against_body(&self) -> bool {
+        self.path.elastica.is_some_and(|elastica| elastica.lies_against_body)
     }
 
     /// Whether the body, because it is yawed, meets the beams' faces before it reaches their tips:

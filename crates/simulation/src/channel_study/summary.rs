@@ -61,6 +61,12 @@ pub enum ChannelDiagnostic {
          not know of"
     )]
     FacesFirst,
+    /// Beams lie flat against the body.
+    #[error(
+        "beams bend until their faces lie against the body, of which the model knows only the tips: the \
+         drag is larger"
+    )]
+    FaceContact,
     /// The body is never wholly among the beams.
     #[error("the channel is shorter than the body: there is no plateau")]
     NoPlateau,
@@ -96,6 +102,7 @@ impl ChannelSummary {
             (any(Side::turns_past_a_right_angle), ChannelDiagnostic::PastRightAngle),
             (any(|side| side.snaps), ChannelDiagnostic::Snaps),
             (any(Side::meets_faces_first), ChannelDiagnostic::FacesFirst),
+            (any(Side::beams_lie_against_body), ChannelDiagnostic::FaceContact),
             (!free && plateau.is_none(), ChannelDiagnostic::NoPlateau),
             (short, ChannelDiagnostic::ShortPlateau),
         ];

@@ -1,0 +1,227 @@
+//! A beam that is clamped at its base and bends along its length: Euler's elastica, pushed at its tip.
+//!
+//! With the force `P` at the angle of friction to the normal of the body, `χ` the angle from the reversed force to
+//! the beam and `s` the length along it, `EI·χ'' = −P·sin χ`, a pendulum: from `χ₀` at the clamp to `χ_L`
+//! at the tip, where it does not bend. With `k = sin(χ_L/2)`, `k·sin u = sin(χ/2)`
+//! (Love, *Mathematical Theory of Elasticity*, 4th ed., §262)
+//!
+//! ```text
+//! λ = L·√(P/EI) = K(k) − F(u₀, k)
+//! x = S·cos χ₀ − C·sin χ₀,     S = 2k·cos u₀/λ,
+//! y = C·cos χ₀ + S·sin χ₀,     C = 2·(E(k) − E(u₀, k))/λ − 1,
+//! ```
+//!
+//! in beam lengths, `y` along the straight beam. Where the body has pushed the tip aside to `y`, one
+//! `χ_L` is left: a root for each place of the tip. A table over the tip's way keeps the forward reach and
+//! the force over `z`, in which both are smooth.
+
+use core::f64::consts::{FRAC_PI_2, PI};
+
+use libm::{acos, atan2, cos, sin, sqrt};
+
+use crate::path::Path;
+use crate::side::turn;
+
+/// Places of a tip's way at which it is looked how far the body has travelled.
+const PLACES: usize = 64;
+
+/// Terms of Chebyshev's series: twice as many change means of the paper's channels by 10⁻⁶ of them, extremes by 10⁻⁴.
+const TERMS: usize = 32;
+
+/// The way of the tip of a clamped beam along the body.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Elastica {
+    /// As [`Path::landmarks`]: where the travel falls, otherwise 0; before its greatest value; the table's end.
+    pub(crate) landmarks: [f64; 3],
+    /// Forward reach of the tip in m, over `z`.
+    pub(crate) reach: Series,
+    /// Factor of normal and tangent, as long as those of a [`Contact`](crate::Contact), in units of
+    /// `EI/L²` and over `z`.
+    pub(crate) push: Series,
+    /// Whether the beam's face comes to lie against the body, which only its tip touches in this model.
+    pub(crate) lies_against_body: bool,
+}
+
+/// A place of the tip.
+struct Bent {
+    reach: f64,
+    push: f64,
+    /// Whether the tip alone touches: the beam then meets the surface from outside.
+    is_on_tip: bool,
+}
+
+/// No shape of the beam reaches a place.
+pub(crate) enum Failure {
+    /// Friction holds the tip.
+    Locked,
+    /// The beam springs off the body.
+    Released,
+}
+
+impl Elastica {
+    /// The table of a path; `None` if friction holds the tip.
+    pub(crate) fn new(path: &Path, friction: f64) -> Option<Self> {
+        let place = |i: usize| path.last() * i as f64 / PLACES as f64;
+        let (mut travels, mut count) = ([0.0; PLACES], 1);
+        let mut on_tip = true;
+        while count < PLACES {
+            match bent(path, friction, place(count)) {
+                Ok(bent) => {
+                    let bar = path.position(place(count));
+                    travels[count] = bar.travel - bar.reach_m + bent.reach;
+                    on_tip &= bent.is_on_tip || travels[count] < travels[count - 1];
+                    count += 1;
+                }
+                Err(Failure::Released) => break,
+                Err(Failure::Locked) => return None,
+            }
+        }
+        let most = (1..count).reduce(|a, b| if travels[b] > travels[a] { b } else { a })?;
+        let rise = |i: &usize| travels[*i] - travels[*i - 1];
+        let slowest = (1..=most).reduce(|a, b| if rise(&b) < rise(&a) { b } else { a });
+        let falls = slowest.filter(|i| rise(i) < 0.0);
+        let end = (most + 1).min(count - 1);
+        let landmarks = [falls.map_or(0.0, place), place(most.saturating_sub(1)), place(end)];
+        let length = landmarks[2];
+        let mut values = [[0.0; 2]; TERMS];
+        for (i, value) in values.iter_mut().enumerate() {
+            let z = length * node(i);
+            let bent = bent(path, friction, z).ok()?;
+            *value = [bent.reach / z, bent.push / z];
+        }
+        let series = |of: usize| Series::through(&values.map(|value| value[of]), length);
+        let [reach, push] = [series(0), series(1)];
+        Some(Self { landmarks, reach, push, lies_against_body: !on_tip })
+    }
+}
+
+/// The shape of the beam whose tip is at `z`.
+fn bent(path: &Path, friction: f64, z: f64) -> Result<Bent, Failure> {
+    let contact = path.position(z);
+    let (across, along) =
+        (contact.out + friction * contact.back, contact.back - friction * contact.out);
+    let clamp = atan2(across, along);
+    let target = 1.0 - contact.rise / path.beam;
+    // Half the turn of the tip, from where the beam is straight, or buckled, to where it lies along the force.
+    let [least, most] = [(-clamp).max(0.0), 0.5 * (PI - clamp)].map(|turn| turn.max(1e-12));
+    let most = most * (1.0 - 1e-9);
+    if tip(clamp, most).height > target {
+        return Err(Failure::Locked);
+    }
+    if tip(clamp, least).height < target {
+        return Err(Failure::Released);
+    }
+    let half_turn = turn(|half_turn| tip(clamp, half_turn).height - target, least, most);
+    let Tip { reach, root_of_force: root, .. } = tip(clamp, half_turn);
+    let (sin, cos) = (sin(2.0 * half_turn), cos(2.0 * half_turn));
+    Ok(Bent {
+        reach: path.beam * reach,
+        push: root * root / sqrt(across * across + along * along),
+        is_on_tip: sin * contact.out < cos * contact.back,
+    })
+}
+
+/// The tip of a beam of length one, and `λ`.
+#[derive(Clone, Copy)]
+struct Tip {
+    height: f64,
+    reach: f64,
+    root_of_force: f64,
+}
+
+/// The tip of a beam that has turned by twice `half_turn` there, `χ_L − χ₀`, under a force at `χ₀` to the clamp.
+fn tip(clamp: f64, half_turn: f64) -> Tip {
+    let (low, low_cos) = (sin(0.5 * clamp), cos(0.5 * clamp));
+    // k² − sin²(χ₀/2), of which nothing cancels.
+    let rest = sqrt((sin(half_turn) * sin(clamp + half_turn)).max(f64::MIN_POSITIVE));
+    let modulus = low * low + rest * rest;
+    // K − F(u₀) = F(w) with tan w·tan u₀ = 1/k', and E(k) − E(u₀) accordingly (DLMF 19.11).
+    let sine = (rest / (sqrt(modulus) * low_cos)).min(1.0);
+    let (mut first, mut second) = incomplete(sine, modulus);
+    if low < 0.0 {
+        let complete = incomplete(1.0, modulus);
+        (first, second) = (2.0 * complete.0 - first, 2.0 * complete.1 - second);
+    }
+    let along = 2.0 * (second - low * rest / low_cos) / first - 1.0;
+    let across = 2.0 * rest / first;
+    let (sin, cos) = (sin(clamp), cos(clamp));
+    Tip {
+        height: along * cos + across * sin,
+        reach: across * cos - along * sin,
+        root_of_force: first,
+    }
+}
+
+/// Legendre's incomplete integrals of the first and second kind for the sine of an angle up to 90° and `k²`, by
+/// Carlson's duplication (Numerical Algorithms 10, 1995, 13–26), which takes the same steps for both.
+fn incomplete(sine: f64, modulus: f64) -> (f64, f64) {
+    let square = sine * sine;
+    // Not both zero, where the integrals are infinite.
+    let [mut x, mut y] = [1.0 - square, 1.0 - modulus * square].map(|value| value.max(1e-30));
+    let mut z = 1.0;
+    let (mut sum, mut share) = (0.0, 1.0);
+    loop {
+        let mean = (x + y + z) / 3.0;
+        let differences = [x, y, z].map(|value| 1.0 - value / mean);
+        // The sixth power of this is what the series below leaves out.
+        if !differences.iter().any(|difference| difference.abs() >= 1e-3) {
+            let [dx, dy, dz] = differences;
+            let (e2, e3) = (dx * dy - dz * dz, dx * dy * dz);
+            let first =
+                (1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0 - 3.0 * e2 * e3 / 44.0) / sqrt(mean);
+            let mean = (x + y + 3.0 * z) / 5.0;
+            let [dx, dy] = [x, y].map(|value| 1.0 - value / mean);
+            let dz = -(dx + dy) / 3.0;
+            let (e2, e3) = (dx * dy - 6.0 * dz * dz, (3.0 * dx * dy - 8.0 * dz * dz) * dz);
+            let (e4, e5) = (3.0 * (dx * dy - dz * dz) * dz * dz, dx * dy * dz * dz * dz);
+            let series = 1.0 - 3.0 * e2 / 14.0 + e3 / 6.0 + 9.0 * e2 * e2 / 88.0
+                - 3.0 * e4 / 22.0
+                - 9.0 * e2 * e3 / 52.0
+                + 3.0 * e5 / 26.0;
+            let third = 3.0 * sum + share * series / (mean * sqrt(mean));
+            return (sine * first, sine * (first - modulus * square * third / 3.0));
+        }
+        let (a, b, c) = (sqrt(x), sqrt(y), sqrt(z));
+        let shift = a * b + b * c + c * a;
+        sum += share / (c * (z + shift));
+        share *= 0.25;
+        [x, y, z] = [x, y, z].map(|value| 0.25 * (value + shift));
+    }
+}
+
+/// A function by its values at Chebyshev's nodes, as a series.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Series {
+    length: f64,
+    coefficients: [f64; TERMS],
+}
+
+/// Node `i` of Chebyshev's on [0, 1].
+fn node(i: usize) -> f64 {
+    let root = sin(FRAC_PI_2 * (i as f64 + 0.5) / TERMS as f64);
+    root * root
+}
+
+impl Series {
+    fn through(values: &[f64; TERMS], length: f64) -> Self {
+        let coefficients = core::array::from_fn(|term| {
+            let at = |i: usize| cos(term as f64 * acos(2.0 * node(i) - 1.0));
+            let sum: f64 = values.iter().enumerate().map(|(i, value)| value * at(i)).sum();
+            sum * if term == 0 { 1.0 } else { 2.0 } / TERMS as f64
+        });
+        Self { length, coefficients }
+    }
+
+    /// Value and slope, by Clenshaw's recurrence.
+    #[inline]
+    pub(crate) fn at(&self, place: f64) -> (f64, f64) {
+        let t = 2.0 * place / self.length - 1.0;
+        let ([mut b, mut before], [mut slope, mut slope_before]) = ([0.0; 2], [0.0; 2]);
+        for &coefficient in self.coefficients[1..].iter().rev() {
+            (slope, slope_before) = (2.0 * (b + t * slope) - slope_before, slope);
+            (b, before) = (coefficient + 2.0 * t * b - before, b);
+        }
+        let value = self.coefficients[0] + t * b - before;
+        (value, 2.0 * (b + t * slope - slope_before) / self.length)
+    }
+}
