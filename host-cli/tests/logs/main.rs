@@ -20,6 +20,7 @@ mod convert_formats;
 mod drift;
 mod foreign;
 mod hostile;
+mod instruments;
 mod kept_columns;
 mod log_bad_input;
 mod log_containers;

@@ -36,6 +36,7 @@ impl Log {
         plan.parse(&lines, true, &mut parsed)
             .map_err(|error| self.source.error_at(0, error.problem))?;
         plan.fill(&mut block, &mut parsed, &[], 0);
+        plan.fill_times(&mut block);
         Ok(block)
     }
 
