@@ -159,7 +159,7 @@ def trials(options: argparse.Namespace) -> None:
     results = {name: ["python3", script, options.matrix, *logs] for name, script in peers.items()}
     compare("25 trials", {"shellcal": batch(1, 1.0)} | results, options.runs)
     tables = {name: ["python3", script, "--csv", WORK / "peer", options.matrix, *logs] for name, script in peers.items()}
-    traces = batch(1, 1.0, "--traces", WORK / "traces", "--whole-logs")
+    traces = batch(1, 1.0, "--traces", WORK / "traces")
     compare("25 trials and a table of every row", {"shellcal": traces} | tables, options.runs)
     for share in (0.02, 0.25, 0.5):
         compare(f"{100 * share:.0f} % of their windows", {"shellcal": batch(1, share)}, options.runs)

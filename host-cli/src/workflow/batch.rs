@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
 
 use super::WorkflowError;
 use super::trial::{Evaluated, TrialJob, evaluate_in_window};
@@ -29,9 +28,6 @@ pub struct BatchOptions<'a> {
     pub read: ReadOptions<'a>,
     /// All the conditions that there may be, if that is known.
     pub conditions: Option<&'a [String]>,
-    /// What came of the manifest before: a trial whose row and log are the same is not evaluated
-    /// again.
-    pub before: Option<&'a Batch>,
     /// The share of the rows that is evaluated, if not all are. What is wrong between rows is found in all.
     pub shard: Option<Shard>,
     /// Told how many trials are done.
@@ -58,8 +54,6 @@ pub struct BatchTrial {
     pub path: PathBuf,
     /// Its results, and what the log was.
     pub evaluated: Evaluated,
-    entry: Entry,
-    stamp: FileStamp,
 }
 
 /// A row that could not be evaluated.
@@ -72,15 +66,6 @@ pub struct FailedRow {
     pub file: String,
     /// Why.
     pub message: String,
-}
-
-/// What tells that a file is still the same: when it was written, and how long it is.
-pub type FileStamp = Option<(SystemTime, u64)>;
-
-/// The stamp of a file; `None` if there is no such file.
-pub fn stamp(path: &Path) -> FileStamp {
-    let metadata = std::fs::metadata(path).ok()?;
-    Some((metadata.modified().ok()?, metadata.len()))
 }
 
 /// Evaluates the trials of `manifest`, whose files are relative to `folder`. `keep` is given each
@@ -144,16 +129,11 @@ fn evaluate_entry(
     read: &ReadOptions<'_>,
 ) -> Result<BatchTrial, WorkflowError> {
     let path = folder.join(&entry.trial.file);
-    let stamp = stamp(&path);
-    let same = |trial: &&BatchTrial| trial.entry == *entry && trial.stamp == stamp;
-    if let Some(same) = options.before.and_then(|before| before.trials.iter().find(same)) {
-        return Ok(same.clone());
-    }
     let log = Log::open(&path, options.mapping)?;
     let window_s = (entry.enter.value, entry.exit.value);
     let job = TrialJob { log: &log, instrument, options: options.trial, read: *read };
     let evaluated = evaluate_in_window(&job, entry.trial.clone(), window_s)?;
-    Ok(BatchTrial { position: entry.position, path, evaluated, entry: entry.clone(), stamp })
+    Ok(BatchTrial { position: entry.position, path, evaluated })
 }
 
 /// The cell of a row that an error is about.

@@ -11,7 +11,6 @@
 )]
 
 mod any_numbers;
-mod bench_command;
 mod calibration_cli;
 mod certificate;
 mod certified;

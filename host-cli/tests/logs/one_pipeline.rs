@@ -83,7 +83,6 @@ fn of_library(
         mapping: &mapping,
         read,
         conditions: None,
-        before: None,
         shard: None,
         progress: None,
     };

@@ -185,7 +185,7 @@ fn what_cannot_be_streamed_is_told() {
 fn a_board_that_goes_away_ends_the_stream_or_is_waited_for() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    let board = Board::start(dir, "--corruption 0.002");
+    let board = Board::start(dir, "--radio corruption=0.002");
     let ending = start(dir, "stream board --start -o ending.jsonl");
     wait_for_rows(&dir.join("ending.jsonl"), 50);
     board.end();

@@ -7,7 +7,7 @@ use super::evaluation::{Evaluation, RowErrors};
 use super::outlier_search::name_outliers;
 use super::outliers::Outliers;
 use super::refits::{FOLDS, MOST_ALONE};
-use super::{Fit, FitMethod};
+use super::{Fit, FitMethod, FitOptions};
 use crate::conversion::{Calibration, Kind};
 use crate::error::FitError;
 use crate::groups::{GroupBy, HeldOut};
@@ -18,7 +18,7 @@ use crate::physics::{
 use crate::quality::{in_units, significant};
 use crate::reading_ranges::ReadingRanges;
 use crate::validation::comparison::Comparison;
-use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups, sizes};
+use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
 use crate::validation::grouped::GroupedMoments;
 use crate::validation::selection;
 use shell_data::dataset::Dataset;
@@ -98,11 +98,9 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     let ((physics, choice), validation) = match tried {
         Some((fitted, validation)) => (fitted, Some(validation)),
         None => {
-            let fitted = PhysicsCalibration::fit(&rows, options.workers)?;
-            let validate = |held_out| {
-                let folds = rows.folds(fold_count(held_out, labels.len(), group_by));
-                PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers)
-            };
+            let sample = ObservationSample::from_rows(&rows)?;
+            let (fitted, folds) = fit_sample(&rows, sample, group_by, options)?;
+            let validate = |_| PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers);
             let validation = options.cross_validation.map(validate).transpose()?;
             (fitted, validation)
         }
@@ -130,6 +128,26 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     let fitted = Fit::new(calibration, choice, how, of_train.rows, quality);
     let fitted = Fit { found_groups, outliers, ..fitted };
     Ok(fitted.with_errors(used, test, errors, options))
+}
+
+/// Fits the physics model, with the same choice of priors whatever folds errors are asked for; and the folds of those.
+fn fit_sample(
+    rows: &TrainingRows,
+    sample: ObservationSample,
+    group_by: GroupBy,
+    options: &FitOptions<'_>,
+) -> Result<((PhysicsCalibration, Choice), Vec<Vec<u64>>), FitError> {
+    let groups = rows.group_count();
+    let folds = |held_out| assign_folds(rows, fold_count(held_out, groups, group_by));
+    let usual = folds(HeldOut::Auto)?;
+    let fitted = PhysicsCalibration::fit_sample(rows, sample, Some(&usual), options.workers)?;
+    Ok((fitted, folds(options.held_out())?))
+}
+
+/// Groups of rows, assigned to folds of like size.
+fn assign_folds(rows: &TrainingRows, folds: usize) -> Result<Vec<Vec<u64>>, FitError> {
+    let groups_of = |fold: Vec<usize>| fold.into_iter().map(|group| group as u64).collect();
+    Ok(assign_groups(&rows.group_sizes(), folds)?.into_iter().map(groups_of).collect())
 }
 
 /// Folds that so many groups are held out in. Where only time tells them apart, each has many rows, and none is a pose.
@@ -179,34 +197,35 @@ impl ModelComparison {
             return Ok(None);
         }
         let (rows, labels) = TrainingRows::from_dataset(&labelled);
-        let sizes = sizes(sums);
+        let sample = ObservationSample::from_rows(&rows)?;
         let held_out = options.validation().unwrap_or(HeldOut::Auto);
-        let mut folds = assign_groups(&sizes, fold_count(held_out, sizes.len(), group_by))?;
-        let mut polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;
+        let mut folds = assign_folds(&rows, fold_count(held_out, labels.len(), group_by))?;
+        let position = |group: &u64| {
+            let label = labels[*group as usize].as_str();
+            let of_sums = sums.groups.iter().position(|(of_sums, _)| &**of_sums == label);
+            of_sums.expect("sums of every group")
+        };
+        let in_sums = |folds: &[Vec<u64>]| -> Vec<Vec<usize>> {
+            folds.iter().map(|fold| fold.iter().map(position).collect()).collect()
+        };
+        let mut polynomial = selection::errors_by_fold(sums, &model, ridge, &in_sums(&folds))?;
         if polynomial.is_none() {
-            folds = selection::folds(sums)?;
-            polynomial = selection::errors_by_fold(sums, &model, ridge, &folds)?;
+            folds = assign_folds(&rows, labels.len().min(selection::FOLDS))?;
+            polynomial = selection::errors_by_fold(sums, &model, ridge, &in_sums(&folds))?;
         }
         let polynomial = polynomial.expect("a model that was chosen by its errors on these folds");
-        let position = |group: &usize| {
-            let label = &sums.groups[*group].0;
-            labels.iter().position(|of_rows| of_rows == label).expect("rows of every group") as u64
-        };
-        let folds: Vec<Vec<u64>> =
-            folds.iter().map(|fold| fold.iter().map(position).collect()).collect();
         let whole = sums.total().expect("sums of two groups or more");
         let variances = Axis::ALL.map(|axis| whole.variance(axis));
         let every = (folds.len() / TRIED_FIRST).max(1);
         let (first, of_first): (Vec<_>, Vec<_>) =
             folds.iter().cloned().zip(polynomial.iter().copied()).step_by(every).unzip();
-        let sample = ObservationSample::from_rows(&rows)?;
         let usual = PhysicsValidation::usual(&rows, &sample, &first, options.workers)?;
         let comparison = Comparison::new(&usual.by_fold(), &of_first, &variances);
         let [physics, by_polynomial] = comparison.rms.map(|rms| relative_square(&rms, &variances));
         if physics > OUT_OF_REACH * by_polynomial {
             return Ok(Some((Self { model, ridge, comparison, folds: first.len() }, None)));
         }
-        let fitted = PhysicsCalibration::fit_from(&rows, sample, None, options.workers)?;
+        let (fitted, _) = fit_sample(&rows, sample, group_by, options)?;
         let validation = PhysicsValidation::new(&rows, &folds, &fitted.1, options.workers)?;
         let comparison = Comparison::new(&validation.by_fold(), &polynomial, &variances);
         let tried = (fitted, validation);

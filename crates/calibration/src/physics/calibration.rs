@@ -4,6 +4,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::choice::{Choice, USUAL};
+use super::fit::Observation;
 use super::intervals::{GroupIntervals, Scores};
 use super::inversion::{Estimates, Inversion};
 use super::model::PhysicsModel;
@@ -30,6 +31,22 @@ pub struct PhysicsCalibration {
     pub intervals: Option<GroupIntervals>,
 }
 
+impl Scores {
+    /// The scores of some rows of each group, by the model that was fitted without it.
+    fn of_choice(rows: &TrainingRows, choice: &Choice) -> Self {
+        let mut scores = Self::default();
+        for (groups, model) in &choice.fold_models {
+            let inversion = Inversion::new(model);
+            let every = |rows: usize| rows.div_ceil(MOST_SCORED);
+            let estimates = |readings: &[Vec<f64>]| inversion.estimates(readings);
+            rows.convert(groups, every, estimates, |group, errors, standard_errors| {
+                scores.add(group, &errors, &standard_errors);
+            });
+        }
+        scores
+    }
+}
+
 impl PhysicsCalibration {
     /// Makes a model ready, without intervals. Its standard errors are multiplied by `error_scale`.
     pub fn new(model: PhysicsModel, error_scale: PerAxis<f64>) -> Self {
@@ -43,30 +60,26 @@ impl PhysicsCalibration {
     /// # Errors
     /// [`FitError::Physics`], [`FitError::Interrupted`].
     pub fn fit(rows: &TrainingRows, workers: Workers<'_>) -> Result<(Self, Choice), FitError> {
-        Self::fit_from(rows, ObservationSample::from_rows(rows)?, None, workers)
+        Self::fit_sample(rows, ObservationSample::from_rows(rows)?, None, workers)
     }
 
-    /// Fits to a sample of the observations of these rows; `before` is the choice for a larger sample, where the fit
-    /// starts.
-    pub(crate) fn fit_from(
+    /// Like [`fit`](Self::fit), on a sample of the observations of these rows; holds out `folds` of groups, where they
+    /// are given.
+    pub(crate) fn fit_sample(
         rows: &TrainingRows,
         sample: ObservationSample,
-        before: Option<&Choice>,
+        folds: Option<&[Vec<u64>]>,
         workers: Workers<'_>,
     ) -> Result<(Self, Choice), FitError> {
-        let choice = Choice::fit_from(sample, before, workers)?;
-        let mut scores = Scores::default();
-        for (groups, model) in &choice.fold_models {
-            let inversion = Inversion::new(model);
-            let every = |rows: usize| rows.div_ceil(MOST_SCORED);
-            let estimates = |readings: &[Vec<f64>]| inversion.estimates(readings);
-            rows.convert(groups, every, estimates, |group, errors, standard_errors| {
-                scores.add(group, &errors, &standard_errors);
-            });
-        }
+        let choice = Choice::fit_sample(sample, folds, workers)?;
+        let scores = Scores::of_choice(rows, &choice);
+        Ok((Self::with_scores(choice.model.clone(), scores), choice))
+    }
+
+    /// A model with the standard errors and intervals that scores of held-out rows tell.
+    fn with_scores(model: PhysicsModel, mut scores: Scores) -> Self {
         let error_scale = scores.rescale(MODEL_GROUPS);
-        let intervals = Some(scores.intervals());
-        Ok((Self { intervals, ..Self::new(choice.model.clone(), error_scale) }, choice))
+        Self { intervals: Some(scores.intervals()), ..Self::new(model, error_scale) }
     }
 
     /// The model.
@@ -94,8 +107,8 @@ pub const COVERAGE_LEVEL: f64 = 0.95;
 /// is right to two thousandths.
 const MOST_JUDGED: usize = 200_000;
 
-/// Groups whose rows were each converted by a model that was fitted, choice of λ and prior width
-/// included, without their fold.
+/// Groups whose rows were each converted by a model that was fitted without their fold, with the priors that were chosen
+/// on all folds: three numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsValidation {
     /// For each fold, its groups in ascending order.
@@ -116,23 +129,27 @@ pub struct GroupErrors {
 }
 
 impl PhysicsValidation {
-    /// Fits without each of `folds` of groups, started from the choice for all `rows`, and converts their rows.
-    /// Folds are fitted on several threads.
+    /// Converts the rows of each of `folds` by the chosen model, fitted without the fold, with intervals from the scores of
+    /// all other groups. The folds that it was chosen on are known; others are fitted, on several threads.
     ///
     /// # Errors
-    /// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
+    /// [`FitError::Interrupted`].
     pub fn new(
         rows: &TrainingRows,
         folds: &[Vec<u64>],
-        whole: &Choice,
+        choice: &Choice,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let fit = |rest| Ok(PhysicsCalibration::fit_from(rows, rest, Some(whole), Workers::ONE)?.0);
-        Self::by(fit, (rows, &whole.sample), folds, workers)
+        let scores = Scores::of_choice(rows, choice);
+        let fit = |held_out: &BTreeSet<u64>| {
+            let scores = scores.without(held_out);
+            Ok(PhysicsCalibration::with_scores(choice.without(held_out), scores))
+        };
+        Self::by(fit, rows, folds, workers)
     }
 
-    /// The same of the model with usual priors, without factors: what it is worth here, in a hundredth of the time of a
-    /// choice.
+    /// Like [`new`](Self::new), by the model with usual priors, without factors: tells what it is worth here, in a tenth of
+    /// the time of a choice.
     ///
     /// # Errors
     /// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
@@ -142,24 +159,25 @@ impl PhysicsValidation {
         folds: &[Vec<u64>],
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
-        let fit = |rest: ObservationSample| {
-            let model = PhysicsModel::fit(&rest.tried, USUAL.0, USUAL.1)?;
+        let fit = |held_out: &BTreeSet<u64>| {
+            let rest: Vec<Observation> =
+                sample.tried.iter().filter(|o| !held_out.contains(&o.group)).cloned().collect();
+            let model = PhysicsModel::fit(&rest, USUAL.0, USUAL.1)?;
             Ok(PhysicsCalibration::new(model, [1.0; 6]))
         };
-        Self::by(fit, (rows, sample), folds, workers)
+        Self::by(fit, rows, folds, workers)
     }
 
-    /// Fits to the sample without each fold, and converts the rows of the fold.
+    /// Fits without each fold, and converts the rows of the fold.
     fn by(
-        fit: impl Fn(ObservationSample) -> Result<PhysicsCalibration, FitError> + Sync,
-        (rows, sample): (&TrainingRows, &ObservationSample),
+        fit: impl Fn(&BTreeSet<u64>) -> Result<PhysicsCalibration, FitError> + Sync,
+        rows: &TrainingRows,
         folds: &[Vec<u64>],
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
         let of_fold = |fold: &Vec<u64>| {
             let held_out: BTreeSet<u64> = fold.iter().copied().collect();
-            let fitted = fit(sample.without(&held_out))?;
-            Ok(errors(rows, &held_out, &fitted))
+            Ok(errors(rows, &held_out, &fit(&held_out)?))
         };
         Ok(Self { folds: map_folds(folds, workers, of_fold)? })
     }

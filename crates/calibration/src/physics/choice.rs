@@ -6,14 +6,14 @@
 //! folds: that sees all sensors and how they err together, of which errors of a wrench show little. Then λ is
 //! chosen once more. Fits without a fold start from the fit to all, which is near.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use super::PhysicsError;
 use super::factors::fit_factors;
 use super::fit::{FittedParameters, Observation, Scaled, Scales, fit, fit_from};
 use super::inversion::Inversion;
 use super::model::PhysicsModel;
-use super::response::FACTORS;
+use super::response::{FACTORS, factor_count};
 use super::rows::ObservationSample;
 use crate::error::FitError;
 use crate::passes::{Workers, map};
@@ -31,10 +31,6 @@ pub(super) const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
 /// Up to this many groups each is held out alone; more are assigned to [`FOLDS`] folds.
 const MOST_ALONE: usize = 40;
 const FOLDS: usize = 10;
-
-/// Folds of up to [`MOST_ALONE`] groups in a fit that is itself without a fold. Of 31 poses each held out alone they
-/// choose alike, in half the time.
-const FOLDS_WITHIN: usize = 15;
 
 /// Fewest folds that tell whether factors are shared: a standard error of fewer gains says little.
 const FEWEST_FOLDS: usize = 8;
@@ -64,14 +60,12 @@ pub struct Choice {
     pub model: PhysicsModel,
     /// The numbers of factors that were tried.
     pub factor_trials: Vec<FactorTrial>,
-    /// The chosen candidate without each fold of groups: those that were held out, and what was fitted to the others.
+    /// Each fold of groups, with the chosen candidate fitted to the others.
     pub(super) fold_models: Vec<(BTreeSet<u64>, PhysicsModel)>,
-    /// Fits to all observations, from which those to most of them start: their scales, those of each width without
-    /// factors, and those with one factor, two, as far as those were tried.
     scales: Scales,
-    widths: Vec<FittedParameters>,
-    factors: Vec<FittedParameters>,
-    /// What it was chosen on.
+    /// The fit to all observations that were tried, where fits to most of them start.
+    fitted: FittedParameters,
+    /// Observations that it was chosen on.
     pub(crate) sample: ObservationSample,
 }
 
@@ -91,59 +85,44 @@ impl Choice {
     /// # Errors
     /// [`PhysicsError`] if there are too few observations, groups or channels; [`FitError::Interrupted`].
     pub fn fit(observations: &[Observation], workers: Workers<'_>) -> Result<Self, FitError> {
-        Self::fit_from(ObservationSample::new(observations), None, workers)
+        Self::fit_sample(ObservationSample::new(observations), None, workers)
     }
 
-    /// The same for a sample of observations; `before` is the choice for a larger sample, where the fits start.
-    pub(super) fn fit_from(
+    /// Like [`fit`](Self::fit), on a sample of observations; holds out `folds` of groups, or groups in turn.
+    pub(super) fn fit_sample(
         sample: ObservationSample,
-        before: Option<&Self>,
+        folds: Option<&[Vec<u64>]>,
         workers: Workers<'_>,
     ) -> Result<Self, FitError> {
         let tried: Vec<&Observation> = sample.tried.iter().collect();
         let observations: Vec<&Observation> = sample.fitted.iter().collect();
         let scales = Scales::new(&observations)?;
         let mut data = scales.apply(&tried);
-        let most_alone = if before.is_some() { FOLDS_WITHIN } else { MOST_ALONE };
-        let folds = folds(&tried, &scales, most_alone);
+        let folds = folds.map_or_else(|| folds_in_turn(&tried), as_sets);
         if folds.len() < 2 {
             return Err(PhysicsError::TooFewGroups(folds.len()).into());
         }
-        let before = before.filter(|of| of.scales.has_channels_of(&scales));
-        let tries = CandidateData { scales, folds, workers };
-        let (mut scores, mut tried_widths) = (Vec::new(), Vec::new());
-        for (position, width) in WIDTHS.into_iter().enumerate() {
-            let whole = match before {
-                Some(of) => {
-                    let start = of.widths[position].rescaled(&of.scales, &tries.scales);
-                    fit_from(&data, width, &start)
-                }
-                None => fit(&data, width),
-            };
+        let folds = folds.into_iter().map(|fold| ObservationFold::new(fold, &tried, &scales));
+        let tries = CandidateData { folds: folds.collect(), scales, workers };
+        let (mut scores, mut widths) = (Vec::new(), Vec::new());
+        for width in WIDTHS {
+            let whole = fit(&data, width);
             let fits = tries.fits(width, |rest| fit_from(rest, width, &whole))?;
             scores.extend(tries.scores(&fits));
-            tried_widths.push((whole, fits));
+            widths.push((whole, fits));
         }
-        let widths: Vec<FittedParameters> =
-            tried_widths.iter().map(|(whole, _)| whole.clone()).collect();
         let best = least(&scores);
         let position = best / LAMBDAS.len();
         let (mut lambda, width) = (LAMBDAS[best % LAMBDAS.len()], WIDTHS[position]);
-        let mut chosen = tried_widths.swap_remove(position);
-        let (mut factor_trials, mut factors) = (Vec::new(), Vec::new());
+        let mut chosen = widths.swap_remove(position);
+        let without_factors = chosen.0.clone();
+        let mut factor_trials = Vec::new();
         let counts = if tries.folds.len() < FEWEST_FOLDS { 0..0 } else { 1..FACTORS + 1 };
         for count in counts {
-            let start = before.and_then(|of| {
-                Some(of.factors.get(count - 1)?.rescaled(&of.scales, &tries.scales))
-            });
-            let whole = match start {
-                Some(start) => fit_factors(&data, width, &start, None),
-                None => fit_factors(&data, width, &widths[position], Some(count)),
-            };
+            let whole = fit_factors(&data, width, &without_factors, Some(count));
             let fits = tries.fits(width, |rest| fit_factors(rest, width, &whole, None))?;
             let trial = tries.compare(count, width, &fits, &chosen.1);
             factor_trials.push(trial);
-            factors.push(whole.clone());
             if !trial.is_taken() {
                 break;
             }
@@ -152,21 +131,39 @@ impl Choice {
         }
 
         let at = (lambda, width);
-        let (mut fitted, of_folds) = chosen;
-        if tried.len() < observations.len() {
-            data = tries.scales.apply(&observations);
-            fitted = match factor_trials.iter().any(FactorTrial::is_taken) {
-                true => fit_factors(&data, width, &fitted, None),
-                false => fit_from(&data, width, &fitted),
-            };
-        }
-        let model = PhysicsModel::from_fit(&tries.scales, &data, &fitted, at);
+        let (of_tried, of_folds) = chosen;
         let fold_model = |(fold, (fitted, _)): (usize, &Fits)| {
             (tries.folds[fold].groups.clone(), tries.model(fold, fitted, at))
         };
         let fold_models = of_folds.iter().enumerate().map(fold_model).collect();
-        let scales = tries.scales.clone();
-        Ok(Self { model, factor_trials, fold_models, scales, widths, factors, sample })
+        let mut fitted = of_tried.clone();
+        if tried.len() < observations.len() {
+            data = tries.scales.apply(&observations);
+            fitted = refit(&data, width, &fitted);
+        }
+        let model = PhysicsModel::from_fit(&tries.scales, &data, &fitted, at);
+        let scales = tries.scales;
+        Ok(Self { model, factor_trials, fold_models, scales, fitted: of_tried, sample })
+    }
+
+    /// The chosen candidate, fitted to the observations of all groups but some.
+    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
+        if let Some((_, known)) = self.fold_models.iter().find(|(fold, _)| fold == groups) {
+            return known.clone();
+        }
+        let tried: Vec<&Observation> = self.sample.tried.iter().collect();
+        let rest = ObservationFold::new(groups.clone(), &tried, &self.scales).rest;
+        let fitted = refit(&rest, self.model.prior_width, &self.fitted);
+        let at = (self.model.lambda, self.model.prior_width);
+        PhysicsModel::from_fit(&self.scales, &rest, &fitted, at)
+    }
+}
+
+/// Fits again, from what was found for nearly the same observations, with as many factors.
+fn refit(data: &Scaled, width: f64, start: &FittedParameters) -> FittedParameters {
+    match factor_count(&start.loadings) {
+        0 => fit_from(data, width, start),
+        _ => fit_factors(data, width, start, None),
     }
 }
 
@@ -233,22 +230,25 @@ struct ObservationFold<'a> {
     rest: Scaled,
 }
 
-/// Groups assigned in turn to at most `most_alone` folds, or, if there are more than [`MOST_ALONE`], to [`FOLDS`].
-fn folds<'a>(
-    observations: &[&'a Observation],
-    scales: &Scales,
-    most_alone: usize,
-) -> Vec<ObservationFold<'a>> {
-    let mut positions = BTreeMap::new();
-    observations.iter().for_each(|o| _ = positions.insert(o.group, 0));
-    let folds = if positions.len() > MOST_ALONE { FOLDS } else { positions.len().min(most_alone) };
-    positions.values_mut().zip((0..folds).cycle()).for_each(|(position, fold)| *position = fold);
-    let fold = |fold: usize| {
-        let is_held_out = |o: &&&Observation| positions[&o.group] == fold;
+impl<'a> ObservationFold<'a> {
+    fn new(groups: BTreeSet<u64>, observations: &[&'a Observation], scales: &Scales) -> Self {
+        let is_held_out = |o: &&&Observation| groups.contains(&o.group);
         let (held_out, rest): (_, Vec<&Observation>) = observations.iter().partition(is_held_out);
-        let groups = positions.iter().filter(|(_, position)| **position == fold);
-        let groups = groups.map(|(group, _)| *group).collect();
-        ObservationFold { groups, held_out, rest: scales.apply(&rest) }
-    };
-    (0..folds).map(fold).collect()
+        Self { groups, held_out, rest: scales.apply(&rest) }
+    }
+}
+
+fn as_sets(folds: &[Vec<u64>]) -> Vec<BTreeSet<u64>> {
+    folds.iter().map(|fold| fold.iter().copied().collect()).collect()
+}
+
+/// Up to [`MOST_ALONE`] groups, each alone; more, assigned in turn to [`FOLDS`].
+fn folds_in_turn(observations: &[&Observation]) -> Vec<BTreeSet<u64>> {
+    let groups: BTreeSet<u64> = observations.iter().map(|o| o.group).collect();
+    let count = if groups.len() > MOST_ALONE { FOLDS } else { groups.len() };
+    let mut folds = vec![BTreeSet::new(); count];
+    for (position, group) in groups.into_iter().enumerate() {
+        folds[position % count].insert(group);
+    }
+    folds
 }

@@ -117,11 +117,6 @@ impl Scales {
         Ok(Self { wrench: wrench_scale(observations), frame_channels, channels })
     }
 
-    /// Whether the same channels vary.
-    pub(super) fn has_channels_of(&self, other: &Self) -> bool {
-        self.channels.iter().map(|of| of.0).eq(other.channels.iter().map(|of| of.0))
-    }
-
     /// Observations in these scales.
     pub(super) fn apply(&self, observations: &[&Observation]) -> Scaled {
         let rows = observations.len();
@@ -139,24 +134,6 @@ impl Scales {
             wrench: std::array::from_fn(axis),
             readings: self.channels.iter().map(channel).collect(),
         }
-    }
-}
-
-impl FittedParameters {
-    /// The same curves in the scales of nearly the same observations, of which the same channels vary.
-    pub(super) fn rescaled(&self, from: &Scales, to: &Scales) -> Self {
-        let mut fitted = self.clone();
-        let channels = from.channels.iter().zip(&to.channels);
-        for (p, (from_channel, to_channel)) in fitted.parameters.iter_mut().zip(channels) {
-            let stretch = from_channel.2 / to_channel.2;
-            let shift = (from_channel.1 - to_channel.1) / to_channel.2;
-            for axis in 0..6 {
-                p[1 + axis] *= to.wrench[axis] / from.wrench[axis];
-            }
-            p[SHAPE] = p[SHAPE].mul_add(stretch, shift);
-            p[SHAPE + 1] += libm::log(stretch);
-        }
-        fitted
     }
 }
 

@@ -8,7 +8,7 @@
 //! prediction; Lei et al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row a group). Scores of
 //! models that were trained without a fold, not without one group alone, keep it nearly.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use shell_data::wrench::PerAxis;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -55,6 +55,12 @@ impl Scores {
             let score = (error[axis] / standard_error[axis]).abs();
             scores.push(if score.is_nan() { f64::INFINITY } else { score });
         }
+    }
+
+    /// The scores of all other groups.
+    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> Self {
+        let others = self.0.iter().filter(|(group, _)| !groups.contains(group));
+        Self(others.map(|(&group, scores)| (group, scores.clone())).collect())
     }
 
     /// Divides the scores of each axis by their root mean square, each group with the same weight, where the

@@ -52,14 +52,9 @@ impl TrainingRows {
         self.rows.groups().count()
     }
 
-    /// The groups, assigned to folds: each alone, or in turn, in the order of their labels.
-    pub fn folds(&self, folds: usize) -> Vec<Vec<u64>> {
-        let mut assigned = vec![Vec::new(); folds.min(self.group_count())];
-        for (position, runs) in self.rows.groups().enumerate() {
-            let fold = position % assigned.len();
-            assigned[fold].push(runs[0].group());
-        }
-        assigned
+    /// Rows of each group, in ascending order of groups.
+    pub fn group_sizes(&self) -> Vec<u64> {
+        self.rows.groups().map(|runs| count(runs) as u64).collect()
     }
 
     /// Converts every n-th row of some groups, beginning with the first of each, in parts of at most [`ROWS_AT_ONCE`]
@@ -270,14 +265,6 @@ impl ObservationSample {
         let cells = Cells::new(rows)?;
         let [tried, fitted] = [MOST_TRIED, MOST_FITTED].map(|most| cells.observations(most));
         Ok(Self { count: cells.count, tried, fitted })
-    }
-
-    /// Those of all other groups.
-    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> Self {
-        let rest = |of: &[Observation]| {
-            of.iter().filter(|o| !groups.contains(&o.group)).cloned().collect()
-        };
-        Self { count: self.count, tried: rest(&self.tried), fitted: rest(&self.fitted) }
     }
 }
 

@@ -54,8 +54,7 @@ const KEYS: [(Option<&str>, &[&str]); 4] = [
 ];
 
 /// Options that say the same thing: if the command line has one, no other is taken from the file.
-const ALTERNATIVES: [&[&str]; 3] =
-    [&["tare", "tare-time", "no-tare"], &["lowpass", "no-lowpass"], &["causal", "zero-phase"]];
+const ALTERNATIVES: [&[&str]; 2] = [&["tare", "tare-time", "no-tare"], &["lowpass", "no-lowpass"]];
 
 /// The settings of a file, by key: the line, and the option as on a command line.
 type Settings = BTreeMap<String, (usize, OsString)>;

@@ -63,7 +63,7 @@ fn inputs_are_never_replaced() {
         "merge partial.json --partial partial.json",
         "import matrix.csv -o matrix.csv",
         "trial trials/3cm-1.txt --calibration cal.json --trace trials/3cm-1.txt",
-        "trial trials/3cm-1.txt --calibration cal.json --strides cal.json",
+        "trial trials/3cm-1.txt --calibration cal.json --trace cal.json",
         "report trials/manifest.csv --calibration cal.json -o trials/manifest.csv",
         "report trials/manifest.csv --calibration cal.json -o trials/free-1.txt",
         "report trials/manifest.csv --calibration cal.json -o cal.json",

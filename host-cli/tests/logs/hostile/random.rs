@@ -17,7 +17,7 @@ use super::run::{Blow, run};
 const AMONG_TESTS: u64 = 300;
 
 /// Commands; capitals are files of that kind, `O.x` an output, `?` any number.
-const COMMANDS: [&str; 56] = [
+const COMMANDS: [&str; 55] = [
     "info T",
     "info R Z",
     "doctor T R C",
@@ -25,7 +25,7 @@ const COMMANDS: [&str; 56] = [
     "fit --model cubic T -o O.json",
     "fit --model cubic T --test E -o O.json --export-matrix O.csv",
     "fit T E --cv=file --model quadratic",
-    "fit --model cubic T --cv=? --cv-seed ? --json",
+    "fit --model cubic T --cv=? --json",
     "fit T --model auto -o O.json --covariance groups",
     "fit --model cubic T --solver tsqr --ridge ? -o O.json",
     "fit --model cubic T --solver svd --truncate ? --plot O.svg",
@@ -45,13 +45,12 @@ const COMMANDS: [&str; 56] = [
     "convert C Z R --output-dir out/tables --no-tare",
     "convert C E --tare ? --full-scale ? --skip-bad-rows -o O.csv",
     "convert C Z --plot O.svg --columns t,fx,flags",
-    "noise C Z --json",
-    "trial R --calibration C --trace O.csv --strides O.csv",
+    "info Z --noise --calibration C --json",
+    "trial R --calibration C --trace O.csv",
     "trial R --enter ? --exit ? --calibration C --json",
-    "trial R --calibration C --mass ? --velocity ?",
     "batch M --calibration C --csv out/tables",
     "batch M --calibration C --traces out/traces --json",
-    "window R --calibration C",
+    "trial R --find-window --calibration C",
     "plot drag R --calibration C -o O.svg",
     "report M --calibration C -o O.html",
     "stats S",
@@ -61,7 +60,7 @@ const COMMANDS: [&str; 56] = [
     "import C -o O.json",
     "align T Z -o O.csv",
     "synth train --rows ? --rate ? --seed ? -o O.csv",
-    "synth zero --rows ? --adc-bits ? --noise-scale ? -o O.csv",
+    "synth zero --rows ? --noise-scale ? -o O.csv",
     "record --replay Z -o O.csv --calibration C",
     "record --replay P --raw O.raw --framing cobs",
     "info B --json",
@@ -73,7 +72,7 @@ const COMMANDS: [&str; 56] = [
     "convert C B --keep all -o O.npy",
     "eval C B --edited",
     "export C O.py --edited",
-    "synth pair O.csv O.csv --duration ? --rate ? --margin ? --max-rows 1000",
+    "synth pair O.csv O.csv --duration 2 --rate ?",
 ];
 
 const NUMBERS: [&str; 14] =

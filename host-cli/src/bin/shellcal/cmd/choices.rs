@@ -56,11 +56,6 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
 
-/// A family of features.
-pub(super) fn basis() -> impl TypedValueParser<Value = Basis> {
-    one_of(&Basis::ALL.map(|basis| (basis.name(), basis.description(), basis)))
-}
-
 /// A solver.
 pub(super) fn solver() -> impl TypedValueParser<Value = SolverKind> {
     one_of(&SolverKind::ALL.map(|solver| (solver.name(), solver.description(), solver)))

@@ -15,7 +15,7 @@ use shellcal::workflow::check_channels;
 use shellcal::workflow::gates::{ComparedAxes, GateFailure, Gates};
 
 use super::choices::{number_in, one_of};
-use super::mapping::{EditedArg, MappingArgs};
+use super::mapping::{CompanionArgs, EditedArg, MappingArgs};
 use super::outputs::FigureArgs;
 use super::quality::table_row;
 use crate::files::InputPath;
@@ -37,9 +37,8 @@ pub(crate) struct EvalArgs {
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
 
-    /// Take the wrench from these files, one for each log, row by row
-    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
-    wrench_from: Vec<InputPath>,
+    #[command(flatten)]
+    companions: CompanionArgs,
 
     #[command(flatten)]
     limits: RmsLimits,
@@ -77,7 +76,8 @@ impl EvalArgs {
         let file = self.edited.read(&self.calibration)?;
         self.check_logs()?;
         let from = Some((&self.calibration, &file));
-        let mut logs = self.mapping.open(&self.logs, &self.wrench_from, from, printer)?;
+        let mut logs =
+            self.mapping.open(&self.logs, &self.companions.wrench_from, from, printer)?;
         let (mut calibration, sources) = (file.calibration, file.origin.sources);
         let axes = (!self.axes.is_empty()).then(|| self.axes.iter().copied().collect());
         let gates = self.limits.gates(axes);

@@ -152,6 +152,15 @@ impl MappingArgs {
     }
 }
 
+/// Files beside logs that have their wrench.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Reading logs")]
+pub(crate) struct CompanionArgs {
+    /// Take the wrench from these files, one for each log to fit to or to compare, row by row
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    pub(crate) wrench_from: Vec<InputPath>,
+}
+
 /// `--edited`, of every command that uses a calibration or partial fits.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct EditedArg {

@@ -9,7 +9,6 @@ use std::thread;
 use std::time::Instant;
 
 use board_link::{Sinks, Source, Watcher, record};
-use clap::builder::TypedValueParser;
 use frame_stream::{
     Destination, FrameStream, Readers, StreamCommand, StreamFormat, StreamHandle, StreamOptions,
     StreamSummary, StreamWatcher,
@@ -20,6 +19,7 @@ use shellcal::workflow::live::play;
 use super::choices::{POSITIVE, number_in, number_within, one_of};
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
+use super::outputs::ReplacingArgs;
 use super::ports::{SourceArgs, is_port};
 use crate::files::InputPath;
 use crate::printer::Printer;
@@ -31,7 +31,7 @@ use crate::signals;
   shellcal stream /dev/ttyUSB0 --start --calibration calibration.json -o udp:127.0.0.1:9870
   shellcal stream run3.csv --calibration calibration.json -o tcp:9000 -o run3.jsonl --rate 50")]
 pub(crate) struct StreamArgs {
-    /// Serial port, or a log to play; `shellcal ports` lists the ports
+    /// Serial port, or a log to play; `shellcal board` lists the ports
     #[arg(value_name = "PORT|LOG")]
     name: InputPath,
 
@@ -44,9 +44,8 @@ pub(crate) struct StreamArgs {
     #[arg(long, value_name = "ENCODING", value_parser = one_of(&ENCODINGS), default_value = "json")]
     encoding: StreamFormat,
 
-    /// Replace files that are there
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    replacing: ReplacingArgs,
 
     #[command(flatten)]
     forces: LiveForceArgs,
@@ -59,17 +58,14 @@ pub(crate) struct StreamArgs {
     #[arg(long)]
     one_time: bool,
 
-    /// Wait for a port that goes away, and go on when it is back
-    #[arg(long)]
-    reconnect: bool,
+    #[command(flatten)]
+    waiting: WaitingArgs,
 
-    /// End when the standard input ends, for a program that runs this one
-    #[arg(long)]
-    until_eof: bool,
+    #[command(flatten)]
+    ending: EndingArgs,
 
-    /// How many times as fast a log is played
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed())]
-    speed: f64,
+    #[command(flatten)]
+    playing: PlayingArgs,
 
     /// Say at the end how late rows were: median and 99th percentile of the time from the board's clock to the
     /// reader, beyond that of the fastest row of every ten seconds
@@ -81,6 +77,32 @@ pub(crate) struct StreamArgs {
 
     #[command(flatten)]
     mapping: MappingArgs,
+}
+
+/// The option of logs that are played.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct PlayingArgs {
+    /// How many times as fast a log is played
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = number_within(0.001..=1000.0, SPEED))]
+    pub(super) speed: f64,
+}
+
+const SPEED: [&str; 2] = ["a factor, such as 4", "a factor from 0.001 to 1000"];
+
+/// The option of recordings whose port may go away.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct WaitingArgs {
+    /// Wait for a port that goes away, and go on when it is back
+    #[arg(long)]
+    pub(super) reconnect: bool,
+}
+
+/// The option of programs that serve others.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct EndingArgs {
+    /// End when the standard input ends, for a program that runs this one
+    #[arg(long)]
+    pub(super) until_eof: bool,
 }
 
 /// How rows are written.
@@ -100,8 +122,8 @@ impl StreamArgs {
         let log = from_log.then(|| Log::open(&self.name, &self.mapping.mapping())).transpose()?;
         let stop = signals::stop_flag()?;
         let port = self.source.serial.port(&self.name.to_string_lossy());
-        let source = (!from_log).then(|| Source::port(port, self.reconnect)).transpose()?;
-        let at_end = self.until_eof.then(|| Arc::clone(&stop));
+        let source = (!from_log).then(|| Source::port(port, self.waiting.reconnect)).transpose()?;
+        let at_end = self.ending.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
             forces,
             from_log,
@@ -110,7 +132,7 @@ impl StreamArgs {
             rate_hz: self.rate,
             commands: Some(commands(printer, at_end)?),
         };
-        let readers = open(printer, &self.output, self.overwrite)?;
+        let readers = open(printer, &self.output, self.replacing.overwrite)?;
         let stream = FrameStream::new(options, readers)?;
         let (watcher, handle) = StreamWatcher::new(stream, None, Some(Arc::clone(&stop)));
         let ended = match (source, &log) {
@@ -147,15 +169,11 @@ impl StreamArgs {
                 stop.store(true, Ordering::Relaxed);
             }
         };
-        Ok(play(log, &read, readings, self.speed, &|| false, stop, &mut see)?)
+        Ok(play(log, &read, readings, self.playing.speed, &|| false, stop, &mut see)?)
     }
 }
 
 /// A factor on the pace of a log.
-pub(super) fn speed() -> impl TypedValueParser<Value = f64> {
-    number_within(0.001..=1000.0, ["a factor, such as 4", "a factor from 0.001 to 1000"])
-}
-
 /// The watcher of a recording, and the handle of its stream if there is one.
 type WatchedStream = (Option<Box<dyn Watcher>>, Option<StreamHandle>);
 

@@ -1,12 +1,12 @@
 //! `shellcal fit`: from training logs to a calibration; with `--partial` to sums for `shellcal merge`, and no fit.
 
 mod hung_loads;
-mod plan;
 mod recalibration;
 mod report;
+mod run;
 
 use calibration::Basis;
-use calibration::fit::{CovarianceRule, Fit, HeldOut, ModelRule, OutlierRule};
+use calibration::fit::{CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule};
 use calibration::solver::SolverKind;
 use calibration::validation::grouped::GroupKind;
 use calibration_file::Sums;
@@ -17,7 +17,7 @@ use shellcal::workflow::remark::absent_axes;
 
 use super::choices::{self, COVARIANCES, number_in, one_of};
 use super::eval::RmsLimits;
-use super::mapping::{MappingArgs, open_logs};
+use super::mapping::{CompanionArgs, MappingArgs, open_logs};
 use super::outputs::{self, FigureArgs};
 use crate::files::{InputPath, OutputPath, is_standard};
 use crate::printer::{Outcome, Printer};
@@ -32,7 +32,6 @@ use crate::tables::counted;
   shellcal fit train.csv --model cubic -o calibration.json
   shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm")]
 #[group(skip)]
-#[command(group = clap::ArgGroup::new("held_out").args(["cv", "groups"]).multiple(true))]
 pub(crate) struct FitArgs {
     /// Logs to fit to
     #[arg(required = true, value_name = "TRAIN")]
@@ -91,11 +90,6 @@ pub(crate) struct FitArgs {
         default_missing_value = "auto", value_parser = clap::value_parser!(HeldOut), help_heading = "Validation")]
     cv: Option<HeldOut>,
 
-    /// Seed of the random split that errors on held-out groups are compared with
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "held_out")]
-    #[arg(help_heading = "Validation", hide_short_help = true)]
-    cv_seed: u64,
-
     #[command(flatten, next_help_heading = "Validation")]
     limits: RmsLimits,
 
@@ -141,9 +135,8 @@ pub(crate) struct FitArgs {
             "dropped", "means", "partial", "export_matrix"])]
     from: Option<InputPath>,
 
-    /// Take the wrench from these files, one for each training log, row by row
-    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
-    wrench_from: Vec<InputPath>,
+    #[command(flatten)]
+    companions: CompanionArgs,
 
     /// The same for each log to test on
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "test", help_heading = "Reading logs")]
@@ -265,7 +258,7 @@ fn parse_range(text: &str) -> Result<[f64; 2], &'static str> {
 
 impl FitArgs {
     fn write_partial(&self, path: &OutputPath, printer: &Printer) -> anyhow::Result<()> {
-        let wrenches = ("--wrench-from", self.wrench_from.as_slice());
+        let wrenches = ("--wrench-from", self.companions.wrench_from.as_slice());
         let mapping = self.mapping.mapping();
         let mut train = open_logs(&self.train, wrenches, &mapping)?;
         self.check_dropped()?;
@@ -294,7 +287,7 @@ impl FitArgs {
             basis,
             intercept: !self.no_intercept,
             groups: self.groups,
-            seed: self.cv_seed,
+            seed: FitOptions::default().seed,
             r_factors,
             fresh: self.fresh,
             mapping: &mapping,

@@ -34,7 +34,7 @@ impl FitArgs {
     ) -> anyhow::Result<Outcome> {
         let before = CalibrationFile::read(path)?;
         let from = Some((path, &before));
-        let logs = self.mapping.open(&self.train, &self.wrench_from, from, printer)?;
+        let logs = self.mapping.open(&self.train, &self.companions.wrench_from, from, printer)?;
         let table = self.loads.as_ref().map(read_table).transpose()?;
         let output = printer.create(self.output.as_ref())?;
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };

@@ -1,5 +1,4 @@
-//! The flags of every command that evaluates trials, a manifest from its file, and the evaluation of all of its trials;
-//! `shellcal profile`.
+//! The flags of every command that evaluates trials, a manifest from its file, and the evaluation of all of its trials.
 
 use std::path::Path;
 
@@ -12,12 +11,31 @@ use shell_data::hint::did_you_mean;
 use shellcal::workflow::batch::{self, Batch, BatchOptions, FailedRow};
 use shellcal::workflow::trial::TrialJob;
 use trial::manifest::{CellPosition, Manifest};
-use trial::{Instrument, Profile, TraceExtent, TrialOptions, TrialResult, VELOCIROACH};
+use trial::{Instrument, Profile, TraceExtent, TrialOptions, TrialResult};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
 use crate::cmd::mapping::{EditedArg, MappingArgs};
 use crate::files::{InputPath, read_text};
 use crate::printer::Printer;
+
+/// The condition of comparisons.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct ReferenceArg {
+    /// The condition that the others are compared with
+    #[arg(long, value_name = "NAME")]
+    pub(super) reference: Option<String>,
+}
+
+/// The title of a figure or a report.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct TitleArg {
+    /// Title [default: the file's name, or what is drawn]
+    #[arg(long, value_name = "TEXT")]
+    pub(super) title: Option<String>,
+}
+
+/// The seed of bootstraps: the same in every run, so that intervals can be made again.
+pub(super) const BOOTSTRAP_SEED: u64 = 1;
 
 /// How trials are evaluated.
 #[derive(Debug, clap::Args)]
@@ -29,7 +47,7 @@ pub(crate) struct EvaluationArgs {
     #[command(flatten)]
     pub(super) edited: EditedArg,
 
-    /// Robot profile, in TOML [default: the built-in `velociroach`; see `shellcal profile`]
+    /// Robot profile, in TOML [default: the built-in `velociroach`; see `shellcal info --robot`]
     #[arg(long, value_name = "FILE")]
     profile: Option<InputPath>,
 
@@ -115,7 +133,6 @@ impl Equipment {
             mapping: &self.mapping,
             read: self.read,
             conditions: None,
-            before: None,
             shard: None,
             progress: None,
         }
@@ -214,14 +231,4 @@ pub(super) fn tell_failures(
         (file.clone(), format!("{path}:{position}: {message}"))
     };
     batch.failures.iter().map(of).collect()
-}
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  shellcal profile > robot.toml")]
-pub(crate) struct ProfileArgs {}
-
-impl ProfileArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        printer.finish(&Profile::velociroach(), |printer| printer.line(VELOCIROACH.trim_end()))
-    }
 }

@@ -12,7 +12,7 @@ use shellcal::workflow::figures::reduce_trace;
 use shellcal::workflow::report;
 use trial::{TraceExtent, TrialResult};
 
-use super::evaluation::{self, EvaluationArgs};
+use super::evaluation::{self, BOOTSTRAP_SEED, EvaluationArgs, ReferenceArg, TitleArg};
 use crate::cmd::choices::numbers;
 use crate::cmd::mapping::open_logs;
 use crate::cmd::outputs;
@@ -34,17 +34,11 @@ pub(crate) struct ReportArgs {
     #[arg(long, short, value_name = "FILE", default_value = "report.html")]
     output: OutputPath,
 
-    /// Title of the report [default: the manifest's name]
-    #[arg(long, value_name = "TEXT")]
-    title: Option<String>,
+    #[command(flatten)]
+    titled: TitleArg,
 
-    /// The condition that the others are compared with
-    #[arg(long, value_name = "NAME")]
-    reference: Option<String>,
-
-    /// What the bootstrap draws its samples from
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    compared: ReferenceArg,
 
     /// Certify a calibration instead, on one page: loads, uncertainty budget, check weights, checksums
     #[arg(long, conflicts_with_all = ["reference", "calibration", "profile", "by_row"], help_heading = "Certificate")]
@@ -79,7 +73,7 @@ impl ReportArgs {
         let equipment = self.evaluation.equipment(TraceExtent::Log)?;
         let path = &self.manifest;
         let manifest = evaluation::read(path, printer)?;
-        evaluation::check_reference(&manifest, self.reference.as_deref())?;
+        evaluation::check_reference(&manifest, self.compared.reference.as_deref())?;
         let keep = |_, result: &mut _| {
             reduce_trace(result, &equipment.profile, true);
             Ok(())
@@ -89,7 +83,7 @@ impl ReportArgs {
         let failures = evaluation::tell_failures(printer, path, &batch);
         anyhow::ensure!(!batch.trials.is_empty(), "no trial could be evaluated");
 
-        let conditions = batch.statistics(self.reference.as_deref(), self.seed);
+        let conditions = batch.statistics(self.compared.reference.as_deref(), BOOTSTRAP_SEED);
         let phases = batch.phases();
         let files =
             [("manifest", path.as_path())].into_iter().chain(self.evaluation.files_by_role());
@@ -105,7 +99,7 @@ impl ReportArgs {
         let trials: Vec<TrialResult> =
             batch.trials.drain(..).map(|trial| trial.evaluated.result).collect();
         let name = self.evaluation.calibration.as_ref().map(|path| path.display().to_string());
-        let title = self.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
+        let title = self.titled.title.clone().unwrap_or_else(|| format!("Trials of {shown}"));
         let document = Report {
             heading: Heading {
                 title: &title,
@@ -117,7 +111,7 @@ impl ReportArgs {
             failed: &failures,
             conditions: &conditions,
             phases: &phases,
-            settings: &report::settings(&trial, &equipment.profile, self.seed),
+            settings: &report::settings(&trial, &equipment.profile, BOOTSTRAP_SEED),
             calibration: name.as_deref().zip(equipment.calibration.as_ref()),
             robot_length_m: equipment.profile.robot.length_m,
             channel_length_m: equipment.profile.channel.length_m,
@@ -160,7 +154,7 @@ impl ReportArgs {
         let own = input("calibration", path)?;
         let certificate = Certificate {
             heading: Heading {
-                title: self.title.as_deref().unwrap_or(&usual_title),
+                title: self.titled.title.as_deref().unwrap_or(&usual_title),
                 made_by: shellcal::PROGRAM,
                 date: &outputs::date()?,
                 command: &outputs::command_line(),

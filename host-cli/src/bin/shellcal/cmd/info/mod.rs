@@ -1,14 +1,22 @@
-//! `shellcal info`: what a log is, before anything is computed from it.
+//! `shellcal info`: what a log is, before anything is computed from it; how a sensor at rest behaves in it.
+
+mod drift;
+mod noise;
 
 use calibration::fit::{FitOptions, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary, LogTiming};
 use log_file::{
-    Column, FORMATS, FileKind, Log, LogError, LogFormat, Meaning, StatedUnit, Wanted, read_logs,
+    Column, ColumnRef, FORMATS, FileKind, Log, LogError, LogFormat, Meaning, StatedUnit, Wanted,
+    parse_column, read_logs,
 };
 use serde::Serialize;
 use shellcal::workflow::outliers::NamedOutliers;
+use shellcal::workflow::selection::TimeWindow;
+use trial::{Profile, VELOCIROACH};
 
-use super::mapping::{MappingArgs, interleaving};
+use super::frames::{FrameArgs, parse_window};
+use super::mapping::{EditedArg, MappingArgs, interleaving};
+use super::outputs::FigureArgs;
 use crate::files::InputPath;
 use crate::printer::Printer;
 use crate::tables::{or_dash, shown};
@@ -16,15 +24,55 @@ use crate::tables::{or_dash, shown};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   shellcal info run3.txt
-  shellcal info recordings/*.csv.gz --json")]
+  shellcal info recordings/*.csv.gz --json
+  shellcal info unloaded.csv --noise --calibration calibration.json
+  shellcal info run3.csv --drift --calibration calibration.json --plot drift.svg
+  shellcal info --robot > robot.toml")]
+#[group(skip)]
+#[command(group = clap::ArgGroup::new("at_rest").args(["noise", "drift"]))]
 pub(crate) struct InfoArgs {
     /// Logs, plain or gzip
-    #[arg(required = true, value_name = "FILE")]
+    #[arg(required_unless_present = "robot", value_name = "FILE")]
     files: Vec<InputPath>,
+
+    /// Print the built-in robot profile, with the source of every constant: a start for the `--profile` of
+    /// another robot
+    #[arg(long, conflicts_with_all = ["files", "at_rest"])]
+    robot: bool,
+
+    /// Measure the noise of an unloaded sensor, in the whole log or between two times in s: RMS about the
+    /// mean, per axis and channel
+    #[arg(long, value_name = "START:END", num_args = 0..=1, require_equals = true, value_parser = parse_window, requires = "calibration", help_heading = AT_REST)]
+    noise: Option<Option<TimeWindow>>,
+
+    /// Tell how the zero of an unloaded sensor moves from one stretch at rest to the next, and whether a tare
+    /// at the start holds to the end
+    #[arg(long, help_heading = AT_REST)]
+    drift: bool,
+
+    /// Calibration file, for forces and moments beside the readings
+    #[arg(long, short, value_name = "CAL", requires = "at_rest", help_heading = AT_REST)]
+    calibration: Option<InputPath>,
+
+    /// The column of temperature: its name or position [default: `temperature_c`, if there is one]
+    #[arg(long, value_name = "COLUMN", value_parser = parse_column, requires = "drift", help_heading = AT_REST)]
+    temperature: Option<ColumnRef>,
+
+    #[command(flatten, next_help_heading = AT_REST)]
+    figure: FigureArgs,
+
+    #[command(flatten)]
+    edited: EditedArg,
+
+    #[command(flatten)]
+    frames: FrameArgs,
 
     #[command(flatten)]
     mapping: MappingArgs,
 }
+
+/// Heading in help.
+const AT_REST: &str = "A sensor at rest";
 
 /// Of more files than this only the overview is printed.
 const FILES_IN_FULL: usize = 5;
@@ -38,6 +86,30 @@ const COLUMNS: [&str; 7] = ["column", "taken for", "min", "mean", "max", "sd", "
 
 impl InfoArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
+        if self.robot {
+            let profile = Profile::velociroach();
+            return printer.finish(&profile, |printer| printer.line(VELOCIROACH.trim_end()));
+        }
+        let is_at_rest = self.noise.is_some() || self.drift;
+        anyhow::ensure!(
+            is_at_rest || !self.frames.is_given(),
+            "`--all-rows` and `--skip-repeats` are for `--noise` and `--drift`"
+        );
+        anyhow::ensure!(self.drift || self.figure.plot.is_none(), "`--plot` is for `--drift`");
+        if !is_at_rest {
+            return self.describe(printer);
+        }
+        let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
+        let calibration = self.calibration.as_ref().zip(file.as_ref());
+        let logs = self.mapping.open(&self.files, &[], calibration, printer)?;
+        match (self.noise, &file) {
+            (Some(window), Some(file)) => self.report_noise(window, &logs, file, printer),
+            _ => self.report_drift(&logs, file.as_ref(), printer),
+        }
+    }
+
+    /// Says what each log is.
+    fn describe(&self, printer: &Printer) -> anyhow::Result<()> {
         let mapping = self.mapping.mapping();
         let (mut documents, mut overview, mut texts) = (Vec::new(), Vec::new(), Vec::new());
         for file in &self.files {

@@ -1,65 +1,30 @@
-//! What an unloaded sensor says: `shellcal drift`, how its zero moves, and `shellcal noise`, how much it scatters.
+//! `shellcal info --drift`: how the zero of an unloaded sensor moves.
 
-use std::path::Path;
-
+use calibration_file::CalibrationFile;
 use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_figure};
 use forces::drift::{Drift, Trend};
 use forces::stationary::{FALSE_ALARMS, ZeroChange, largest_change};
-use log_file::{ColumnRef, parse_column};
+use log_file::Log;
 use shellcal::workflow::drift::{DriftSummary, drift};
-use shellcal::workflow::noise::{NoiseSummary, Scatter, noise};
-use shellcal::workflow::remark::{moved_zero, used_rows};
-use shellcal::workflow::selection::TimeWindow;
 
-use super::frames::{FrameArgs, parse_window};
-use super::mapping::{EditedArg, MappingArgs};
-use super::outputs::FigureArgs;
-use crate::files::InputPath;
+use super::InfoArgs;
 use crate::printer::Printer;
-use crate::tables::{axis_row, decimals, number_row};
+use crate::tables::decimals;
 
-#[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:
-  shellcal drift unloaded.csv
-  shellcal drift run3.csv --calibration calibration.json --plot drift.svg
-  shellcal drift oven.csv --calibration calibration.json --temperature 10")]
-pub(crate) struct DriftArgs {
-    /// Logs of a sensor that is at rest and unloaded at the start and now and then, of any format
-    #[arg(required = true, value_name = "LOG")]
-    logs: Vec<InputPath>,
-
-    /// Calibration file, for the zero of forces and moments beside that of the readings
-    #[arg(long, short, value_name = "CAL")]
-    calibration: Option<InputPath>,
-
-    /// The column of temperature: its name or position [default: `temperature_c`, if there is one]
-    #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
-    temperature: Option<ColumnRef>,
-
-    #[command(flatten)]
-    figure: FigureArgs,
-
-    #[command(flatten)]
-    edited: EditedArg,
-
-    #[command(flatten)]
-    frames: FrameArgs,
-
-    #[command(flatten)]
-    mapping: MappingArgs,
-}
-
-impl DriftArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let mut plot = self.figure.create_of_one(&self.logs, printer)?;
-        let file = self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
-        let calibration = self.calibration.as_ref().zip(file.as_ref());
-        let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
+impl InfoArgs {
+    /// Reports the drift of every log.
+    pub(super) fn report_drift(
+        &self,
+        logs: &[Log],
+        file: Option<&CalibrationFile>,
+        printer: &Printer,
+    ) -> anyhow::Result<()> {
+        let mut plot = self.figure.create_of_one(&self.files, printer)?;
         let mut drifts = Vec::new();
-        for log in &logs {
+        for log in logs {
             let name = log.path().display().to_string();
             let summary = printer.scan(log, self.mapping.read_options(), |read| {
-                let calibration = file.as_ref().map(|file| &file.calibration);
+                let calibration = file.map(|file| &file.calibration);
                 drift(log, calibration, self.temperature.as_ref(), self.frames.rows(log), &read)
             })?;
             if let Some(plot) = plot.take() {
@@ -174,63 +139,4 @@ fn figure(size: Size, name: &str, summary: &DriftSummary) -> Figure {
     let x = PlotAxis::new("time", "s", Spacing::Linear, summary.first_s, summary.last_s);
     let y = PlotAxis::new("change of the zero", "counts", Spacing::Linear, low, high);
     Chart { title, x, y, series }.figure(size)
-}
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:
-  shellcal noise calibration.json unloaded.csv
-  shellcal noise calibration.json run3.txt --window 0:0.1")]
-pub(crate) struct NoiseArgs {
-    /// Calibration file
-    #[arg(value_name = "CAL")]
-    calibration: InputPath,
-
-    /// Logs of the unloaded sensor, plain or gzip
-    #[arg(required = true, value_name = "LOG")]
-    logs: Vec<InputPath>,
-
-    /// Use only what lies between two times, in s on the log's clock
-    #[arg(long, value_name = "START:END", value_parser = parse_window)]
-    window: Option<TimeWindow>,
-
-    #[command(flatten)]
-    edited: EditedArg,
-
-    #[command(flatten)]
-    frames: FrameArgs,
-
-    #[command(flatten)]
-    mapping: MappingArgs,
-}
-
-impl NoiseArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let file = self.edited.read(&self.calibration)?;
-        let calibration = Some((&self.calibration, &file));
-        let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
-        let mut noises = Vec::new();
-        for (path, log) in self.logs.iter().zip(&logs) {
-            let summary = printer.scan(log, self.mapping.read_options(), |read| {
-                noise(log, &file.calibration, self.frames.rows(log), self.window, &read)
-            })?;
-            let counts = [summary.rows, summary.repeated_rows, summary.skipped_rows];
-            printer.remarks([used_rows(path, summary.rows_used, counts)]);
-            printer.remarks(summary.zero.as_ref().and_then(|zero| moved_zero(path, zero)));
-            noises.push((path, summary));
-        }
-        let documents = noises.iter().map(|(log, of)| document! { log: log, ..summary: of });
-        printer.finish(&documents.collect::<Vec<_>>(), |printer| {
-            noises.iter().for_each(|(log, summary)| print_noise(printer, log, summary))
-        })
-    }
-}
-
-fn print_noise(printer: &Printer, log: &Path, summary: &NoiseSummary) {
-    printer.line(format!("{}: noise of {} frames", log.display(), summary.frames));
-    let values = |scatter: &Scatter| [scatter.rms, scatter.peak_to_peak, scatter.mean];
-    let axes = summary.axes.iter().map(|(axis, scatter)| axis_row(*axis, values(scatter)));
-    let channels = summary.channels.iter().enumerate();
-    let channels =
-        channels.map(|(i, scatter)| number_row(format!("s{} (counts)", i + 1), values(scatter), 2));
-    printer.table(&["quantity", "RMS", "peak to peak", "mean"], axes.chain(channels))
 }

@@ -35,7 +35,8 @@ impl FitArgs {
         let start = Instant::now();
         self.check()?;
         let mapping = self.mapping.mapping();
-        let train = open_logs(&self.train, ("--wrench-from", &self.wrench_from), &mapping)?;
+        let train =
+            open_logs(&self.train, ("--wrench-from", &self.companions.wrench_from), &mapping)?;
         let wrenches = ("--test-wrench-from", self.test_wrench_from.as_slice());
         let mut test = open_logs(&self.test, wrenches, &mapping)?;
         let loads = self.loads.as_ref().map(read_table).transpose()?;
@@ -274,7 +275,6 @@ impl FitArgs {
             solver: self.solver,
             truncate: self.truncate,
             cross_validation: self.cv.or(self.loads.as_ref().map(|_| HeldOut::Column)),
-            seed: self.cv_seed,
             // A covariance is of use in a calibration file, and for the verdict on a model that is judged.
             covariance: match self.covariance {
                 CovarianceRule::Auto | CovarianceRule::Rows if !self.keeps() && !self.judges() => {
@@ -289,6 +289,7 @@ impl FitArgs {
             polynomials_only: self.polynomials_only(),
             stated_loads: None,
             workers: Workers::new(self.mapping.threads.map_or(0, usize::from)),
+            ..FitOptions::default()
         }
     }
 
