@@ -33,7 +33,8 @@ impl Converter {
         converters.into_iter().find(|of| of.low <= min && max <= of.high)
     }
 
-    /// Whether a reading stands at an end. A reading below 0 is that of a signed converter, and no end of one from 0.
+    /// Whether a reading equals an end of the range. Negative readings come from a signed converter, so they are no end of a
+    /// range from 0.
     pub fn is_at_end(self, reading: f64) -> bool {
         let is_low = if self.low < 0.0 { reading <= self.low } else { reading == 0.0 };
         is_low || reading >= self.high || reading.is_nan()

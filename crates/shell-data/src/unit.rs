@@ -76,7 +76,7 @@ impl Scale {
     /// Values in SI units.
     pub const ONE: Self = Self { times: 1.0, per: 1.0 };
 
-    /// The scale of values of which so many make the SI unit.
+    /// The scale of a unit `per` times smaller than the SI unit.
     pub const fn per_si(per: f64) -> Self {
         Self { times: 1.0, per }
     }
@@ -92,7 +92,7 @@ impl Scale {
 pub struct Unit {
     /// How it is written here: `mN·m`, `lbf·in`.
     pub symbol: String,
-    /// What values are multiplied and divided by to be in SI units.
+    /// Converts values to SI units.
     pub scale: Scale,
 }
 
@@ -117,7 +117,7 @@ impl Unit {
         })
     }
 
-    /// Whether `text` spells a unit of any of these quantities, or of a length or mass.
+    /// Whether `text` spells a unit, also one of length or mass.
     pub fn is_spelled(text: &str) -> bool {
         factors(text).is_some_and(|all| {
             [false, true].iter().any(|&folded| !products(&all, folded).is_empty())
@@ -125,7 +125,7 @@ impl Unit {
     }
 }
 
-/// A symbol: names, the first of which is shown; dimension; size as a factor and a power of ten; prefixes that it takes.
+/// A symbol: names, the first for output; dimension; size as a factor and a power of ten; prefixes that it takes.
 struct Symbol(&'static [&'static str], Dimension, f64, i32, &'static str);
 
 /// The pound is 0.45359237 kg and the inch 0.0254 m (international yard and pound agreement, 1959), standard gravity
@@ -320,7 +320,7 @@ fn products(factors: &[(String, i8)], folded: bool) -> Vec<Product> {
     products
 }
 
-/// What a word may be: a symbol with a prefix, or if it is none, two of them with nothing between.
+/// The readings of a word: a symbol with a prefix, or else two of them with nothing between.
 fn words(word: &str, folded: bool) -> Vec<Product> {
     let mut found = symbols(word, folded);
     if !found.is_empty() {

@@ -563,7 +563,7 @@ mod tests {
         };
         let columns = read(&format!("{six},board_us"), ",,,,gf cm,", &mapping);
         assert_eq!(times(&columns), [1e3, 1.0, 1.0, 1e-3, 9.806_65e-5, 1.0, 1e-6]);
-        // What the user says counts more than both; what a calibration remembers, less.
+        // Options take precedence over the log, and the log over what a calibration remembers.
         let pair = |key: &str, unit: &str| (key.to_owned(), unit.to_owned());
         let units = vec![pair("force", "lbf"), pair("Fy", "N"), pair("mz_nm", "mNm")];
         let said = Mapping { units, ..Mapping::default() };

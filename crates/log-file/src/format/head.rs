@@ -14,7 +14,7 @@ use crate::parse::number::{parse_date, parse_field, with_points};
 use memchr::memchr;
 use shell_data::unit::Unit;
 
-/// What the head of a text says of its rows.
+/// The layout of a text, as its head tells.
 #[derive(Debug, Default)]
 pub(crate) struct Head {
     pub(crate) separator: u8,
@@ -77,7 +77,7 @@ pub(crate) fn find(
     Some(found)
 }
 
-/// Whether a line holds the values of a row with labels, keys or an arrow.
+/// Whether a line is a row with labels, keys or an arrow.
 pub(super) fn is_of_other_form(text: &[u8]) -> bool {
     let of_text =
         |text| behind_arrow(text).is_some() || labelled(text).is_some() || object(text).is_some();
@@ -129,7 +129,7 @@ fn of_labels(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
         let pairs = labelled(str::from_utf8(text).ok()?)?;
         Some(pairs.into_iter().map(|(label, _)| label).collect())
     };
-    // What a board says when it starts may stand above.
+    // A board may print a few lines when it starts.
     let at = (0..texts.len().min(2 * ABOVE)).find(|&at| {
         let rows = texts[at..].iter().take(3);
         rows.len() > 1
@@ -156,7 +156,7 @@ fn of_form(body: RowBody, names: Vec<String>, first: LayoutLine<'_>) -> Head {
 struct Shape {
     separator: u8,
     numbers: Vec<bool>,
-    /// Whether most of what is there is numbers.
+    /// Whether at least half of its fields that are not empty are numbers.
     is_row: bool,
 }
 
@@ -248,11 +248,11 @@ fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> 
     let weight =
         |key: (u8, usize)| rows.iter().filter(|&&at| shapes[at].key() == key).count() * key.1;
     let keys = rows.iter().map(|&at| shapes[at].key());
-    // Of several the one that comes first.
+    // The first of several wins.
     let key = keys.rev().max_by_key(|&key| weight(key))?;
     let like: Vec<&Shape> =
         rows.iter().map(|&at| &shapes[at]).filter(|shape| shape.key() == key).collect();
-    // What stands above the rows may look like them; the last ones are rows.
+    // Lines above the rows may look like them; the last ones are rows.
     let like = &like[like.len() / 2..];
     let usual: Vec<usize> = (0..key.1)
         .filter(|&column| {
@@ -278,7 +278,7 @@ const OTHER_UNITS: [&str; 22] = [
     "hex", "hz", "%", "-", "c", "°c", "pa", "bar", "ut",
 ];
 
-/// Whether most of what is there are units.
+/// Whether most of the fields that are not empty are units.
 fn are_units(names: &[String]) -> bool {
     let is_unit = |name: &&String| {
         let bare = name.trim_matches(['(', ')', '[', ']']);

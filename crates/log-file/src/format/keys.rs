@@ -1,9 +1,9 @@
-//! What the lines above the names say by a key and a value: the rate, the units, how many counts are one.
+//! Keys and values above the names: the rate, the units, and the counts per unit.
 
 use super::meaning::plain;
 use shell_data::unit::{Quantity, Unit};
 
-/// What was found, each with the number of its line.
+/// Values of the keys that are read, each with the number of its line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Keys {
     pub(crate) rate_hz: Option<(f64, u64)>,
@@ -42,7 +42,7 @@ const PERIODS: [&str; 8] = [
 const VICON: [&str; 4] = ["devices", "modeloutputs", "trajectories", "forceplates"];
 
 impl Keys {
-    /// What some lines say, each with its number; the first of several counts.
+    /// Reads lines, each with its number; the first of several values counts.
     pub(crate) fn new<'a>(lines: impl Iterator<Item = (u64, &'a [u8])>) -> Self {
         let mut keys = Self::default();
         let mut is_below_vicon = false;

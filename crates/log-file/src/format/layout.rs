@@ -36,13 +36,13 @@ pub(crate) struct FileLayout {
     pub(crate) has_dates: bool,
     /// How many rows there are in a second, where no column is a time but a line above the names says it.
     pub(crate) rate_hz: Option<f64>,
-    /// Whether times are whole numbers of ms, µs or ns that fit 32 bits, as far as the head tells.
+    /// Whether the first time is a whole number of ms, µs or ns that fits 32 bits.
     pub(crate) counts_in_32_bits: bool,
     /// Conditions that rows must meet to be read.
     pub(crate) conditions: Vec<PlacedCondition>,
     /// A column that tells apart sensors whose rows alternate.
     pub(crate) interleaving: Option<Interleaving>,
-    /// What was decided about the lines above the rows, in words.
+    /// Decisions about the lines above the rows, in words.
     pub(crate) decisions: Vec<String>,
 }
 
@@ -76,7 +76,7 @@ pub(crate) struct Header {
     units: Vec<String>,
     /// The line of the units, if there is one.
     units_line: Option<u64>,
-    /// What the lines above the names say.
+    /// Values of keys above the names.
     keys: Keys,
     /// Where the first row starts, in the uncompressed file.
     pub(crate) rows_start: usize,
@@ -240,7 +240,6 @@ fn interleaving(rows: &[u8], separator: u8, columns: &[Column]) -> Option<Interl
     let of_column = |(at, column): (usize, &Column)| {
         let texts =
             rows.iter().map(|fields| String::from_utf8_lossy(&fields[at]).trim().to_owned());
-        // Few names are as long as the shortest remark.
         let name = column.name.clone();
         (name, texts.collect::<Vec<String>>())
     };
@@ -250,7 +249,7 @@ fn interleaving(rows: &[u8], separator: u8, columns: &[Column]) -> Option<Interl
     Interleaving::find(&found)
 }
 
-/// Takes loads of which no column says the unit for what the lines above the names say.
+/// Applies units and counts from keys to the loads whose columns state no unit.
 fn apply_keys(keys: &Keys, columns: &mut [Column]) {
     for column in columns {
         let Meaning::Load(axis, _) = column.meaning else { continue };
@@ -273,7 +272,7 @@ fn apply_keys(keys: &Keys, columns: &mut [Column]) {
     }
 }
 
-/// What was decided about the lines above the rows, where that is not the usual.
+/// Decisions about the lines above the rows, where they are unusual.
 fn decisions(header: &Header, rows_line: u64, takes_rate: bool) -> Vec<String> {
     let mut said = Vec::new();
     match &header.form.body {
@@ -508,7 +507,7 @@ fn usual_head(
     Some(found)
 }
 
-/// The head of a text of which no rows are seen, if its first line names columns.
+/// The head of a text without rows in sight, if its first line names columns.
 fn names_alone(
     head: &[u8],
     first: &LayoutLine<'_>,

@@ -1,4 +1,4 @@
-//! What the name of a column means.
+//! The meaning of a column by its name.
 //!
 //! Names are compared without case, spaces and punctuation. A unit may follow a name, in brackets or after any
 //! separator: `fx_n`, `Mx (mN·m)`, `time_us`, `Fz-lbf`.
@@ -21,12 +21,12 @@ pub enum Meaning {
     Group,
     /// Telemetry of the robot, in counts as its profile explains them.
     Telemetry(Telemetry),
-    /// Nothing that is needed.
+    /// Unused.
     Other,
 }
 
 impl Meaning {
-    /// What a column is taken for; `None` if for nothing.
+    /// The meaning in words; `None` if for nothing.
     pub fn in_words(self) -> Option<String> {
         Some(match self {
             Meaning::Time(_) => "time".to_owned(),
@@ -38,7 +38,7 @@ impl Meaning {
         })
     }
 
-    /// What makes a value one in SI units.
+    /// The scale that turns values into SI units.
     pub(crate) fn scale(self) -> Scale {
         match self {
             Meaning::Time(scale) | Meaning::Load(_, scale) => scale,
@@ -55,7 +55,7 @@ impl Meaning {
         }
     }
 
-    /// The same in another unit.
+    /// This meaning with values of another unit.
     pub(crate) fn scaled(self, scale: Scale) -> Self {
         match self {
             Meaning::Time(_) => Meaning::Time(scale),
@@ -65,10 +65,10 @@ impl Meaning {
     }
 }
 
-/// What is said of the unit of a column.
+/// The unit that a log states for a column.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum StatedUnit {
-    /// Nothing.
+    /// No unit is stated.
     #[default]
     None,
     /// A unit that is understood.
@@ -78,7 +78,7 @@ pub enum StatedUnit {
 }
 
 impl StatedUnit {
-    /// What `text` says of the unit of a quantity.
+    /// Reads `text` as the unit of a quantity.
     pub(super) fn new(text: &str, quantity: Quantity) -> Self {
         match Unit::parse(text, quantity) {
             _ if text.trim().is_empty() => Self::None,
@@ -103,7 +103,7 @@ impl From<TimeUnit> for StatedUnit {
 /// Names of a group column, most wanted first.
 pub(super) const GROUPS: [&str; 4] = ["group", "session", "pose", "trial"];
 
-/// What a name means, and what it says of a unit.
+/// The meaning of a name, and the unit in it.
 pub(crate) fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit) {
     if GROUPS.contains(&plain(name).as_str()) {
         return (Meaning::Group, StatedUnit::None);
@@ -151,7 +151,7 @@ fn measured(name: &str, format: LogFormat) -> Option<(Meaning, StatedUnit)> {
     })
 }
 
-/// What any name says of the unit of a quantity: whatever is in brackets, or a unit after a separator.
+/// The unit of a quantity in any name: whatever is in brackets, or a unit after a separator.
 pub(super) fn unit_in_name(name: &str, quantity: Quantity) -> StatedUnit {
     if let Some((_, unit)) = in_brackets(name) {
         return StatedUnit::new(unit, quantity);
@@ -166,7 +166,7 @@ fn in_brackets(name: &str) -> Option<(&str, &str)> {
     Some((base, unit.trim_end().trim_end_matches([')', ']', '}'])))
 }
 
-/// What stands before and after each separator of a name.
+/// The parts of a name before and after each of its separators.
 fn suffixes(name: &str) -> impl Iterator<Item = (&str, &str)> {
     let cuts = name.match_indices(|c: char| !c.is_alphanumeric() && c != '°');
     cuts.map(|(at, mark)| (name[..at].trim(), name[at + mark.len()..].trim()))

@@ -1,11 +1,11 @@
-//! Rows that are no separated values as they stand, made such, each in the place and length of its line.
+//! Rewrites rows with blanks, labels, JSON or arrows as separated values; every line keeps its place and length.
 
 use serde_json::Value;
 
 /// How the values of a row stand in its line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct RowForm {
-    /// Whether a time and an arrow stand before the rest, as Arduino's serial monitor writes them.
+    /// Whether a time and an arrow precede the values, as in text from Arduino's serial monitor.
     pub(crate) has_arrow: bool,
     /// The rest.
     pub(crate) body: RowBody,
@@ -17,7 +17,7 @@ pub(crate) enum RowBody {
     /// Between separators.
     #[default]
     Separated,
-    /// Between blanks, of which there may be several.
+    /// Between one or more blanks.
     Blanks,
     /// Behind these labels: `A:1856 B:1239`.
     Labels(Vec<String>),
@@ -25,11 +25,11 @@ pub(crate) enum RowBody {
     Json(Vec<String>),
 }
 
-/// What stands between a time and a row.
+/// The mark between a time and a row.
 const ARROW: &str = " -> ";
 
 impl RowForm {
-    /// Whether lines are separated values as they stand.
+    /// Whether lines need no rewriting.
     pub(crate) fn is_plain(&self) -> bool {
         *self == Self::default()
     }
@@ -94,7 +94,7 @@ impl RowForm {
     }
 }
 
-/// What stands before and behind the arrow of a line.
+/// The parts of a line before and after the arrow.
 pub(crate) fn behind_arrow(line: &str) -> Option<(&str, &str)> {
     line.split_once(ARROW)
 }

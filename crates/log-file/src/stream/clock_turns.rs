@@ -30,7 +30,7 @@ impl ClockTurns {
         Self { form, separator, column, margin: TURN / 2.0, before: None, turns: 0 }
     }
 
-    /// The same for a clock of which that is not known: it must come close to a turn.
+    /// Makes it one for a counter that may not wrap around: only a jump from just below a turn to just above 0 counts.
     pub(crate) fn of_counter(self) -> Self {
         Self { margin: TURN / 8.0, ..self }
     }
