@@ -52,7 +52,7 @@ pub enum LogError {
         skipped: u64,
         rows: u64,
         position: LogPosition,
-        problem: RowProblem,
+        problem: Box<RowProblem>,
     },
     /// The file is not text: it has a byte that no text file has, at `offset` of the (uncompressed) file.
     #[error("`{}` is not a text file: byte {offset} is 0x{byte:02x}", path.display())]

@@ -134,7 +134,7 @@ const SYMBOLS: [Symbol; 20] = [
     Symbol(&["N", "newton"], FORCE, 1.0, 0, "nµumcdDkMG"),
     Symbol(&["lbf", "lbsf"], FORCE, 4.448_221_615_260_5, 0, "k"),
     Symbol(&["kip"], FORCE, 4.448_221_615_260_5, 3, ""),
-    Symbol(&["ozf"], FORCE, 0.278_013_850_953_781_25, 0, ""),
+    Symbol(&["ozf"], FORCE, 4.448_221_615_260_5 / 16.0, 0, ""),
     Symbol(&["gf", "pond"], FORCE, 9.806_65, -3, "mk"),
     Symbol(&["kp"], FORCE, 9.806_65, 0, ""),
     Symbol(&["dyn", "dyne"], FORCE, 1.0, -5, ""),

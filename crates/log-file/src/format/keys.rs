@@ -73,7 +73,7 @@ impl Keys {
         if RATES.iter().any(|rate| key.ends_with(rate)) || ["rate", "fs"].contains(&key) {
             let thousand = if unit.eq_ignore_ascii_case("khz") { 1e3 } else { 1.0 };
             figure.into_iter().for_each(|rate| self.set_rate(rate * thousand, number));
-        } else if PERIODS.iter().any(|period| key == *period) {
+        } else if PERIODS.contains(&key) {
             let scale = Unit::parse(unit, Quantity::Time).map_or(1.0, |unit| unit.scale.to_si(1.0));
             figure.into_iter().for_each(|period| self.set_rate(1.0 / (period * scale), number));
         }

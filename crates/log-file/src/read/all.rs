@@ -192,6 +192,7 @@ fn check_skipped(
         {
             let position = log.source.position(line);
             let path = log.path().to_owned();
+            let problem = Box::new(problem);
             return Err(LogError::ManyBadRows { path, skipped, rows, position, problem });
         }
     }
