@@ -74,7 +74,7 @@ impl FitRequest {
                 ..Origin::default()
             },
         );
-        let found = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
+        let found = fitted.outliers.found();
         let named = found.map(|found| NamedOutliers::new(found.clone(), &train, &data.train));
         let mut remarks = about_fit(&fitted);
         remarks.extend(named.iter().flat_map(NamedOutliers::remarks));

@@ -2,16 +2,16 @@
 
 use std::borrow::Cow;
 
-use super::dynamics::{ReferenceLag, prepared};
-use super::error::FitError;
-use super::memory::{MemoryState, MemoryTerms, TimeBase};
-use super::model::Model;
-use super::physics::PhysicsCalibration;
-use super::polynomial::Polynomial;
-use super::reading_ranges::{ReadingRange, ReadingRanges};
-use super::scaling::Scaling;
-use super::solver::Solution;
-use super::uncertainty::Covariance;
+use crate::dynamics::{ReferenceLag, prepared};
+use crate::memory::{MemoryState, MemoryTerms, TimeBase};
+use least_squares::error::FitError;
+use least_squares::model::Model;
+use least_squares::polynomial::Polynomial;
+use least_squares::reading_ranges::{ReadingRange, ReadingRanges};
+use least_squares::scaling::Scaling;
+use least_squares::solver::Solution;
+use least_squares::uncertainty::Covariance;
+use sensor_physics::PhysicsCalibration;
 use shell_data::Converter;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
@@ -204,8 +204,8 @@ impl Calibration {
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::Basis;
     use super::*;
+    use least_squares::model::Basis;
 
     fn calibration(basis: Basis, channels: usize) -> Calibration {
         let model = Model { basis, intercept: true, channels, memory: 0 };

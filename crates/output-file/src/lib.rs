@@ -177,7 +177,12 @@ impl Outputs {
         let Some(keys) = identity::keys(path) else { return Ok(()) };
         let (mut known, path) = (lock(&self.known), path.to_path_buf());
         let KnownFiles { files, by_key } = &mut *known;
-        let Some(&position) = keys.iter().find_map(|key| by_key.get(key)) else {
+        // A number is given out again, once the file that had it is replaced.
+        let has_now = |at: usize, key: &FileKey| {
+            identity::keys(&files[at].path).is_some_and(|keys| keys.contains(key))
+        };
+        let known = |key: &FileKey| by_key.get(key).copied().filter(|at| has_now(*at, key));
+        let Some(position) = keys.iter().find_map(known) else {
             by_key.extend(keys.into_iter().map(|key| (key, files.len())));
             files.push(KnownFile { path, stage });
             return Ok(());
@@ -358,6 +363,22 @@ mod tests {
             assert!(matches!(outputs.write(path, b"2"), Err(OutputError::Twice { .. })));
         }
         assert_eq!(fs::read(&path).unwrap(), b"1");
+    }
+
+    /// Another program may replace a file whose number the next file gets.
+    #[test]
+    fn a_number_that_is_given_out_again_is_another_file() {
+        let dir = tempfile::tempdir().unwrap();
+        let [a, b] = ["a", "b"].map(|name| dir.path().join(name));
+        fs::write(&a, "1").unwrap();
+        let outputs = Outputs::new();
+        outputs.write(&a, b"2").unwrap();
+        fs::write(&b, "1").unwrap();
+        outputs.renew();
+        outputs.announce(&b).unwrap();
+        fs::rename(&b, dir.path().join("c")).unwrap();
+        fs::write(&b, "2").unwrap();
+        outputs.announce(&dir.path().join("c")).unwrap();
     }
 
     #[cfg(unix)]

@@ -26,8 +26,6 @@ pub struct BatchOptions<'a> {
     pub mapping: &'a Mapping,
     /// How logs are read; `threads` is how many trials are evaluated at a time.
     pub read: ReadOptions<'a>,
-    /// All the conditions that there may be, if that is known.
-    pub conditions: Option<&'a [String]>,
     /// The share of the rows that is evaluated, if not all are. What is wrong between rows is found in all.
     pub shard: Option<Shard>,
     /// Told how many trials are done.
@@ -78,8 +76,7 @@ pub fn run(
     options: &BatchOptions<'_>,
     keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
-    let faults: HashMap<usize, ManifestProblem> =
-        manifest.faults(options.conditions).into_iter().collect();
+    let faults: HashMap<usize, ManifestProblem> = manifest.faults(None).into_iter().collect();
     let mut batch = Batch::default();
     let mut done = 0;
     let count = manifest.rows.len();
@@ -210,6 +207,23 @@ impl Batch {
                     let strides = result.stride_rows.iter();
                     sample.add_cluster(strides.filter_map(|stride| quantity.of(&stride.measures)));
                 }
+            }
+            // A stride's drag energy is over its own length: its share of the trial's error is by its mean.
+            match result.row.shared_error(quantity) {
+                Some((parts, degrees)) => {
+                    let scale = match (per, quantity.of(&result.row.measures)) {
+                        (Per::Stride, Some(whole)) if quantity == Quantity::DragEnergy => {
+                            let strides = result.stride_rows.iter();
+                            let values = strides.filter_map(|stride| quantity.of(&stride.measures));
+                            values.sum::<f64>() / (result.stride_rows.len().max(1) as f64 * whole)
+                        }
+                        _ => 1.0,
+                    };
+                    let parts: Vec<f64> = parts.iter().map(|part| scale * part).collect();
+                    sample.add_shared_error(&parts, degrees);
+                }
+                None if result.row.is_beyond_range => sample.add_unknown_error(),
+                None => {}
             }
         }
         sample

@@ -30,7 +30,9 @@ mod record_replay;
 #[cfg(unix)]
 mod record_restart;
 #[path = "../support/recording.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod recording;
 #[path = "../support/sealed.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod sealed;
 mod tcp_board;

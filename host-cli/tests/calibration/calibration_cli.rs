@@ -261,6 +261,20 @@ fn an_edited_calibration_is_refused_unless_that_is_said_and_an_impossible_one_al
         assert!(found.contains("it is not what was written"), "{found}");
     }
 
+    // One that says that it is of before there were checksums.
+    let before = edited(&|it| {
+        it["schema_version"] = 1.into();
+        it["coefficients"][1][0] = 0.125.into();
+        drop(it.as_object_mut().unwrap().remove("checksum"));
+    });
+    write("before.json", &before);
+    let error = refused(&dir, "convert before.json train.csv -o out.csv");
+    assert!(error.contains("version `1` has no checksum"), "{error}");
+    assert!(error.contains("say so with `--edited`"), "{error}");
+    succeed(&dir, "convert before.json train.csv --edited -o out.csv");
+    let found = program::run(dir.path(), "doctor before.json", 1);
+    assert!(found.contains("version `1` has no checksum"), "{found}");
+
     type Change = fn(&mut serde_json::Value);
     let impossible: [(Change, &str); 4] = [
         (|it| it["scaling"]["centre"][0] = 1e300.into(), "the centre of channel 1 is `1e300`"),
@@ -339,6 +353,17 @@ fn truncation_answers_where_rank_is_lost_and_says_so() {
     assert!(error.contains("`--truncate` is for `--solver svd`"), "{error}");
     let error = refused(&dir, "fit --model cubic log.csv --solver svd --truncate 1");
     assert!(error.contains("a share from 0 to 1"), "{error}");
+}
+
+#[test]
+fn a_solver_that_only_judges_others_is_refused_and_another_named() {
+    let dir = with_files(&[("log.csv", &log(400, 1e-3, |_| {}))]);
+    for (solver, instead) in
+        [("gram", "`exact`"), ("wide-tsqr", "`exact`"), ("pivoted-qr", "`svd`")]
+    {
+        let error = refused(&dir, &format!("fit log.csv --model linear --solver {solver}"));
+        assert!(error.contains(&format!("use {instead}")), "{error}");
+    }
 }
 
 #[test]

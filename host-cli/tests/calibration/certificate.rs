@@ -63,7 +63,20 @@ fn a_certificate_sums_up_what_is_known_and_says_what_is_not() {
     let expected = sum.iter().map(|u| u * u).sum::<f64>().sqrt();
     let found = unit * combined(&said, 0);
     assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected} {budget:?}");
-    assert!((number(&of("expanded")[2]) / (2.0 * found) - 1.0).abs() < 5e-3, "{budget:?}");
+    // Welch and Satterthwaite: the groups of the first line, a drift that few rests tell, a stated reference.
+    let degrees = said["effective_degrees_of_freedom"][0].as_f64().unwrap();
+    let first =
+        |name: &str| (number(&of(name)[2]), of(name)[8].parse::<f64>().unwrap_or(f64::INFINITY));
+    let parts = ["model and mounting", "drift of the zero", "reference"].map(first);
+    let expected = found.powi(4) / parts.iter().map(|(u, nu)| u.powi(4) / nu).sum::<f64>();
+    // Three digits are shown, in fourth powers.
+    assert!((degrees / expected - 1.0).abs() < 0.05, "{degrees} {expected}");
+    let k = said["coverage_factor"][0].as_f64().unwrap();
+    assert!((number(&of("expanded")[2]) / (k * found) - 1.0).abs() < 5e-3, "{budget:?}");
+    assert!((1.95..2.2).contains(&k), "{k}");
+    // A log of loads tells no repeatability.
+    let said = refused(&dir, "report cal.json --certificate --unloaded train.csv -o no.html");
+    assert!(said.contains("`train.csv` is of a loaded sensor: Fx scatters by"), "{said}");
     // The file can be told from others.
     assert!(html.contains("xxh128:"), "{html}");
 }

@@ -3,12 +3,12 @@
 
 use std::fs;
 
-use calibration::exact::{Accumulator, Moments, PartitionedMoments};
+use calibration::exact::{Accumulator, ExactSums, PartitionedSums};
 use calibration::model::{Basis, Model};
 use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, SolverKind};
 use calibration::validation::cross_validation::cross_validate;
-use calibration::validation::grouped::{Apart, GroupSums, GroupedMoments, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupSums, RandomSplit, SumsByGroup};
 use calibration::validation::selection::{self, select};
 use calibration::{Calibration, FitError};
 use shell_data::block::Block;
@@ -54,7 +54,7 @@ fn rows_of(block: &Block, keep: impl Fn(usize) -> bool) -> Block {
     block.kept(&flags)
 }
 
-fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
+fn sums(block: &Block, basis: Basis, random_folds: usize) -> SumsByGroup {
     let random = RandomSplit { folds: random_folds, held_out: random_folds, seed: 1 };
     let mut all = GroupSums::new(basis, block.readings.len(), Apart::Groups, random);
     let mut worker = all.worker();
@@ -62,7 +62,7 @@ fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
     all.finish([worker]).unwrap()
 }
 
-fn moments(block: &Block, basis: Basis) -> Moments {
+fn moments(block: &Block, basis: Basis) -> ExactSums {
     let mut sums = Accumulator::new(basis, block.readings.len());
     sums.absorb(&block.readings, &block.wrench).unwrap();
     sums.finish().unwrap()
@@ -211,7 +211,7 @@ fn a_group_with_large_readings_alone_goes_the_slow_way_to_the_same_answer() {
     }
     let model = Model { basis: Basis::Cubic, intercept: true, channels: 4, memory: 0 };
     let whole = moments(&block, Basis::Cubic);
-    let parts = PartitionedMoments::new(&whole, &model).unwrap();
+    let parts = PartitionedSums::new(&whole, &model).unwrap();
     let left_out = rows_of(&block, |g| g == 0);
     let part = moments(&left_out, Basis::Cubic);
     match parts.held_out(&part, &parts.part(&part), 0.0) {

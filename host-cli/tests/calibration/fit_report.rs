@@ -12,10 +12,12 @@ use shell_data::wrench::PerAxis;
 use shellcal::workflow::fit::FitData;
 use system_tests::program::run;
 
-use super::book::root;
-
 fn data(name: &str) -> String {
-    root().join("calibration-data").join(name).display().to_string()
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../calibration-data")
+        .join(name)
+        .display()
+        .to_string()
 }
 
 /// The text of a page, without its markup.

@@ -117,6 +117,14 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
         }
     }
 
+    // Rows are stamped with the time of the reference.
+    let stamps: Vec<f64> =
+        column(&dir.join("out.csv"), "t_s").iter().map(|x| x.parse().unwrap()).collect();
+    for (stamp, time_s) in stamps.iter().zip(&times_s) {
+        // A nanosecond, to which stamps are rounded.
+        assert!((stamp - time_s - lag).abs() < 1e-9, "{stamp} {time_s}");
+    }
+
     // What cannot remember is told so.
     let (_, said) = program::ended(dir, "export cal.json matrix.csv", 2);
     assert!(said.contains("a matrix cannot have memory terms"), "{said}");

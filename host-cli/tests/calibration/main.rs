@@ -26,15 +26,18 @@ mod hung_loads;
 mod instruction_sets;
 mod lag_and_memory;
 mod memory;
+mod one_time;
 mod outliers;
 mod partial_fits;
 mod physics_command;
 mod plan_command;
 mod rational;
 #[path = "../support/recording.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod recording;
 mod refits;
 #[path = "../support/sealed.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod sealed;
 mod solver_identities;
 mod solver_intervals;

@@ -66,6 +66,7 @@ fn options() -> ConvertOptions {
         rows: RowFilter::All,
         forces: ForceOptions::RAW,
         load: None,
+        frame: Vec::new(),
         columns: ALL,
         converter: None,
     }

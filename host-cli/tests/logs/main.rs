@@ -13,12 +13,14 @@
 mod align_command;
 mod align_disturbed;
 #[path = "../support/alignment.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod alignment;
 mod companion_files;
 mod convert;
 mod convert_formats;
 mod drift;
 mod foreign;
+mod foreign_tables;
 mod hostile;
 mod instruments;
 mod kept_columns;
@@ -30,9 +32,13 @@ mod noise;
 mod one_pipeline;
 mod outages;
 mod payload;
+mod payload_motion;
 #[path = "../support/recording.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod recording;
 #[path = "../support/sealed.rs"]
+#[allow(dead_code, reason = "each test program uses a part of it")]
 mod sealed;
 mod settings;
+mod streams;
 mod studies;

@@ -205,10 +205,13 @@ fn mistyped_conditions_and_columns_get_a_suggestion() {
     let output = batch(dir, &rows, "-c cal.json");
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     assert!(said(&output).contains("warning: m.csv:4:7: condition `fere`, did you mean `free`?"));
-    let output = batch(dir, &rows, "-c cal.json --conditions free,3");
+    let trial = format!("file = \"1.txt\"\nt_enter_s = {enter}\nt_exit_s = {middle}\n");
+    let manifest =
+        format!("conditions = [\"free\", \"3\"]\n[[trial]]\ncondition = \"fere\"\n{trial}");
+    fs::write(dir.join("m.toml"), manifest).unwrap();
+    let output = program::output(dir, "batch m.toml -c cal.json");
     assert_eq!(output.status.code(), Some(1));
-    let expected =
-        "error: m.csv:4:7: `1.txt`: `fere` is none of the conditions, did you mean `free`?";
+    let expected = "`fere` is none of the conditions, did you mean `free`?";
     assert!(said(&output).contains(expected), "{}", said(&output));
     let output = batch(dir, &rows, "-c cal.json --reference fre");
     assert_eq!(output.status.code(), Some(2));

@@ -132,7 +132,7 @@ fn every_page_of_the_documentation_is_a_chapter_and_every_chapter_is_there() {
 #[test]
 fn the_screen_in_the_book_is_that_of_the_live_view() {
     let page = fs::read_to_string(root().join("docs/board.md")).unwrap();
-    let golden = "host-cli/tests/trials/golden/live/forces-80x24.txt";
+    let golden = "host-cli/tests/boards/golden/live/forces-80x24.txt";
     let screen = fs::read_to_string(root().join(golden)).unwrap();
     assert!(page.contains(&format!("```text\n{}\n```", screen.trim_end())), "copy {golden}");
 }

@@ -90,3 +90,20 @@ fn units_that_are_not_known_are_asked_for_in_place_of_a_number() {
         assert!(said.contains(expected), "{said}");
     }
 }
+
+#[test]
+fn the_profile_that_is_printed_is_the_one_that_is_built_in() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    write_log(dir, "battery_v,current_a", |_| "7.4,0.5".to_owned());
+    let printed = program::output(dir, "info --robot").stdout;
+    fs::write(dir.join("robot.toml"), printed).unwrap();
+    let trial = "trial log.csv --enter 0.5 --exit 2.5 --json";
+    let built_in = program::output(dir, trial);
+    let read = program::output(dir, &format!("{trial} --profile robot.toml"));
+    let of = |output: &std::process::Output| -> Value {
+        let said = String::from_utf8_lossy(&output.stderr);
+        serde_json::from_slice::<Value>(&output.stdout).unwrap_or_else(|_| panic!("{said}"))
+    };
+    assert_eq!(of(&read)["profile"], of(&built_in)["profile"]);
+}

@@ -290,7 +290,8 @@ class Calibration:
         interval : float, optional
             Also give the bounds of the interval that holds this share of new samples, such as 0.95.
         time : array of shape (n,), optional
-            The time of each row, s, which memory terms take; rows are then those of one recording, in order.
+            The time of each row, s, which memory terms take; rows are then those of one recording, in order. Where the
+            reference lagged, wrenches are those that it shows at these times.
 
         Returns
         -------

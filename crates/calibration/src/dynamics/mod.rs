@@ -22,11 +22,11 @@ pub use self::prepared::{ReferenceLag, prepared};
 use std::fmt;
 
 use self::samples::SearchRows;
-use crate::error::FitError;
 use crate::groups::{SHUFFLED_BELOW, has_poses, load_correlation};
 use crate::memory::{MemoryTerms, TimeBase};
-use crate::passes::Workers;
-use crate::quality::{in_units, significant};
+use least_squares::error::FitError;
+use least_squares::passes::Workers;
+use least_squares::quality::{in_units, significant};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 

@@ -16,10 +16,10 @@ use std::ops::Range;
 use faer::{Mat, MatRef};
 
 use super::prepared::{BetweenRows, RowClock, segments};
-use crate::features::Features;
 use crate::memory::TimeBase;
-use crate::model::{Basis, Model};
-use crate::scaling::Scaling;
+use least_squares::features::Features;
+use least_squares::model::{Basis, Model};
+use least_squares::scaling::Scaling;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
 use shell_data::statistics::upper_median;

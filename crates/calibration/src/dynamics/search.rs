@@ -14,7 +14,7 @@ use std::sync::Arc;
 use super::equations::{FoldEquations, MemoryColumns, ProductColumns};
 use super::samples::SearchRows;
 use super::{Dynamics, DynamicsRule, Gain, ReferenceLag};
-use crate::passes::{Workers, map};
+use least_squares::passes::{Workers, map};
 
 /// Time constants, at most.
 const MOST_TIMES: usize = 4;

@@ -1,6 +1,6 @@
 //! A sensor that is known: six channels that mix six loads, creep with two time constants, and a late reference.
 
-use crate::error::FitError;
+use least_squares::error::FitError;
 use std::f64::consts::TAU;
 
 use super::*;

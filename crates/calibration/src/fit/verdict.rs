@@ -3,9 +3,9 @@
 
 use super::{Fit, FitMethod};
 use crate::groups::GroupBy;
-use crate::physics::COVERAGE_LEVEL;
-use crate::quality::significant;
 use crate::validation::excitation::Gap;
+use least_squares::quality::significant;
+use sensor_physics::COVERAGE_LEVEL;
 use shell_data::statistics::extremes;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 

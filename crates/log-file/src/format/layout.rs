@@ -175,7 +175,7 @@ pub(crate) fn recognise_layout(
         let is_count = |time: f64| time.fract() == 0.0 && (0.0..TURN).contains(&time);
         let is_small = columns[at].meaning.scale().per >= 1e3;
         let first = first_time.and_then(|field| parse_field(field).ok());
-        is_small && !has_dates && first.is_some_and(is_count)
+        source.as_table().is_none() && is_small && !has_dates && first.is_some_and(is_count)
     });
     let conditions = conditions(names, roles.group, &header, mapping).map_err(error)?;
     let interleaving = interleaving(rows, separator, &columns)
@@ -418,10 +418,11 @@ fn separated_header(
 ) -> Result<Header, LogError> {
     let format = mapping.format.unwrap_or(LogFormat::Csv);
     let table = source.as_whole_table();
-    if let Some(names) = table.and_then(|table| table.names.as_deref())
+    if let Some(names) = table.and_then(Table::names)
         && format == LogFormat::Csv
     {
-        return Ok(Header::new(format, names.to_vec(), first.next, first.number));
+        let units = table.map(Table::units).unwrap_or_default();
+        return Ok(Header { units, ..Header::new(format, names, first.next, first.number) });
     }
     let start = if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
     let comma = table.map(|_| b',');

@@ -2,6 +2,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod columns;
 pub(crate) mod console;
 mod field_ends;
 pub(crate) mod form;

@@ -91,11 +91,12 @@ pub(crate) fn parse_field(field: &[u8]) -> Result<f64, FieldProblem> {
         return Err(FieldProblem::Empty);
     }
     let text = std::str::from_utf8(field).map_err(|_| FieldProblem::NotANumber)?;
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => Err(FieldProblem::NotFinite),
-        Err(_) => Err(FieldProblem::NotANumber),
-    }
+    text.parse().map_err(|_| FieldProblem::NotANumber).and_then(finite)
+}
+
+/// A number, if it is finite.
+pub(crate) fn finite(value: f64) -> Result<f64, FieldProblem> {
+    if value.is_finite() { Ok(value) } else { Err(FieldProblem::NotFinite) }
 }
 
 /// The seconds since 1970 that the whole of `field` spells as a date and time, or since midnight as a time of day.

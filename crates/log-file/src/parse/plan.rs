@@ -1,6 +1,7 @@
 //! Which columns are parsed, and the block in SI units that is made of them.
 
 use memchr::{memchr, memrchr};
+use table_file::{TablePart, WantedColumn};
 
 use super::console;
 use super::form::RowForm;
@@ -12,8 +13,9 @@ use crate::format::choice::{PlacedCondition, keep_chosen};
 use crate::format::columns::Wanted;
 use crate::format::layout::FileLayout;
 use crate::format::mapping::LogFormat;
-use crate::stream::chunk::{Chunk, line_ends};
+use crate::stream::chunk::line_ends;
 use crate::stream::clock_turns::ClockTurns;
+use crate::stream::piece::LogPiece;
 use shell_data::block::Block;
 use shell_data::instructions::arch;
 use shell_data::unit::Scale;
@@ -67,22 +69,36 @@ pub(crate) struct BlockBuffer {
 }
 
 impl BlockBuffer {
-    /// Parses the lines of a chunk into the block.
+    /// Parses the lines of a chunk, or takes the rows of a table, into the block.
     ///
     /// # Errors
     /// The line of the first row that is wrong, and what is wrong with it.
     pub(crate) fn fill(
         &mut self,
         plan: &ReadPlan,
-        chunk: &Chunk,
+        piece: &mut LogPiece,
         skip_bad_rows: bool,
     ) -> Result<(), (u64, RowProblem)> {
-        let lines = chunk.lines();
-        let placed =
-            |error: RowError| (chunk.line + line_ends(&lines[..error.offset]), error.problem);
-        plan.parse(lines, skip_bad_rows, &mut self.parsed).map_err(placed)?;
-        plan.fill(&mut self.block, &mut self.parsed, &chunk.context, chunk.turns);
-        (self.block.offset, self.block.lines.first) = (chunk.offset, chunk.line);
+        let parsed = &mut self.parsed;
+        match piece {
+            LogPiece::Text(chunk) => {
+                let lines = chunk.lines();
+                let placed = |error: RowError| {
+                    (chunk.line + line_ends(&lines[..error.offset]), error.problem)
+                };
+                plan.parse(lines, skip_bad_rows, parsed).map_err(placed)?;
+                plan.fill(&mut self.block, parsed, chunk.turns);
+                self.block.readings_before = plan.last_readings(&chunk.context);
+                (self.block.offset, self.block.lines.first) = (chunk.offset, chunk.line);
+            }
+            LogPiece::Rows(rows) => {
+                let placed = |(row, problem)| (rows.line + row as u64, problem);
+                plan.parse_part(&mut rows.part, skip_bad_rows, parsed).map_err(placed)?;
+                plan.fill(&mut self.block, parsed, 0);
+                self.block.readings_before = plan.last_readings_of(&mut rows.before);
+                (self.block.offset, self.block.lines.first) = (rows.row, rows.line);
+            }
+        }
         plan.fill_times(&mut self.block);
         Ok(())
     }
@@ -90,7 +106,8 @@ impl BlockBuffer {
 
 impl BlockBuffer {
     /// The line of the first row of a chunk that was skipped, and what is wrong with it.
-    pub(crate) fn first_skipped(&mut self, chunk: &Chunk) -> Option<(u64, RowProblem)> {
+    pub(crate) fn first_skipped(&mut self, piece: &LogPiece) -> Option<(u64, RowProblem)> {
+        let LogPiece::Text(chunk) = piece else { return None };
         let RowError { offset, problem } = self.parsed.first_skipped.take()?;
         Some((chunk.line + line_ends(&chunk.lines()[..offset]), problem))
     }
@@ -185,16 +202,31 @@ impl ReadPlan {
         }
     }
 
-    /// Makes a block of what was parsed; `context` holds the lines before it, and the clock, if it comes
-    /// round, has done so `turns` times. The columns change places with those that `block` had, which
-    /// can be used again.
-    pub(crate) fn fill(
+    /// The columns that are wanted of a table; none of text.
+    pub(crate) fn wanted_columns(&self) -> Vec<WantedColumn> {
+        match &self.rows {
+            RowSyntax::Separated(plan) => plan.wanted(),
+            RowSyntax::Console(_) => Vec::new(),
+        }
+    }
+
+    /// Moves rows of a table into `parsed`, which is cleared before.
+    fn parse_part(
         &self,
-        block: &mut Block,
+        part: &mut TablePart,
+        skip_bad_rows: bool,
         parsed: &mut ParsedRows,
-        context: &[u8],
-        turns: u32,
-    ) {
+    ) -> Result<(), (usize, RowProblem)> {
+        match &self.rows {
+            RowSyntax::Separated(plan) => plan.parse_part(part, skip_bad_rows, parsed),
+            // A console is never a table.
+            RowSyntax::Console(_) => Ok(()),
+        }
+    }
+
+    /// Makes a block of what was parsed; the clock, if it comes round, has done so `turns` times. The columns change
+    /// places with those that `block` had, which can be used again.
+    pub(crate) fn fill(&self, block: &mut Block, parsed: &mut ParsedRows, turns: u32) {
         block.rows = parsed.rows;
         // The others come first and may share a column; all else has its own.
         block.others.resize_with(self.others.len(), Vec::new);
@@ -236,7 +268,19 @@ impl ReadPlan {
             let values = block.texts.split_off(self.texts);
             keep_chosen(block, &self.conditions, &values);
         }
-        block.readings_before = self.last_readings(context);
+        block.readings_before = None;
+    }
+
+    /// The readings of the last of some rows of a table that has them, `None` if there is none.
+    fn last_readings_of(&self, rows: &mut TablePart) -> Option<Vec<f64>> {
+        let mut parsed = ParsedRows::default();
+        if self.readings.is_empty()
+            || !self.conditions.is_empty()
+            || self.parse_part(rows, true, &mut parsed).is_err()
+        {
+            return None;
+        }
+        self.readings.iter().map(|o| parsed.columns[o.slot].last().copied()).collect()
     }
 
     /// Makes the times of rows from the numbers of their lines, where no column is a time.

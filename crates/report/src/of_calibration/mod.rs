@@ -265,8 +265,8 @@ fn model(report: &CalibrationReport<'_>) -> String {
     let CalibrationReport { fit, file, name, .. } = report;
     let mut html = facts_table("The calibration", &facts(name, file));
     let advice = fit.advice.as_ref().map(|advice| advice.words(file.calibration.axes));
-    let comparison = fit.comparison.as_ref().and_then(|found| found.as_ref().ok());
-    let reasons = advice.into_iter().chain(comparison.map(ToString::to_string));
+    let comparison = fit.comparison.found().map(ToString::to_string);
+    let reasons = advice.into_iter().chain(comparison);
     html += &list(&reasons.collect::<Vec<_>>());
     if let Some(selection) = &fit.selection {
         html += &folded("Models that were compared", &compared(selection));

@@ -155,7 +155,8 @@ fn beside_data(command: &Command, matches: &ArgMatches) -> anyhow::Result<Option
     for positional in of_command.get_positionals() {
         for path in given.get_raw(positional.get_id().as_str()).into_iter().flatten() {
             let beside = Path::new(path).with_file_name(FILE);
-            if beside.is_file() && !found.contains(&beside) {
+            // Whatever has the name: what is no file is refused when it is read.
+            if beside.symlink_metadata().is_ok() && !found.contains(&beside) {
                 found.push(beside);
             }
         }

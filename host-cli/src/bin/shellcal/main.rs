@@ -78,7 +78,7 @@ fn main() -> ExitCode {
     let outcome = run(&mut command, &said.config, matches, &printer);
     match outcome.and_then(|outcome| printer.printed().map(|()| outcome)) {
         Ok(outcome) => ExitCode::from(outcome as u8),
-        Err(error) if printer::is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if printer::is_closed_pipe(&error) => ExitCode::from(printer.decided() as u8),
         Err(error) => {
             printer.error(&error);
             ExitCode::from(2)
@@ -100,13 +100,22 @@ fn refuse(error: &clap::Error) -> ! {
             writeln!(io::stderr(), "error: there is no command `{name}` any more\nhint: {instead}");
         std::process::exit(2);
     }
-    let text = error.render().to_string();
-    let lines: Vec<_> = text.lines().map(escape::terminal).collect();
-    if error.use_stderr() && lines.iter().any(|line| matches!(line, Cow::Owned(_))) {
+    let steers =
+        |word: OsString| matches!(escape::terminal(&word.to_string_lossy()), Cow::Owned(_));
+    if error.use_stderr() && std::env::args_os().any(steers) {
+        // Without colours, which are escapes, too.
+        let text = error.render().to_string();
+        let lines: Vec<_> = text.lines().map(escape::terminal).collect();
         let _ = writeln!(io::stderr(), "{}", lines.join("\n"));
         std::process::exit(error.exit_code());
     }
-    error.exit()
+    match error.print().and_then(|()| io::stdout().flush()) {
+        Err(failure) if failure.kind() != io::ErrorKind::BrokenPipe => {
+            let _ = writeln!(io::stderr(), "error: cannot write standard output: {failure}");
+            std::process::exit(2);
+        }
+        _ => std::process::exit(error.exit_code()),
+    }
 }
 
 /// Runs a command, with the settings of its data.

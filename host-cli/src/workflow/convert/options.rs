@@ -6,8 +6,8 @@ use std::str::FromStr;
 use crate::workflow::WorkflowError;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
-use forces::ForceOptions;
 use forces::payload::CarriedLoad;
+use forces::{ForceOptions, FrameChange};
 use log_file::{Log, ReadOptions};
 use shell_data::Converter;
 use shell_data::wrench::Axes;
@@ -21,6 +21,8 @@ pub struct ConvertOptions {
     pub forces: ForceOptions,
     /// What the sensor carries, which is taken off before tare and low-pass.
     pub load: Option<CarriedLoad>,
+    /// Changes of the frame of reference, one after the other.
+    pub frame: Vec<FrameChange>,
     /// What is written of every frame.
     pub columns: TableColumns,
     /// The ends of the converter, at which a reading is saturated. `None` to leave saturation unflagged.
@@ -34,6 +36,7 @@ impl ConvertOptions {
             rows: if log.repeats_are_stale() { RowFilter::Fresh } else { RowFilter::All },
             forces: ForceOptions::default(),
             load: None,
+            frame: Vec::new(),
             columns: TableColumns {
                 time: log.has_time(),
                 axes: calibration.axes,

@@ -101,7 +101,7 @@ impl AlignArgs {
         let (aligned, [reference_read, log_read]) = match logs {
             Err(error) if error.is_refusal() => {
                 printer.error(&error.into());
-                return Ok(Outcome::CheckFailed);
+                return Ok(printer.decide(false));
             }
             logs => logs?,
         };

@@ -24,7 +24,7 @@ pub(crate) struct BoardArgs {
     port: Option<String>,
 
     /// Be a board until Ctrl-C
-    #[arg(long, conflicts_with = "port")]
+    #[arg(long, conflicts_with_all = ["port", "framing", "baud", "flow_control", "to"])]
     simulate: bool,
 
     /// Serial number of the board, as `identify` prints it, where several hear
@@ -215,12 +215,14 @@ impl BoardArgs {
 
 /// Lights the emitters one by one and says what they do.
 fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {
-    let mut faults = Vec::new();
-    let mut rises = Vec::new();
+    let (mut faults, mut rises) = (Vec::new(), Vec::new());
     for emitter in 0..CHANNELS {
         let rise = client.self_test(emitter as u8)?;
         let (number, steps) = (emitter + 1, rise[emitter]);
         let fault = judge(emitter, &rise).err();
+        if fault.is_some() {
+            let _ = printer.decide(false);
+        }
         if !printer.json() {
             let passes = || {
                 format!("emitter {number} raises channel {number} by {steps} steps and no other")
@@ -233,7 +235,7 @@ fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outc
     if printer.json() {
         printer.document(&json!({ "rise": rises, "faults": faults }))?;
     }
-    Ok(if faults.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
+    Ok(printer.decide(faults.is_empty()))
 }
 
 fn identify(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {

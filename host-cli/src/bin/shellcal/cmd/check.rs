@@ -1,10 +1,12 @@
-//! `shellcal check`: whether a calibration holds, with known weights on the sensor.
+//! `shellcal check`: a calibration held against known weights on the sensor.
 
 use calibration::quality::significant;
 use report::CheckedLoad;
+use shell_data::hint::quoted;
 use shell_data::wrench::{Axes, Axis};
-use shellcal::workflow::check::check_weights;
+use shellcal::workflow::check::{CheckedWeights, check_weights};
 
+use super::eval::AxesArg;
 use super::mapping::{EditedArg, MappingArgs};
 use super::plan::read_table;
 use crate::files::InputPath;
@@ -29,6 +31,9 @@ pub(crate) struct CheckArgs {
     logs: Vec<InputPath>,
 
     #[command(flatten)]
+    axes: AxesArg,
+
+    #[command(flatten)]
     edited: EditedArg,
 
     #[command(flatten)]
@@ -41,19 +46,48 @@ impl CheckArgs {
         let table = read_table(&self.loads)?;
         let calibration = Some((&self.calibration, &file));
         let logs = self.mapping.open(&self.logs, &[], calibration, printer)?;
-        let axes = file.calibration.axes;
-        let checked = check_weights(&file, &logs, &table, &self.mapping.read_options())?;
-        let passes = checked.iter().all(|of| of.off.is_empty());
-        let verdict = match passes {
-            true => "passes: every difference is within what errors of sensor and weights explain",
-            false => "fails: the sensor has changed, or the weights are not what the table says",
+        let named = self.axes.named();
+        let axes = named.map_or(file.calibration.axes, |axes| axes.and(file.calibration.axes));
+        let read = self.mapping.read_options();
+        let CheckedWeights { loads, gate } = check_weights(&file, &logs, &table, named, &read)?;
+        let outcome = printer.judge(&gate);
+        let holds = loads.iter().all(|of| of.off.is_empty());
+        let verdict = match () {
+            () if gate.passes() => {
+                "passes: every difference is within what errors of sensor and weights explain"
+            }
+            () if holds && loads.iter().all(|of| of.cannot_tell) => {
+                "cannot tell: a weight of nothing would pass as well; hang heavier ones"
+            }
+            () if holds => "fails: not all was compared",
+            () => "fails: the sensor has changed, or the weights are not what the table says",
         };
-        let document = document! { passes: passes, axes: axes.columns(), loads: &checked };
+        let light: Vec<&String> =
+            loads.iter().filter(|of| of.cannot_tell).map(|of| &of.group).collect();
+        if (1..loads.len()).contains(&light.len()) {
+            let labels = quoted(light, ", ");
+            printer.warning(format!("too light to tell anything: {labels}"));
+        }
+        for of in &loads {
+            if let Some(degrees) = of.turned_deg {
+                printer.warning(format!(
+                    "`{}`: the force is {degrees:.0}° from the stated direction, and of the stated size",
+                    of.group
+                ));
+            }
+        }
+        let document = document! {
+            passes: gate.passes(),
+            axes: axes.columns(),
+            loads: &loads,
+            // Items that were not compared, or differ.
+            failures: gate.failures().iter().map(ToString::to_string).collect::<Vec<_>>(),
+        };
         printer.finish(&document, |printer| {
-            print(printer, &checked, axes);
+            print(printer, &loads, axes);
             printer.line(verdict)
         })?;
-        Ok(if passes { Outcome::Done } else { Outcome::CheckFailed })
+        Ok(outcome)
     }
 }
 

@@ -6,11 +6,13 @@ use calibration_file::CalibrationFile;
 use log_file::{Log, Wanted, read_logs};
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check_channels;
+use shellcal::workflow::gates::Gate;
 use shellcal::workflow::remark::found_groups;
 
+use super::eval::AxesArg;
 use super::mapping::MappingArgs;
 use crate::files::InputPath;
-use crate::printer::{Printer, TableColumn};
+use crate::printer::{Outcome, Printer, TableColumn};
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
@@ -30,16 +32,21 @@ pub(crate) struct CompareArgs {
     test: Vec<InputPath>,
 
     #[command(flatten)]
+    axes: AxesArg,
+
+    #[command(flatten)]
     mapping: MappingArgs,
 }
 
 impl CompareArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let [first, second] = [&self.first, &self.second].map(|path| CalibrationFile::read(path));
         let (first, second) = (first?, second?);
         let mut logs = self.mapping.open(&self.test, &[], Some((&self.first, &first)), printer)?;
-        let axes = first.calibration.axes.and(second.calibration.axes);
-        anyhow::ensure!(!axes.is_empty(), "the calibrations have no axis in common");
+        let of = [&first, &second].map(|of| of.calibration.axes);
+        let asked = self.axes.named().unwrap_or_else(|| of[0].iter().chain(of[1].iter()).collect());
+        let axes = asked.and(of[0]).and(of[1]);
+        anyhow::ensure!(!axes.is_empty(), "the calibrations have none of the axes in common");
         for log in &mut logs {
             check_channels(log, first.calibration.channels())?;
             check_channels(log, second.calibration.channels())?;
@@ -47,20 +54,38 @@ impl CompareArgs {
             log.keep_axes(axes)?;
         }
         let has_groups = logs.iter().all(Log::has_groups);
+        let calibrations = [&first, &second].map(|of| &of.calibration);
+        let by_time = calibrations.iter().any(|of| of.needs_time())
+            || calibrations.iter().any(|of| of.lag.is_some()) && logs.iter().all(Log::has_time);
         let wanted = Wanted {
             readings: true,
             wrench: true,
             groups: has_groups,
-            time: !has_groups && logs.len() == 1 && logs[0].has_time(),
+            time: by_time || !has_groups && logs.len() == 1 && logs[0].has_time(),
             ..Wanted::default()
         };
         let data = read_logs(&logs, &wanted, &self.mapping.read_options())?;
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
-        let found = paired_errors([&first, &second].map(|of| &of.calibration), &data, workers)?;
+        let mut gate = Gate::default();
+        for log in &data.logs {
+            let name = format!("`{}`", log.name.display());
+            let subject = gate.ask(&name, asked);
+            for (path, given) in [&self.first, &self.second].into_iter().zip(of) {
+                let path = path.display();
+                subject.lacks(asked.without(given), |axes| {
+                    format!("{axes}, which `{path}` does not give")
+                });
+            }
+            subject.has_rows(log.rows(), log.rows() + log.summary.skipped_rows);
+            subject.hold();
+        }
+        let outcome = printer.judge(&gate);
+        let found = paired_errors(calibrations, &data, workers)?;
         if let Some(groups) = found.group_by.found() {
             printer.remarks([found_groups(groups)]);
         }
-        self.report(&found, axes, printer)
+        self.report(&found, axes, printer)?;
+        Ok(outcome)
     }
 
     fn report(&self, found: &PairedErrors, axes: Axes, printer: &Printer) -> anyhow::Result<()> {

@@ -98,6 +98,7 @@ impl DoctorArgs {
         };
         let (faults, warnings) = (count(FindingSeverity::Fault), count(FindingSeverity::Warning));
         let is_sound = faults + warnings == 0;
+        let outcome = printer.decide(faults == 0);
         let report =
             document! { sound: is_sound, faults: faults, warnings: warnings, examined: &examined };
         printer.finish(&report, |printer| {
@@ -109,7 +110,7 @@ impl DoctorArgs {
                 }
             })
         })?;
-        Ok(if faults > 0 { Outcome::CheckFailed } else { Outcome::Done })
+        Ok(outcome)
     }
 
     /// Findings about a port and, if it can be opened, those of `ask` about its board.
@@ -189,6 +190,9 @@ impl Examination {
 /// Whether a file is a document in JSON, as calibrations are.
 fn is_document(path: &Path) -> anyhow::Result<bool> {
     let cannot = || format!("cannot read `{}`", path.display());
+    // Before it is opened: whoever opens a pipe waits for its writer.
+    let kind = std::fs::metadata(path).with_context(cannot)?.file_type();
+    ensure!(kind.is_file() || kind.is_dir(), "{}: it is not a regular file", cannot());
     let mut head = Vec::new();
     let file = File::open(path).with_context(cannot)?;
     file.take(256).read_to_end(&mut head).with_context(cannot)?;

@@ -103,8 +103,16 @@ impl RecordArgs {
         };
         let recorded = record(&mut source, sinks, &options, &stop, &mut show);
         status.finish_and_clear();
-        stream::finish(printer, streamed.as_ref())?;
-        report(&recorded?, printer)
+        // The log is told of whatever has become of the stream.
+        let streamed = stream::finish(printer, streamed.as_ref());
+        let recorded = recorded?;
+        if recorded.boards.len() > 1 && self.forces.is_given() {
+            printer.warning(
+                "a calibration is of one sensor: only the first board's log has forces; convert the others with their own",
+            );
+        }
+        report(&recorded, printer)?;
+        streamed.map(drop)
     }
 }
 

@@ -6,12 +6,14 @@ mod report;
 mod run;
 
 use calibration::Basis;
-use calibration::fit::{CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule};
+use calibration::fit::{
+    CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, UnseenErrors, UnseenRows,
+};
 use calibration::solver::SolverKind;
 use calibration::validation::grouped::GroupKind;
 use calibration_file::Sums;
 use shell_data::wrench::Axes;
-use shellcal::workflow::gates::ComparedAxes;
+use shellcal::workflow::gates::{ErrorLimits, Gate};
 use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
 use shellcal::workflow::remark::absent_axes;
 
@@ -203,24 +205,27 @@ impl FitArgs {
         self.fit(printer)
     }
 
-    /// Whether the errors on rows that were not used are within their limits.
-    fn outcome(&self, fitted: &Fit, printer: &Printer) -> Outcome {
-        let gates = self.limits.gates(None);
-        if gates.asked().is_empty() {
-            return Outcome::Done;
+    /// Asks for the errors on all rows that were not used: those that were held out, and those of the test logs.
+    fn ask_errors(&self, fitted: &Fit, gate: &mut Gate) {
+        let (limits, axes) = (self.limits.of(None), fitted.calibration.axes);
+        let train = format!("`{}`", self.train[0].display());
+        gate.ask("the calibration", limits.asked().without(axes))
+            .lacks(Axes::ALL, |axes| format!("{axes}, which {train} does not have"));
+        match fitted.verdict().unseen {
+            None => gate.ask("", limits.asked()).lacks(Axes::ALL, |axes| {
+                format!("{axes}, since the error on new loads is not known")
+            }),
+            Some(UnseenErrors { on: UnseenRows::Test(_), .. }) => {}
+            Some(of) => limits.ask_errors(gate, axes, " on rows that were held out", &of.rms),
         }
-        let Some(unseen) = fitted.verdict().unseen else {
-            printer.warning("the error on new loads is not known, so it is not within the limit");
-            return Outcome::CheckFailed;
-        };
-        let axes = fitted.calibration.axes;
-        let absent = gates.asked().without(axes);
-        let missing = self.train.iter().take(usize::from(!absent.is_empty()));
-        let missing = missing.map(|log| (log.to_path_buf(), absent)).collect();
-        let compared = ComparedAxes { axes, missing, uncalibrated: Axes::NONE };
-        let failures = gates.failures(&compared, &unseen.rms);
-        failures.iter().for_each(|failure| printer.warning(failure.to_string()));
-        if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed }
+        let limits = ErrorLimits { axes: Some(limits.asked().and(axes)), ..limits };
+        for (path, of) in self.test.iter().zip(&fitted.tests) {
+            limits.ask_log(gate, path, axes, [of.rows, of.rows + of.skipped_rows]);
+        }
+        if let Some(quality) = fitted.test().quality() {
+            let rms = quality.map(|axis| axis.rms);
+            limits.ask_errors(gate, axes, " on the test logs", &rms);
+        }
     }
 }
 

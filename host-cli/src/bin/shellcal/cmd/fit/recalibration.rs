@@ -39,6 +39,10 @@ impl FitArgs {
         let output = printer.create(self.output.as_ref())?;
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
+        let mut outcome = printer.judge(&recalibrated.gate);
+        if recalibrated.found.is_contradicted() {
+            outcome = printer.decide(false);
+        }
         if let Some(output) = output {
             let was = SourceFile {
                 role: Role::Calibration,
@@ -55,8 +59,7 @@ impl FitArgs {
             output.commit_with(recalibrated.file(&before, origin).to_json().as_bytes())?;
         }
         report(printer, path, &recalibrated)?;
-        let fails = recalibrated.found.is_contradicted();
-        Ok(if fails { Outcome::CheckFailed } else { Outcome::Done })
+        Ok(outcome)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use calibration::Kind;
 use calibration::dynamics::{Dynamics, NotSearched};
-use calibration::fit::{Fit, FitMethod, ModelComparison, UnseenRows, Verdict};
+use calibration::fit::{Fit, FitMethod, ModelComparison, Outcome, UnseenRows, Verdict};
 use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsValidation};
 use calibration::quality::significant;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
@@ -56,11 +56,11 @@ fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
 }
 
 /// What `--json` says of lag and memory: what was found, or why nothing was searched for.
-fn dynamics(of: &Result<Dynamics, NotSearched>, axes: Axes) -> impl Serialize {
-    let found = of.as_ref().ok();
+fn dynamics(asked: &Outcome<Dynamics, NotSearched>, axes: Axes) -> Option<impl Serialize> {
+    let found = asked.found();
     let memory = found.and_then(|found| found.memory.as_ref());
-    document! {
-        not_searched?: of.as_ref().err().map(ToString::to_string),
+    let answer = document! {
+        not_searched?: asked.reason().map(ToString::to_string),
         // `s` or `rows`.
         time_base?: found.map(|found| found.time_base.unit()),
         // Of the reference, in units of the time base; 0 for none.
@@ -74,7 +74,8 @@ fn dynamics(of: &Result<Dynamics, NotSearched>, axes: Axes) -> impl Serialize {
             with_lag: axes.of(&gain.with_lag),
             with_lag_and_memory: axes.of(&gain.with_all),
         }),
-    }
+    };
+    (!matches!(asked, Outcome::NotAsked)).then_some(answer)
 }
 
 /// What held-out errors say to do, for `--json`.
@@ -114,7 +115,7 @@ fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
 
 /// The physics model beside the polynomial, where they were compared.
 fn compared(fitted: &Fit) -> Option<&ModelComparison> {
-    fitted.comparison.as_ref().and_then(|found| found.as_ref().ok())
+    fitted.comparison.found()
 }
 
 /// What `--json` prints of a comparison of physics and a polynomial.
@@ -222,7 +223,7 @@ pub(super) fn report(
             test: of.test.as_ref().map(|test| axes.of(test)),
             cross_validation?: of.cross_validation.as_ref().map(|of| Among(axes, of)),
             selection?: of.selection.as_ref().map(|of| Among(axes, of)),
-            dynamics?: fitted.dynamics.as_ref().map(|found| dynamics(found, axes)),
+            dynamics?: dynamics(&fitted.dynamics, axes),
             weighing?: compared(fitted).map(comparison),
             groups_found?: fitted.found_groups.map(|of| document! {
                 found: of.kind.name(),

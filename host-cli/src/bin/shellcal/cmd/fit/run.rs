@@ -18,6 +18,7 @@ use shell_data::hint::quoted;
 use shell_data::wrench::Axes;
 use shellcal::workflow::agree_on_axes;
 use shellcal::workflow::fit::{FitData, calibration_file as made_file, sources};
+use shellcal::workflow::gates::Gate;
 use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::outliers::NamedOutliers;
 use shellcal::workflow::remark::{about_fit, about_table};
@@ -53,10 +54,12 @@ impl FitArgs {
         let report_file = printer.create(self.report.as_ref())?;
 
         let (data, hung, fitted) = self.fit_logs((&train, &test), loads.as_ref(), printer)?;
+        let mut gate = hung.as_ref().map_or_else(Gate::default, |hung| hung.gate.clone());
+        self.ask_errors(&fitted, &mut gate);
+        let outcome = printer.judge(&gate);
         let name = |found: &Outliers| NamedOutliers::new(found.clone(), &train, &data.train);
-        let used = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
         let dropped = dropped_file.is_some().then(|| name(&fitted.dropped));
-        let named = NamedRows { used: used.map(name), dropped };
+        let named = NamedRows { used: fitted.outliers.found().map(name), dropped };
         let sources = sources((&train, &test), &data, &fitted)?;
         let file = made_file(&fitted, self.origin(sources, &train)?);
 
@@ -91,7 +94,7 @@ impl FitArgs {
         report(printer, &fitted, hung.as_ref(), &file, &named, seconds)?;
         hung.iter().for_each(|hung| hung_loads::tell(hung, printer));
         printer.remarks(about_table(&fitted));
-        Ok(self.outcome(&fitted, printer))
+        Ok(outcome)
     }
 
     /// Reads the logs and fits.

@@ -88,7 +88,8 @@ impl InfoArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         if self.robot {
             let profile = Profile::velociroach();
-            return printer.finish(&profile, |printer| printer.line(VELOCIROACH.trim_end()));
+            // As it is, not line by line: it is a file.
+            return printer.finish(&profile, |printer| printer.print(VELOCIROACH));
         }
         let is_at_rest = self.noise.is_some() || self.drift;
         anyhow::ensure!(
@@ -210,6 +211,7 @@ impl<'a> ScannedLog<'a> {
         let (log, format) = (self.log, self.log.format());
         let format = FORMATS.iter().find(|(.., known)| *known == format);
         let outliers = self.outliers.as_ref().map(NamedOutliers::report);
+        let notes: Vec<String> = log.notes().into_iter().map(str::to_owned).collect();
         document! {
             file: log.path().display().to_string(),
             format: log.table_kind().map_or(format.map_or("", |(name, ..)| name), FileKind::key),
@@ -222,6 +224,7 @@ impl<'a> ScannedLog<'a> {
             fresh_rate_hz: self.repeats().and_then(|(_, rate_hz)| rate_hz),
             time: timing(&self.summary.timing),
             columns: self.columns().map(|column| column.document()).collect::<Vec<_>>(),
+            notes?: (!notes.is_empty()).then_some(notes),
             outliers?: outliers.filter(|found| !found.is_empty()),
         }
     }
@@ -254,6 +257,7 @@ impl<'a> ScannedLog<'a> {
             format!(", {repeated} ({share:.1} %) with the readings of the row before")
         });
         lines.push(format!("  rows      {rows}{repeated}"));
+        lines.extend(log.notes().into_iter().map(|note| format!("  note      {note}")));
         if self.skipped_rows > 0 {
             lines.push(format!("  skipped   {} bad rows", self.skipped_rows));
         }

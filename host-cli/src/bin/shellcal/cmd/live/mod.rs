@@ -158,11 +158,11 @@ impl LiveArgs {
         let ended =
             source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
         shown?;
-        stream::finish(printer, streamed.as_ref())?;
+        let streamed = stream::finish(printer, streamed.as_ref());
         for line in session.report() {
             if printer.json() { printer.note(line) } else { printer.line(line) }
         }
-        ended
+        ended.and(streamed.map(drop))
     }
 
     /// Records a board, whatever the view does.

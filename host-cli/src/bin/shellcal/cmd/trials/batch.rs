@@ -66,6 +66,7 @@ impl BatchArgs {
             Some(_) => Vec::new(),
             None => batch.statistics(self.compared.reference.as_deref(), BOOTSTRAP_SEED),
         };
+        let outcome = printer.decide(batch.failures.is_empty());
         self.output.write_tables(printer, &batch, &conditions, self.shard)?;
         if let Some(figures) = &figures {
             if self.shard.is_none() {
@@ -80,8 +81,7 @@ impl BatchArgs {
         let suspicious = manifest.suspicious().into_iter();
         let warnings: Vec<_> = suspicious.map(|problem| format!("{path}:{problem}")).collect();
         self.show(printer, &equipment, &batch, &conditions, &warnings)?;
-        let is_whole = batch.failures.is_empty();
-        Ok(if is_whole { Outcome::Done } else { Outcome::CheckFailed })
+        Ok(outcome)
     }
 
     fn show(

@@ -132,7 +132,6 @@ impl Equipment {
             trial: self.options,
             mapping: &self.mapping,
             read: self.read,
-            conditions: None,
             shard: None,
             progress: None,
         }

@@ -159,8 +159,9 @@ impl ManyArgs {
             anyhow::ensure!(!conditions.is_empty(), "no trial could be evaluated");
             box_figure(size, &title("Energies and specific resistance"), &conditions)
         };
+        let outcome = printer.decide(failures.is_empty());
         self.drawing.write(printer, plot, figure, None)?;
-        Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
+        Ok(outcome)
     }
 }
 

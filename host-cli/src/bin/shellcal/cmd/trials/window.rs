@@ -43,9 +43,9 @@ impl TrialArgs {
                 reason: proposal.as_ref().err().map(NoWindow::to_string),
             }
         });
+        let outcome = printer.decide(found.iter().all(|(_, proposal)| proposal.is_ok()));
         printer.finish(&documents.collect::<Vec<_>>(), |printer| print(printer, &found))?;
-        let refused = found.iter().any(|(_, proposal)| proposal.is_err());
-        Ok(if refused { Outcome::CheckFailed } else { Outcome::Done })
+        Ok(outcome)
     }
 }
 
