@@ -12,6 +12,7 @@ use least_squares::scaling::Scaling;
 use least_squares::solver::Solution;
 use least_squares::uncertainty::Covariance;
 use sensor_physics::PhysicsCalibration;
+use shell_data::Converter;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
@@ -165,6 +166,23 @@ impl Calibration {
             }
         }
         flags
+    }
+
+    /// The converter of the readings, by the range of the training data, of 12 bits where that is not known;
+    /// `full_scale` replaces its highest reading. `None` if readings are no counts.
+    pub fn converter(&self, full_scale: Option<f64>) -> Option<Converter> {
+        let found = match &self.valid_range {
+            None => Some(Converter::new(4095.0)),
+            Some(ranges) => {
+                let min = ranges.iter().map(|range| range.min).fold(f64::INFINITY, f64::min);
+                let max = ranges.iter().map(|range| range.max).fold(f64::NEG_INFINITY, f64::max);
+                Converter::of_extremes(min, max)
+            }
+        };
+        match full_scale {
+            None => found,
+            Some(high) => Some(Converter { high, ..found.unwrap_or(Converter::new(high)) }),
+        }
     }
 
     /// The number of rows with a reading outside the range of the training data.

@@ -5,11 +5,13 @@ use std::sync::Arc;
 
 use crate::checksum;
 use crate::error::{LogError, PlacedProblem};
+use crate::format::choice::Interleaving;
 use crate::format::columns::{Column, Wanted, duplicate, positions, recognise};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
-use crate::format::meaning::{Meaning, axis_of_other_unit};
+use crate::format::meaning::{Meaning, StatedUnit};
 use crate::stream::chunk::{CHUNK_BYTES, line_ends};
+use crate::stream::clock_turns::TURN;
 use crate::stream::source::LogSource;
 use shell_data::ColumnNames;
 use shell_data::telemetry::Telemetry;
@@ -114,6 +116,22 @@ impl Log {
         kind.unwrap_or_else(|| self.layout.header.format.to_string())
     }
 
+    /// What was decided about the lines above its rows, in words; nothing where the first line names the columns.
+    pub fn decisions(&self) -> &[String] {
+        &self.layout.decisions
+    }
+
+    /// The time in s after which the clock wraps around, if it is a counter of 32 bits.
+    pub fn clock_turn_s(&self) -> Option<f64> {
+        let column = &self.layout.columns[self.layout.roles.time?];
+        self.layout.clock().map(|_| column.meaning.scale().to_si(TURN))
+    }
+
+    /// A column that tells apart sensors whose rows alternate, of which none was chosen.
+    pub fn interleaving(&self) -> Option<&Interleaving> {
+        self.layout.interleaving.as_ref()
+    }
+
     /// Its columns and their meanings.
     pub fn columns(&self) -> &[Column] {
         &self.layout.columns
@@ -179,6 +197,7 @@ impl Log {
             time_unit: mapping.time_unit.filter(|_| time.is_some()),
             time,
             group: mapping.group.and(roles.group).and_then(name),
+            units: mapping.units,
         }
     }
 
@@ -254,7 +273,7 @@ impl Log {
 
     /// Whether it has a time column.
     pub fn has_time(&self) -> bool {
-        self.layout.roles.time.is_some()
+        self.layout.roles.time.is_some() || self.layout.rate_hz.is_some()
     }
 
     /// Whether it has a column of group labels.
@@ -338,25 +357,25 @@ impl Log {
         let beyond = asked.filter(|&&at| at >= columns.len());
         missing.extend(beyond.map(|at| format!("column {}", at + 1)));
         self.check_missing(missing)?;
-        if wanted.wrench {
-            self.check_units()?;
-        }
+        self.check_units(wanted)?;
         self.check_are_read(wanted)
     }
 
-    /// Checks that no axis is missing because its column is in a unit that is not read.
-    fn check_units(&self) -> Result<(), LogError> {
-        let lost = |column: &&Column| {
-            let axis =
-                axis_of_other_unit(&column.name).filter(|_| column.meaning == Meaning::Other);
-            axis.is_some_and(|axis| !self.axes().contains(axis))
-        };
-        match self.layout.columns.iter().find(lost) {
-            None => Ok(()),
-            Some(column) => {
-                Err(self.error_in_names(PlacedProblem::UnknownUnit(column.name.clone())))
+    /// Checks that the units of the time and the wrench are understood, if these are wanted.
+    fn check_units(&self, wanted: &Wanted) -> Result<(), LogError> {
+        let roles = &self.layout.roles;
+        let time = roles.time.iter().filter(|_| wanted.time);
+        for &at in time.chain(roles.wrench.iter().flatten().filter(|_| wanted.wrench)) {
+            let column = &self.layout.columns[at];
+            if let (StatedUnit::Unknown(unit), Some(quantity)) =
+                (&column.unit, column.meaning.quantity())
+            {
+                let (column, unit) = (column.name.clone(), unit.clone());
+                let problem = PlacedProblem::UnknownUnit { column, unit, quantity };
+                return Err(self.error_in_names(problem));
             }
         }
+        Ok(())
     }
 
     /// Checks that a table in a binary file holds what can be read in all wanted columns.

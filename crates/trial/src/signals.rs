@@ -234,8 +234,9 @@ fn diagnose_frames(
     full_scale: f64,
 ) -> impl Iterator<Item = Diagnostic> {
     let of = readings.first().map_or(0, Vec::len);
-    let inside = |reading: f64| reading > 0.0 && reading < full_scale;
-    let is_saturated = |frame: &usize| readings.iter().any(|column| !inside(column[*frame]));
+    let converter = calibration.converter(Some(full_scale));
+    let is_at_end = |reading: f64| converter.is_some_and(|of| of.is_at_end(reading));
+    let is_saturated = |frame: &usize| readings.iter().any(|column| is_at_end(column[*frame]));
     let saturated = (0..of).filter(is_saturated).count() as u64;
     let out_of_range = calibration.rows_out_of_range(readings);
     let kinds = [

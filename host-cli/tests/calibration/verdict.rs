@@ -143,9 +143,12 @@ fn two_calibrations_are_compared_by_groups_and_eval_says_what_it_is_given() {
 fn units_that_are_not_known_are_refused_and_moments_in_other_units_are_told() {
     let dir = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(Path::new(DATA).join("synthetic-train.csv")).unwrap();
-    fs::write(dir.path().join("lbf.csv"), text.replacen(",fz_n,", ",fz_lbf,", 1)).unwrap();
-    let said = refused(&dir, "fit lbf.csv --model cubic");
-    assert!(said.contains("the unit of column `fz_lbf` is not known"), "{said}");
+    fs::write(dir.path().join("stone.csv"), text.replacen(",fz_n,", ",Fz (stone),", 1)).unwrap();
+    let said = refused(&dir, "fit stone.csv --model cubic");
+    assert!(
+        said.contains("column `Fz (stone)`: the unit `stone` of its force is not understood"),
+        "{said}"
+    );
     // N·mm in columns that do not say so.
     let large = shipped(|lines| {
         let in_mm = |line: String| {

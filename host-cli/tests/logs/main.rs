@@ -22,6 +22,7 @@ mod drift;
 mod foreign;
 mod foreign_tables;
 mod hostile;
+mod instruments;
 mod kept_columns;
 mod log_bad_input;
 mod log_containers;

@@ -99,10 +99,17 @@ pub(crate) fn finite(value: f64) -> Result<f64, FieldProblem> {
     if value.is_finite() { Ok(value) } else { Err(FieldProblem::NotFinite) }
 }
 
-/// The seconds since 1970 that the whole of `field` spells as a date and time.
+/// The seconds since 1970 that the whole of `field` spells as a date and time, or since midnight as a time of day.
 pub(crate) fn parse_date(field: &[u8]) -> Result<f64, FieldProblem> {
     let text = std::str::from_utf8(field).map_err(|_| FieldProblem::NotADate)?;
-    table_file::seconds_of_iso(text).ok_or(FieldProblem::NotADate)
+    let of_day = || match *text.trim().as_bytes() {
+        // A date that counts no seconds makes it a whole one.
+        [_, _, b':', _, _, b':', _, _, ..] => {
+            table_file::seconds_of_iso(&format!("1970-01-01T{}", text.trim()))
+        }
+        _ => None,
+    };
+    table_file::seconds_of_iso(text).or_else(of_day).ok_or(FieldProblem::NotADate)
 }
 
 /// The text with points for the commas between two digits, which are decimal ones in many languages where `;` stands

@@ -167,6 +167,7 @@ impl RowPlan {
                 // The last row of a file whose writer was killed or lost power is cut off, and is no error.
                 Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
                     parsed.skipped += 1;
+                    parsed.first_skipped.get_or_insert(RowError { offset: at, problem });
                     parsed.pass_lines(1);
                 }
                 Some(Err(problem)) => return Err(RowError { offset: at, problem }),

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use crate::error::LogError;
+use crate::error::{LogError, RowProblem};
 use crate::format::columns::Wanted;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
@@ -21,6 +21,8 @@ pub struct ReadOptions<'a> {
     pub threads: usize,
     /// Count rows that are wrong, and go on.
     pub skip_bad_rows: bool,
+    /// The largest share of wrong rows with which that is still believed; `None` for any.
+    pub largest_bad_share: Option<f64>,
     /// Compute the checksum of the file.
     pub checksum: bool,
     /// Called on the caller's thread with the number of bytes read of the file on disk.
@@ -116,6 +118,7 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
         PiecesOfLogs { logs, plans: &plans, checksum, current: 0, pieces: None, meter, checksums };
     let bytes_read = Arc::clone(&pieces.meter.bytes);
     let mut found = vec![ReadSummary::default(); logs.len()];
+    let mut first_skipped = vec![None; logs.len()];
     // How many logs have been read and have rows.
     let mut checked = 0;
     let workers = pipeline::run(
@@ -132,13 +135,14 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
                     checksum: None,
                 };
                 let value = (summary.rows > 0).then(|| map(state, *log, &mut buffer.block));
-                (summary, value)
+                (summary, value, buffer.first_skipped(piece))
             });
             (*log, parsed)
         },
         |(log, parsed)| {
             let bad_row = |(line, problem)| E::from(logs[log].source.error_at(line, problem));
-            let (of_chunk, value) = parsed.map_err(bad_row)?;
+            let (of_chunk, value, skipped) = parsed.map_err(bad_row)?;
+            first_skipped[log] = first_skipped[log].take().or(skipped);
             check_rows(&logs[checked..log], &found[checked..log])?;
             checked = log;
             let summary = &mut found[log];
@@ -152,6 +156,9 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
         },
     )?;
     check_rows(&logs[checked..], &found[checked..])?;
+    if let Some(share) = options.largest_bad_share {
+        check_skipped(logs, &found, first_skipped, share)?;
+    }
     for (summary, checksum) in found.iter_mut().zip(pieces.checksums) {
         summary.checksum = checksum;
     }
@@ -162,9 +169,34 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
 fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
     let is_empty = |summary: &ReadSummary| summary.rows == 0 && summary.skipped_rows == 0;
     match logs.iter().zip(found).find(|(_, found)| is_empty(found)) {
+        Some((log, _)) if !log.layout.conditions.is_empty() => {
+            Err(LogError::NoneChosen(log.path().to_owned()))
+        }
         Some((log, _)) => Err(LogError::NoRows(log.path().to_owned())),
         None => Ok(()),
     }
+}
+
+/// Checks that no more than this share of the rows of each log was skipped, of which the first wrong one is given.
+fn check_skipped(
+    logs: &[&Log],
+    found: &[ReadSummary],
+    first: Vec<Option<(u64, RowProblem)>>,
+    share: f64,
+) -> Result<(), LogError> {
+    for ((log, summary), first) in logs.iter().zip(found).zip(first) {
+        let (skipped, rows) = (summary.skipped_rows, summary.rows + summary.skipped_rows);
+        if let Some((line, problem)) = first
+            && skipped > 1
+            && skipped as f64 > share * rows as f64
+        {
+            let position = log.source.position(line);
+            let path = log.path().to_owned();
+            let problem = Box::new(problem);
+            return Err(LogError::ManyBadRows { path, skipped, rows, position, problem });
+        }
+    }
+    Ok(())
 }
 
 /// The pieces of several logs as one sequence, so that no thread waits at the end of a log.

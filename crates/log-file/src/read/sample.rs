@@ -42,6 +42,7 @@ impl Log {
             plan.parse(&self.spread_lines()?, true, &mut buffer.parsed)
                 .map_err(|error| self.source.error_at(0, error.problem))?;
             plan.fill(&mut buffer.block, &mut buffer.parsed, 0);
+            plan.fill_times(&mut buffer.block);
         }
         Ok(buffer.block)
     }

@@ -34,7 +34,19 @@ pub(crate) struct ConfigArgs {
 const KEYS: [(Option<&str>, &[&str]); 4] = [
     (
         Some("Reading logs"),
-        &["format", "table", "sensors", "wrench", "time", "time-unit", "group", "moment-unit"],
+        &[
+            "format",
+            "table",
+            "sensors",
+            "wrench",
+            "time",
+            "time-unit",
+            "group",
+            "moment-unit",
+            "unit",
+            "header-line",
+            "skip-lines",
+        ],
     ),
     (Some("Taring"), &["tare", "tare-time", "no-tare"]),
     (Some("Filtering"), &["lowpass", "no-lowpass", "order", "causal", "rate"]),

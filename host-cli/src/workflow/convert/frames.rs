@@ -5,6 +5,7 @@ use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
 use calibration::dynamics::ReferenceLag;
 use forces::ForcePipeline;
+use shell_data::Converter;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
@@ -156,8 +157,8 @@ impl FrameConverter<'_> {
             options.frame.iter().for_each(|change| change.apply_to_errors(errors));
         }
         // Flagged frames are counted, whether or not the flags are written.
-        let mut saturated = match options.full_scale {
-            Some(full_scale) => saturated_at(block.channels(), full_scale),
+        let mut saturated = match options.converter {
+            Some(converter) => saturated_at(block.channels(), converter),
             None => vec![0; block.rows],
         };
         saturated.iter_mut().zip(trust.saturated).for_each(|(flags, plateau)| *flags |= plateau);
@@ -171,12 +172,12 @@ impl FrameConverter<'_> {
 }
 
 /// For every row, the channels at either end of what the converter can give.
-fn saturated_at(readings: &[Vec<f64>], full_scale: f64) -> Vec<u64> {
+fn saturated_at(readings: &[Vec<f64>], converter: Converter) -> Vec<u64> {
     let mut flags = vec![0; readings.first().map_or(0, Vec::len)];
     for (channel, column) in readings.iter().enumerate() {
         let bit = 1 << channel.min(63);
         for (flags, &reading) in flags.iter_mut().zip(column) {
-            *flags |= if reading > 0.0 && reading < full_scale { 0 } else { bit };
+            *flags |= if converter.is_at_end(reading) { bit } else { 0 };
         }
     }
     flags
@@ -189,6 +190,6 @@ mod tests {
     #[test]
     fn a_reading_at_either_end_of_the_converter_is_saturated() {
         let readings = [vec![0.0, 1.0, 4095.0, 5000.0], vec![7.0, 7.0, 0.0, 7.0]];
-        assert_eq!(saturated_at(&readings, 4095.0), [0b01, 0, 0b11, 0b01]);
+        assert_eq!(saturated_at(&readings, Converter::new(4095.0)), [0b01, 0, 0b11, 0b01]);
     }
 }

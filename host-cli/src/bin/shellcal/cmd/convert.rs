@@ -106,8 +106,8 @@ pub(crate) struct ConvertArgs {
     #[command(flatten)]
     frames: FrameArgs,
 
-    /// The highest reading the converter can give, to flag saturation [default: 4095, or 65535 for
-    /// a calibration beyond that]
+    /// The highest reading the converter can give, to flag saturation [default: the end of the smallest usual
+    /// converter, of 12 bits or more, that gives the calibration's readings]
     #[arg(long, value_name = "COUNTS")]
     full_scale: Option<f64>,
 
@@ -146,7 +146,7 @@ impl ConvertArgs {
                 rows: self.frames.rows(log),
                 forces: self.forces.options(RowRule::Time),
                 columns: self.columns(usual.columns),
-                full_scale: self.full_scale.or(usual.full_scale),
+                converter: calibration.converter(self.full_scale),
             };
             let mut plan = OutputPlan::default();
             (plan.keep_texts, plan.keep) = self.kept(log)?;

@@ -6,7 +6,8 @@ mod noise;
 use calibration::fit::{FitOptions, Workers, find_outliers};
 use log_file::summary::{ColumnSummary, LogSummary, LogTiming};
 use log_file::{
-    Column, ColumnRef, FORMATS, FileKind, Log, LogError, Meaning, Wanted, parse_column, read_logs,
+    Column, ColumnRef, FORMATS, FileKind, Log, LogError, LogFormat, Meaning, StatedUnit, Wanted,
+    parse_column, read_logs,
 };
 use serde::Serialize;
 use shellcal::workflow::outliers::NamedOutliers;
@@ -14,7 +15,7 @@ use shellcal::workflow::selection::TimeWindow;
 use trial::{Profile, VELOCIROACH};
 
 use super::frames::{FrameArgs, parse_window};
-use super::mapping::{EditedArg, MappingArgs};
+use super::mapping::{EditedArg, MappingArgs, interleaving};
 use super::outputs::FigureArgs;
 use crate::files::InputPath;
 use crate::printer::Printer;
@@ -114,6 +115,7 @@ impl InfoArgs {
         let (mut documents, mut overview, mut texts) = (Vec::new(), Vec::new(), Vec::new());
         for file in &self.files {
             let log = Log::open(file, &mapping)?;
+            interleaving(&log).into_iter().for_each(|said| printer.warning(said));
             let scanned = ScannedLog::new(&log, &self.mapping, printer)?;
             documents.push(scanned.document());
             overview.push(scanned.overview());
@@ -249,6 +251,7 @@ impl<'a> ScannedLog<'a> {
         let (log, rows) = (self.log, self.summary.rows);
         let packed = log.compression().map_or_else(String::new, |name| format!(", {name}"));
         let mut lines = vec![format!("{}: {}{packed}", log.path().display(), log.kind())];
+        lines.extend(log.decisions().iter().map(|said| format!("  head      {said}")));
         let repeated = self.repeats().map_or_else(String::new, |(repeated, _)| {
             let share = 100.0 * repeated as f64 / rows as f64;
             format!(", {repeated} ({share:.1} %) with the readings of the row before")
@@ -259,16 +262,42 @@ impl<'a> ScannedLog<'a> {
             lines.push(format!("  skipped   {} bad rows", self.skipped_rows));
         }
         lines.extend(lines_of_time(&self.summary.timing));
+        let ends = self.summary.timing.start_s.zip(self.summary.timing.end_s);
+        if let (Some(turn), Some((start, end))) = (log.clock_turn_s(), ends)
+            && (start..=end).contains(&turn)
+        {
+            lines.push(format!("  clock     unwrapped: 32 bits came round at {turn:.6} s"));
+        }
         if let (true, Some((_, Some(rate)))) = (log.repeats_are_stale(), self.repeats()) {
             lines.push(format!("  fresh     {rate:.2} frames per second (repeats are not new)"));
         }
-        let unused = log.columns().iter().filter(|column| column.meaning.in_words().is_none());
+        let unused = log.columns().iter().filter(|column| column.in_words().is_none());
         let unused: Vec<&str> = unused.map(|column| column.name.as_str()).collect();
+        lines.extend(line_of_units(log));
         if !unused.is_empty() {
             lines.push(format!("  unused    {}", unused.join(", ")));
         }
         lines
     }
+}
+
+/// Loads whose unit is a guess, because nothing says it.
+fn line_of_units(log: &Log) -> Option<String> {
+    let is_guessed = |column: &&Column| {
+        matches!(column.meaning, Meaning::Load(..)) && column.unit == StatedUnit::None
+    };
+    let guessed: Vec<&Column> = log.columns().iter().filter(is_guessed).collect();
+    let names: Vec<&str> = guessed.iter().map(|column| column.name.as_str()).collect();
+    let is_moment =
+        |column: &&&Column| matches!(column.meaning, Meaning::Load(axis, _) if axis.is_moment());
+    let moments = guessed.iter().filter(is_moment).count();
+    let taken = match moments {
+        _ if guessed.is_empty() || log.format() != LogFormat::Csv => return None,
+        0 => "N",
+        all if all == guessed.len() => "N·m",
+        _ => "N and N·m",
+    };
+    Some(format!("  units     no unit, taken as {taken}: {}", names.join(", ")))
 }
 
 /// What `--json` prints of the times of rows.
@@ -355,14 +384,14 @@ impl ColumnInfo<'_> {
         document! {
             column: self.number,
             name: self.column.name.clone(),
-            meaning: self.column.meaning.in_words(),
+            meaning: self.column.in_words(),
             ..values: self.values.map(values),
         }
     }
 
     /// Its line of the table, if it is taken for something.
     fn row(&self) -> Option<Vec<String>> {
-        let meaning = self.column.meaning.in_words()?;
+        let meaning = self.column.in_words()?;
         let mut cells = vec![format!("{} {}", self.number, self.column.name), meaning];
         if let Some(values) = self.values {
             let decimals = if self.is_reading() { 2 } else { 4 };

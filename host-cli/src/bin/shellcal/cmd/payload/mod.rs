@@ -245,7 +245,7 @@ impl SubtractArgs {
                 interval: None,
                 flags: false,
             },
-            full_scale: None,
+            converter: None,
         };
         let plan = OutputPlan { format, ..OutputPlan::default() };
         let mut out = printer.create_or_stdout(self.output.as_ref())?;
@@ -267,8 +267,8 @@ fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibr
     log.require_axes(Axes::ALL)?;
     let mut columns: PerAxis<(usize, f64)> = Default::default();
     for (position, column) in log.columns().iter().enumerate() {
-        if let Meaning::Load(axis, is_milli) = column.meaning {
-            columns[axis.index()] = (position, if is_milli { 1e-3 } else { 1.0 });
+        if let Meaning::Load(axis, scale) = column.meaning {
+            columns[axis.index()] = (position, scale.to_si(1.0));
         }
     }
     let sensors = columns.map(|(position, _)| ColumnRef::Position(position + 1)).to_vec();

@@ -59,9 +59,9 @@ pub(crate) struct EvaluationArgs {
     #[command(flatten)]
     forces: ForceArgs,
 
-    /// The highest reading the converter can give, to tell saturation
-    #[arg(long, value_name = "COUNTS", default_value_t = 4095.0)]
-    full_scale: f64,
+    /// The highest reading the converter can give, to tell saturation [default: as `convert`]
+    #[arg(long, value_name = "COUNTS")]
+    full_scale: Option<f64>,
 
     #[command(flatten)]
     pub(super) mapping: MappingArgs,
@@ -86,11 +86,14 @@ impl EvaluationArgs {
             Some(path) => Profile::parse(&read_text(path)?)
                 .map_err(|problem| anyhow::anyhow!("{}:{problem}", path.display()))?,
         };
+        let usual = TrialOptions::default();
+        let converter =
+            calibration.as_ref().and_then(|file| file.calibration.converter(self.full_scale));
         let rule = if self.by_row { RowRule::Rows } else { RowRule::Time };
         let options = TrialOptions {
             forces: self.forces.options(rule),
             trace,
-            full_scale: self.full_scale,
+            full_scale: converter.map_or(usual.full_scale, |of| of.high),
             unexplained: calibration.as_ref().and_then(CalibrationFile::unexplained),
         };
         let mapping = self.mapping.mapping_for(calibration.as_ref());
