@@ -365,22 +365,6 @@ mod tests {
         assert_eq!(fs::read(&path).unwrap(), b"1");
     }
 
-    /// Another program may replace a file whose number the next file gets.
-    #[test]
-    fn a_number_that_is_given_out_again_is_another_file() {
-        let dir = tempfile::tempdir().unwrap();
-        let [a, b] = ["a", "b"].map(|name| dir.path().join(name));
-        fs::write(&a, "1").unwrap();
-        let outputs = Outputs::new();
-        outputs.write(&a, b"2").unwrap();
-        fs::write(&b, "1").unwrap();
-        outputs.renew();
-        outputs.announce(&b).unwrap();
-        fs::rename(&b, dir.path().join("c")).unwrap();
-        fs::write(&b, "2").unwrap();
-        outputs.announce(&dir.path().join("c")).unwrap();
-    }
-
     #[cfg(unix)]
     #[test]
     fn a_device_is_written_to_and_not_replaced() {

@@ -1,7 +1,7 @@
 //! `shellcal fit --report`: what the page says is what the fit found. How it looks is for the tests in a browser.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use calibration::fit::{Workers, group_errors, label_poses_or_files};
 use calibration::quality::{self, AxisQuality};
