@@ -92,9 +92,11 @@ pub(super) fn score_of(
 
 #[cfg(test)]
 mod tests {
-    use super::super::Covariance;
+    use super::super::{CoefficientCovariance, Covariance};
     use super::*;
+    use crate::features::LANES;
     use crate::model::Basis;
+    use crate::polynomial::Polynomial;
     use crate::validation::grouped::{Apart, GroupSums, RandomSplit, SumsByGroup};
     use shell_data::block::Block;
     use system_tests::random::Random;
@@ -133,6 +135,29 @@ mod tests {
         sums.finish([worker]).unwrap()
     }
 
+    /// The variances of predictions: that of a row, and what the coefficients add.
+    fn variances(
+        polynomial: &Polynomial,
+        covariance: &Covariance,
+        rows: &Block,
+    ) -> PerAxis<Vec<f64>> {
+        let CoefficientCovariance::Groups { factors, .. } = &covariance.coefficients else {
+            panic!("a covariance by groups");
+        };
+        let mut lanes = vec![[0.0; LANES]; polynomial.features.len()];
+        std::array::from_fn(|axis| {
+            let variance = |row: usize| {
+                polynomial.features.lanes(&rows.readings, row - row % LANES, &mut lanes);
+                let product = |column: &Vec<f64>| {
+                    lanes.iter().zip(column).map(|(x, f)| x[row % LANES] * f).sum::<f64>()
+                };
+                let spread: f64 = factors[axis].iter().map(|column| product(column).powi(2)).sum();
+                covariance.residual[axis][axis] + spread
+            };
+            (0..rows.rows).map(variance).collect()
+        })
+    }
+
     #[test]
     fn scores_are_those_of_fits_to_the_other_rows() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
@@ -147,19 +172,20 @@ mod tests {
             let rest = sums(&rest);
             let total = rest.total().unwrap();
             let solution = total.solve(&model, 0.0).unwrap().solution;
-            let mut calibration =
-                crate::Calibration::from_solution(&solution, &total.reading_ranges());
-            calibration.covariance =
-                Some(Covariance::from_groups(&rest, &model, 0.0, false, Workers::ONE).unwrap());
+            let c = &solution.coefficients;
+            let rows = (0..c.nrows()).map(|j| std::array::from_fn(|axis| c[(j, axis)]));
+            let polynomial = Polynomial::new(model, solution.scaling.clone(), rows.collect());
+            let covariance = Covariance::from_groups(&rest, &model, 0.0, false, Workers::ONE);
+            let covariance = covariance.unwrap();
             let mut wrench = PerAxis::default();
-            calibration.wrench(&part.readings, &mut wrench);
-            let errors = calibration.standard_errors(&part.readings, None).unwrap();
+            polynomial.wrench(&part.readings, part.rows, &mut wrench);
+            let variances = variances(&polynomial, &covariance, &part);
             for axis in 0..6 {
                 let off: Vec<f64> =
                     wrench[axis].iter().zip(&part.wrench[axis]).map(|(a, b)| a - b).collect();
                 let mean = off.iter().sum::<f64>() / 12.0;
                 let scatter = (off.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / 12.0).sqrt();
-                let unit = errors[axis].iter().map(|e| e * e).sum::<f64>() / 12.0;
+                let unit = variances[axis].iter().sum::<f64>() / 12.0;
                 let expected = (mean.abs() / unit.sqrt(), scatter / unit.sqrt());
                 // Condition numbers below 100, squared, in double precision.
                 assert!((found[axis].0 / expected.0 - 1.0).abs() < 1e-9, "{found:?} {expected:?}");
