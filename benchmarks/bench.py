@@ -219,13 +219,14 @@ def instructions(options: argparse.Namespace) -> None:
     print("| asked for | instructions | times a plain fit |\n| --- | ---: | ---: |")
     for name, arguments in asked.items():
         valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={profile}", "--quiet"]
-        fit = [program, "fit", log, "--quiet", "--threads", "1", *arguments]
+        model = [] if "--model" in arguments else ["--model", "cubic"]
+        fit = [program, "fit", log, "--quiet", "--threads", "1", *model, *arguments]
         subprocess.run([str(part) for part in valgrind + fit], check=True, stdout=subprocess.DEVNULL)
         text = profile.read_text()
         count = int(next(line for line in text.splitlines() if line.startswith("totals: ")).split()[1])
         plain = plain or count
         print(f"| {name} | {count / 1e6:.1f} M | {count / plain:.3f} |")
-        entered = [part for part in unasked if f") calibration::{part}" in text or f") <calibration::{part}" in text]
+        entered = [part for part in unasked if f") least_squares::{part}" in text or f") <least_squares::{part}" in text]
         assert name not in ("nothing", "calibration file") or not entered, f"{name}: entered {entered}"
 
 

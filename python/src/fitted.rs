@@ -245,7 +245,9 @@ impl Fitted {
             // Forces at the rows' own times by the clock of the reference, as far as those are known.
             let lag = calibration.lag;
             let lag = lag.filter(|of| of.time_base == TimeBase::Rows || time.is_some());
-            let mut moved = ForcePipeline { lag, ..ForcePipeline::default() }.stream(&[]);
+            let mut moved = ForcePipeline::default();
+            moved.lag = lag;
+            let mut moved = moved.stream(&[]);
             let mut known = 0;
             for start in (0..rows).step_by(BLOCK_ROWS) {
                 if watch.is_stopped() {
@@ -261,8 +263,9 @@ impl Fitted {
                 calibration.wrench(&block, &mut of_block);
                 let forces = moved.push(&times_s, std::mem::take(&mut of_block));
                 let forces = forces.expect("no filter refuses rows");
-                copy(&axes.of(&forces), known, &mut wrench);
-                known += forces[0].len();
+                let forces = axes.of(&forces);
+                copy(&forces, known, &mut wrench);
+                known += forces.first().map_or(0, Vec::len);
                 if let Some(deviations) = &mut deviations {
                     let errors = calibration.standard_errors(&block, None).unwrap_or_default();
                     copy(&axes.of(&errors), start, deviations);

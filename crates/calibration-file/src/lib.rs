@@ -39,6 +39,7 @@ macro_rules! ensure {
     };
 }
 
+mod ati;
 mod checksum;
 pub mod code;
 mod document;

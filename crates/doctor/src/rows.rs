@@ -62,11 +62,15 @@ fn check_log(log: &LogRows, names: &[String]) -> Vec<Finding> {
         let column: Vec<f64> =
             looked.iter().flat_map(|(_, block)| &block.rows.readings[channel]).copied().collect();
         let name = channel_name(names, channel);
+        let of_channel = &summary.readings[channel];
+        // It is told as a limit.
+        let is_limit = |value: f64| of_channel.is_pinned_at_max() && value == of_channel.max;
         if let Some(floor) = pinned_at_min(&column) {
             let seen = format!("{name} is cut off at {floor}");
             let advice = "something limits it: the supply of the phototransistor, or a filter";
             findings.push(Finding::fault("channel-saturated", seen, advice));
         } else if let Some((first, rows)) = longest_stop(&column)
+            && !is_limit(column[first])
             && others_move(&looked, channel, first..first + rows)
         {
             let [from, to] = [first, first + rows - 1].map(|row| number(&looked, row));

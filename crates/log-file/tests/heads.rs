@@ -230,7 +230,7 @@ fn cases_of_other_laboratories_are_read() {
         ("own-stream.jsonl", none(), 200, 0.0, 1.99, 8, 6),
         ("labels-arduino-plotter.txt", none(), 60, 0.0, 0.0, 0, 0),
         ("arduino-monitor.txt", none(), 60, 51_882.0, 51_883.18, 0, 0),
-        ("clock-wraps-at-32-bits.csv", none(), 600, 4291.967_296, 4297.957_296, 8, 6),
+        ("clock-wraps-at-32-bits.csv", none(), 600, 4_291.967_296, 4_297.957_296, 8, 6),
         ("units-lbf-row.csv", none(), 20, 0.0, 0.0, 0, 6),
         ("units-mm.N-row.csv", none(), 20, 0.0, 0.0, 0, 6),
         ("readings-signed.csv", none(), 60, 0.0, 0.59, 2, 1),

@@ -1,7 +1,12 @@
 //! One recording in every kind of file that is read, written by the programs that people use
 //! (`fuzz/make_seeds.py`): the same rows, bit for bit.
 
-#![allow(clippy::disallowed_methods, reason = "tests read files")]
+#![allow(
+    clippy::disallowed_methods,
+    clippy::disallowed_types,
+    clippy::unwrap_used,
+    reason = "tests read files, and may panic"
+)]
 
 use std::path::{Path, PathBuf};
 

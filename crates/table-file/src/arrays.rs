@@ -135,6 +135,9 @@ fn turn(all: &mut [Array]) {
     }
 }
 
+/// The columns of a log with their names, where those are known, and notes on what is left out.
+pub(crate) type LogColumns = (Option<Vec<TableColumn>>, ArrayRows, Vec<String>);
+
 /// The table that those of `all` make that are a log: of those that `name` is the name of, or else of all, the ones
 /// that have as many rows as most columns. A row that is missing in some at the end is left out of all.
 ///
@@ -144,7 +147,7 @@ pub(crate) fn columns_of_log(
     kind: FileKind,
     all: Vec<Array>,
     name: Option<&str>,
-) -> Result<(Option<Vec<TableColumn>>, ArrayRows, Vec<String>), TableError> {
+) -> Result<LogColumns, TableError> {
     let (mut notes, mut fitting) = (Vec::new(), Vec::new());
     for array in all {
         match array.refusal() {

@@ -105,7 +105,7 @@ pub(crate) fn seconds_of(units: i64, per_second: i64) -> f64 {
     // With 64 further bits, of which the last one stands for all that follow.
     let per_second = u128::from(per_second.unsigned_abs());
     let scaled = u128::from(units.unsigned_abs()) << 64;
-    let bits = scaled / per_second | u128::from(!scaled.is_multiple_of(per_second));
+    let bits = (scaled / per_second) | u128::from(!scaled.is_multiple_of(per_second));
     let seconds = bits as f64 * 2_f64.powi(-64);
     if units < 0 { -seconds } else { seconds }
 }

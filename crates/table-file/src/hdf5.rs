@@ -291,7 +291,7 @@ impl Source for WithoutSoftLinks {
     fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<(), FormatError> {
         self.0.read_at(offset, buffer)?;
         let is_node = buffer.starts_with(b"SNOD\x01") && buffer.len() > NODE_HEAD;
-        if !is_node || (buffer.len() - NODE_HEAD) % NODE_ENTRY != 0 {
+        if !is_node || !(buffer.len() - NODE_HEAD).is_multiple_of(NODE_ENTRY) {
             return Ok(());
         }
         let (head, entries) = buffer.split_at_mut(NODE_HEAD);

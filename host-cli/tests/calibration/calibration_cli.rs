@@ -248,8 +248,8 @@ fn an_edited_calibration_is_refused_unless_that_is_said_and_an_impossible_one_al
         for command in [
             "convert CAL train.csv -o out.csv",
             "eval CAL train.csv",
-            "noise CAL train.csv",
-            "drift train.csv --calibration CAL",
+            "info train.csv --noise --calibration CAL",
+            "info train.csv --drift --calibration CAL",
             "export CAL out.py",
         ] {
             let error = refused(&dir, &command.replace("CAL", name));
@@ -293,7 +293,7 @@ fn an_edited_calibration_is_refused_unless_that_is_said_and_an_impossible_one_al
             );
             for command in [
                 "convert bad.json train.csv --edited -o out.csv",
-                "noise bad.json train.csv --edited",
+                "info train.csv --noise --calibration bad.json --edited",
             ] {
                 let error = refused(&dir, command);
                 assert!(error.contains("it cannot be a calibration: "), "{error}");

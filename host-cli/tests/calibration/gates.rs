@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use shell_data::wrench::{Axes, Axis};
+use shell_data::wrench::{Axes, Axis, force_at};
+use simulation::sensor_model::{SensorModel, SensorParameters};
 use system_tests::program::{self, refused, succeed};
 use tempfile::TempDir;
 
@@ -104,12 +105,14 @@ fn axes_that_are_left_out_by_name_are_not_missed() {
     fs::write(dir.join("f3.csv"), cut(&test, |name| !["mx_nm", "my_nm", "mz_nm"].contains(&name)))
         .unwrap();
     // A misspelt name is a column that is missing.
-    fs::write(dir.join("slip.csv"), test.replacen("my_nm", "my_n_", 1)).unwrap();
+    fs::write(dir.join("slip.csv"), test.replacen("my_nm", "mi_nm", 1)).unwrap();
+    fs::write(dir.join("unit.csv"), test.replacen("my_nm", "my_n_", 1)).unwrap();
     let cases = [
         ("f3.csv --max-rms-moment 1e-9", 1, "not compared: Mx, My, Mz, which `f3.csv`"),
         ("f3.csv --max-rms 1e9", 0, ""),
         ("slip.csv --max-rms-moment 1e9", 1, "not compared: My, which `slip.csv`"),
         ("slip.csv --max-rms-moment 1e9 --axes mx,mz", 0, ""),
+        ("unit.csv --max-rms-moment 1e9", 2, "the unit `n_` of its moment is not understood"),
         ("test.csv f3.csv --max-rms-moment 1e9", 1, "not compared: Mx, My, Mz, which `f3.csv`"),
         ("f3.csv --axes fx,mx", 1, "not compared: Mx, which `f3.csv`"),
         ("f3.csv --axes fx,fy", 0, ""),
@@ -150,21 +153,34 @@ fn loads_that_no_sensor_measures_are_wrong_rows() {
     succeed(dir, "eval cal.json huge.csv --skip-bad-rows");
 }
 
-/// `cal.json`, and `morning.csv` with 200 rows of rest at each of the labels `zero` and `weight`.
+/// A log of the unit of the shipped data: 200 rows of rest, labelled `zero`, and 200 under a mass that hangs from a point
+/// (mm), labelled `weight`.
+pub(crate) fn hung(mass_kg: f64, point_mm: [f64; 3]) -> String {
+    let unit = SensorParameters::nominal().unit(1);
+    let mut sensor = SensorModel::new(&unit, 5).unwrap();
+    let mut text = String::from("t_s,s1,s2,s3,s4,s5,s6,s7,s8,group\n");
+    let weight = force_at([0.0, 0.0, -9.80665 * mass_kg], point_mm.map(|mm| 1e-3 * mm));
+    for row in 0..400 {
+        let (load, label) = if row < 200 { ([0.0; 6], "zero") } else { (weight, "weight") };
+        let time_s = 0.01 * f64::from(row);
+        let readings = sensor.sample(time_s, &load).readings;
+        let readings: Vec<String> = readings.iter().map(ToString::to_string).collect();
+        let _ = writeln!(text, "{time_s:.2},{},{label}", readings.join(","));
+    }
+    text
+}
+
+/// `cal.json`, and `morning.csv` with 200 rows at each of the labels `zero` and `weight`; `lever.csv` is the same with the
+/// weight beside the axis.
 fn morning() -> TempDir {
     let (dir, train, _) = folder();
     fs::write(dir.path().join("forces.csv"), cut(&train, |name| !name.ends_with("_nm"))).unwrap();
     succeed(&dir, "fit forces.csv --model linear -o forces.json");
     succeed(&dir, "fit train.csv --model linear --cv -o cal.json");
-    succeed(&dir, "synth zero --rows 400 -o rest.csv");
-    let rest = fs::read_to_string(dir.path().join("rest.csv")).unwrap();
-    let label = |(at, line): (usize, &str)| match at {
-        0 => format!("{line},group\n"),
-        1..=200 => format!("{line},zero\n"),
-        _ => format!("{line},weight\n"),
-    };
-    let morning: String = rest.lines().enumerate().map(label).collect();
+    let morning = hung(0.2, [0.0, 0.0, 40.0]);
     fs::write(dir.path().join("morning.csv"), &morning).unwrap();
+    fs::write(dir.path().join("light.csv"), hung(1e-4, [0.0, 0.0, 40.0])).unwrap();
+    fs::write(dir.path().join("lever.csv"), hung(0.2, [30.0, 0.0, 40.0])).unwrap();
     // Every row of the weight is wrong.
     let bad = |line: &str| match line.strip_suffix(",weight") {
         Some(row) => format!("x{row},weight\n"),
@@ -183,8 +199,8 @@ fn loads(dir: &TempDir, lines: &str) {
 #[test]
 fn a_load_that_was_not_weighed_does_not_pass() {
     let dir = morning();
-    let (zero, weight) = ("zero,0,,,,,\n", "weight,0.1,0,0,40,0,-90\n");
-    let lever = "weight,0.1,30,0,40,0,-90\n";
+    let (zero, weight) = ("zero,0,,,,,\n", "weight,200,0,0,40,0,-90\n");
+    let lever = "weight,200,30,0,40,0,-90\n";
     let cases = [
         (format!("{zero}{weight}"), "cal.json loads.csv morning.csv", 0, ""),
         (
@@ -201,17 +217,31 @@ fn a_load_that_was_not_weighed_does_not_pass() {
         ),
         (
             format!("{zero}{weight}"),
-            "cal.json loads.csv bad.csv --skip-bad-rows",
+            "cal.json loads.csv bad.csv --skip-bad-rows=all",
             1,
             "not compared: load `weight`",
         ),
         (
             format!("{zero}{lever}"),
-            "forces.json loads.csv morning.csv",
+            "forces.json loads.csv lever.csv",
             1,
             "not compared: My of load `weight`",
         ),
-        (format!("{zero}{lever}"), "forces.json loads.csv morning.csv --axes fx,fy,fz", 0, ""),
+        (format!("{zero}{lever}"), "forces.json loads.csv lever.csv --axes fx,fy,fz", 0, ""),
+        // A weight that hangs elsewhere is off.
+        (
+            format!("{zero}{lever}"),
+            "cal.json loads.csv morning.csv",
+            1,
+            "My of load `weight` differ by more than is to be expected",
+        ),
+        // One within what errors explain would pass whether or not it hangs.
+        (
+            format!("{zero}{}", weight.replace("200", "0.1")),
+            "cal.json loads.csv light.csv",
+            1,
+            "not compared: Fx, Fy, Fz, Mx, My, Mz of load `weight`, which is too light",
+        ),
         (format!("{zero}{weight}"), "forces.json loads.csv morning.csv --axes mx", 1, "Mx of load"),
     ];
     for (lines, arguments, code, expected) in cases {
@@ -289,11 +319,11 @@ fn a_row_of_hundreds_is_no_comparison() {
     let (dir, _, test) = folder();
     let bad = |(at, line): (usize, &str)| match at {
         0 | 1 => format!("{line}\n"),
-        _ => format!("{line}x\n"),
+        _ => line.replacen(',', ",x", 1) + "\n",
     };
     let text: String = test.lines().enumerate().map(bad).collect();
     fs::write(dir.path().join("bad.csv"), text).unwrap();
-    let eval = "eval cal.json bad.csv --skip-bad-rows --max-rms 1e9 -q";
+    let eval = "eval cal.json bad.csv --skip-bad-rows=all --max-rms 1e9 -q";
     let (_, said) = program::ended(&dir, eval, 1);
     let expected = "not compared: `bad.csv`, of which 1 of 300 rows are left; at least 30 tell";
     assert!(said.contains(expected), "{said}");

@@ -15,15 +15,15 @@ use crate::recording::{column, read_log};
 
 const AXES: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// A share of the errors by which they may differ: forces and loads are straight between rows, and a row at either end
-/// of a recording is held.
+/// A share of the errors by which they may differ: forces and loads are straight between rows.
 const SAME: f64 = 0.02;
 
 fn numbers(path: &Path, name: &str) -> Vec<f64> {
     column(path, name).iter().map(|field| field.parse().unwrap()).collect()
 }
 
-/// Root mean square of forces at some times less the load of a table, straight between its rows.
+/// Root mean square of forces at some times less the load of a table, straight between its rows. After its last row no
+/// load is known.
 fn rms_by_time(table: &Path, times_s: &[f64], forces: &[f64], axis: &str) -> f64 {
     let (known_s, loads) = (numbers(table, "t_s"), numbers(table, axis));
     let load = |time_s: f64| {
@@ -32,8 +32,10 @@ fn rms_by_time(table: &Path, times_s: &[f64], forces: &[f64], axis: &str) -> f64
         let share = ((time_s - start) / (end - start)).clamp(0.0, 1.0);
         loads[after - 1] + share * (loads[after] - loads[after - 1])
     };
-    let errors = times_s.iter().zip(forces).map(|(time_s, force)| (force - load(*time_s)).powi(2));
-    (errors.sum::<f64>() / times_s.len() as f64).sqrt()
+    let is_known = |(time_s, _): &(&f64, &f64)| **time_s <= known_s[known_s.len() - 1];
+    let both = times_s.iter().zip(forces).filter(is_known);
+    let errors: Vec<f64> = both.map(|(time_s, force)| (force - load(*time_s)).powi(2)).collect();
+    (errors.iter().sum::<f64>() / errors.len() as f64).sqrt()
 }
 
 fn rms(axes: &Value) -> Vec<f64> {
@@ -76,7 +78,8 @@ fn a_lag_is_made_up_for_alike_in_every_command() {
     let compared: Vec<f64> = compared["axes"].as_array().unwrap().iter().map(of).collect();
     assert_same(&compared, &expected, "compare");
 
-    // Forces of a trial keep the time stamps of its rows.
+    // Forces of a trial keep the time stamps of its rows: they are straight between moments at 0.7 and 0.3 of a row,
+    // which averages what they err by from row to row, to no less than the root of 0.7² + 0.3².
     let file = CalibrationFile::read(&dir.join("lag.json")).unwrap();
     let profile = Profile::velociroach();
     let forces = forces::ForceOptions::RAW;
@@ -88,12 +91,15 @@ fn a_lag_is_made_up_for_alike_in_every_command() {
     let found = evaluate_in_window(&job, trial, (Some(1.0), Some(18.0))).unwrap();
     let trace = found.result.trace.unwrap();
     let of = |axis: usize| rms_by_time(&test, &trace.t_s, &trace.wrench[axis], AXES[axis]);
-    assert_same(&[0, 1, 2, 3, 4, 5].map(of), &expected, "trial");
+    for (found, expected) in [0, 1, 2, 3, 4, 5].map(of).iter().zip(&expected) {
+        let share = found / expected;
+        assert!((0.7..1.0 + SAME).contains(&share), "trial: {found} {expected}");
+    }
 
     // So do those beside readings in a recording.
     program::succeed(dir, "convert lag.json test.csv --no-tare --no-lowpass -o out.mcap");
     program::succeed(dir, "info out.mcap");
-    let said = program::succeed(dir, "convert lag.json test.csv --no-lowpass -o out.csv");
+    let (_, said) = program::ended(dir, "convert lag.json test.csv --no-lowpass -o out.csv", 0);
     assert!(said.contains("t_s is that of the readings + 3.50 ms"), "{said}");
 }
 

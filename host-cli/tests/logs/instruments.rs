@@ -143,7 +143,7 @@ fn every_command_of_the_table_of_instruments_runs() {
     let (_, table) = page.split_once("## Instruments and programs").unwrap();
     let table = table.split("\n## ").next().unwrap();
     let commands = table.lines().filter_map(|line| {
-        let (_, rest) = line.split_once("`shellcal ")?;
+        let (_, rest) = line.rsplit_once("`shellcal ")?;
         Some(rest.split_once('`')?.0)
     });
     let commands: Vec<&str> = commands.collect();

@@ -333,7 +333,7 @@ class Calibration:
         """The wrench of one frame, with the bits of `predict`, at the cost of one: for loops that wait for it.
 
         Memory terms go on from the frame before, and start anew where time jumps, as at the start of a log: for two boards
-        load the calibration twice.
+        load the calibration twice. With a lag it is the wrench at the time of the readings, which `predict` moves.
 
         Parameters
         ----------

@@ -154,9 +154,12 @@ fn what_cannot_be_streamed_is_told() {
         let said = refused(dir, name);
         assert!(said.contains("shellcal convert CAL run.csv"), "{said}");
     }
+    fs::write(dir.join("there.csv"), "rows of another day\n").unwrap();
     for (arguments, word) in [
         ("stream log.csv -o udp:nowhere", "udp:HOST:PORT"),
-        ("stream log.csv -o log.csv", "--overwrite"),
+        ("stream log.csv -o log.csv", "would replace the input `log.csv`"),
+        ("stream log.csv -o log.csv --overwrite", "would replace the input `log.csv`"),
+        ("stream log.csv -o there.csv", "--overwrite"),
         ("stream log.csv --rate 0", "a rate in Hz"),
         ("stream nothing.csv", "nothing.csv"),
         ("stream log.csv --latency", "is for a port"),

@@ -146,10 +146,11 @@ fn zero_jumps(fit: &Fit) -> Option<String> {
         let (mut sums, mut count) = ([0.0; 6], 0);
         for block in log.blocks.iter().step_by(blocks) {
             let predicted = predicted(&fit.calibration, &block.rows);
-            for row in 0..block.rows.rows {
-                for (axis, sum) in sums.iter_mut().enumerate() {
-                    *sum += predicted[axis][row] - block.rows.wrench[axis][row];
-                }
+            let errors = |row: usize| -> PerAxis<f64> {
+                std::array::from_fn(|axis| predicted[axis][row] - block.rows.wrench[axis][row])
+            };
+            for errors in (0..block.rows.rows).map(errors) {
+                sums.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
                 count += 1;
                 if count == every {
                     for (column, sum) in means.iter_mut().zip(&mut sums) {

@@ -202,7 +202,7 @@ impl WrenchProducts {
                 changes.push((block, change));
             }
         }
-        if let [] = changes[..] {
+        if changes.is_empty() {
             return self.across(limit, axes);
         }
         let is_zero = changes.iter().any(|(_, change)| change.zero);
@@ -439,7 +439,8 @@ mod tests {
     #[test]
     fn each_way_to_spoil_a_reference_is_named() {
         assert_eq!(cure_of(|_| ()), None);
-        let cases: [(&dyn Fn(&mut Vec<Vec<f64>>), &str); 10] = [
+        type Spoiling<'a> = &'a dyn Fn(&mut Vec<Vec<f64>>);
+        let cases: [(Spoiling<'_>, &str); 10] = [
             (&|w| w.swap(0, 1), "exchanging Fx and Fy"),
             (&|w| negate(&mut w[2]), "turning the sign of Fz"),
             (&|w| w[..3].iter_mut().for_each(|of| negate(of)), "turning the signs of Fx, Fy, Fz"),

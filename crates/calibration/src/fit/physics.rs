@@ -134,13 +134,16 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     Ok(fitted.with_errors(used, test, errors, options))
 }
 
+/// A physics model and its choice, with the folds that errors are asked for.
+type FittedOnFolds = ((PhysicsCalibration, Choice), Vec<Vec<u64>>);
+
 /// Fits the physics model, with the same choice of priors whatever folds errors are asked for; and the folds of those.
 fn fit_sample(
     rows: &TrainingRows,
     sample: ObservationSample,
     group_by: GroupBy,
     options: &FitOptions<'_>,
-) -> Result<((PhysicsCalibration, Choice), Vec<Vec<u64>>), FitError> {
+) -> Result<FittedOnFolds, FitError> {
     let groups = rows.group_count();
     let folds = |held_out| assign_folds(rows, fold_count(held_out, groups, group_by));
     let usual = folds(HeldOut::Auto)?;

@@ -63,7 +63,14 @@ pub fn angular_velocity(times_s: &[f64], rotations: &[Matrix]) -> Vec<Vector> {
         scaled(step, 1.0 / (times[1] - times[0]))
     };
     let between: Vec<Vector> = pairs.map(rate).collect();
-    at_samples(times_s, &between)
+    let mut found = at_samples(times_s, &between);
+    // Held at the ends it would halve the slope there: it goes on straight from the sample before.
+    if let [first, .., last] = between[..] {
+        let end = found.len() - 1;
+        found[0] = subtract(scaled(first, 2.0), found[1]);
+        found[end] = subtract(scaled(last, 2.0), found[end - 1]);
+    }
+    found
 }
 
 /// The slope of vectors along ascending times.
@@ -134,6 +141,18 @@ mod tests {
         let found = angular_velocity(&times, &rotations);
         for (found, slope) in found.iter().zip(slope(&times, &found)) {
             assert!(norm(subtract(*found, rate)) < 1e-12 && norm(slope) < 1e-9, "{found:?}");
+        }
+    }
+
+    #[test]
+    fn a_turn_that_quickens_has_its_slope_at_the_ends_too() {
+        let times = [0.0, 0.01, 0.03, 0.04, 0.06];
+        let axis = [0.6, 0.0, -0.8];
+        let rotations = times.map(|t| from_rotation_vector(scaled(axis, 10.0 * t * t)));
+        let found = angular_velocity(&times, &rotations);
+        for ((t, found), slope) in times.iter().zip(&found).zip(slope(&times, &found)) {
+            assert!(norm(subtract(*found, scaled(axis, 20.0 * t))) < 1e-9, "{t}: {found:?}");
+            assert!(norm(subtract(slope, scaled(axis, 20.0))) < 1e-6, "{t}: {slope:?}");
         }
     }
 }

@@ -366,7 +366,9 @@ impl PageValues {
                         element.read(from, true, part);
                     }
                     LeafType::DayAndTime => {
-                        (0..count).try_for_each(|_| Some(part.push(day_and_time(&mut rest)?)))?;
+                        for _ in 0..count {
+                            part.push(day_and_time(&mut rest)?);
+                        }
                     }
                     LeafType::Text | LeafType::Opaque(_) => {
                         let cells = part.cells();
@@ -381,25 +383,29 @@ impl PageValues {
             }
             Self::Indices(indices) => {
                 let indices = exactly(indices, count)?;
-                let mut indices = indices.into_iter().map(|index| usize::try_from(index).ok());
+                let indices = indices.into_iter().map(|index| usize::try_from(index).ok());
                 match (dictionary, part) {
                     (
                         ColumnPart::Numbers { values: known, missing },
                         ColumnPart::Numbers { values, .. },
                     ) if missing.is_empty() => {
-                        indices.try_for_each(|at| Some(values.push(*known.get(at?)?)))?;
+                        for at in indices {
+                            values.push(*known.get(at?)?);
+                        }
                     }
                     (ColumnPart::Numbers { values: known, missing }, part) => {
-                        indices.try_for_each(|at| {
+                        for at in indices {
                             let at = at?;
                             let value = Cell::Real(*known.get(at)?);
                             let is_missing = missing.contains(&at);
-                            Some(part.push(if is_missing { Cell::Missing } else { value }))
-                        })?;
+                            part.push(if is_missing { Cell::Missing } else { value });
+                        }
                     }
                     (ColumnPart::Cells(known), part) => {
                         let cells = part.cells();
-                        indices.try_for_each(|at| Some(cells.push(known.get(at?)?.clone())))?;
+                        for at in indices {
+                            cells.push(known.get(at?)?.clone());
+                        }
                     }
                 }
             }

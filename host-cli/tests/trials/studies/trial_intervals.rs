@@ -129,15 +129,19 @@ fn error(calibration: &(Calibration, [f64; 6]), settings: TrialSettings) -> (f64
 }
 
 /// Five trials at 3 cm and five free, each with one calibration of a unit of its own: whether the intervals of the mean
-/// drag energy at 3 cm and of its difference from free hold the means of the truth.
+/// drag energy at 3 cm and of its difference from free hold the means of the truth, and are no wider than errors ask for.
+///
+/// Creep and play make small loads of every unit read too small by some tenth. That error is alike in all units, and the
+/// intervals take it for a random one: they may hold the truth in all hundred, so how wide they are is judged by the size
+/// of the errors.
 #[test]
-fn intervals_of_conditions_hold_the_truth_in_ninety_to_ninety_nine_of_a_hundred() {
+fn intervals_of_conditions_hold_the_truth_and_are_as_wide_as_errors_ask_for() {
     const UNITS: u64 = 100;
     const ROWS: usize = 12_000;
     for (name, calibrate) in
         [("cubic", calibrate as fn(u64, usize, bool) -> (Calibration, [f64; 6])), ("auto", chosen)]
     {
-        let mut held = [0; 2];
+        let (mut held, mut squares) = ([0; 2], [0.0; 2]);
         for unit_seed in 1..=UNITS {
             let calibration = calibrate(unit_seed, ROWS, false);
             let sample = |condition: &str| {
@@ -157,15 +161,19 @@ fn intervals_of_conditions_hold_the_truth_in_ninety_to_ninety_nine_of_a_hundred(
             let ((free, free_j), (narrow, narrow_j)) = (sample("free"), sample("3 cm"));
             let mean = narrow.statistics(1).unwrap().mean_95.unwrap();
             let difference = narrow.difference(&free, "free", 1).unwrap().mean_95.unwrap();
-            for (held, (interval, truth)) in
-                held.iter_mut().zip([(mean, narrow_j), (difference, narrow_j - free_j)])
-            {
-                *held += u64::from(interval.low <= truth && truth <= interval.high);
+            let cases = [(mean, narrow_j), (difference, narrow_j - free_j)];
+            for (i, (interval, truth)) in cases.into_iter().enumerate() {
+                held[i] += u64::from(interval.low <= truth && truth <= interval.high);
+                let error = 0.5 * (interval.low + interval.high) - truth;
+                squares[i] += (2.0 * error / (interval.high - interval.low)).powi(2) / UNITS as f64;
             }
         }
-        println!("{name}: mean and difference held in {held:?} of {UNITS}");
+        let sizes = squares.map(f64::sqrt);
+        println!("{name}: mean and difference held in {held:?} of {UNITS}, errors {sizes:.3?}");
         // Binomial about 95 %, two standard deviations of 2.2.
-        assert!(held.iter().all(|held| (90..=99).contains(held)), "{name}: {held:?}");
+        assert!(held.iter().all(|held| *held >= 90), "{name}: {held:?}");
+        // Of half a width; normal errors have 1/1.96 = 0.51.
+        assert!(sizes.iter().all(|size| (0.35..0.65).contains(size)), "{name}: {sizes:?}");
     }
 }
 

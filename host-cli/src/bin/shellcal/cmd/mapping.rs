@@ -192,7 +192,7 @@ pub(crate) fn interleaving(log: &Log) -> Option<String> {
     let found = log.interleaving()?;
     let (column, values) = (&found.column, found.values.join("`, `"));
     Some(format!(
-        "`{}`: rows of several sensors alternate, by `{column}`: `{values}`\nhint: choose one with `--where '{column}={}'`",
+        "`{}`: rows of several sensors alternate, by `{column}`: `{values}`; choose one with `--where '{column}={}'`",
         log.path().display(),
         found.values.first()?
     ))

@@ -196,7 +196,8 @@ commands! {
     ///
     /// CSV with a header `feature,Fx_N,…,Mz_mNm` and rows `s1^1,…`; bare numbers, features by axes or
     /// axes by features (8 channels; linear, cubic, quadratic or poly3, one feature more with an
-    /// intercept); or a MATLAB 5 file with such a matrix.
+    /// intercept); a MATLAB 5 file with such a matrix; or the calibration of an ATI sensor, `.cal`, for
+    /// volts of its gauges.
     Import(exchange::ImportArgs),
 
     /// Write a calibration as a function in Python or MATLAB, or as a matrix
