@@ -21,32 +21,26 @@ version=$("$program" --version | cut -d' ' -f2 | tr -d '\r')
 name=shellcal-$version-$system
 staged=$target/package/$name
 
-rm -rf "$staged" && mkdir -p "$staged"/{completions,linux,man}
+rm -rf "$staged" && mkdir -p "$staged/linux"
 cp "$program" "$staged/shellcal$suffix"
 cp README.md CHANGELOG.md LICENSE-APACHE LICENSE-MIT "$staged"
 cp host-cli/assets/linux/60-shellcal.rules "$staged/linux"
-"$program" completions bash > "$staged/completions/shellcal.bash"
-"$program" completions zsh > "$staged/completions/_shellcal"
-"$program" completions fish > "$staged/completions/shellcal.fish"
-"$program" completions powershell > "$staged/completions/_shellcal.ps1"
-"$program" man "$staged/man"
+cargo xtask manual "$staged"
 
-# Packages of the program on this system, with the licences that lie in their folders.
-packages() {
-    cargo tree --package shellcal --edges normal --prefix none --target "$system" --format '{p} {l}' |
-        grep -v '(/\|(.:\\' | sed 's/ (\*)$//; s/ (proc-macro)//' | sort -u
-}
+# The packages of the program, with the licences that lie in their folders; those of other systems may not be here.
 {
-    echo "shellcal is made of these packages."
-    echo
-    packages
+    printf '%s\n\n' "shellcal is made of these packages:"
+    cat host-cli/assets/licences.tsv
     registry=${CARGO_HOME:-$HOME/.cargo}/registry/src
-    packages | while read -r crate version _; do
-        find "$registry"/*/"$crate-${version#v}" -maxdepth 1 -type f \
-            \( -iname 'licen[cs]e*' -o -iname 'copying*' -o -iname 'notice*' -o -iname 'unlicense*' \) |
-            sort | while read -r text; do
-            printf '\n%.80s\n%s %s\n\n' "$(printf -- '-%.0s' {1..80})" "$crate" "$version"
-            cat "$text"
+    cut -f 1,2 host-cli/assets/licences.tsv | while read -r crate version; do
+        for folder in "$registry"/*/"$crate-$version"; do
+            [[ -d $folder ]] || continue
+            find "$folder" -maxdepth 1 -type f \
+                \( -iname 'licen[cs]e*' -o -iname 'copying*' -o -iname 'notice*' -o -iname 'unlicense*' \) |
+                sort | while read -r text; do
+                printf '\n%.80s\n%s %s\n\n' "$(printf -- '-%.0s' {1..80})" "$crate" "$version"
+                cat "$text"
+            done
         done
     done
     printf '\n%s\n' "The plotting library of reports is plotly.js, the font of pictures DejaVu Sans:"

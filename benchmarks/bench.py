@@ -159,7 +159,7 @@ def trials(options: argparse.Namespace) -> None:
     results = {name: ["python3", script, options.matrix, *logs] for name, script in peers.items()}
     compare("25 trials", {"shellcal": batch(1, 1.0)} | results, options.runs)
     tables = {name: ["python3", script, "--csv", WORK / "peer", options.matrix, *logs] for name, script in peers.items()}
-    traces = batch(1, 1.0, "--traces", WORK / "traces", "--whole-logs")
+    traces = batch(1, 1.0, "--traces", WORK / "traces")
     compare("25 trials and a table of every row", {"shellcal": traces} | tables, options.runs)
     for share in (0.02, 0.25, 0.5):
         compare(f"{100 * share:.0f} % of their windows", {"shellcal": batch(1, share)}, options.runs)
@@ -219,13 +219,14 @@ def instructions(options: argparse.Namespace) -> None:
     print("| asked for | instructions | times a plain fit |\n| --- | ---: | ---: |")
     for name, arguments in asked.items():
         valgrind = ["valgrind", "--tool=callgrind", f"--callgrind-out-file={profile}", "--quiet"]
-        fit = [program, "fit", log, "--quiet", "--threads", "1", *arguments]
+        model = [] if "--model" in arguments else ["--model", "cubic"]
+        fit = [program, "fit", log, "--quiet", "--threads", "1", *model, *arguments]
         subprocess.run([str(part) for part in valgrind + fit], check=True, stdout=subprocess.DEVNULL)
         text = profile.read_text()
         count = int(next(line for line in text.splitlines() if line.startswith("totals: ")).split()[1])
         plain = plain or count
         print(f"| {name} | {count / 1e6:.1f} M | {count / plain:.3f} |")
-        entered = [part for part in unasked if f") calibration::{part}" in text or f") <calibration::{part}" in text]
+        entered = [part for part in unasked if f") least_squares::{part}" in text or f") <least_squares::{part}" in text]
         assert name not in ("nothing", "calibration file") or not entered, f"{name}: entered {entered}"
 
 

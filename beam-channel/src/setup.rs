@@ -227,10 +227,10 @@ impl SetupError {
     pub fn hint(&self) -> Option<&'static str> {
         Some(match self {
             Self::Jams { .. } => {
-                "give a wider channel (`--width`) or longer beams (`--beam-length`)"
+                "give a wider channel (less `--deflection`) or longer beams (`--beam-length`)"
             }
             Self::Locks { .. } => {
-                "give less friction (`--friction`) or a wider channel (`--width`)"
+                "give less friction (`--friction`) or a wider channel (less `--deflection`)"
             }
             Self::BeyondTips { .. } => "the offset is a length: `--off-centre 5mm`",
             _ => return None,

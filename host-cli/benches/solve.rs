@@ -3,7 +3,7 @@
 //! `cargo bench --bench solve`; beside it the plain `f64` Gram matrix, which is what the exact sums
 //! are measured against.
 
-use calibration::exact::{Accumulator, Moments};
+use calibration::exact::{Accumulator, ExactSums};
 use calibration::model::{Basis, Model, Term};
 use divan::{Bencher, black_box};
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
@@ -43,7 +43,7 @@ fn rows(span: f64) -> DenseRows {
     DenseRows { readings, wrench }
 }
 
-fn sum(rows: &DenseRows, basis: Basis) -> Moments {
+fn sum(rows: &DenseRows, basis: Basis) -> ExactSums {
     let mut accumulator = Accumulator::new(basis, rows.readings.len());
     accumulator.absorb(&rows.readings, &rows.wrench).expect("integer readings");
     accumulator.finish().expect("integer readings")

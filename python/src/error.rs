@@ -58,7 +58,6 @@ fn in_python(hint: &str) -> String {
         match name {
             "skip-bad-rows" | "edited" => format!("{}=True", name.replace('-', "_")),
             "no-intercept" => "intercept=False".to_owned(),
-            "cv-seed" => "seed=".to_owned(),
             _ => format!("{}={value}", name.replace('-', "_")),
         }
     };

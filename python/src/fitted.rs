@@ -5,17 +5,18 @@ use std::sync::Mutex;
 
 use calibration::dynamics::DynamicsRule;
 use calibration::fit::{FitOptions, HeldOut, Outlier, RowName, Workers};
-use calibration::memory::{MemoryState, NoTime};
+use calibration::memory::{MemoryState, NoTime, TimeBase};
 use calibration::solver::SolverKind;
 use calibration_file::{CalibrationFile, CalibrationFileError, Origin, Role, SourceFile};
 use figures::{FitPlot, Size, fit_figure};
+use forces::ForcePipeline;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, ndarray::Array2};
 use pyo3::prelude::*;
-use shell_data::dataset::{BLOCK_ROWS, Dataset};
+use shell_data::dataset::BLOCK_ROWS;
 use shell_data::lock::lock;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::convert::interval_factors;
-use shellcal::workflow::fit::calibration_file;
+use shellcal::workflow::fit::{FitData, calibration_file};
 
 use crate::arrays::{Arrays, range_of_columns, repeated};
 use crate::error::{PythonFailure, PythonMessage};
@@ -118,7 +119,7 @@ pub(crate) fn fit(
         solver: options::solver(solver)?,
         truncate,
         // What is not given is searched for.
-        dynamics: DynamicsRule { lag, memory: memory_terms.as_deref(), in_groups: false },
+        dynamics: DynamicsRule { lag, memory: memory_terms.as_deref() },
         cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
         seed,
         covariance: options::covariance(covariance)?,
@@ -133,13 +134,13 @@ pub(crate) fn fit(
         let workers = Workers { watch: Some(&watch), ..Workers::new(threads) };
         let data = rows.dataset(false)?;
         let channels = data.channels();
-        let fitted =
-            calibration::fit(data, Dataset::default(), &FitOptions { workers, ..options })?;
+        let mut data = FitData { train: data, ..FitData::default() };
+        let fitted = data.fit(&FitOptions { workers, ..options })?;
         let mut warnings: Vec<String> = fitted.warnings.iter().map(ToString::to_string).collect();
-        if let Some(Err(reason)) = &fitted.dynamics {
+        if let Some(reason) = fitted.dynamics.reason() {
             warnings.push(format!("lag and memory were not searched for: {reason}"));
         }
-        if let Some(Ok(found)) = &fitted.outliers {
+        if let Some(found) = fitted.outliers.found() {
             let columns = (1..=channels).map(|i| format!("s{i}"));
             let columns = columns.chain(Axis::ALL.map(|axis| axis.name().to_owned()));
             let columns: Vec<String> = columns.collect();
@@ -160,7 +161,7 @@ pub(crate) fn fit(
             sources: vec![source(rows)],
             ..Origin::default()
         };
-        let verdict = fitted.verdict().lines();
+        let verdict = fitted.verdict().screen("").lines();
         Ok((calibration_file(&fitted, origin).into(), warnings, verdict))
     })
 }
@@ -241,24 +242,37 @@ impl Fitted {
             let (mut wrench, mut deviations) = (new(), errors.then(new));
             let mut of_block = PerAxis::default();
             let mut memory = calibration.start_memory();
+            // Forces at the rows' own times by the clock of the reference, as far as those are known.
+            let lag = calibration.lag;
+            let lag = lag.filter(|of| of.time_base == TimeBase::Rows || time.is_some());
+            let mut moved = ForcePipeline::default();
+            moved.lag = lag;
+            let mut moved = moved.stream(&[]);
+            let mut known = 0;
             for start in (0..rows).step_by(BLOCK_ROWS) {
                 if watch.is_stopped() {
                     break;
                 }
                 let range = start..rows.min(start + BLOCK_ROWS);
                 let mut block = range_of_columns(&readings, range.clone());
+                let times_s: Vec<f64> =
+                    time.map_or_else(Vec::new, |time| range.map(|row| time[row]).collect());
                 if let Some(memory) = &mut memory {
-                    let times_s: Vec<f64> =
-                        time.map_or_else(Vec::new, |time| range.map(|row| time[row]).collect());
                     block.extend(memory.terms(&times_s, &block).map_err(no_time)?);
                 }
                 calibration.wrench(&block, &mut of_block);
-                copy(&axes.of(&of_block), start, &mut wrench);
+                let forces = moved.push(&times_s, std::mem::take(&mut of_block));
+                let forces = forces.expect("no filter refuses rows");
+                let forces = axes.of(&forces);
+                copy(&forces, known, &mut wrench);
+                known += forces.first().map_or(0, Vec::len);
                 if let Some(deviations) = &mut deviations {
                     let errors = calibration.standard_errors(&block, None).unwrap_or_default();
                     copy(&axes.of(&errors), start, deviations);
                 }
             }
+            let last = moved.finish().expect("no filter refuses rows");
+            copy(&axes.of(&last), known, &mut wrench);
             Ok((wrench, deviations))
         })?;
         Ok((wrench.into_pyarray(py), deviations.map(|errors| errors.into_pyarray(py))))

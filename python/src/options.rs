@@ -12,8 +12,8 @@ pub(crate) fn model(name: &str) -> Result<ModelRule, PythonFailure> {
 }
 
 pub(crate) fn solver(name: &str) -> Result<SolverKind, PythonFailure> {
-    let found = SolverKind::ALL.into_iter().find(|solver| solver.name() == name);
-    let names = SolverKind::ALL.map(SolverKind::name).join("`, `");
+    let found = SolverKind::offered().find(|solver| solver.name() == name);
+    let names = SolverKind::offered().map(SolverKind::name).collect::<Vec<_>>().join("`, `");
     found.ok_or_else(|| unknown("solver", name, &names))
 }
 

@@ -39,7 +39,7 @@ exec "{program}" "$@"
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pipeline")
     shutil.copytree(PIPELINE, folder, dirs_exist_ok=True)
-    for name in ("training", "trials", "partial", "results"):
+    for name in ("training", "trials"):
         (folder / name).mkdir()
     for seed in (1, 2, 3):
         log = folder / "training" / f"session-{seed}.csv"
@@ -88,12 +88,25 @@ def test_a_killed_task_is_repeated_to_the_same_bytes(folder: Path) -> None:
     whole = made(folder)
     assert b"</html>" in whole["report.html"] and b"run-2.txt" in whole["results/trials.csv"]
 
+    # A log that is replaced is seen, also by one with an older time.
+    log, other = folder / "trials" / "run-2.txt", folder / "trials" / "run-1.txt"
+    content, times = log.read_bytes(), (log.stat().st_atime, log.stat().st_mtime)
+    log.write_bytes(other.read_bytes())
+    os.utime(log, (times[0] - 3600, times[1] - 3600))
+    run(folder, *snakemake)
+    assert made(folder)["results/trials.csv"] != whole["results/trials.csv"]
+    log.write_bytes(content)
+    run(folder, *snakemake)
+    assert made(folder) == whole
+
     start_over(folder, KILLED)
     run(folder, *snakemake, "--retries", "1")
     assert (folder / "killed").exists()
     assert made(folder) == whole
 
     start_over(folder, KILLED)
+    shutil.rmtree(folder / "partial")
+    shutil.rmtree(folder / "results")
     run(folder, sys.executable, "-m", "dvc", "init", "--no-scm", "--quiet")
     said = run(folder, sys.executable, "-m", "dvc", "repro", ok=False)
     assert "session-2" in said

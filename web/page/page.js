@@ -180,7 +180,7 @@ const fit = async () => {
   };
   const answered = await work('Fitting', request, [...train, ...test].map(({ file }) => file));
   if (!answered) return;
-  const { answer: { verdict, usable, remarks }, files } = answered;
+  const { answer: { verdict, ok, remarks }, files } = answered;
   made = [new File([files[0].bytes], files[0].name)];
   draw();
   // The style of the report is that of this page, whose policy allows no other.
@@ -190,7 +190,7 @@ const fit = async () => {
   report.querySelectorAll('[id]').forEach((part) => { part.id = `report-${part.id}`; });
   report.querySelectorAll('[aria-labelledby]').forEach((part) => part.setAttribute('aria-labelledby', `report-${part.getAttribute('aria-labelledby')}`));
   report.querySelectorAll('a[href^="#"]').forEach((link) => { link.hash = `report-${link.hash.slice(1)}`; });
-  const said = element('div', { className: usable ? 'verdict' : 'verdict useless' }, ...verdict.map((line) => element('p', {}, line)));
+  const said = element('pre', { className: ok ? 'verdict' : 'verdict useless' }, verdict.join('\n'));
   show(said, links(files), element('ul', {}, ...remarks.map(remark)), element('div', {}, ...report.querySelector('main').children));
 };
 

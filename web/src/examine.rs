@@ -51,8 +51,7 @@ impl Examine {
 
 fn described(log: &Log) -> (String, Value) {
     let packed = log.compression().map_or_else(String::new, |name| format!(", {name}"));
-    let column =
-        |column: &Column| json!({ "name": column.name, "meaning": column.meaning.in_words() });
+    let column = |column: &Column| json!({ "name": column.name, "meaning": column.in_words() });
     (log.kind() + &packed, log.columns().iter().map(column).collect())
 }
 

@@ -6,14 +6,11 @@ use calibration::FitError;
 use calibration::fit::{FitOptions, HeldOut, ModelRule, Workers};
 use calibration_file::Origin;
 use log_file::{Log, Mapping, ReadOptions};
-use report::CalibrationReport;
 use serde::Deserialize;
 use serde_json::json;
 use shell_data::hint::quoted;
 use shellcal::PROGRAM;
-use shellcal::workflow::fit::{FitData, calibration_file, sources};
-use shellcal::workflow::outliers::NamedOutliers;
-use shellcal::workflow::remark::{about_fit, about_table};
+use shellcal::workflow::fit::{FitData, FittedLogs};
 use shellcal::workflow::{WorkflowError, agree_on_axes};
 
 use crate::request::{ColumnsGiven, FileRef};
@@ -64,36 +61,26 @@ impl FitRequest {
         let fitted = data.fit(&options);
         let fitted = fitted.map_err(|error| self.failure(error))?;
         let specified = train.first().map(|log| log.specified(&mapping));
-        let file = calibration_file(
-            &fitted,
-            Origin {
-                made_by: PROGRAM.to_owned(),
-                date: self.date.clone(),
-                sources: sources((&train, &test), &data, &fitted)?,
-                columns: specified.filter(|names| !names.is_empty()),
-                ..Origin::default()
-            },
-        );
-        let found = fitted.outliers.as_ref().and_then(|found| found.as_ref().ok());
-        let named = found.map(|found| NamedOutliers::new(found.clone(), &train, &data.train));
-        let mut remarks = about_fit(&fitted);
-        remarks.extend(named.iter().flat_map(NamedOutliers::remarks));
-        remarks.extend(about_table(&fitted));
+        let origin = Origin {
+            made_by: PROGRAM.to_owned(),
+            date: self.date.clone(),
+            columns: specified.filter(|names| !names.is_empty()),
+            ..Origin::default()
+        };
+        let origin = (origin, options.outliers);
+        let fitted = FittedLogs::new(fitted, (&train, &test), &data, origin)?;
         let command = self.command();
-        let outliers = Some(named.as_ref().map(|named| named.rows(false)).unwrap_or_default());
-        let (fit, file, command) = (&fitted, &file, &command);
-        let report =
-            CalibrationReport { fit, file, name: CALIBRATION, command, outliers }.html()?;
-        let verdict = fitted.verdict();
+        let report = fitted.report(CALIBRATION, &command)?;
+        let verdict = fitted.fit.verdict();
         Ok(Answer {
             document: json!({
-                "verdict": verdict.lines(),
-                "usable": verdict.is_usable(),
-                "remarks": remarks,
+                "verdict": verdict.screen(&format!("{CALIBRATION}, {REPORT}")).lines(),
+                "ok": verdict.is_ok(),
+                "remarks": fitted.remarks(),
                 "command": command,
             }),
             files: vec![
-                (CALIBRATION.to_owned(), file.to_json().into_bytes()),
+                (CALIBRATION.to_owned(), fitted.file.to_json().into_bytes()),
                 (REPORT.to_owned(), report.into_bytes()),
             ],
         })

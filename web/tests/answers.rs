@@ -49,7 +49,7 @@ fn files_are_what_their_bytes_say() {
 #[test]
 fn a_fit_makes_a_calibration_that_converts() {
     let Answer { document, files } = fit(&json!({}), TRAIN);
-    assert!(document["verdict"][0].as_str().unwrap().starts_with("linear"), "{document}");
+    assert!(document["verdict"].to_string().contains("linear + offset"), "{document}");
     assert_eq!(
         document["command"],
         "shellcal fit 'a.csv' --model linear --output calibration.json --report report.html"

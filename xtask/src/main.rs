@@ -7,6 +7,8 @@ mod dependencies;
 mod emulate;
 mod firmware;
 mod image;
+mod layers;
+mod manual;
 mod need;
 mod pictures;
 mod python;
@@ -35,9 +37,11 @@ enum Task {
     Check(check::CheckArgs),
     /// Install what tests and checks need; each command is printed before it runs
     Setup(need::SetupArgs),
-    /// Write the list of packages and licences that `shellcal licences` prints
+    /// Write the list of packages that a release is made of, with their licences
     Licences,
-    /// Make the pictures of README anew
+    /// Write the manual pages, and what shells need to complete command lines, into `man` and `completions`
+    Manual(manual::ManualArgs),
+    /// Make the pictures of README and of the architecture anew
     Pictures,
     /// Build the page that fits and converts in a browser, and print its size; exit code 1 above the limit
     Web,
@@ -54,6 +58,7 @@ fn main() -> ExitCode {
         Task::Test(args) => test::run(&args),
         Task::Check(args) => check::run(&args),
         Task::Setup(args) => need::set_up(args),
+        Task::Manual(args) => manual::write(&args),
         Task::Licences => dependencies::write_notices(),
         Task::Pictures => pictures::make(),
         Task::Web => web::build().map(drop),

@@ -1,7 +1,7 @@
-//! `cargo xtask pictures`: the pictures of README, made by the program itself.
+//! `cargo xtask pictures`: the pictures of README, made by the program itself, and that of the crates.
 //!
-//! The figure of a calibration is the same bytes wherever it is made and in every profile, so the contributor checks
-//! compare it.
+//! The figure of a calibration and the picture of the crates are the same bytes wherever they are made, so the contributor
+//! checks compare them.
 //! A page in a browser differs from machine to machine and is not compared.
 
 use std::fs;
@@ -14,27 +14,35 @@ use system_tests::browser::Browser;
 use system_tests::chromium;
 use system_tests::program::Running;
 
+use crate::layers;
 use crate::steps::{build_shellcal, run, scratch, workspace};
 
 const FIGURE: &str = "fit.svg";
 const LIVE: &str = "live.png";
+const CRATES: &str = "crates.svg";
 
 /// Makes all pictures anew.
 pub(crate) fn make() -> Result<()> {
-    let shellcal = build_shellcal()?;
     let folder = workspace().join("docs/pictures");
     fs::create_dir_all(&folder)?;
+    fs::write(folder.join(CRATES), layers::draw()?)?;
+    let shellcal = build_shellcal()?;
     let calibration = draw_fit(&shellcal, &folder.join(FIGURE))?;
     let chromium = chromium::find().context("no Chromium: `cargo xtask setup` installs one")?;
     photograph_live(&shellcal, &calibration, &chromium, &folder.join(LIVE))
 }
 
-/// Fails where the committed figure is not the one that the program draws.
+/// Fails where a committed picture is not the one that would be drawn.
 pub(crate) fn check() -> Result<()> {
+    compare(CRATES, layers::draw()?.as_bytes())?;
     let made = scratch("pictures")?.join(FIGURE);
     draw_fit(&build_shellcal()?, &made)?;
-    let committed = workspace().join("docs/pictures").join(FIGURE);
-    let same = fs::read(&made)? == fs::read(&committed)?;
+    compare(FIGURE, &fs::read(&made)?)
+}
+
+fn compare(name: &str, made: &[u8]) -> Result<()> {
+    let committed = workspace().join("docs/pictures").join(name);
+    let same = fs::read(&committed)? == made;
     ensure!(same, "`{}` is out of date: run `cargo xtask pictures`", committed.display());
     Ok(())
 }

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::LogSink;
 use super::record_options::{RecordError, RecordOptions};
-use crate::recording::{Annotations, BoardFrame, BoardSource, Losses, RowWriter};
+use crate::recording::{Annotations, BoardFrame, BoardSource, LiveForces, Losses, RowWriter};
 
 /// The most frames that wait for a label: 82 s at 100 Hz, in case the view has stopped to settle them.
 pub(super) const MOST_WAITING: usize = 8192;
@@ -50,7 +50,7 @@ impl BoardLog {
         &mut self,
         frames: &mut Vec<BoardFrame>,
         numbered: bool,
-        options: &RecordOptions,
+        (forces, options): (Option<&LiveForces>, &RecordOptions),
     ) -> Result<(), RecordError> {
         self.count(frames);
         let (Some(log), Some(first)) = (&mut self.log, frames.first()) else {
@@ -60,7 +60,7 @@ impl BoardLog {
             return Ok(());
         };
         if self.rows.is_none() {
-            let (forces, as_sampled) = (options.forces.clone(), options.as_sampled);
+            let (forces, as_sampled) = (forces.cloned(), options.as_sampled);
             let rows = RowWriter::new(first, numbered, forces, as_sampled, options.labels)?;
             log.append(rows.header().as_bytes())?;
             self.rows = Some(rows);

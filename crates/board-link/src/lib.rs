@@ -96,7 +96,7 @@ impl LinkError {
 impl Hint for LinkError {
     fn hint(&self) -> Option<String> {
         let text = match self {
-            Self::Missing { .. } => "`shellcal ports` lists the ports there are",
+            Self::Missing { .. } => "`shellcal board` lists the ports there are",
             Self::Busy { .. } => "close the program that has it: a terminal, another recording",
             Self::Denied { .. } => {
                 "on Linux, join the group that owns the port, as a rule `dialout`, and log in again"

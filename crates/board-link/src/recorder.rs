@@ -225,7 +225,9 @@ impl Recorder {
                 let new = BoardLog { sender, log, waits, annotations, ..BoardLog::default() };
                 self.logs.push(new);
             }
-            self.logs[at].write(&mut board.frames, numbered, &self.options)?;
+            // A calibration is of one sensor.
+            let forces = self.options.forces.as_ref().filter(|_| at == 0);
+            self.logs[at].write(&mut board.frames, numbered, (forces, &self.options))?;
         }
         Ok(())
     }

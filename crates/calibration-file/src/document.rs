@@ -534,7 +534,10 @@ mod tests {
         for sensor in document["physics"]["sensors"].as_array_mut().unwrap() {
             sensor.as_object_mut().unwrap().remove("loadings");
         }
-        let read = CalibrationFile::parse(document.to_string().as_bytes()).unwrap();
+        let text = document.to_string();
+        let unsealed = CalibrationFile::parse(text.as_bytes());
+        assert!(matches!(unsealed, Err(Problem::Unsealed { version: 2 })), "{unsealed:?}");
+        let read = CalibrationFile::parse_edited(text.as_bytes()).unwrap();
         let Kind::Physics(physics) = &read.calibration.kind else { panic!("no physics model") };
         assert_eq!((physics.model().factor_count(), physics.error_scale), (0, [1.0; 6]));
     }

@@ -39,6 +39,7 @@ macro_rules! ensure {
     };
 }
 
+mod ati;
 mod checksum;
 pub mod code;
 mod document;
@@ -110,6 +111,9 @@ impl Hint for CalibrationFileError {
             Problem::Checksum(_) => {
                 "copy it again from where it was made; if you have edited it, say so with `--edited`"
             }
+            Problem::Unsealed { .. } => {
+                "fit it again; if you know that nobody has edited it, say so with `--edited`"
+            }
             Problem::Matrix(MatrixError::Variable { .. }) => "choose one with `--variable`",
             _ => return None,
         };
@@ -141,6 +145,12 @@ pub enum Problem {
     /// It was damaged or edited.
     #[error("it is not what was written: {0}")]
     Checksum(&'static str),
+    /// It is of a version that had no checksum, or says so after an edit.
+    #[error("version `{version}` has no checksum, so nobody knows whether it is what was written")]
+    Unsealed {
+        /// The version that it says it is of.
+        version: u64,
+    },
     /// Numbers that no calibration has.
     #[error("it cannot be a calibration: {0}")]
     Implausible(Implausible),
@@ -196,13 +206,23 @@ struct DocumentHeader {
 }
 
 impl CalibrationFile {
-    /// The share of the training loads' variance that the calibration leaves unexplained, 1 − R² of
-    /// each axis, if that is known.
+    /// The share of the loads' variance that the calibration leaves unexplained, 1 − R² of each axis, if that is known: of
+    /// the training loads, by a physics model of loads that were held out.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {
-        let train = self.origin.diagnostics.as_ref()?.train;
+        let diagnostics = self.origin.diagnostics.as_ref()?;
+        let train = diagnostics.train;
         let has = |axis: Axis| train[axis.index()].r_squared.is_some();
         let known = self.calibration.axes.iter().all(has);
-        known.then(|| train.map(|axis| (1.0 - axis.r_squared.unwrap_or(0.0)).max(0.0)))
+        // A physics model has no coefficients that would say what new loads add.
+        let is_physics = self.calibration.polynomial().is_none();
+        let held_out = diagnostics.cross_validation.as_ref().filter(|_| is_physics);
+        let share = |axis: usize| {
+            let of = train[axis];
+            let new = held_out.map_or(of.rms, |held_out| held_out.grouped[axis].rms);
+            let more = if of.rms > 0.0 { (new / of.rms).powi(2) } else { 1.0 };
+            (more * (1.0 - of.r_squared.unwrap_or(0.0))).max(0.0)
+        };
+        known.then(|| std::array::from_fn(share))
     }
 
     /// Reads the JSON document at `path`.
@@ -229,9 +249,10 @@ impl CalibrationFile {
         let file = Self::parse_edited(text)?;
         let DocumentHeader { schema_version, checksum, .. } = serde_json::from_slice(text)?;
         // After the parts: what can be named says more.
-        if schema_version == SCHEMA_VERSION || checksum.is_some() {
-            checksum::check(text).map_err(Problem::Checksum)?;
+        if schema_version < SCHEMA_VERSION && checksum.is_none() {
+            return Err(Problem::Unsealed { version: schema_version });
         }
+        checksum::check(text).map_err(Problem::Checksum)?;
         Ok(file)
     }
 
@@ -250,15 +271,16 @@ impl CalibrationFile {
             SCHEMA_VERSION => document::parse(text),
             found => Err(Problem::SchemaVersion { found }),
         }?;
-        let check = file.calibration.check_plausible(file.largest_load());
+        let largest = file.largest_loads().and_then(|loads| loads.into_iter().reduce(f64::max));
+        let check = file.calibration.check_plausible(largest);
         check.map_err(Problem::Implausible)?;
         Ok(file)
     }
 
-    /// The largest magnitude of the training loads, N or N·m, if it is known.
-    fn largest_load(&self) -> Option<f64> {
+    /// The largest training load of each axis, either way, N and N·m, if it is known.
+    pub fn largest_loads(&self) -> Option<PerAxis<f64>> {
         let excitation = self.origin.diagnostics.as_ref()?.excitation.as_ref()?;
-        excitation.largest_loads().into_iter().reduce(f64::max)
+        Some(excitation.largest_loads())
     }
 
     /// The JSON document.

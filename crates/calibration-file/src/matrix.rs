@@ -4,7 +4,7 @@
 //! fewer, and rows that begin with
 //! `s1^1`, `s1^2`, …; products are `s1^1*s2^2`, the intercept is `1`. Moments are in mN·m. Reading
 //! also takes bare numbers, features by axes or the other way round, in the order of
-//! [`Model::terms`].
+//! [`Model::terms`]. Calibrations of ATI's sensors are read too.
 
 use std::collections::HashMap;
 
@@ -14,7 +14,7 @@ use calibration::{Calibration, Polynomial};
 use shell_data::wrench::MomentUnit;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-use super::LARGEST;
+use super::{LARGEST, ati};
 
 /// What a matrix file does not say itself.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -79,12 +79,15 @@ fn feature_name(term: &Term) -> String {
     powers.map(|run| format!("s{}^{}", run[0] + 1, run.len())).collect::<Vec<_>>().join("*")
 }
 
-/// Reads a matrix: CSV, or MATLAB 5 if the file begins as these do, with a text of 116 bytes and the byte order at 126.
+/// Reads a matrix: CSV, a calibration of ATI, or MATLAB 5 if the file begins as these do, with a text of 116 bytes and
+/// the byte order at 126.
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
     if bytes.starts_with(b"MATLAB") && matches!(bytes.get(126..128), Some(b"IM" | b"MI")) {
         parse_matlab(bytes, options)
     } else if bytes.contains(&0) {
         Err(unreadable("it is neither text nor of version 5; save it with `-v6` or `-v7`"))
+    } else if ati::is_one(bytes) {
+        ati::parse(bytes, options).map_err(MatrixError::Unusable)
     } else {
         parse_csv(bytes, options).map_err(MatrixError::Unusable)
     }
@@ -234,7 +237,10 @@ fn from_values(
 }
 
 /// The calibration of raw readings with these coefficients.
-fn from_raw_readings(model: Model, coefficients: Vec<PerAxis<f64>>) -> Result<Calibration, String> {
+pub(super) fn from_raw_readings(
+    model: Model,
+    coefficients: Vec<PerAxis<f64>>,
+) -> Result<Calibration, String> {
     for value in coefficients.iter().flatten() {
         let is_small = value.abs() <= LARGEST;
         ensure!(is_small, "a coefficient is `{value}`, beyond what calibrations can have");
@@ -289,7 +295,7 @@ fn number(text: &str) -> Option<f64> {
 }
 
 /// By what moments are divided to be in N·m.
-fn divisor(unit: MomentUnit) -> f64 {
+pub(super) fn divisor(unit: MomentUnit) -> f64 {
     match unit {
         MomentUnit::NewtonMetre => 1.0,
         MomentUnit::MillinewtonMetre => MILLI,

@@ -2,16 +2,17 @@
 
 use std::borrow::Cow;
 
-use super::dynamics::{ReferenceLag, prepared};
-use super::error::FitError;
-use super::memory::{MemoryState, MemoryTerms, TimeBase};
-use super::model::Model;
-use super::physics::PhysicsCalibration;
-use super::polynomial::Polynomial;
-use super::reading_ranges::{ReadingRange, ReadingRanges};
-use super::scaling::Scaling;
-use super::solver::Solution;
-use super::uncertainty::Covariance;
+use crate::dynamics::{ReferenceLag, prepared};
+use crate::memory::{MemoryState, MemoryTerms, TimeBase};
+use least_squares::error::FitError;
+use least_squares::model::Model;
+use least_squares::polynomial::Polynomial;
+use least_squares::reading_ranges::{ReadingRange, ReadingRanges};
+use least_squares::scaling::Scaling;
+use least_squares::solver::Solution;
+use least_squares::uncertainty::Covariance;
+use sensor_physics::PhysicsCalibration;
+use shell_data::Converter;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
@@ -167,6 +168,23 @@ impl Calibration {
         flags
     }
 
+    /// The converter of the readings, by the range of the training data, of 12 bits where that is not known;
+    /// `full_scale` replaces its highest reading. `None` if readings are no counts.
+    pub fn converter(&self, full_scale: Option<f64>) -> Option<Converter> {
+        let found = match &self.valid_range {
+            None => Some(Converter::new(4095.0)),
+            Some(ranges) => {
+                let min = ranges.iter().map(|range| range.min).fold(f64::INFINITY, f64::min);
+                let max = ranges.iter().map(|range| range.max).fold(f64::NEG_INFINITY, f64::max);
+                Converter::of_extremes(min, max)
+            }
+        };
+        match full_scale {
+            None => found,
+            Some(high) => Some(Converter { high, ..found.unwrap_or(Converter::new(high)) }),
+        }
+    }
+
     /// The number of rows with a reading outside the range of the training data.
     pub fn rows_out_of_range(&self, readings: &[Vec<f64>]) -> u64 {
         match self.valid_range {
@@ -186,8 +204,8 @@ impl Calibration {
 
 #[cfg(test)]
 mod tests {
-    use super::super::model::Basis;
     use super::*;
+    use least_squares::model::Basis;
 
     fn calibration(basis: Basis, channels: usize) -> Calibration {
         let model = Model { basis, intercept: true, channels, memory: 0 };

@@ -4,9 +4,9 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::grouped_rows::GroupedRows;
-use crate::validation::grouped::GroupKind;
 use crate::validation::plateaus::{PlateauFinder, Steps, Stretches};
+use least_squares::grouped_rows::GroupedRows;
+use least_squares::validation::grouped::GroupKind;
 use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset, LabelRuns, LogRows};
 use shell_data::statistics::RunningVariance;

@@ -1,8 +1,8 @@
 //! Rows at which the readings of a recording without labels are still, matched with loads in their order.
 
 use crate::groups::label_runs;
-use crate::physics::MOST_CHANNELS;
-use crate::validation::plateaus::{Level, PlateauFinder, Steps};
+use crate::validation::plateaus::{Level, PlateauFinder, SAME_LEVEL, Steps};
+use sensor_physics::MOST_CHANNELS;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::extremes;
 
@@ -11,9 +11,9 @@ use shell_data::statistics::extremes;
 const AT_REST: f64 = 0.03;
 
 /// Holds that are not as many as the loads.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "readings are still in `{holds}` stretches, `{loaded}` of them unlike the first, for `{loads}` loads"
+    "readings are still in `{holds}` stretches, `{loaded}` of them unlike the first, for `{loads}` loads{times}"
 )]
 pub struct HoldMismatch {
     /// Stretches.
@@ -22,7 +22,13 @@ pub struct HoldMismatch {
     pub loaded: usize,
     /// Loads.
     pub loads: usize,
+    /// When readings are still, in words.
+    pub times: String,
 }
+
+/// Shares of the range of a channel within which levels in succession are one: those that were looked for first, and wider
+/// ones for what springs creep by.
+const SAME: [f64; 3] = [SAME_LEVEL, 0.02, 0.04];
 
 type ReadingHold = Level<MOST_CHANNELS>;
 
@@ -33,16 +39,24 @@ type ReadingHold = Level<MOST_CHANNELS>;
 /// # Errors
 /// [`HoldMismatch`] if there are not as many stretches as labels either way.
 pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMismatch> {
-    let holds: Vec<(usize, ReadingHold)> = (data.logs.iter().enumerate())
-        .flat_map(|(log, rows)| holds(rows).into_iter().map(move |hold| (log, hold)))
-        .collect();
-    let loaded = unlike_the_first(&holds);
-    let chosen = match labels.len() {
-        count if count == holds.len() => &holds,
-        count if count == loaded.len() => &loaded,
-        loads => {
-            return Err(HoldMismatch { holds: holds.len(), loaded: loaded.len(), loads });
-        }
+    let finders: Vec<_> = data.logs.iter().map(finder).collect();
+    let found = |same: f64| -> Vec<(usize, ReadingHold)> {
+        let of = |(log, finder): (usize, &PlateauFinder<MOST_CHANNELS>)| {
+            finder.holds(same).into_iter().map(move |hold| (log, hold))
+        };
+        finders.iter().enumerate().flat_map(of).collect()
+    };
+    // Springs creep: levels that are nearer than loads are one, as far as that gives as many as there are labels.
+    let chosen = SAME.into_iter().find_map(|same| {
+        let holds = found(same);
+        let loaded = unlike_the_first(&holds, AT_REST.max(same));
+        [holds, loaded].into_iter().find(|of| of.len() == labels.len())
+    });
+    let Some(chosen) = chosen else {
+        let holds = found(SAME[0]);
+        let loaded = unlike_the_first(&holds, AT_REST).len();
+        let times = times(data, &holds);
+        return Err(HoldMismatch { holds: holds.len(), loaded, loads: labels.len(), times });
     };
     let mut data = data.clone();
     for (at, log) in data.logs.iter_mut().enumerate() {
@@ -52,20 +66,41 @@ pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMis
     Ok(data)
 }
 
-fn holds(log: &LogRows) -> Vec<ReadingHold> {
+/// When stretches of still readings begin and end, s: the first few, where logs have time.
+fn times(data: &Dataset, holds: &[(usize, ReadingHold)]) -> String {
+    const SHOWN: usize = 4;
+    let time_s = |log: usize, row: u64| {
+        let blocks = data.logs[log].blocks.iter();
+        blocks.flat_map(|block| block.rows.time_s.iter()).nth(row as usize).copied()
+    };
+    let span = |(log, hold): &(usize, ReadingHold)| {
+        let ends = (time_s(*log, hold.start)?, time_s(*log, hold.start + hold.rows - 1)?);
+        Some(format!("{:.1} to {:.1} s", ends.0, ends.1))
+    };
+    let spans: Option<Vec<String>> = holds.iter().take(SHOWN).map(span).collect();
+    match spans {
+        Some(spans) if !spans.is_empty() => {
+            let more = if holds.len() > SHOWN { ", …" } else { "" };
+            format!(" (still: {}{more})", spans.join(", "))
+        }
+        _ => String::new(),
+    }
+}
+
+fn finder(log: &LogRows) -> PlateauFinder<MOST_CHANNELS> {
     let blocks = || log.blocks.iter().map(|block| &*block.rows);
     let mut finder = PlateauFinder::new(Steps::from_sample(&[], &sample(blocks()).readings));
     blocks().for_each(|block| finder.add(&block.time_s, &block.readings));
-    finder.holds()
+    finder
 }
 
-fn unlike_the_first(holds: &[(usize, ReadingHold)]) -> Vec<(usize, ReadingHold)> {
+fn unlike_the_first(holds: &[(usize, ReadingHold)], at_rest: f64) -> Vec<(usize, ReadingHold)> {
     let Some((_, first)) = holds.first() else { return Vec::new() };
     let ends = |channel: usize| extremes(holds.iter().map(|(_, hold)| hold.mean[channel]));
     let is_at_rest = |hold: &ReadingHold| {
         (0..MOST_CHANNELS).all(|channel| {
             let (low, high) = ends(channel);
-            (hold.mean[channel] - first.mean[channel]).abs() <= AT_REST * (high - low)
+            (hold.mean[channel] - first.mean[channel]).abs() <= at_rest * (high - low)
         })
     };
     holds.iter().filter(|(_, hold)| !is_at_rest(hold)).copied().collect()
@@ -136,11 +171,38 @@ mod tests {
         assert_eq!(runs(&last), runs(&recording()));
     }
 
+    /// A tenth of the way comes late, by an exponential of 1.5 s: at 50 Hz, 12 s of each load.
+    #[test]
+    fn loads_that_creep_are_found_too() {
+        let (mut random, mut readings, mut times) = (Random(9), Vec::new(), Vec::new());
+        let (mut crept, mut load) = (0.0, 0.0);
+        for (at, target) in [0.0, 800.0, 0.0, -500.0, 0.0, 300.0, 0.0].into_iter().enumerate() {
+            for row in 0..600 {
+                // Half a second to hang it.
+                load += (target - load) / if row < 25 { 5.0 } else { 1.0 };
+                crept += (0.1 * target - crept) * 0.02 / 1.5;
+                readings.push(2000.0 + 0.9 * load + crept + 2.0 * random.normal());
+                times.push(f64::from(600 * at as u32 + row) * 0.02);
+            }
+        }
+        let rows = readings.len();
+        let block = Block { rows, readings: vec![readings], time_s: times, ..Block::default() };
+        let data = Dataset::from_blocks("bench", Axes::NONE, vec![block]);
+        let labels = ["a", "b", "c"].map(str::to_owned);
+        let labelled = label_holds(&data, &labels).unwrap();
+        let runs = &labelled.logs[0].blocks[0].labels;
+        let named: Vec<&(String, usize)> = runs.iter().filter(|run| !run.0.is_empty()).collect();
+        // What comes before the first rows that agree is in none.
+        assert!(named.len() == 3 && named.iter().all(|run| run.1 > 400), "{named:?}");
+        let error = label_holds(&data, &labels[..2]).unwrap_err();
+        assert!(error.to_string().contains("(still: 0.0 to 1"), "{error}");
+    }
+
     #[test]
     fn with_a_label_for_each_stretch_rest_is_a_load_too_and_other_numbers_are_told() {
         let labels = |count: usize| (0..count).map(|at| at.to_string()).collect::<Vec<_>>();
         assert!(label_holds(&recording(), &labels(7)).is_ok());
         let error = label_holds(&recording(), &labels(4)).unwrap_err();
-        assert_eq!(error, HoldMismatch { holds: 7, loaded: 3, loads: 4 });
+        assert_eq!((error.holds, error.loaded, error.loads), (7, 3, 4));
     }
 }

@@ -4,10 +4,9 @@
 //! the six axes of the wrench. Or the other way round: a model of what each sensor answers to a wrench
 //! ([physics]), inverted.
 //!
-//! A [solver] reduces [blocks](shell_data::Block) of rows to a [`solver::Solution`]: by [exact] sums of
-//! integer readings, or by a [least-squares method](least_squares) on the features. A
-//! [`Calibration`] applies it to readings; [uncertainty] and [validation] say how far it can be
-//! trusted. Everything here is pure: no files, no clocks, no printing.
+//! [`fit()`] takes rows, finds groups and a model, and says how far the [`Calibration`] that it found can be trusted. How
+//! rows are summed, solved and held out is the crate [`least_squares`]; how a sensor answers is [`sensor_physics`].
+//! Everything here is pure: no files, no clocks, no printing.
 //!
 //! ```
 //! use calibration::solver::{self, FitProblem, SolverKind};
@@ -35,41 +34,31 @@
 #![warn(missing_docs)]
 
 mod conversion;
-pub mod double_double;
 pub mod dynamics;
-mod error;
-pub mod exact;
-pub mod factored;
-pub mod features;
 pub mod fit;
-mod grouped_rows;
 mod groups;
 mod holds;
-pub mod least_squares;
 pub mod load_plan;
-pub mod magnitudes;
 pub mod memory;
-pub mod model;
-pub mod passes;
-pub mod physics;
 pub mod plausibility;
-pub mod polynomial;
-pub mod quality;
-pub mod r_factor;
-pub mod rank_loss;
-pub mod reading_ranges;
+mod prediction;
 pub mod recalibration;
-pub mod sandwich;
-pub mod scaling;
-mod solution;
-pub mod solver;
-mod symmetric;
-pub mod uncertainty;
 pub mod validation;
-mod vectors;
 
 pub use self::conversion::{Calibration, Kind};
-pub use self::error::FitError;
 pub use self::fit::{Fit, FitOptions, fit};
-pub use self::model::{Basis, Model};
-pub use self::polynomial::Polynomial;
+pub use least_squares::error::FitError;
+pub use least_squares::model::{Basis, Model};
+pub use least_squares::polynomial::Polynomial;
+// Callers of this crate use these modules of the two below it.
+pub use least_squares::{
+    double_double, exact, factored, features, magnitudes, methods, model, quality, rank_loss,
+    reading_ranges, scaling, solver,
+};
+pub use sensor_physics as physics;
+
+/// How sure coefficients and converted samples are.
+pub mod uncertainty {
+    pub use crate::prediction::{Tare, Trust};
+    pub use least_squares::uncertainty::*;
+}

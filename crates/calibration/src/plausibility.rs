@@ -5,8 +5,8 @@
 
 use shell_data::wrench::{Axis, PerAxis};
 
-use super::conversion::Calibration;
-use super::reading_ranges::ReadingRange;
+use crate::conversion::Calibration;
+use least_squares::reading_ranges::ReadingRange;
 
 /// The largest force that is believed, in N or N·m, where the training loads are not larger themselves.
 const LARGEST_FORCE: f64 = 1e15;
@@ -99,8 +99,8 @@ fn corners(ranges: &[ReadingRange]) -> Vec<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Basis, Model};
-    use crate::scaling::Scaling;
+    use least_squares::model::{Basis, Model};
+    use least_squares::scaling::Scaling;
 
     fn calibration(channels: usize, centre: f64, coefficient: f64) -> Calibration {
         let model = Model { basis: Basis::Linear, intercept: true, channels, memory: 0 };

@@ -7,6 +7,7 @@ use calibration::reading_ranges::ReadingRange;
 use calibration::validation::excitation::Gap;
 use calibration::{Calibration, Kind};
 use log_file::checksum;
+use shell_data::Converter;
 use shell_data::wrench::{Axes, Axis};
 
 use crate::channels::channel_name;
@@ -215,9 +216,8 @@ fn check_ranges(calibration: &Calibration, names: &[String], findings: &mut Vec<
 
 /// Whether the readings of a converter got to an end of its range. Volts and fractions have no such ends.
 fn is_at_an_end(range: &ReadingRange) -> bool {
-    let is_count = |value: f64| value >= 0.0 && value.fract() == 0.0;
-    let is_counts = is_count(range.min) && is_count(range.max) && range.max > 1.0;
-    is_counts && (range.min == 0.0 || [4095.0, 65_535.0].contains(&range.max))
+    let converter = Converter::of_extremes(range.min, range.max);
+    converter.is_some_and(|of| of.is_at_end(range.min) || of.is_at_end(range.max))
 }
 
 fn check_age(days: f64) -> Option<Finding> {

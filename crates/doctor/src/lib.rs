@@ -6,7 +6,7 @@
 //!
 //! Checks take observations and return [`Finding`]s, each with what was seen and what to do about it.
 //! [`check_port`] and [`check_board`] are pure, after [`board_link::handshake`] has asked the board;
-//! [`examine_log`] and [`examine_calibration`] read files first.
+//! [`examine_log`] and [`examine_calibration`] read files first; [`check_rows`] takes rows that have been read.
 //!
 //! A [`FindingSeverity::Fault`] makes results wrong or impossible. A [`FindingSeverity::Warning`] may, or makes
 //! them worse than they could be.
@@ -25,11 +25,13 @@ mod channels;
 mod log;
 mod port;
 mod poses;
+mod rows;
 
 pub use board::{BoardObservations, check_board};
 pub use calibration_checks::examine_calibration;
 pub use log::examine_log;
 pub use port::check_port;
+pub use rows::check_rows;
 use serde::Serialize;
 
 /// How bad it is.

@@ -107,7 +107,7 @@ impl<'a> LogObservations<'a> {
             others: log.columns().iter().position(is_missing).into_iter().collect(),
             ..Wanted::default()
         };
-        let lenient = ReadOptions { skip_bad_rows: true, ..*read };
+        let lenient = ReadOptions { skip_bad_rows: true, largest_bad_share: None, ..*read };
         let summary = log.read(&wanted, &lenient, std::mem::take, |block| {
             found.add(&block);
             Ok::<_, LogError>(())
@@ -164,6 +164,12 @@ impl<'a> LogObservations<'a> {
             let seen = format!("{} wrong rows; the first: {}", self.bad_rows, self.first_bad);
             let advice = "correct them, or leave them out with `--skip-bad-rows`";
             findings.push(Finding::fault("bad-rows", seen, advice));
+        }
+        if let Some(found) = log.interleaving() {
+            let (column, values) = (&found.column, found.values.join("`, `"));
+            let seen = format!("rows of several sensors alternate, by `{column}`: `{values}`");
+            let advice = format!("choose one with `--where '{column}={}'`", found.values[0]);
+            findings.push(Finding::warning("sensors-interleaved", seen, advice));
         }
         self.check_length(log, &mut findings);
         self.check_timing(log, &mut findings);

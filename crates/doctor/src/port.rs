@@ -34,7 +34,7 @@ fn refused(port: &PortState, refusal: &LinkError) -> Finding {
     let seen = refusal.to_string();
     match refusal {
         LinkError::Missing { .. } => {
-            let advice = "plug the adapter in; `shellcal ports` lists the ports there are";
+            let advice = "plug the adapter in; `shellcal board` lists the ports there are";
             Finding::fault("port-missing", seen, advice)
         }
         LinkError::Denied { .. } => {
@@ -61,7 +61,7 @@ fn refused(port: &PortState, refusal: &LinkError) -> Finding {
             };
             Finding::fault("port-in-use", seen, advice)
         }
-        _ => Finding::fault("port-open", seen, "name a serial port; `shellcal ports` lists them"),
+        _ => Finding::fault("port-open", seen, "name a serial port; `shellcal board` lists them"),
     }
 }
 

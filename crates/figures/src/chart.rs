@@ -95,10 +95,8 @@ pub struct ChannelCurve {
     pub label: String,
     /// Position in m and drag in N.
     pub drag: Vec<(f64, f64)>,
-    /// Position in m and beams that touch, per side on average. Empty where not known.
+    /// Position in m and beams that touch, per side on average.
     pub contacts: Vec<(f64, f64)>,
-    /// Whether it was measured: it is then drawn below the others, and finer.
-    pub measured: bool,
 }
 
 const CHANNEL_WIDTH: f64 = 560.0;
@@ -128,13 +126,11 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     for (panel, of) in [(&upper, 0), (&lower, 1)] {
         panel.draw_grid(&mut canvas);
         canvas.clipped(panel.area, |canvas| {
-            for measured in [true, false] {
-                for (i, curve) in curves.iter().enumerate().filter(|c| c.1.measured == measured) {
-                    let points = [&curve.drag, &curve.contacts][of].iter();
-                    let path = polyline(points.map(|&(x, y)| panel.place(x, y)));
-                    if !path.is_empty() {
-                        canvas.stroke(path, palette::series(i), Pen::Round(width(measured)));
-                    }
+            for (i, curve) in curves.iter().enumerate() {
+                let points = [&curve.drag, &curve.contacts][of].iter();
+                let path = polyline(points.map(|&(x, y)| panel.place(x, y)));
+                if !path.is_empty() {
+                    canvas.stroke(path, palette::series(i), Pen::Round(CURVE_WIDTH));
                 }
             }
         });
@@ -143,15 +139,13 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     canvas.frame(upper.area, palette::INK);
     lower.draw_frame(&mut canvas);
     legend.draw(&mut canvas, [upper.area, lower.area], |canvas, i, [from, to]| {
-        canvas.line(from, to, palette::series(i), width(curves[i].measured));
+        canvas.line(from, to, palette::series(i), CURVE_WIDTH);
     });
     canvas
 }
 
 /// How wide a curve is stroked.
-fn width(measured: bool) -> f64 {
-    if measured { 0.8 } else { 1.6 }
-}
+const CURVE_WIDTH: f64 = 1.6;
 
 const TOP: f64 = 44.0;
 const KEY: f64 = 24.0;
@@ -249,14 +243,14 @@ mod tests {
 
     #[test]
     fn every_curve_is_drawn_once_in_each_panel_that_it_is_known_in() {
-        let curve = |label: &str, measured| ChannelCurve {
+        let curve = |label: &str, contacts| ChannelCurve {
             label: label.to_owned(),
             drag: vec![(0.0, 0.0), (0.1, 0.2)],
-            contacts: if measured { Vec::new() } else { vec![(0.0, 0.0), (0.1, 5.0)] },
-            measured,
+            contacts,
         };
-        let figure =
-            channel_figure(Size::Screen, "drag", &[curve("3 cm", false), curve("run 1", true)]);
+        let contacts = vec![(0.0, 0.0), (0.1, 5.0)];
+        let curves = [curve("3 cm", contacts), curve("run 1", Vec::new())];
+        let figure = channel_figure(Size::Screen, "drag", &curves);
         let lines =
             |i| figure.svg().matches(&format!("stroke=\"{}\"", palette::series(i).hex())).count();
         // With the one in the legend.

@@ -176,10 +176,10 @@ impl Butterworth {
         if samples.len() <= reach {
             return Err(FilterError::TooFewSamples { samples: samples.len(), needed: reach + 1 });
         }
-        let (first, last) = (samples[0], samples[samples.len() - 1]);
-        let inner = &samples[1..samples.len() - 1];
+        let end = samples.len() - 1;
+        let (first, last) = (samples[0], samples[end]);
         let before = samples[1..=reach].iter().rev().map(|x| 2.0 * first - x);
-        let after = inner.iter().rev().take(reach).map(|x| 2.0 * last - x);
+        let after = samples[end - reach..end].iter().rev().map(|x| 2.0 * last - x);
         let mut longer: Vec<f64> = before.chain(samples.iter().copied()).chain(after).collect();
         for _direction in ["forward", "backward"] {
             Filter::settled(self, longer[0]).process(&mut longer);
@@ -449,6 +449,46 @@ mod tests {
             for (i, expected) in [0, 1, 50, 199].into_iter().zip(expected) {
                 // SciPy's own settled state is off by 1.5e-14 of the continued signal's 150.
                 assert!((signal[i] - expected).abs() < 1e-12 * 150.0, "{order} {i}: {}", signal[i]);
+            }
+        }
+    }
+
+    /// `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on signals one sample longer than their continuation, at 10 Hz of 100.
+    #[test]
+    fn the_shortest_signals_are_filtered_as_scipy_does() {
+        let cases = [
+            (
+                4,
+                16,
+                [
+                    -5.010114740178325,
+                    -2.2374615947879324,
+                    1.9890588293465288,
+                    3.9863138833114458,
+                    4.837403417962421,
+                ],
+            ),
+            (
+                3,
+                13,
+                [
+                    -4.967636884763591,
+                    -2.191828169707251,
+                    1.6746552471848495,
+                    3.3907224936531484,
+                    4.890206447158078,
+                ],
+            ),
+        ];
+        for (order, rows, expected) in cases {
+            let value = |i: i32| f64::from(i * 7 % 11) - 5.0 + 0.25 * f64::from(i);
+            let mut signal: Vec<f64> = (0..rows).map(value).collect();
+            let design = Butterworth::low_pass(order, 10.0, 100.0).unwrap();
+            design.zero_phase(&mut signal).unwrap();
+            let end = signal.len() - 1;
+            for (at, expected) in [0, 1, 7, end - 1, end].into_iter().zip(expected) {
+                // SciPy's own settled state is off by 1.5e-14 of the continued signal's 20.
+                assert!((signal[at] - expected).abs() < 1e-12, "{order} {at}: {}", signal[at]);
             }
         }
     }

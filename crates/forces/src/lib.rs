@@ -28,11 +28,17 @@
 //! longer than the filter remembers, the recording is taken to have paused: each side is filtered
 //! on its own.
 //!
+//! **Lag.** A reference that lagged behind the readings shows a load later by its clock. Forces are those of
+//! that clock, so that they can be compared with it: their time stamps move by the lag, or, where a row has to keep its
+//! stamp, forces are taken straight between rows.
+//!
 //! Pure: no files, no printing. `docs/forces.md` says the same to users.
 
 mod clock;
 pub mod drift;
 pub mod filter;
+mod frame;
+mod lag;
 mod options;
 pub mod payload;
 mod pipeline;
@@ -42,6 +48,7 @@ pub mod stationary;
 mod tare;
 
 pub use clock::{Clock, ClockSearch, Grid};
+pub use frame::{FrameChange, NoFrameChange};
 pub use options::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
 pub use pipeline::{AppliedLowPass, ForceError, ForcePipeline, ForceStream, PipelineSetup};
 pub use tare::{FirstRows, RunningTare, TareFrames, TareResult, by_column};

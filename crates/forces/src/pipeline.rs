@@ -1,11 +1,13 @@
 //! The pipeline, and what must be known before the first force: tare and clock, from the first rows of a log.
 
 use calibration::Calibration;
+use calibration::dynamics::ReferenceLag;
 use calibration::uncertainty::Tare;
 use shell_data::wrench::{Axis, PerAxis};
 
 use super::clock::{Clock, ClockSearch, Grid};
 use super::filter::{Butterworth, FilterError};
+use super::lag::LagShift;
 use super::signal::{BlockPlan, SignalFilter};
 use super::stationary::StationaryInterval;
 use super::tare::{FirstRows, StationaryZeros, TareSearch};
@@ -27,6 +29,8 @@ pub struct ForcePipeline {
     /// The low-pass; `None` if forces are not filtered.
     pub low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
+    /// The lag of the reference, where forces are to be those of their rows' time stamps by its clock.
+    pub lag: Option<ReferenceLag>,
 }
 
 /// A low-pass, and the rate of its grid.
@@ -39,11 +43,12 @@ pub struct AppliedLowPass {
     pub rate_hz: f64,
 }
 
-/// The low-pass over rows in order; without one, rows pass as they are.
+/// Low-pass and lag over rows in order; without either, rows pass as they are.
 #[derive(Clone, Debug)]
 pub struct ForceStream {
     /// The grid, and a filter for each axis that is wanted.
     low_pass: Option<(Grid, Vec<(Axis, SignalFilter)>)>,
+    lag: Option<LagShift>,
 }
 
 impl ForcePipeline {
@@ -68,8 +73,28 @@ impl ForcePipeline {
         wrench
     }
 
+    /// The same of rows whose `frames` are converted once each: for every row the number of its frame.
+    pub fn wrench_of_rows(
+        &self,
+        calibration: &Calibration,
+        times_s: &[f64],
+        (frames, frame_of_row): (&[Vec<f64>], &[usize]),
+    ) -> PerAxis<Vec<f64>> {
+        let mut by_frame = PerAxis::<Vec<f64>>::default();
+        calibration.wrench(frames, &mut by_frame);
+        let mut wrench =
+            by_frame.map(|of| frame_of_row.iter().map(|&frame| of[frame]).collect::<Vec<f64>>());
+        self.tare_off(times_s, &mut wrench);
+        wrench
+    }
+
+    /// Whether the force of a row depends on the rows around it.
+    pub fn looks_around(&self) -> bool {
+        self.filter.is_some() || self.lag.is_some()
+    }
+
     /// Takes the tare off wrenches at `times_s`. Columns may be empty.
-    pub fn tare_off(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) {
+    fn tare_off(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) {
         if let Some(zeros) = &self.zeros {
             for (row, &time_s) in times_s.iter().enumerate() {
                 for (column, zero) in wrench.iter_mut().zip(zeros.at(time_s)) {
@@ -83,14 +108,14 @@ impl ForcePipeline {
         }
     }
 
-    /// The low-pass along `axes`, from the first row of the log on, or, by time, from any row of those
+    /// Low-pass and lag along `axes`, from the first row of the log on, or, by time, from any row of those
     /// [needed](super::PipelineSetup::needed_s).
     pub fn stream(&self, axes: &[Axis]) -> ForceStream {
         let low_pass = self.filter.as_ref().map(|(clock, plan)| {
             let filters = axes.iter().map(|axis| (*axis, SignalFilter::new(plan.clone())));
             (Grid::new(*clock, self.rule), filters.collect())
         });
-        ForceStream { low_pass }
+        ForceStream { low_pass, lag: self.lag.map(LagShift::new) }
     }
 }
 
@@ -105,13 +130,18 @@ impl ForceStream {
         times_s: &[f64],
         wrench: PerAxis<Vec<f64>>,
     ) -> Result<PerAxis<Vec<f64>>, FilterError> {
-        let Some((grid, filters)) = &mut self.low_pass else { return Ok(wrench) };
-        let slots = grid.slots(times_s);
-        let mut answers = PerAxis::<Vec<f64>>::default();
-        for (axis, filter) in filters {
-            filter.push(&slots, &wrench[axis.index()], &mut answers[axis.index()])?;
+        let mut answers = wrench;
+        if let Some((grid, filters)) = &mut self.low_pass {
+            let slots = grid.slots(times_s);
+            let wrench = std::mem::take(&mut answers);
+            for (axis, filter) in filters {
+                filter.push(&slots, &wrench[axis.index()], &mut answers[axis.index()])?;
+            }
         }
-        Ok(answers)
+        Ok(match &mut self.lag {
+            Some(lag) => lag.push(times_s, answers),
+            None => answers,
+        })
     }
 
     /// The forces of the rows that are not answered yet.
@@ -123,7 +153,10 @@ impl ForceStream {
         for (axis, filter) in self.low_pass.iter_mut().flat_map(|(_, filters)| filters) {
             filter.finish(&mut answers[axis.index()])?;
         }
-        Ok(answers)
+        Ok(match &mut self.lag {
+            Some(lag) => lag.finish(answers),
+            None => answers,
+        })
     }
 }
 

@@ -5,7 +5,7 @@
 //! attenuated by 1/√(1 + 1.5¹⁶) or more, 28 dB (S. Butterworth, 1930); what is above the new rate by 64 dB.
 //! The filter delays what passes it by some 1/rate.
 
-use forces::filter::{Butterworth, Filter};
+use forces::filter::{Butterworth, Filter, FilterError};
 use forces::{Clock, ClockSearch, Grid, RowRule};
 use shared_proto::CHANNELS;
 use shell_data::wrench::Axis;
@@ -62,24 +62,31 @@ impl Decimator {
         Self { rate_hz, stage, flags: String::new() }
     }
 
-    /// Takes the next rows; those to pass on. The first rows wait until their rate is known.
-    pub fn push(&mut self, rows: Vec<StreamRow>) -> Vec<StreamRow> {
+    /// Takes the next rows; those to pass on. The first rows wait until their rate is known, or there are no more.
+    ///
+    /// # Errors
+    /// [`FilterError`] if the rate is too low for theirs.
+    pub fn push(
+        &mut self,
+        rows: Vec<StreamRow>,
+        ended: bool,
+    ) -> Result<Vec<StreamRow>, FilterError> {
         let rows = match &mut self.stage {
-            Stage::All => return rows,
+            Stage::All => return Ok(rows),
             Stage::Filtered(_) => rows,
             Stage::Search(search, waiting) => {
                 let times_s: Vec<f64> = rows.iter().map(time_s).collect();
                 search.look_at(&times_s);
                 waiting.extend(rows);
-                if !search.is_done() {
-                    return Vec::new();
+                if !(search.is_done() || ended) {
+                    return Ok(Vec::new());
                 }
                 let (clock, rows) = (search.finish(None), std::mem::take(waiting));
-                self.stage = stage(clock, self.rate_hz);
+                self.stage = stage(clock, self.rate_hz)?;
                 rows
             }
         };
-        let Stage::Filtered(filtered) = &mut self.stage else { return rows };
+        let Stage::Filtered(filtered) = &mut self.stage else { return Ok(rows) };
         let (rate_hz, flags) = (self.rate_hz, &mut self.flags);
         let mut passed = Vec::new();
         for mut row in rows {
@@ -89,7 +96,7 @@ impl Decimator {
                 passed.push(row);
             }
         }
-        passed
+        Ok(passed)
     }
 }
 
@@ -108,13 +115,10 @@ fn time_s(row: &StreamRow) -> f64 {
     row.time_us as f64 / 1e6
 }
 
-fn stage(clock: Option<Clock>, rate_hz: f64) -> Stage {
-    let found = clock.filter(|clock| clock.rate_hz > rate_hz).and_then(|clock| {
-        let design = Butterworth::low_pass(ORDER, CUTOFF * rate_hz, clock.rate_hz).ok()?;
-        Some((clock, design))
-    });
-    let Some((clock, design)) = found else { return Stage::All };
-    Stage::Filtered(Box::new(Filtered {
+fn stage(clock: Option<Clock>, rate_hz: f64) -> Result<Stage, FilterError> {
+    let Some(clock) = clock.filter(|clock| clock.rate_hz > rate_hz) else { return Ok(Stage::All) };
+    let design = Butterworth::low_pass(ORDER, CUTOFF * rate_hz, clock.rate_hz)?;
+    Ok(Stage::Filtered(Box::new(Filtered {
         clock,
         grid: Grid::new(clock, RowRule::Time),
         memory: design.memory(FORGOTTEN) as u64,
@@ -122,7 +126,7 @@ fn stage(clock: Option<Clock>, rate_hz: f64) -> Stage {
         filters: vec![None; COLUMNS],
         slot: 0,
         period: None,
-    }))
+    })))
 }
 
 impl Filtered {
@@ -177,7 +181,19 @@ mod tests {
     fn decimated(rate_hz: f64, sine_hz: f64) -> Vec<StreamRow> {
         let mut decimator = Decimator::new(rate_hz);
         let rows = (0..3000).map(|i| row(i, 1000, (TAU * sine_hz * i as f64 / 1000.0).sin()));
-        rows.flat_map(|row| decimator.push(vec![row])).collect()
+        rows.flat_map(|row| decimator.push(vec![row], false).unwrap()).collect()
+    }
+
+    /// A rate that no filter is found for once passed every row.
+    #[test]
+    fn a_rate_that_is_too_low_is_refused_and_few_rows_are_not_kept_back() {
+        let rows = || (0..60).map(|i| row(i, 1000, 1.0)).collect::<Vec<_>>();
+        assert!(Decimator::new(1e-6).push(rows(), false).is_err());
+        let mut few = Decimator::new(100.0);
+        assert_eq!(few.push(rows()[..20].to_vec(), false), Ok(Vec::new()));
+        let passed: Vec<i64> =
+            few.push(Vec::new(), true).unwrap().iter().map(|row| row.index).collect();
+        assert_eq!(passed, [0, 10]);
     }
 
     /// Of a sine, from its mean square over whole periods: few samples meet its crest.

@@ -26,6 +26,6 @@ pub use encoding::{RowEncoder, StreamFormat, StreamRow};
 pub use latency::{Latency, LatencySummary};
 pub use readers::{BadDestination, Destination, ReaderSummary, Readers};
 pub use stream::{
-    FrameStream, StreamCommand, StreamHandle, StreamOptions, StreamSummary, StreamWatcher,
-    UnknownCommand,
+    FrameStream, LEAST_RATE_HZ, StreamCommand, StreamHandle, StreamOptions, StreamSummary,
+    StreamWatcher, UnknownCommand,
 };

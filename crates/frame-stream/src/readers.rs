@@ -11,10 +11,11 @@ use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use board_link::open_growing;
+use board_link::{AppendWriter, LogSink};
 use output_file::OutputError;
+use shell_data::wrench::Axes;
 
-use crate::encoding::RowEncoder;
+use crate::encoding::{RowEncoder, StreamFormat, StreamRow};
 
 /// How often it is looked whether somebody connects.
 const ACCEPT: Duration = Duration::from_millis(10);
@@ -31,7 +32,7 @@ pub enum Destination {
     File(PathBuf),
     /// A datagram for each row, to this address.
     Udp(SocketAddr),
-    /// Whoever connects to this address.
+    /// Programs that connect to this address.
     Tcp(SocketAddr),
 }
 
@@ -75,11 +76,28 @@ impl fmt::Display for Destination {
     }
 }
 
+impl Destination {
+    /// How rows are written there unless that is said: as the name of a file says.
+    fn format(&self) -> StreamFormat {
+        let is_csv = |path: &PathBuf| {
+            path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
+        };
+        match self {
+            Self::File(path) if is_csv(path) => StreamFormat::Csv,
+            _ => StreamFormat::JsonLines,
+        }
+    }
+}
+
 /// All readers of a stream.
 #[derive(Debug, Default)]
 pub struct Readers {
     readers: Vec<StreamReader>,
     listeners: Vec<TcpListener>,
+    /// How rows are written, where that was said.
+    format: Option<StreamFormat>,
+    /// An encoder of each format, once a reader wants it.
+    encoders: [Option<RowEncoder>; 2],
     looked: Option<Instant>,
     /// Rows so far.
     rows: u64,
@@ -91,6 +109,9 @@ pub struct Readers {
 struct StreamReader {
     name: String,
     way: Transport,
+    format: StreamFormat,
+    /// Whether it is an output of the program, which is to be whole; others may leave.
+    is_output: bool,
     has_names: bool,
     /// Rows that it was handed, and that it lost.
     handed: u64,
@@ -103,7 +124,7 @@ enum Transport {
     Udp(UdpSocket),
 }
 
-/// What came of a reader.
+/// The end of a reader.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReaderSummary {
     /// Where it is.
@@ -114,15 +135,22 @@ pub struct ReaderSummary {
     pub lost: u64,
     /// Why it was left before the end.
     pub problem: Option<String>,
+    /// Whether it is a file or the standard output, and was left before the end.
+    pub is_broken: bool,
 }
 
 impl Readers {
-    /// Opens all destinations; a file that exists is left alone unless `overwrite`.
+    /// Opens all destinations; a file that exists is left alone unless `overwrite`. Rows are written in `format`,
+    /// otherwise as JSON lines, and as CSV to a file that is named so.
     ///
     /// # Errors
     /// [`OutputError`] of the first that cannot be opened.
-    pub fn open(destinations: &[Destination], overwrite: bool) -> Result<Self, OutputError> {
-        let mut readers = Self::default();
+    pub fn open(
+        destinations: &[Destination],
+        format: Option<StreamFormat>,
+        overwrite: bool,
+    ) -> Result<Self, OutputError> {
+        let mut readers = Self { format, ..Self::default() };
         for destination in destinations {
             let failed = |source| OutputError::failed(destination.to_string(), source);
             let way = match destination {
@@ -134,13 +162,17 @@ impl Readers {
                 }
                 Destination::Stdout => PipeReader::new("stdout", io::stdout()).map(Transport::Pipe),
                 Destination::File(path) => {
-                    let (file, _) = open_growing(path, overwrite)?;
+                    let file = AppendWriter::create(path, overwrite)?;
                     PipeReader::new("file", file).map(Transport::Pipe)
                 }
                 Destination::Udp(address) => datagrams(*address).map(Transport::Udp),
             };
             let (name, way) = (destination.to_string(), way.map_err(failed)?);
-            readers.readers.push(StreamReader::new(name, way));
+            let format = format.unwrap_or(destination.format());
+            let is_output = !matches!(destination, Destination::Udp(_));
+            readers
+                .readers
+                .push(StreamReader { is_output, ..StreamReader::new(name, way, format) });
         }
         Ok(readers)
     }
@@ -155,17 +187,24 @@ impl Readers {
         self.readers.is_empty() && self.listeners.is_empty()
     }
 
-    /// Passes a row on: what [`RowEncoder::begin`] has made of it, which gets an end for each reader. Those with whom it
-    /// fails are gone.
-    pub fn send(&mut self, row: &[u8], encoder: &RowEncoder) {
+    /// Passes on a row whose wrench has these axes. Readers with whom it fails are gone.
+    pub fn send(&mut self, row: &StreamRow, axes: Axes) {
         self.accept();
-        let (number, gone) = (self.rows, &mut self.gone);
+        let (number, gone, encoders) = (self.rows, &mut self.gone, &mut self.encoders);
         self.rows += 1;
-        self.readers.retain_mut(|reader| match reader.send(row, number, encoder) {
-            Ok(()) => true,
-            Err(error) => {
-                gone.push(reader.summary(Some(error)));
-                false
+        // The row but for its end, which is each reader's own.
+        let mut begun: [Option<Vec<u8>>; 2] = [None, None];
+        self.readers.retain_mut(|reader| {
+            let at = reader.format as usize;
+            let encoder =
+                encoders[at].get_or_insert_with(|| RowEncoder::new(reader.format, axes, row));
+            let begun = begun[at].get_or_insert_with(|| encoder.begin(row));
+            match reader.send(begun, number, encoder) {
+                Ok(()) => true,
+                Err(error) => {
+                    gone.push(reader.summary(Some(error)));
+                    false
+                }
             }
         });
     }
@@ -181,7 +220,8 @@ impl Readers {
             while let Ok((stream, peer)) = listener.accept() {
                 if let Ok(reader) = connection(stream) {
                     let (name, way) = (format!("tcp:{peer}"), Transport::Pipe(reader));
-                    self.readers.push(StreamReader::new(name, way));
+                    let format = self.format.unwrap_or_default();
+                    self.readers.push(StreamReader::new(name, way, format));
                 }
             }
         }
@@ -191,7 +231,12 @@ impl Readers {
     pub fn finish(mut self) -> Vec<ReaderSummary> {
         let rest = self.readers.iter_mut().map(|reader| reader.summary(None));
         let rest: Vec<_> = rest.collect();
-        self.gone.into_iter().chain(rest).collect()
+        let mut all: Vec<ReaderSummary> = self.gone.into_iter().chain(rest).collect();
+        // An output was there from the first row on, and misses all that it does not hold.
+        for output in all.iter_mut().filter(|summary| summary.is_broken) {
+            output.lost = self.rows - output.rows;
+        }
+        all
     }
 }
 
@@ -200,6 +245,54 @@ fn connection(stream: TcpStream) -> io::Result<PipeReader> {
     stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
     PipeReader::new("tcp", stream)
+}
+
+/// Where a reader's rows are written, whole rows at a time.
+trait RowSink: Send + 'static {
+    /// Adds whole rows.
+    fn put(&mut self, rows: &[u8]) -> io::Result<()>;
+
+    /// Ends it.
+    fn end(self) -> io::Result<()>;
+}
+
+impl RowSink for io::Stdout {
+    fn put(&mut self, rows: &[u8]) -> io::Result<()> {
+        self.write_all(rows).and_then(|()| self.flush())
+    }
+
+    fn end(self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+impl RowSink for TcpStream {
+    fn put(&mut self, rows: &[u8]) -> io::Result<()> {
+        self.write_all(rows)
+    }
+
+    fn end(self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// A file that is full is cut back to the last row that fits.
+impl RowSink for AppendWriter {
+    fn put(&mut self, rows: &[u8]) -> io::Result<()> {
+        self.append(rows).map_err(source)
+    }
+
+    fn end(self) -> io::Result<()> {
+        Box::new(self).close().map_err(source)
+    }
+}
+
+/// The error of the system: the reader's name is said anyway.
+fn source(error: OutputError) -> io::Error {
+    match error {
+        OutputError::Failed { source, .. } => source,
+        error => io::Error::other(error),
+    }
 }
 
 fn datagrams(to: SocketAddr) -> io::Result<UdpSocket> {
@@ -213,8 +306,8 @@ fn datagrams(to: SocketAddr) -> io::Result<UdpSocket> {
 }
 
 impl StreamReader {
-    fn new(name: String, way: Transport) -> Self {
-        Self { name, way, has_names: false, handed: 0, lost: 0 }
+    fn new(name: String, way: Transport, format: StreamFormat) -> Self {
+        Self { name, way, format, is_output: false, has_names: false, handed: 0, lost: 0 }
     }
 
     fn send(&mut self, row: &[u8], number: u64, encoder: &RowEncoder) -> io::Result<()> {
@@ -254,10 +347,12 @@ impl StreamReader {
         };
         let untaken = self.handed.saturating_sub(rows);
         let left = error.as_ref().is_some_and(has_left);
+        let is_broken = self.is_output && error.is_some() && !left;
         ReaderSummary {
+            is_broken,
             name: self.name.clone(),
             rows,
-            // Who leaves does not want what is on its way.
+            // A reader that leaves does not want the rows on their way.
             lost: self.lost + if left { 0 } else { untaken },
             problem: error.filter(|error| !has_left(error)).map(|error| error.to_string()),
         }
@@ -270,7 +365,7 @@ const WAITING: usize = 4096;
 /// Most bytes of one write.
 const PIECE: usize = 1 << 16;
 
-/// A reader that is written to by a thread of its own, since a pipe, a disk or a network may hold it up: the end of the
+/// A reader with a thread of its own, since a pipe, a disk or a network may hold it up: the end of the
 /// pipe that rows are put in.
 #[derive(Debug)]
 struct PipeReader {
@@ -282,7 +377,7 @@ struct PipeReader {
 }
 
 impl PipeReader {
-    fn new(name: &str, out: impl Write + Send + 'static) -> io::Result<Self> {
+    fn new(name: &str, out: impl RowSink) -> io::Result<Self> {
         let (rows, receiver) = sync_channel(WAITING);
         let written = Arc::new(AtomicU64::new(0));
         let of_thread = Arc::clone(&written);
@@ -332,7 +427,7 @@ impl PipeReader {
 }
 
 fn write_all(
-    mut out: impl Write,
+    mut out: impl RowSink,
     waiting: &Receiver<Vec<u8>>,
     written: &AtomicU64,
 ) -> io::Result<()> {
@@ -344,11 +439,10 @@ fn write_all(
             bytes.extend_from_slice(&next);
             rows += 1;
         }
-        out.write_all(&bytes)?;
-        out.flush()?;
+        out.put(&bytes)?;
         written.fetch_add(rows, Ordering::Release);
     }
-    Ok(())
+    out.end()
 }
 
 #[cfg(test)]
@@ -366,5 +460,14 @@ mod tests {
         for word in ["", "udp:9870", "tcp:host", "tcp:70000", "udp:127.0.0.1"] {
             assert!(word.parse::<Destination>().is_err(), "{word}");
         }
+    }
+
+    #[test]
+    fn a_file_that_is_named_csv_gets_csv() {
+        let format = |word: &str| word.parse::<Destination>().unwrap().format();
+        assert_eq!(format("run.csv"), StreamFormat::Csv);
+        assert_eq!(format("RUN.CSV"), StreamFormat::Csv);
+        assert_eq!(format("run.jsonl"), StreamFormat::JsonLines);
+        assert_eq!(format("-"), StreamFormat::JsonLines);
     }
 }

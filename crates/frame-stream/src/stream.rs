@@ -10,14 +10,17 @@ use board_link::recording::{
     BoardFrame, LiveForces, Measured, RunningForces, Simultaneous, UnsuitableCalibration, row_flags,
 };
 use board_link::{RecordCommand, RecordError, Watcher};
-use forces::RunningTare;
+use forces::{ForceError, RunningTare};
 
 use crate::decimation::Decimator;
-use crate::encoding::{RowEncoder, StreamFormat, StreamRow};
+use crate::encoding::StreamRow;
 use crate::latency::{Latency, LatencySummary};
 use crate::readers::{ReaderSummary, Readers};
 use shell_data::lock::lock;
 use shell_data::wrench::Axes;
+
+/// The lowest rate that rows are passed on at, Hz: a low-pass below it is none that doubles can compute, at 2 kHz.
+pub const LEAST_RATE_HZ: f64 = 0.1;
 
 /// A command.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -28,13 +31,15 @@ pub enum StreamCommand {
     Untare,
     /// Flag the next row.
     Mark,
-    /// So many rows per second, or all.
+    /// The number of rows per second, or all.
     Rate(Option<f64>),
 }
 
 /// A line that is no command.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{0}` is no command; there are `tare`, `untare`, `mark`, `rate HZ` and `rate all`")]
+#[error(
+    "`{0}` is no command; there are `tare`, `untare`, `mark`, `rate HZ` (from {LEAST_RATE_HZ} Hz) and `rate all`"
+)]
 pub struct UnknownCommand(String);
 
 impl FromStr for StreamCommand {
@@ -49,7 +54,7 @@ impl FromStr for StreamCommand {
             ["mark"] => Ok(Self::Mark),
             ["rate", "all"] => Ok(Self::Rate(None)),
             ["rate", hz] => {
-                let hz = hz.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz > 0.0);
+                let hz = hz.parse().ok().filter(|hz: &f64| hz.is_finite() && *hz >= LEAST_RATE_HZ);
                 hz.map(|hz| Self::Rate(Some(hz))).ok_or_else(unknown)
             }
             _ => Err(unknown()),
@@ -57,7 +62,7 @@ impl FromStr for StreamCommand {
     }
 }
 
-/// What passes frames on.
+/// A stream of frames to its readers.
 #[derive(Debug, Default)]
 pub struct FrameStream {
     simultaneous: Option<Simultaneous>,
@@ -69,10 +74,8 @@ pub struct FrameStream {
     last_index: Option<i64>,
     /// Marks so far, and how many of them are to be set.
     marks: (u32, u32),
-    format: StreamFormat,
     commands: Option<Receiver<StreamCommand>>,
     decimator: Option<Decimator>,
-    encoder: Option<RowEncoder>,
     readers: Readers,
     latency: Latency,
     frames: u64,
@@ -89,29 +92,27 @@ pub struct StreamOptions {
     pub from_log: bool,
     /// Channels are brought to one time, as `record` does; every frame waits for three after it.
     pub one_time: bool,
-    /// How rows are written.
-    pub format: StreamFormat,
     /// Rows per second, at most.
     pub rate_hz: Option<f64>,
-    /// What users want while it runs.
+    /// Commands of users while it runs.
     pub commands: Option<Receiver<StreamCommand>>,
 }
 
-/// What a whole stream was.
+/// The account of a whole stream.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamSummary {
     /// Frames that came.
     pub frames: u64,
     /// Rows that were made of them.
     pub rows: u64,
-    /// What came of its readers.
+    /// The ends of its readers.
     pub readers: Vec<ReaderSummary>,
     /// How late rows were handed over.
     pub latency: Option<LatencySummary>,
 }
 
 impl FrameStream {
-    /// Nothing has come yet.
+    /// A stream without frames so far.
     ///
     /// # Errors
     /// [`UnsuitableCalibration`] if it is for another number of channels.
@@ -126,7 +127,6 @@ impl FrameStream {
             simultaneous,
             axes: forces.as_ref().map_or(Axes::ALL, RunningForces::axes),
             forces,
-            format: options.format,
             commands: options.commands,
             decimator: options.rate_hz.map(Decimator::new),
             readers,
@@ -150,9 +150,14 @@ impl FrameStream {
     ) -> Result<(), RecordError> {
         self.frames += frames.len() as u64;
         self.obey(frames, marks);
-        let mut rows = self.rows(frames, now_us())?;
+        self.pass(frames, false)
+    }
+
+    /// Sends the rows of frames; at the end also those that wait for frames after them.
+    fn pass(&mut self, frames: &[BoardFrame], ended: bool) -> Result<(), RecordError> {
+        let mut rows = self.rows(frames, now_us(), ended)?;
         if let Some(decimator) = &mut self.decimator {
-            rows = decimator.push(rows);
+            rows = decimator.push(rows, ended).map_err(ForceError::from)?;
         }
         // Frames wait at the start, until it is known how they are sent.
         let is_first = self.sent == 0;
@@ -165,9 +170,14 @@ impl FrameStream {
     ///
     /// # Errors
     /// [`RecordError`].
-    fn rows(&mut self, frames: &[BoardFrame], host_us: i64) -> Result<Vec<StreamRow>, RecordError> {
+    fn rows(
+        &mut self,
+        frames: &[BoardFrame],
+        host_us: i64,
+        ended: bool,
+    ) -> Result<Vec<StreamRow>, RecordError> {
         let frames = match &mut self.simultaneous {
-            Some(simultaneous) => simultaneous.take(frames.iter().cloned(), false),
+            Some(simultaneous) => simultaneous.take(frames.iter().cloned(), ended),
             None => frames.to_vec(),
         };
         if frames.is_empty() {
@@ -194,7 +204,7 @@ impl FrameStream {
                 if self.tare.push(wrench) {
                     flags.push("tared".to_owned());
                 }
-                // Nothing is subtracted, to the bit, where no zero was asked for.
+                // Without a zero the wrench stays as it is, to the bit.
                 let zero = self.tare.zero;
                 std::array::from_fn(|axis| wrench[axis] - zero[axis])
             });
@@ -203,6 +213,8 @@ impl FrameStream {
             self.marks.1 = 0;
             let standard_errors = errors.as_ref().map(|errors| errors.each_ref().map(|it| it[at]));
             let (&BoardFrame { time_us, index, .. }, flags) = (frame, flags.join(" "));
+            // The time of a row is that of its forces.
+            let time_us = self.forces.as_ref().map_or(time_us, |of| of.moved_us(time_us));
             let row =
                 StreamRow { time_us, index, host_us, readings, wrench, standard_errors, flags };
             rows.push(row);
@@ -211,11 +223,9 @@ impl FrameStream {
     }
 
     fn send(&mut self, row: &StreamRow, is_first: bool) {
-        let (format, axes) = (self.format, self.axes);
-        let encoder = self.encoder.get_or_insert_with(|| RowEncoder::new(format, axes, row));
-        self.readers.send(&encoder.begin(row), encoder);
+        self.readers.send(row, self.axes);
         self.sent += 1;
-        // What the radio delayed is not the stream's doing.
+        // The radio's delays are not the stream's doing.
         if !is_first && self.newest.is_some_and(|newest| row.index > newest) {
             self.latency.push(row.time_us, now_us());
         }
@@ -238,14 +248,19 @@ impl FrameStream {
         }
     }
 
-    /// Ends it: what it was.
-    pub fn finish(self) -> StreamSummary {
-        StreamSummary {
+    /// Ends it, with the rows that waited for frames after them: what it was.
+    ///
+    /// # Errors
+    /// [`RecordError`], once all readers have ended.
+    pub fn finish(mut self) -> Result<StreamSummary, RecordError> {
+        let passed = self.pass(&[], true);
+        let summary = StreamSummary {
             frames: self.frames,
             rows: self.sent,
             readers: self.readers.finish(),
             latency: self.latency.summary(),
-        }
+        };
+        passed.map(|()| summary)
     }
 }
 
@@ -298,7 +313,8 @@ impl Watcher for StreamWatcher {
             if let Err(error) = pushed
                 && let Some(Ok(stream)) = state.replace(Err(error))
             {
-                stream.finish();
+                // The first error is the one that is told.
+                let _ = stream.finish();
             }
         }
         drop(state);
@@ -317,7 +333,7 @@ impl StreamHandle {
     /// [`RecordError`]: why it has ended before.
     pub fn finish(&self) -> Result<Option<StreamSummary>, RecordError> {
         let stream = lock(&self.0).take().transpose()?;
-        Ok(stream.map(|stream| stream.finish()))
+        stream.map(|stream| stream.finish()).transpose()
     }
 }
 
@@ -330,7 +346,7 @@ mod tests {
         assert_eq!("tare\n".parse(), Ok(StreamCommand::Tare));
         assert_eq!(" rate 12.5 ".parse(), Ok(StreamCommand::Rate(Some(12.5))));
         assert_eq!("rate all".parse(), Ok(StreamCommand::Rate(None)));
-        for line in ["", "rate", "rate -1", "rate NaN", "rate 0", "tare now", "Tare"] {
+        for line in ["", "rate", "rate -1", "rate NaN", "rate 0", "rate 1e-6", "tare now", "Tare"] {
             assert!(line.parse::<StreamCommand>().is_err(), "{line}");
         }
     }

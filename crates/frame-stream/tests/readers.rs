@@ -11,7 +11,7 @@ use std::io::{BufRead, BufReader, Read};
 use std::net::{Ipv4Addr, TcpStream, UdpSocket};
 use std::time::Duration;
 
-use frame_stream::{Destination, Readers, RowEncoder, StreamFormat, StreamRow};
+use frame_stream::{Destination, Readers, StreamRow};
 use shell_data::wrench::Axes;
 
 fn row(index: i64) -> StreamRow {
@@ -46,10 +46,9 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
     let file = dir.path().join("rows.jsonl");
     let ((first, to_first), (second, to_second)) = (udp(), udp());
     let any = Destination::Tcp((Ipv4Addr::LOCALHOST, 0).into());
-    let mut readers =
-        Readers::open(&[to_first, to_second, any, Destination::File(file.clone())], false).unwrap();
+    let destinations = [to_first, to_second, any, Destination::File(file.clone())];
+    let mut readers = Readers::open(&destinations, None, false).unwrap();
     let address = readers.addresses()[0];
-    let encoder = RowEncoder::new(StreamFormat::JsonLines, Axes::ALL, &row(0));
     let (reading, mut stopped) =
         (TcpStream::connect(address).unwrap(), TcpStream::connect(address).unwrap());
     reading.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
@@ -60,7 +59,7 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
     const ROWS: u64 = 120_000;
     let (mut datagram, mut line) = ([0; 2048], String::new());
     for index in 0..ROWS {
-        readers.send(&encoder.begin(&row(index as i64)), &encoder);
+        readers.send(&row(index as i64), Axes::ALL);
         for socket in [&first, &second] {
             let count = socket.recv(&mut datagram).unwrap();
             let text = std::str::from_utf8(&datagram[..count]).unwrap();
@@ -75,7 +74,7 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
     let (mut got, mut index) = (Vec::new(), ROWS);
     let whole = loop {
         let _ = stopped.read_to_end(&mut got);
-        readers.send(&encoder.begin(&row(index as i64)), &encoder);
+        readers.send(&row(index as i64), Axes::ALL);
         index += 1;
         let text = String::from_utf8(got.clone()).unwrap();
         let lines: Vec<String> = text.split_inclusive('\n').map(str::to_owned).collect();
@@ -106,4 +105,26 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
     let lost = text.lines().last().map(|line| number(line, "lost")).unwrap();
     let last = text.lines().last().map(|line| number(line, "row")).unwrap();
     assert_eq!(text.lines().count() as u64 + lost, last + 1);
+}
+
+/// A disk that is full is told with what arrived and what did not, and holds nobody else up.
+#[cfg(target_os = "linux")]
+#[test]
+fn an_output_that_is_full_is_broken_and_others_go_on() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = dir.path().join("rows.csv");
+    let full = Destination::File("/dev/full".into());
+    let destinations = [full, Destination::File(file.clone())];
+    let mut readers = Readers::open(&destinations, None, false).unwrap();
+    for index in 0..100 {
+        readers.send(&row(index), Axes::ALL);
+    }
+    let mut summaries = readers.finish();
+    summaries.sort_by_key(|of| !of.is_broken);
+    let [broken, whole] = &summaries[..] else { panic!("{summaries:?}") };
+    assert_eq!((broken.rows, broken.lost, broken.is_broken), (0, 100, true));
+    assert!(broken.problem.as_ref().unwrap().contains("No space left"), "{broken:?}");
+    assert_eq!((whole.rows, whole.lost, whole.is_broken), (100, 0, false));
+    let text = std::fs::read_to_string(file).unwrap();
+    assert!(text.starts_with("t_s,index,") && text.lines().count() == 101, "{text}");
 }

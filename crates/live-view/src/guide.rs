@@ -9,7 +9,8 @@
 //! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start, nor do the halves of
 //! that second differ by more in their means. *Loaded*: where forces are known, the wrench is nearer to the planned one
 //! than to none, axes measured by the largest load of the plan; else the readings are off their rest by many times their
-//! noise and by a tenth of the largest excursion so far.
+//! noise and by a tenth of the largest excursion so far, and all together by a quarter of what loads that were recorded let
+//! expect of one of this size.
 
 use std::collections::VecDeque;
 
@@ -36,6 +37,9 @@ const LEAST_FORCE_NOISE: f64 = 1e-3;
 /// By how many times its noise, and by which share of the largest excursion so far, a loaded channel is off its rest.
 const OFF_REST: f64 = 8.0;
 const OFF_SHARE: f64 = 0.1;
+
+/// The share of what its size lets expect that the channels together are off their rest under a load, at least.
+const OFF_LOAD: f64 = 0.25;
 
 /// A load that is to be hung.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,6 +108,8 @@ pub struct Guide {
     rest: Option<([f64; CHANNELS], [f64; CHANNELS])>,
     /// How far each channel was off its rest.
     excursion: [f64; CHANNELS],
+    /// How far the channels together were off their rest at the loads that were recorded, by the size of these: the least.
+    response: Option<f64>,
     /// Since when it is still and loaded: time and frame.
     still_since: Option<(f64, i64)>,
 }
@@ -225,6 +231,11 @@ impl Guide {
         }
         let group = self.loads[self.next].group.clone();
         self.recorded[self.next] = true;
+        let (size, (means, ..)) = (self.size(self.next), self.statistics());
+        if let (Some((rest, _)), true) = (self.rest, size > 0.0) {
+            let response = length(&std::array::from_fn(|c| means[c] - rest[c])) / size;
+            self.response = Some(self.response.map_or(response, |least| least.min(response)));
+        }
         self.still_since = None;
         self.skip();
         if self.phase != GuidePhase::Done {
@@ -261,6 +272,17 @@ impl Guide {
         (means, scatter, std::array::from_fn(|c| (second[c] - first[c]).abs()))
     }
 
+    /// The size of a load, axes measured by the largest of the plan.
+    fn size(&self, load: usize) -> f64 {
+        let largest =
+            |axis: usize| self.loads.iter().map(|load| load.wrench[axis].abs()).fold(0.0, f64::max);
+        let share = |axis: usize| match largest(axis) {
+            largest if largest > 0.0 => self.loads[load].wrench[axis].abs() / largest,
+            _ => 0.0,
+        };
+        (0..6).map(share).fold(0.0, f64::max)
+    }
+
     /// Whether what is still is the load that is wanted, as far as one can tell.
     fn is_loaded(&self, off: &[f64; CHANNELS], noise: &[f64; CHANNELS]) -> bool {
         let planned = self.loads[self.next].wrench;
@@ -283,8 +305,15 @@ impl Guide {
         }
         let is_off = (0..CHANNELS)
             .any(|c| off[c] > (OFF_REST * noise[c]).max(OFF_SHARE * self.excursion[c]));
-        is_off || is_wanted_empty
+        // What springs keep of the load before is no load: it is far less than the next one's size lets expect.
+        let least =
+            self.response.map_or(0.0, |response| OFF_LOAD * response * self.size(self.next));
+        is_off && length(off) > least || is_wanted_empty
     }
+}
+
+fn length(off: &[f64; CHANNELS]) -> f64 {
+    off.iter().map(|off| off * off).sum::<f64>().sqrt()
 }
 
 #[cfg(test)]
@@ -367,9 +396,11 @@ mod tests {
         assert!((guide.view().remaining_gain - 2.0 / 3.0).abs() < 1e-12);
         guide.skip();
         assert_eq!(guide.view().group, "c");
-        // Back at rest, nearly: no load.
-        bench.apply(&mut guide, 0.05, 4.0, false);
-        assert_eq!(bench.found.len(), 1);
+        // Back at rest, nearly, and where springs keep much of what hung there: no load.
+        for kept in [0.05, 0.3] {
+            bench.apply(&mut guide, kept, 4.0, false);
+            assert_eq!(bench.found.len(), 1);
+        }
         bench.apply(&mut guide, -2.0, 4.0, false);
         assert_eq!(bench.found.len(), 2);
         assert_eq!(guide.view().group, "b", "the one that was skipped comes back");

@@ -3,22 +3,25 @@
     pip install numpy scipy polars pyarrow openpyxl mcap-ros2-support h5py
     python make_seeds.py
 
-The files are seeds of the fuzz targets, and what host-cli/tests/logs/log_containers.rs compares.
+The files are seeds of the fuzz targets, and what tests/kinds_of_file.rs compares.
 """
 
 import datetime
 import gzip
 import json
 import pathlib
+import struct
 
 import h5py
 import numpy as np
 import openpyxl
 import polars as pl
+import pyarrow as pa
 import pyarrow.parquet as parquet
 import scipy.io
 from backports import zstd
 from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from mcap_ros2.writer import Writer
 
 ROWS = 24
@@ -113,10 +116,22 @@ parquet.write_table(
 )
 
 columns = {axis: wrench[:, i] for i, axis in enumerate(AXES)}
+lists = pa.FixedSizeListArray.from_arrays(pa.array(readings.ravel()), 8)
+listed = pa.table({"t_s": time, "s": lists} | columns | {"group": groups})
+parquet.write_table(listed, at("parquet", "lists.parquet"), row_group_size=10)
+parquet.write_table(listed, at("parquet", "lists_v2.parquet"), data_page_version="2.0", data_page_size=100)
+
 scipy.io.savemat(at("matlab", "matrix.mat"), {"data": matrix})
 scipy.io.savemat(at("matlab", "matrix_compressed.mat"), {"data": matrix}, do_compression=True)
 scipy.io.savemat(
     at("matlab", "vectors.mat"), {"t": time, "s": readings.astype(np.int16), "rate": 100.0, "note": "x"} | columns
+)
+# A struct with texts; and time along the columns, with a matrix of something else.
+fields = {"t": time, "s": readings.astype(float)} | columns | {"group": np.array(groups, dtype=object)}
+scipy.io.savemat(at("matlab", "struct.mat"), {"run": fields, "rotation": np.eye(3)}, do_compression=True)
+scipy.io.savemat(
+    at("matlab", "sideways.mat"),
+    {"t": time, "s": readings.T.astype(float), "group": groups, "ft": np.zeros(7)} | columns,
 )
 # Every layout of a data set, index of its pieces, filter and order of bytes.
 for name, version, kind, how in [
@@ -145,6 +160,20 @@ for name, version, kind, how in [
         run.create_dataset("matrix_of_fit", data=np.eye(8, 6))
 with h5py.File(at("hdf5", "by_shape.h5"), "w") as file:
     file["t"], file["cells"], file["ft"] = time, readings, wrench
+# Texts, truths, units, readings of twelve bits along the columns, and links to nowhere and elsewhere.
+with h5py.File(at("hdf5", "texts.h5"), "w") as file:
+    file["t"] = np.arange(ROWS) * 10
+    file["t"].attrs["units"] = "milliseconds since 2026-11-22 10:00:00"
+    twelve = h5py.h5t.NATIVE_UINT16.copy()
+    twelve.set_precision(12)
+    stored = h5py.h5d.create(file.id, b"s", twelve, h5py.h5s.create_simple((8, ROWS)))
+    stored.write(h5py.h5s.ALL, h5py.h5s.ALL, np.ascontiguousarray(readings.T, dtype="u2"))
+    for axis in AXES:
+        file[axis] = columns[axis]
+        file[axis].attrs["unit"] = "N" if axis[0] == "F" else "N*m"
+    file["group"] = groups
+    file["is_moving"] = readings[:, 0] > 2000
+    file["latest"], file["gone"] = h5py.SoftLink("/t"), h5py.SoftLink("/nowhere")
 with h5py.File(at("hdf5", "compact.h5"), "w") as file:
     plist = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
     plist.set_layout(h5py.h5d.COMPACT)
@@ -179,6 +208,14 @@ workbook = openpyxl.Workbook()
 for row in [names, *rows]:
     workbook.active.append(row)
 workbook.save(at("xlsx", "workbook.xlsx"))
+# A sheet without a table, notes beside the rows, and a time that goes by.
+workbook = openpyxl.Workbook()
+workbook.active["A1"] = "recorded on a Sunday"
+sheet = workbook.create_sheet("run")
+sheet.append(["time", *names[1:]])
+for row in rows:
+    sheet.append([datetime.timedelta(seconds=row[0]), *row[1:], None, "quiet"])
+workbook.save(at("xlsx", "notes.xlsx"))
 
 for codec in [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD]:
     with open(at("mcap", f"{codec.name.lower()}.mcap"), "wb") as file:
@@ -198,3 +235,17 @@ for codec in [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD]:
             data = {"s": [int(value) for value in readings[row]], "group": groups[row]}
             writer._writer.add_message(channel, ns, json.dumps(data).encode(), ns)
         writer.finish()
+# In another order than they were logged, with the other order of bytes.
+with open(at("mcap", "shuffled.mcap"), "wb") as file:
+    writer = McapWriter(file)
+    writer.start()
+    schema = writer.register_schema("geometry_msgs/msg/WrenchStamped", "ros2msg", WRENCH_STAMPED.encode())
+    channel = writer.register_channel("/wrench", "cdr", schema)
+    json_channel = writer.register_channel("/readings", "json", 0)
+    for row in random.permutation(ROWS):
+        ns = 1_700_000_000_000_000_000 + 10_000_000 * int(row)
+        head = struct.pack(">4B2iI", 0, 0, 0, 0, ns // 10**9, ns % 10**9, 6) + b"shell\0" + bytes(6)
+        writer.add_message(channel, ns, head + struct.pack(">6d", *wrench[row]), ns)
+        data = {"s": [int(value) for value in readings[row]], "group": groups[row]}
+        writer.add_message(json_channel, ns, json.dumps(data).encode(), ns)
+    writer.finish()

@@ -2,6 +2,7 @@
 
 use shared_proto::skinproc::SCAN_LEN;
 use shell_data::hint::{Hint, quoted, suggest};
+use shell_data::unit::Quantity;
 use std::fmt;
 use std::io;
 use std::path::PathBuf;
@@ -38,6 +39,21 @@ pub enum LogError {
     /// The file has a header and nothing after it.
     #[error("`{}` has a header but no rows", .0.display())]
     NoRows(PathBuf),
+    /// No row meets the conditions.
+    #[error("no row of `{}` meets all conditions", .0.display())]
+    NoneChosen(PathBuf),
+    /// More rows are wrong than may be skipped without a closer look; where the first is, and what is wrong with it.
+    #[error(
+        "`{}`: {skipped} of {rows} rows are wrong, the first at {position}: {problem}",
+        path.display()
+    )]
+    ManyBadRows {
+        path: PathBuf,
+        skipped: u64,
+        rows: u64,
+        position: LogPosition,
+        problem: Box<RowProblem>,
+    },
     /// The file is not text: it has a byte that no text file has, at `offset` of the (uncompressed) file.
     #[error("`{}` is not a text file: byte {offset} is 0x{byte:02x}", path.display())]
     Binary { path: PathBuf, offset: u64, byte: u8 },
@@ -65,6 +81,9 @@ pub enum PlacedProblem {
          columns) or 12 (two to drop, time, six wrench columns, three accelerations)"
     )]
     UnknownLayout(usize),
+    /// No lines are rows of numbers, nor does the first name columns that are known.
+    #[error("this names no columns, and no rows of numbers follow")]
+    NoTable,
     /// The requested format has another number of columns (`expected`) than the log (`found`).
     #[error("{format} has {expected} columns, found {found}")]
     LayoutMismatch { format: crate::format::mapping::LogFormat, expected: usize, found: usize },
@@ -76,9 +95,13 @@ pub enum PlacedProblem {
         if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
     MissingColumns { missing: Vec<String>, found: Vec<String> },
-    /// A column of the wrench is in a unit that is not read.
-    #[error("the unit of column `{0}` is not known")]
-    UnknownUnit(String),
+    /// A column is in a unit that is not understood.
+    #[error("column `{column}`: the unit `{unit}` of its {} is not understood", match quantity {
+        Quantity::Force => "force",
+        Quantity::Moment => "moment",
+        _ => "time",
+    })]
+    UnknownUnit { column: String, unit: String, quantity: Quantity },
     /// Times are whole numbers of one of two units, whose median `step` leaves both possible.
     #[error(
         "the unit of column `{column}` is not known, which goes on by `{step}` from row to row"
@@ -109,6 +132,12 @@ impl Hint for LogError {
             Self::Empty(_) | Self::NoRows(_) => {
                 "nothing was recorded, or the file was not copied to its end"
             }
+            Self::ManyBadRows { .. } => {
+                "look at that row; leave all such rows out with `--skip-bad-rows=all`"
+            }
+            Self::NoneChosen(_) => {
+                "leave out a `--where` or `--exclude-group`, or look at the values in the log"
+            }
             Self::Binary { .. } => {
                 "logs are text (telemetry, CSV, console), plain or compressed with gzip or zstd, or tables \
                  in Parquet, MATLAB, NumPy, Excel or MCAP"
@@ -138,12 +167,16 @@ impl Hint for PlacedProblem {
             Self::UnknownLayout(_) => {
                 "say which columns are which, `--sensors 2-9 --wrench 10-15 --time 1`"
             }
+            Self::NoTable => {
+                "say which line names the columns with `--header-line N`, or how many to pass with `--skip-lines N`"
+            }
             Self::LayoutMismatch { .. } => "leave out `--format` to have it recognised",
             Self::MissingColumns { .. } => {
                 "name the columns with `--sensors`, `--wrench`, `--time` or `--group`"
             }
-            Self::UnknownUnit(_) => {
-                "convert it to N or mN, moments to N·m, mN·m or N·mm, and name the column so (`fx_n`, `Mx [N*mm]`)"
+            Self::UnknownUnit { column, quantity, .. } => {
+                let understood = quantity.understood();
+                return Some(format!("say it with `--unit '{column}=UNIT'`: {understood}"));
             }
             Self::UnclearTimeUnit { .. } => {
                 "say it with `--time-unit`, or in the name of the column (`t_ms`, `t_us`)"

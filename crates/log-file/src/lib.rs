@@ -56,12 +56,13 @@ mod stream;
 pub mod summary;
 
 pub use error::{FieldProblem, LogError, LogPosition, PlacedProblem, RowMismatch, RowProblem};
+pub use format::choice::{Comparison, Interleaving, RowCondition, parse_condition};
 pub use format::columns::{Column, Wanted};
 pub use format::mapping::{
     ColumnRef, FORMATS, LogFormat, Mapping, MomentUnit, TIME_UNITS, TimeUnit, parse_column,
-    parse_columns, parse_wrench,
+    parse_columns, parse_units, parse_wrench,
 };
-pub use format::meaning::Meaning;
+pub use format::meaning::{Meaning, StatedUnit};
 pub use log::Log;
 pub use read::all::{ReadOptions, read_all, read_dataset, read_logs, sample_logs, threads_for};
 pub use shell_data::ReadSummary;

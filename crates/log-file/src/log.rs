@@ -1,21 +1,22 @@
 //! A log file whose layout has been recognised.
 
-use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
 use crate::checksum;
 use crate::error::{LogError, PlacedProblem};
-use crate::format::columns::{Column, Wanted, duplicate, positions};
+use crate::format::choice::Interleaving;
+use crate::format::columns::{Column, Wanted, duplicate, positions, recognise};
 use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
-use crate::format::meaning::{Meaning, axis_of_other_unit};
-use crate::stream::chunk::{CHUNK_BYTES, ChunkStream};
-use crate::stream::source::{ByteStream, LogSource};
+use crate::format::meaning::{Meaning, StatedUnit};
+use crate::stream::chunk::{CHUNK_BYTES, line_ends};
+use crate::stream::clock_turns::TURN;
+use crate::stream::source::LogSource;
 use shell_data::ColumnNames;
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-use table_file::FileKind;
+use table_file::{FileKind, Table};
 
 /// A log whose layout is known.
 #[derive(Debug)]
@@ -72,10 +73,22 @@ impl Log {
     }
 
     fn new(source: LogSource, mapping: &Mapping) -> Result<Self, LogError> {
-        let mut head = Vec::with_capacity(HEAD_BYTES as usize);
-        let mut stream = source.open()?.take(HEAD_BYTES);
-        stream.read_to_end(&mut head).map_err(|error| source.error(error))?;
-        let whole = (head.len() as u64) < HEAD_BYTES;
+        let table = source.as_whole_table();
+        if table.is_some() && mapping.format == Some(LogFormat::Console) {
+            let (format, found) = (LogFormat::Console, table.map_or(0, Table::width));
+            let problem = PlacedProblem::LayoutMismatch { format, expected: 9, found };
+            return Err(source.error_at(1, problem));
+        }
+        // Of columns that have names, no more than the clock says what they are.
+        let names = table.and_then(Table::names);
+        let clock =
+            names.and_then(|names| recognise(names, &[], LogFormat::Csv, mapping).ok()?.1.time);
+        let shown: Option<Vec<usize>> =
+            table.and_then(|table| table.names()).map(|_| clock.into_iter().collect());
+        let head = source.head(shown.as_deref(), HEAD_BYTES as usize)?;
+        // A row may have nothing in what is shown of a table.
+        let has_rows = |table: &Table| line_ends(&head) > u64::from(table.columns.is_some());
+        let whole = (head.len() as u64) < HEAD_BYTES && !table.is_some_and(has_rows);
         let layout = recognise_layout(&source, &head, whole, mapping)?;
         Ok(Self { source, layout, chunk_bytes: CHUNK_BYTES })
     }
@@ -85,14 +98,6 @@ impl Log {
     #[doc(hidden)]
     pub fn with_chunk_bytes(self, chunk_bytes: usize) -> Self {
         Self { chunk_bytes: chunk_bytes.max(1), ..self }
-    }
-
-    /// The chunks of its rows in its text.
-    pub(crate) fn chunks(&self, text: ByteStream, chunk_bytes: usize) -> ChunkStream<ByteStream> {
-        let start = self.layout.header.rows_start as u64;
-        let mut chunks = ChunkStream::new(text, start, self.layout.rows_line, chunk_bytes);
-        chunks.clock = self.layout.clock();
-        chunks
     }
 
     /// The file.
@@ -109,6 +114,22 @@ impl Log {
     pub fn kind(&self) -> String {
         let kind = self.table_kind().map(|kind| kind.to_string());
         kind.unwrap_or_else(|| self.layout.header.format.to_string())
+    }
+
+    /// What was decided about the lines above its rows, in words; nothing where the first line names the columns.
+    pub fn decisions(&self) -> &[String] {
+        &self.layout.decisions
+    }
+
+    /// The time in s after which the clock wraps around, if it is a counter of 32 bits.
+    pub fn clock_turn_s(&self) -> Option<f64> {
+        let column = &self.layout.columns[self.layout.roles.time?];
+        self.layout.clock().map(|_| column.meaning.scale().to_si(TURN))
+    }
+
+    /// A column that tells apart sensors whose rows alternate, of which none was chosen.
+    pub fn interleaving(&self) -> Option<&Interleaving> {
+        self.layout.interleaving.as_ref()
     }
 
     /// Its columns and their meanings.
@@ -176,6 +197,7 @@ impl Log {
             time_unit: mapping.time_unit.filter(|_| time.is_some()),
             time,
             group: mapping.group.and(roles.group).and_then(name),
+            units: mapping.units,
         }
     }
 
@@ -251,7 +273,7 @@ impl Log {
 
     /// Whether it has a time column.
     pub fn has_time(&self) -> bool {
-        self.layout.roles.time.is_some()
+        self.layout.roles.time.is_some() || self.layout.rate_hz.is_some()
     }
 
     /// Whether it has a column of group labels.
@@ -297,6 +319,14 @@ impl Log {
         self.source.as_table().map(|table| table.kind)
     }
 
+    /// What its table and that beside it leave out of their files, with the reason, and what was decided.
+    pub fn notes(&self) -> Vec<&str> {
+        let companion = self.source.companion.as_deref();
+        let tables = [Some(&self.source), companion].into_iter().flatten();
+        let notes = tables.filter_map(LogSource::as_table).flat_map(|table| &table.notes);
+        notes.map(String::as_str).collect()
+    }
+
     /// How the file is compressed, if it is.
     pub fn compression(&self) -> Option<&'static str> {
         self.source.compression()
@@ -327,25 +357,25 @@ impl Log {
         let beyond = asked.filter(|&&at| at >= columns.len());
         missing.extend(beyond.map(|at| format!("column {}", at + 1)));
         self.check_missing(missing)?;
-        if wanted.wrench {
-            self.check_units()?;
-        }
+        self.check_units(wanted)?;
         self.check_are_read(wanted)
     }
 
-    /// Checks that no axis is missing because its column is in a unit that is not read.
-    fn check_units(&self) -> Result<(), LogError> {
-        let lost = |column: &&Column| {
-            let axis =
-                axis_of_other_unit(&column.name).filter(|_| column.meaning == Meaning::Other);
-            axis.is_some_and(|axis| !self.axes().contains(axis))
-        };
-        match self.layout.columns.iter().find(lost) {
-            None => Ok(()),
-            Some(column) => {
-                Err(self.error_in_names(PlacedProblem::UnknownUnit(column.name.clone())))
+    /// Checks that the units of the time and the wrench are understood, if these are wanted.
+    fn check_units(&self, wanted: &Wanted) -> Result<(), LogError> {
+        let roles = &self.layout.roles;
+        let time = roles.time.iter().filter(|_| wanted.time);
+        for &at in time.chain(roles.wrench.iter().flatten().filter(|_| wanted.wrench)) {
+            let column = &self.layout.columns[at];
+            if let (StatedUnit::Unknown(unit), Some(quantity)) =
+                (&column.unit, column.meaning.quantity())
+            {
+                let (column, unit) = (column.name.clone(), unit.clone());
+                let problem = PlacedProblem::UnknownUnit { column, unit, quantity };
+                return Err(self.error_in_names(problem));
             }
         }
+        Ok(())
     }
 
     /// Checks that a table in a binary file holds what can be read in all wanted columns.
@@ -358,7 +388,7 @@ impl Log {
         columns
             .copied()
             .try_for_each(|column| table.check_is_read(column))
-            .map_err(|problem| LogError::Table { path: self.source.path.clone(), problem })
+            .map_err(|problem| self.source.table_error(problem))
     }
 
     fn check_missing(&self, missing: Vec<String>) -> Result<(), LogError> {

@@ -173,18 +173,16 @@ impl Outputs {
         self.create(path)?.commit_with(bytes)
     }
 
-    /// Lets every output be written once more, for a command that does its work again.
-    pub fn renew(&self) {
-        let mut known = lock(&self.known);
-        let outputs = known.files.iter_mut().filter(|file| file.stage != FileStage::Input);
-        outputs.for_each(|output| output.stage = FileStage::Announced);
-    }
-
     fn claim(&self, path: &Path, stage: FileStage) -> Result<(), OutputError> {
         let Some(keys) = identity::keys(path) else { return Ok(()) };
         let (mut known, path) = (lock(&self.known), path.to_path_buf());
         let KnownFiles { files, by_key } = &mut *known;
-        let Some(&position) = keys.iter().find_map(|key| by_key.get(key)) else {
+        // A number is given out again, once the file that had it is replaced.
+        let has_now = |at: usize, key: &FileKey| {
+            identity::keys(&files[at].path).is_some_and(|keys| keys.contains(key))
+        };
+        let known = |key: &FileKey| by_key.get(key).copied().filter(|at| has_now(*at, key));
+        let Some(position) = keys.iter().find_map(known) else {
             by_key.extend(keys.into_iter().map(|key| (key, files.len())));
             files.push(KnownFile { path, stage });
             return Ok(());
@@ -364,9 +362,7 @@ mod tests {
         for path in [&path, &other] {
             assert!(matches!(outputs.write(path, b"2"), Err(OutputError::Twice { .. })));
         }
-        outputs.renew();
-        outputs.write(&path, b"3").unwrap();
-        assert_eq!(fs::read(&path).unwrap(), b"3");
+        assert_eq!(fs::read(&path).unwrap(), b"1");
     }
 
     #[cfg(unix)]

@@ -24,6 +24,9 @@ pub struct ColumnNames {
     /// The column of groups.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group: Option<String>,
+    /// Units that the log does not say: of an axis, of `force`, `moment` or `time`, or of a column.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub units: Vec<(String, String)>,
 }
 
 impl ColumnNames {

@@ -66,13 +66,19 @@ pub fn script_json(document: &str) -> Cow<'_, str> {
     })
 }
 
-/// Text as content of an element or of a quoted attribute, of HTML and of XML (SVG). What XML cannot hold becomes
-/// U+FFFD.
+/// Whether a character turns the direction of the text after it round, so that a page shows another than it holds.
+const fn turns(character: char) -> bool {
+    matches!(character, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
+}
+
+/// Text as content of an element or of a quoted attribute, of HTML and of XML (SVG). What XML cannot hold, and what
+/// turns the direction of text round, becomes U+FFFD.
 pub fn markup(text: &str) -> Cow<'_, str> {
     let is_special = |character| {
         let is_kept = matches!(character, '\n' | '\t');
         matches!(character, '&' | '<' | '>' | '"' | '\'' | '\u{fffe}' | '\u{ffff}')
             || char::is_control(character) && !is_kept
+            || turns(character)
     };
     replace(text, is_special, |character, out| {
         out.push_str(match character {
@@ -139,6 +145,7 @@ mod tests {
     #[test]
     fn languages_get_text_that_cannot_leave_its_place() {
         assert_eq!(markup("a<b> \"&'\u{1}"), "a&lt;b&gt; &quot;&amp;&#39;\u{fffd}");
+        assert_eq!(markup("a\u{202e}b"), "a\u{fffd}b");
         assert_eq!(python("x\n\"\"\"\\u\u{2028}\u{e0041}"), r#"x\x0a\"\"\"\\u\u2028\U000e0041"#);
         assert_eq!(matlab_comment("x\nsystem('ls')\u{2028}"), "x\u{fffd}system('ls')\u{fffd}");
         assert_eq!(csv_field("a,\"b\"\n"), "\"a,\"\"b\"\"\n\"");

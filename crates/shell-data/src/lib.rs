@@ -3,13 +3,15 @@
 //! - [`wrench`]: the six axes, their order, names and units;
 //! - [`block`]: a run of consecutive log rows, column by column;
 //! - [`by_axis`]: values by axis in documents;
+//! - [`converter`]: which readings are saturated;
 //! - [`escape`]: text that enters another language;
 //! - [`fingerprint`]: whether two logs hold the same rows;
 //! - [`hint`]: what to do about an error;
 //! - [`instructions`]: which vectors of the processor are worked with;
 //! - [`lock`]: locks that a panic elsewhere leaves usable;
 //! - [`statistics`]: mean and variance, block by block, and the median;
-//! - [`telemetry`]: the columns of a robot's telemetry.
+//! - [`telemetry`]: the columns of a robot's telemetry;
+//! - [`unit`]: units as people write them.
 //!
 //! SI units throughout (s, N, N·m). Frame: x forward, y left, z up.
 //!
@@ -32,6 +34,7 @@
 pub mod block;
 pub mod by_axis;
 pub mod columns;
+pub mod converter;
 pub mod dataset;
 pub mod escape;
 pub mod fingerprint;
@@ -41,10 +44,13 @@ pub mod lock;
 pub mod random;
 pub mod statistics;
 pub mod telemetry;
+pub mod unit;
 pub mod wrench;
 
 pub use block::{Block, RowLines};
 pub use columns::{ColumnNames, TimeUnit};
+pub use converter::Converter;
 pub use dataset::{Dataset, ReadSummary};
 pub use telemetry::Telemetry;
+pub use unit::{Quantity, Scale, Unit};
 pub use wrench::{Axes, Axis, AxisValues, MomentUnit, PerAxis};

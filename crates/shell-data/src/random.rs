@@ -39,8 +39,6 @@ pub enum Purpose {
     Telemetry = 13,
     /// Which poses of a session are held out, and in which order the others come.
     Replay = 14,
-    /// What the parameters of a beam channel may be.
-    BeamChannel = 20,
 }
 
 /// A stream of random numbers.

@@ -3,9 +3,9 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::budget::{self, Unpacked};
-use crate::element::Element;
-use crate::format::{Cell, RowSource, RowStream, batch_rows};
+use crate::budget;
+use crate::element::{Element, Strided};
+use crate::format::{Cell, RowSource, RowStream, TableColumn, WantedColumn};
 use crate::kind::{FileKind, TableError};
 
 /// An array.
@@ -15,8 +15,22 @@ pub struct Array {
     pub name: String,
     /// Rows, columns, and further sides.
     pub size: Vec<usize>,
-    /// `None` where they are complex or none, and as long as they have not been read.
-    pub(crate) numbers: Option<ArrayNumbers>,
+    /// The unit of its values, where the file gives one.
+    pub(crate) unit: Option<String>,
+    /// Its elements are row after row, not column after column.
+    pub(crate) is_by_row: bool,
+    pub(crate) values: ArrayValues,
+}
+
+/// What an array holds.
+#[derive(Clone, Debug)]
+pub(crate) enum ArrayValues {
+    /// What is no column of a table, in words.
+    Other(&'static str),
+    /// Numbers or texts that have not been read yet.
+    Unread,
+    Numbers(ArrayNumbers),
+    Texts(Arc<Vec<String>>),
 }
 
 /// The numbers of an array as the file holds them.
@@ -26,20 +40,14 @@ pub(crate) struct ArrayNumbers {
     pub(crate) range: Range<usize>,
     pub(crate) element: Element,
     pub(crate) is_little: bool,
-    /// Row after row, not column after column.
-    pub(crate) is_by_row: bool,
 }
 
 impl Array {
     /// Its values in the order of the file, in MATLAB column by column; `None` where they are complex or no
     /// numbers.
     pub fn values(&self) -> Option<Vec<f64>> {
-        let numbers = self.numbers.as_ref()?;
-        let number = |at| match numbers.cell(at) {
-            Cell::Real(value) => value,
-            Cell::Whole(value) => value as f64,
-            _ => f64::NAN,
-        };
+        let ArrayValues::Numbers(numbers) = &self.values else { return None };
+        let number = |at| numbers.cell(at).number().unwrap_or(f64::NAN);
         Some((0..numbers.len()).map(number).collect())
     }
 
@@ -53,11 +61,26 @@ impl Array {
         }
     }
 
-    /// Whether its numbers have been read and are as many as its sides say.
+    /// Why it is no part of a table, if it is none.
+    fn refusal(&self) -> Option<&'static str> {
+        match (&self.values, self.sides()) {
+            (ArrayValues::Other(what), _) => Some(what),
+            (_, (0, _) | (_, 0)) if self.size.len() > 2 => Some("more than two sides"),
+            (_, (0, _) | (_, 0)) => Some("empty"),
+            _ if !self.is_filled() => Some("fewer values than its sides say"),
+            _ => None,
+        }
+    }
+
+    /// Whether it has as many values as its sides say, or they have not been read.
     pub(crate) fn is_filled(&self) -> bool {
         let (rows, columns) = self.sides();
-        let count = self.numbers.as_ref().map(ArrayNumbers::len);
-        count.is_some() && count == rows.checked_mul(columns)
+        match &self.values {
+            ArrayValues::Other(_) => false,
+            ArrayValues::Unread => true,
+            ArrayValues::Numbers(numbers) => Some(numbers.len()) == rows.checked_mul(columns),
+            ArrayValues::Texts(texts) => texts.len() == rows && columns == 1,
+        }
     }
 
     /// Whether `name` is that of the array or of a group that it is in.
@@ -82,34 +105,96 @@ impl ArrayNumbers {
     }
 }
 
-/// Those of `all` that make up a log, and the names of their columns: of those that `name` is the name of, or else
-/// of all, the ones that have as many rows as the longest.
+/// Fewer rows than these are no log of which a row may be missing.
+const FEW_ROWS: usize = 10;
+
+/// Makes rows of the columns of matrices along which time runs: those that are as long as a vector is, or, where there
+/// is none, all of one length and of different heights.
+fn turn(all: &mut [Array]) {
+    let vectors: Vec<usize> = all
+        .iter()
+        .map(Array::sides)
+        .filter(|(_, width)| *width == 1)
+        .map(|(rows, _)| rows)
+        .collect();
+    let matrices: Vec<(usize, usize)> =
+        all.iter().map(Array::sides).filter(|(_, width)| *width > 1).collect();
+    let is_common = |width: usize| {
+        matrices.len() > 1
+            && vectors.iter().all(|rows| *rows < FEW_ROWS)
+            && matrices.iter().all(|(rows, other)| *other == width && *rows < width)
+            && matrices.iter().any(|(rows, _)| *rows != matrices[0].0)
+    };
+    let is_long = |rows: usize| rows > FEW_ROWS && vectors.contains(&rows);
+    for array in all.iter_mut() {
+        let (rows, width) = array.sides();
+        if width > 1 && !is_long(rows) && (is_long(width) || is_common(width)) {
+            array.size.reverse();
+            array.is_by_row = !array.is_by_row;
+        }
+    }
+}
+
+/// The columns of a log with their names, where those are known, and notes on what is left out.
+pub(crate) type LogColumns = (Option<Vec<TableColumn>>, ArrayRows, Vec<String>);
+
+/// The table that those of `all` make that are a log: of those that `name` is the name of, or else of all, the ones
+/// that have as many rows as most columns. A row that is missing in some at the end is left out of all.
 ///
 /// # Errors
 /// [`TableError::Choice`] if there are none of the name, and what else keeps them from being a table.
 pub(crate) fn columns_of_log(
     kind: FileKind,
-    mut all: Vec<Array>,
+    all: Vec<Array>,
     name: Option<&str>,
-) -> Result<(Option<Vec<String>>, Vec<Array>), TableError> {
-    all.retain(|array| matches!(array.sides(), (1.., 1..)));
-    let is_named = |array: &Array| name.is_none_or(|name| array.is_of(name));
-    let (mut wanted, others): (Vec<_>, Vec<_>) = all.into_iter().partition(is_named);
-    let Some(longest) = wanted.iter().map(|array| array.sides().0).max() else {
-        if name.is_none() {
-            return Err(kind.unsupported("no matrix or vector of real numbers"));
+) -> Result<LogColumns, TableError> {
+    let (mut notes, mut fitting) = (Vec::new(), Vec::new());
+    for array in all {
+        match array.refusal() {
+            Some(why) => notes.push(format!("`{}` is left out: {why}", array.name)),
+            None => fitting.push(array),
         }
+    }
+    let is_named = |array: &Array| name.is_none_or(|name| array.is_of(name));
+    let (mut wanted, others): (Vec<_>, Vec<_>) = fitting.into_iter().partition(is_named);
+    if wanted.is_empty() && name.is_none() {
+        let left_out = notes.first().map(|note| format!(": {note}")).unwrap_or_default();
+        return Err(kind.unsupported(format!("no matrix or vector of real numbers{left_out}")));
+    }
+    if wanted.is_empty() {
         let found = others.into_iter().map(|array| array.name).collect();
         return Err(kind.choice("matrix of real numbers", name, found));
+    }
+    turn(&mut wanted);
+    // Many columns count more than a long one that is something else.
+    let score = |rows: usize| {
+        let columns = wanted.iter().filter(|array| array.sides().0 == rows);
+        columns.map(|array| array.sides().1 as f64).sum::<f64>() * (rows as f64).ln()
     };
-    wanted.retain(|array| array.sides().0 == longest);
+    let heights = wanted.iter().map(|array| array.sides().0);
+    let usual = heights.max_by(|a, b| score(*a).total_cmp(&score(*b))).unwrap_or(0);
+    let may_differ = |rows: usize| rows == usual || usual > FEW_ROWS && rows.abs_diff(usual) == 1;
+    let mut rows = usual;
+    wanted.retain(|array| {
+        let (height, name) = (array.sides().0, &array.name);
+        let is_kept = may_differ(height);
+        if !is_kept {
+            notes.push(format!("`{name}` is left out: {height} rows, not {usual}"));
+        } else if height != usual {
+            notes.push(format!(
+                "`{name}` has {height} rows, not {usual}: the row at the end is left out"
+            ));
+            rows = rows.min(height);
+        }
+        is_kept
+    });
     let count = wanted.iter().fold(0, |count: usize, array| count.saturating_add(array.sides().1));
     budget::check_columns(kind, count)?;
-    Ok((names(&wanted), wanted))
+    Ok((names(&wanted), ArrayRows { arrays: wanted, rows }, notes))
 }
 
 /// The names of the columns of a table; `None` for a matrix alone, whose columns have none.
-fn names(all: &[Array]) -> Option<Vec<String>> {
+fn names(all: &[Array]) -> Option<Vec<TableColumn>> {
     if let [matrix] = all
         && matrix.sides().1 > 1
     {
@@ -118,40 +203,72 @@ fn names(all: &[Array]) -> Option<Vec<String>> {
     let is_alone =
         |array: &Array| all.iter().filter(|other| other.leaf() == array.leaf()).count() == 1;
     let is_short = all.iter().all(is_alone);
-    let names = |array: &Array| {
-        let name = if is_short { array.leaf() } else { &array.name }.to_owned();
+    let columns = |array: &Array| {
+        let name = if is_short { array.leaf() } else { &array.name };
+        let column = |name: String| TableColumn { name, unit: array.unit.clone() };
         match array.sides().1 {
-            1 => vec![name],
-            count => (1..=count).map(|column| format!("{name}{column}")).collect(),
+            1 => vec![column(name.to_owned())],
+            count => (1..=count).map(|at| column(format!("{name}{at}"))).collect(),
         }
     };
-    Some(all.iter().flat_map(names).collect())
+    Some(all.iter().flat_map(columns).collect())
 }
 
-/// The rows of arrays of one length.
-#[derive(Debug)]
-pub(crate) struct ArrayRows(pub(crate) Vec<Array>);
+/// The rows of arrays side by side.
+#[derive(Clone, Debug)]
+pub(crate) struct ArrayRows {
+    pub(crate) arrays: Vec<Array>,
+    rows: usize,
+}
+
+impl ArrayRows {
+    /// The array that holds a column, and which of its columns that is.
+    pub(crate) fn place(&self, mut column: usize) -> Option<(usize, usize)> {
+        for (at, array) in self.arrays.iter().enumerate() {
+            let (_, width) = array.sides();
+            if column < width {
+                return Some((at, column));
+            }
+            column -= width;
+        }
+        None
+    }
+}
 
 impl RowSource for ArrayRows {
-    fn rows(self: Arc<Self>, _: Range<usize>, _: Unpacked) -> Result<RowStream, TableError> {
-        let columns = self.0.iter().map(|array| array.sides().1).sum();
-        let (mut next, end) = (0, self.0.first().map_or(0, |array| array.sides().0));
-        Ok(Box::new(move |batch| {
-            let rows = next..end.min(next + batch_rows(columns));
-            batch.clear();
-            for array in &self.0 {
-                let Some(numbers) = &array.numbers else { continue };
-                let (height, width) = array.sides();
-                for column in 0..width {
-                    let position = |row: usize| match numbers.is_by_row {
-                        true => row * width + column,
-                        false => column * height + row,
-                    };
-                    batch.push(rows.clone().map(|row| numbers.cell(position(row))).collect());
+    fn columns(&self) -> usize {
+        self.arrays.iter().map(|array| array.sides().1).sum()
+    }
+
+    fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
+        let mut next = 0;
+        Ok(Box::new(move |rows, part| {
+            let rows = rows.min(self.rows - next);
+            for (column, wanted) in part.columns.iter_mut().zip(&wanted) {
+                let Some((array, inner)) = self.place(wanted.at) else { continue };
+                let array = &self.arrays[array];
+                match &array.values {
+                    ArrayValues::Other(_) | ArrayValues::Unread => {}
+                    ArrayValues::Texts(texts) => {
+                        let texts = texts.iter().skip(next).take(rows);
+                        column.cells().extend(texts.map(|text| Cell::Text(text.clone())));
+                    }
+                    ArrayValues::Numbers(numbers) => {
+                        let ((height, width), size) = (array.sides(), numbers.element.size());
+                        let (first, step) = match array.is_by_row {
+                            true => (next * width + inner, width),
+                            false => (inner * height + next, 1),
+                        };
+                        let bytes = numbers.bytes.get(numbers.range.clone()).unwrap_or_default();
+                        let bytes = bytes.get(first * size..).unwrap_or_default();
+                        let from = Strided { bytes, stride: step * size, rows };
+                        numbers.element.read(from, numbers.is_little, column);
+                    }
                 }
             }
-            next = rows.end;
-            Ok(!rows.is_empty())
+            next += rows;
+            part.rows = rows;
+            Ok(())
         }))
     }
 }

@@ -1,7 +1,6 @@
 //! How much memory a file may ask for.
 
 use std::fmt::Display;
-use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::kind::{FileKind, TableError};
 
@@ -15,9 +14,9 @@ pub(crate) const IN_MEMORY: u64 = 2 << 30;
 /// a third to a thirtieth of their memory when compressed.
 const RATIO: u64 = 32;
 
-/// What is unpacked of a file in all, part after part, by all threads: time is a budget, too.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Unpacked(Arc<Mutex<u64>>);
+/// What is unpacked of a file in all, part after part: time is a budget, too.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Unpacked(u64);
 
 impl Unpacked {
     /// Counts `bytes` more of a file of so many bytes, before they are unpacked.
@@ -27,9 +26,8 @@ impl Unpacked {
         bytes: u64,
         file_bytes: u64,
     ) -> Result<(), TableError> {
-        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        *all = all.saturating_add(bytes);
-        check(kind, "what is compressed", *all, file_bytes.saturating_mul(16)).map(drop)
+        self.0 = self.0.saturating_add(bytes);
+        check(kind, "what is compressed", self.0, file_bytes.saturating_mul(16)).map(drop)
     }
 }
 

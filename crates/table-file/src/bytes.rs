@@ -53,7 +53,7 @@ impl<'a> ByteReader<'a> {
         Some((value >> 1) as i64 ^ -((value & 1) as i64))
     }
 
-    little_endian!(u8: u8, u16: u16, u32: u32, u64: u64, i32: i32, i64: i64, f64: f64);
+    little_endian!(u8: u8, u16: u16, u32: u32, u64: u64, i32: i32, i64: i64);
 }
 
 /// Bytes written one after the other, the lowest of a number first.

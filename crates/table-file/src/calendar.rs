@@ -97,6 +97,19 @@ pub(crate) fn iso_of(units: i64, per_second: i64) -> String {
     text
 }
 
+/// The seconds in `units` of which `per_second` make one, rounded once.
+pub(crate) fn seconds_of(units: i64, per_second: i64) -> f64 {
+    if units.unsigned_abs() < 1 << 53 {
+        return units as f64 / per_second as f64;
+    }
+    // With 64 further bits, of which the last one stands for all that follow.
+    let per_second = u128::from(per_second.unsigned_abs());
+    let scaled = u128::from(units.unsigned_abs()) << 64;
+    let bits = (scaled / per_second) | u128::from(!scaled.is_multiple_of(per_second));
+    let seconds = bits as f64 * 2_f64.powi(-64);
+    if units < 0 { -seconds } else { seconds }
+}
+
 /// The year, month and day that begin so many days after 1970-01-01.
 fn date_of(days: i64) -> (i64, i64, i64) {
     let days = days.saturating_add(719_468);
@@ -141,6 +154,27 @@ mod tests {
             "2026-11-22x",
         ] {
             assert_eq!(seconds_of_iso(text), None, "{text}");
+        }
+    }
+
+    /// Against the decimal number of seconds, which the standard library rounds once.
+    #[test]
+    fn seconds_are_those_of_their_decimal_number() {
+        for units in
+            [0, 1, -1, 1_795_344_109_123_456_789, i64::MAX, i64::MIN + 1, 9_007_199_254_740_993]
+        {
+            for offset in 0..999 {
+                let units: i64 = units.saturating_sub(offset * 7_777_777);
+                let digits = units.unsigned_abs();
+                let sign = if units < 0 { "-" } else { "" };
+                let text =
+                    format!("{sign}{}.{:09}", digits / 1_000_000_000, digits % 1_000_000_000);
+                assert_eq!(
+                    seconds_of(units, 1_000_000_000),
+                    text.parse::<f64>().unwrap(),
+                    "{text}"
+                );
+            }
         }
     }
 

@@ -1,7 +1,6 @@
 //! Numbers and times as files hold them.
 
-use crate::calendar::iso_of;
-use crate::format::Cell;
+use crate::format::{Cell, ColumnPart};
 
 /// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +15,8 @@ pub(crate) enum Element {
     Signed(u8),
     /// The same without a sign.
     Unsigned(u8),
+    /// Of 1, 2, 4 or 8 bytes, of which so many bits are the number.
+    SignedBits { size: u8, bits: u8 },
     /// 0 or 1, in a byte.
     Truth,
     /// A time since 1970 as a signed number of so many bytes: each is so many units, of which so many make a second.
@@ -29,9 +30,10 @@ impl Element {
             Self::Half => 2,
             Self::Single => 4,
             Self::Double => 8,
-            Self::Signed(size) | Self::Unsigned(size) | Self::Time { size, .. } => {
-                usize::from(size)
-            }
+            Self::Signed(size)
+            | Self::Unsigned(size)
+            | Self::SignedBits { size, .. }
+            | Self::Time { size, .. } => usize::from(size),
         }
     }
 
@@ -51,13 +53,17 @@ impl Element {
                 let unused = 64 - 8 * u32::from(size);
                 Cell::Whole((bits << unused) as i64 >> unused)
             }
+            Self::SignedBits { bits: there, .. } => {
+                let unused = 64 - u32::from(there);
+                Cell::Whole((bits << unused) as i64 >> unused)
+            }
             Self::Truth => Cell::Whole(i64::from(bits != 0)),
             Self::Time { size, units, per_second } => {
                 match Self::Signed(size).cell(bytes, is_little) {
                     // Not a time.
                     Cell::Whole(i64::MIN) => Cell::Missing,
                     Cell::Whole(value) => {
-                        Cell::Text(iso_of(value.saturating_mul(units), per_second))
+                        Cell::Time { units: value.saturating_mul(units), per_second }
                     }
                     cell => cell,
                 }
@@ -66,6 +72,65 @@ impl Element {
                 Ok(whole) => Cell::Whole(whole),
                 Err(_) => Cell::Real(bits as f64),
             },
+        }
+    }
+}
+
+/// Values of one size, a certain distance from each other.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Strided<'a> {
+    /// From the first value on.
+    pub(crate) bytes: &'a [u8],
+    /// From one value to the next.
+    pub(crate) stride: usize,
+    pub(crate) rows: usize,
+}
+
+impl Strided<'_> {
+    /// The first bytes of every value.
+    fn chunks<const SIZE: usize>(&self) -> impl Iterator<Item = [u8; SIZE]> {
+        let rows = self.bytes.chunks(self.stride.max(1)).take(self.rows);
+        rows.map_while(|row| row.first_chunk::<SIZE>().copied())
+    }
+
+    /// The bytes of every value of so many.
+    pub(crate) fn values(&self, size: usize) -> impl Iterator<Item = &[u8]> {
+        self.bytes.chunks(self.stride.max(1)).take(self.rows).map_while(move |row| row.get(..size))
+    }
+}
+
+impl Element {
+    /// Adds values to those of a column.
+    pub(crate) fn read(self, from: Strided<'_>, is_little: bool, part: &mut ColumnPart) {
+        let ColumnPart::Numbers { values, .. } = part else {
+            from.values(self.size()).for_each(|bytes| part.push(self.cell(bytes, is_little)));
+            return;
+        };
+        macro_rules! numbers {
+            ($type:ty) => {
+                match is_little {
+                    true => {
+                        values.extend(from.chunks().map(|it| <$type>::from_le_bytes(it) as f64))
+                    }
+                    false => {
+                        values.extend(from.chunks().map(|it| <$type>::from_be_bytes(it) as f64))
+                    }
+                }
+            };
+        }
+        match self {
+            Self::Double => numbers!(f64),
+            Self::Single => numbers!(f32),
+            Self::Signed(1) => numbers!(i8),
+            Self::Signed(2) => numbers!(i16),
+            Self::Signed(4) => numbers!(i32),
+            Self::Signed(8) => numbers!(i64),
+            Self::Unsigned(1) => numbers!(u8),
+            Self::Unsigned(2) => numbers!(u16),
+            Self::Unsigned(4) => numbers!(u32),
+            Self::Unsigned(8) => numbers!(u64),
+            // Rare ones.
+            _ => from.values(self.size()).for_each(|bytes| part.push(self.cell(bytes, is_little))),
         }
     }
 }

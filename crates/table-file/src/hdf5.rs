@@ -2,18 +2,17 @@
 //! format; what of it is a log, and how much memory a file may ask for, is decided here.
 
 use std::io::Read;
-use std::ops::Range;
 use std::sync::Arc;
 
 use hdf5_pure::{
     AttrValue, Dataset, Datatype, DatatypeByteOrder, Error, FloatingPointLayout, FormatError,
-    Group, ReadSeekSource,
+    Group, ReadSeekSource, Source,
 };
 
-use crate::arrays::{Array, ArrayNumbers, ArrayRows, columns_of_log};
-use crate::budget::{self, Unpacked};
+use crate::arrays::{Array, ArrayNumbers, ArrayRows, ArrayValues, columns_of_log};
+use crate::budget;
 use crate::element::Element;
-use crate::format::{FileSource, NamedRows, RowSource, RowStream};
+use crate::format::{FileSource, FoundTable, OpenFile, RowSource, RowStream, WantedColumn};
 use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Hdf5;
@@ -40,47 +39,56 @@ const CLASSES: [&str; 11] = [
 #[derive(Debug)]
 struct Hdf5Table {
     file: FileSource,
-    sets: Vec<Array>,
-    is_by_row: bool,
+    sets: ArrayRows,
 }
 
-pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
+pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
     let mut head = Vec::new();
     source.open()?.take(MATLAB.len() as u64).read_to_end(&mut head)?;
-    let is_by_row = head != MATLAB;
+    let is_matlab = head == MATLAB;
     let file = read(source)?;
     if file.file_size() < file.superblock().eof_address {
         return Err(KIND.damaged("it is cut off"));
     }
-    let mut found = DataSets { is_by_row, ..DataSets::default() };
+    let mut found = DataSets { is_matlab, ..DataSets::default() };
     found.add(&file.root(), "", DEPTH)?;
-    let (names, sets) = columns_of_log(KIND, found.sets, part)?;
-    Ok((names, Arc::new(Hdf5Table { file: source.clone(), sets, is_by_row })))
+    let (columns, sets, notes) = columns_of_log(KIND, found.sets, part)?;
+    let rows = Arc::new(Hdf5Table { file: source.clone(), sets });
+    Ok(FoundTable { columns, rows, notes })
 }
 
-/// Vectors and matrices of numbers.
+/// Vectors and matrices.
 #[derive(Default)]
 struct DataSets {
     sets: Vec<Array>,
     objects: usize,
-    is_by_row: bool,
+    is_matlab: bool,
 }
 
 impl DataSets {
     /// Those of a group, and of the groups in it.
     fn add(&mut self, group: &Group, path: &str, depth: usize) -> Result<(), TableError> {
+        // Octave stores a value with its type in a group, column by column.
+        let is_octave = group.attrs().is_ok_and(|it| it.contains_key("OCTAVE_NEW_FORMAT"));
         for (name, set) in group.iter_datasets().map_err(unreadable)? {
             self.count()?;
-            let is_number = element(&set).is_some() && (self.is_by_row || is_matlab_number(&set)?);
+            let is_by_row = !self.is_matlab && !is_octave;
             let shape = set.shape().map_err(unreadable)?.into_iter();
             let mut size: Vec<usize> =
                 shape.map(|side| usize::try_from(side).unwrap_or(usize::MAX)).collect();
-            if !self.is_by_row {
+            if !is_by_row {
                 size.reverse();
             }
-            if is_number {
-                self.sets.push(Array { name: format!("{path}{name}"), size, numbers: None });
+            let name = match (is_octave, name.as_str()) {
+                (true, "type") => continue,
+                (true, "value") => path.trim_end_matches('/').to_owned(),
+                _ => format!("{path}{name}"),
+            };
+            let (unit, mut values) = self.values(&set)?;
+            if is_octave && matches!(set.datatype(), Ok(Datatype::Compound { .. })) {
+                values = ArrayValues::Other("a range of Octave: save with `save -v7`");
             }
+            self.sets.push(Array { name, size, unit, is_by_row, values });
         }
         if depth == 0 {
             return Ok(());
@@ -95,6 +103,33 @@ impl DataSets {
         Ok(())
     }
 
+    /// The unit of a data set, and whether its values are read.
+    fn values(&self, set: &Dataset) -> Result<(Option<String>, ArrayValues), TableError> {
+        let attributes = set.attrs().map_err(unreadable)?;
+        let text = |name: &str| attributes.get(name).and_then(AttrValue::as_str);
+        // "milliseconds since 2026-03-01 12:00:00" says from when, too.
+        let unit = text("units").or_else(|| text("unit"));
+        let unit = unit.and_then(|unit| unit.split(" since ").next()).map(str::trim);
+        let unit = unit.filter(|unit| !unit.is_empty()).map(str::to_owned);
+        // Texts of MATLAB are data sets of numbers, too, and of an empty matrix the sides are the numbers.
+        let is_number = !attributes.contains_key("MATLAB_empty")
+            && text("MATLAB_class").is_none_or(|it| CLASSES.contains(&it));
+        let kind = set.datatype().map_err(unreadable)?;
+        let refused = set.filters().into_iter().find_map(unread_filter);
+        let values = match &kind {
+            _ if refused.is_some() => ArrayValues::Other(refused.unwrap_or_default()),
+            _ if self.is_matlab && !is_number => ArrayValues::Other("no numbers"),
+            Datatype::String { .. } | Datatype::VariableLength { is_string: true, .. } => {
+                ArrayValues::Unread
+            }
+            kind if element(kind).is_some() => ArrayValues::Unread,
+            Datatype::Compound { .. } => ArrayValues::Other("records of several fields"),
+            Datatype::Reference { .. } => ArrayValues::Other("references"),
+            _ => ArrayValues::Other("values of an unusual type"),
+        };
+        Ok((unit, values))
+    }
+
     fn count(&mut self) -> Result<(), TableError> {
         self.objects += 1;
         match self.objects <= OBJECTS {
@@ -104,16 +139,25 @@ impl DataSets {
     }
 }
 
-/// Whether a data set of MATLAB is a matrix of numbers: texts are data sets of numbers, too, and of an empty
-/// matrix the sides are the numbers.
-fn is_matlab_number(set: &Dataset) -> Result<bool, TableError> {
-    let attributes = set.attrs().map_err(unreadable)?;
-    let class = attributes.get("MATLAB_class").and_then(AttrValue::as_str);
-    Ok(!attributes.contains_key("MATLAB_empty") && class.is_none_or(|it| CLASSES.contains(&it)))
+/// What a filter that is not read makes of a data set, by the number that The HDF Group registered.
+fn unread_filter(filter: u16) -> Option<&'static str> {
+    Some(match filter {
+        // Deflate, shuffle, Fletcher32, scale-offset, LZF, ZFP.
+        1..=3 | 6 | 32_000 | 32_013 => return None,
+        4 => "compressed with szip",
+        5 => "compressed with n-bit",
+        307 => "compressed with bzip2",
+        32_001 => "compressed with Blosc",
+        32_004 => "compressed with LZ4",
+        32_008 => "compressed with Bitshuffle",
+        32_015 => "compressed with Zstandard",
+        32_026 => "compressed with Blosc2",
+        _ => "compressed with a filter that is not known",
+    })
 }
 
 /// Its numbers and the order of their bytes; `None` for what is none, or none of the usual ones.
-fn element(set: &Dataset) -> Option<(Element, bool)> {
+fn element(kind: &Datatype) -> Option<(Element, bool)> {
     const HALF: FloatingPointLayout = FloatingPointLayout {
         bit_offset: 0,
         bit_precision: 16,
@@ -123,14 +167,23 @@ fn element(set: &Dataset) -> Option<(Element, bool)> {
         mantissa_size: 10,
         exponent_bias: 15,
     };
-    let (element, byte_order) = match set.datatype().ok()? {
+    let (element, byte_order) = match kind {
         Datatype::FixedPoint { size: size @ (1 | 2 | 4 | 8), byte_order, layout } => {
-            let is_whole = layout.bit_offset == 0 && u32::from(layout.bit_precision) == 8 * size;
-            let kind = if layout.signed { Element::Signed } else { Element::Unsigned };
-            (is_whole.then_some(kind(size as u8))?, byte_order)
+            let (bits, all) = (u32::from(layout.bit_precision), 8 * size);
+            let size = *size as u8;
+            let element = match (bits == all, layout.signed) {
+                _ if layout.bit_offset != 0 || bits == 0 || bits > all => return None,
+                // The bits above are zeros.
+                (_, false) => Element::Unsigned(size),
+                (true, true) => Element::Signed(size),
+                (false, true) => Element::SignedBits { size, bits: bits as u8 },
+            };
+            (element, byte_order)
         }
+        // Truths of h5py, and other names for whole numbers.
+        Datatype::Enumeration { base_type, .. } => return self::element(base_type),
         Datatype::FloatingPoint { size, byte_order, layout } => {
-            let element = match (size, layout) {
+            let element = match (size, *layout) {
                 (2, HALF) => Element::Half,
                 (4, FloatingPointLayout::IEEE754_BINARY32) => Element::Single,
                 (8, FloatingPointLayout::IEEE754_BINARY64) => Element::Double,
@@ -148,60 +201,145 @@ fn element(set: &Dataset) -> Option<(Element, bool)> {
 }
 
 impl RowSource for Hdf5Table {
-    fn rows(
-        self: Arc<Self>,
-        parts: Range<usize>,
-        unpacked: Unpacked,
-    ) -> Result<RowStream, TableError> {
+    fn columns(&self) -> usize {
+        self.sets.columns()
+    }
+
+    fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
         let file = read(&self.file)?;
         let limit = ANY.saturating_add(file.file_size().saturating_mul(RATIO));
         let mut left = limit.min(budget::IN_MEMORY);
-        let read = |array: &Array| {
-            let path = &array.name;
-            let set = file.dataset(path).map_err(unreadable)?;
-            let changed = || KIND.damaged(format!("`{path}` is not what it was"));
-            let (element, is_little) = element(&set).ok_or_else(changed)?;
-            let bytes_of = |sides: &[u64]| {
-                let size = element.size() as u64;
-                sides.iter().fold(size, |all, &side| all.saturating_mul(side))
-            };
-            let bytes = bytes_of(&set.shape().map_err(unreadable)?);
-            let piece = bytes_of(&set.chunk_shape().map_err(unreadable)?.unwrap_or_default());
-            budget::within(KIND, format_args!("`{path}`"), bytes.max(piece), left)?;
-            left -= bytes;
-            let bytes = Arc::new(set.read_raw().map_err(unreadable)?);
-            let range = 0..bytes.len();
-            let is_by_row = self.is_by_row;
-            let numbers = Some(ArrayNumbers { bytes, range, element, is_little, is_by_row });
-            Ok(Array { numbers, ..array.clone() })
-        };
-        let mut arrays = self.sets.iter().map(read).collect::<Result<Vec<_>, TableError>>()?;
-        arrays.retain(Array::is_filled);
-        Arc::new(ArrayRows(arrays)).rows(parts, unpacked)
+        let mut sets = self.sets.clone();
+        let wanted_sets: Vec<usize> =
+            wanted.iter().filter_map(|wanted| Some(sets.place(wanted.at)?.0)).collect();
+        for (at, array) in sets.arrays.iter_mut().enumerate() {
+            // One that is not wanted may claim as many rows as no memory holds, too.
+            let (set, bytes) = data_set(&file, &array.name, left)?;
+            if wanted_sets.contains(&at) {
+                left -= bytes;
+                array.values = values(&set, &array.name)?;
+                if !array.is_filled() {
+                    let what = format!("`{}` has fewer values than its sides say", array.name);
+                    return Err(KIND.damaged(what));
+                }
+            }
+        }
+        Arc::new(sets).rows(wanted)
+    }
+}
+
+/// A data set, and the bytes of its values, of which there may be `most`.
+fn data_set(file: &hdf5_pure::File, path: &str, most: u64) -> Result<(Dataset, u64), TableError> {
+    // A value of Octave is in the group of its name.
+    let set = file.dataset(path).or_else(|_| file.dataset(&format!("{path}/value")));
+    let set = set.map_err(unreadable)?;
+    let size = set.element_size().map_err(unreadable)?;
+    let bytes_of = |sides: &[u64]| sides.iter().fold(size, |all, &side| all.saturating_mul(side));
+    let bytes = bytes_of(&set.shape().map_err(unreadable)?);
+    let piece = bytes_of(&set.chunk_shape().map_err(unreadable)?.unwrap_or_default());
+    budget::within(KIND, format_args!("`{path}`"), bytes.max(piece), most)?;
+    Ok((set, bytes))
+}
+
+/// The values of a data set.
+fn values(set: &Dataset, path: &str) -> Result<ArrayValues, TableError> {
+    if let Some(sides) = set.chunk_shape().map_err(unreadable)? {
+        check_pieces(set, path, &set.shape().map_err(unreadable)?, &sides)?;
+    }
+    let kind = set.datatype().map_err(unreadable)?;
+    let Some((element, is_little)) = element(&kind) else {
+        return Ok(ArrayValues::Texts(Arc::new(set.read_string().map_err(unreadable)?)));
+    };
+    let bytes = Arc::new(set.read_raw().map_err(unreadable)?);
+    let range = 0..bytes.len();
+    Ok(ArrayValues::Numbers(ArrayNumbers { bytes, range, element, is_little }))
+}
+
+/// Checks that the pieces of a data set lie on their grid, each at a place of its own: one that does not would leave
+/// zeros where its values belong.
+fn check_pieces(set: &Dataset, path: &str, shape: &[u64], sides: &[u64]) -> Result<(), TableError> {
+    let mut offsets: Vec<Vec<u64>> =
+        set.chunks().map_err(unreadable)?.into_iter().map(|chunk| chunk.offset).collect();
+    let is_placed = |offset: &Vec<u64>| {
+        let mut places = offset.iter().zip(sides.iter().zip(shape));
+        offset.len() == shape.len()
+            && places.all(|(at, (side, end))| *side > 0 && at % side == 0 && at < end)
+    };
+    let count = offsets.len();
+    let are_placed = offsets.iter().all(is_placed);
+    offsets.sort_unstable();
+    offsets.dedup();
+    match are_placed && offsets.len() == count {
+        true => Ok(()),
+        false => Err(KIND.damaged(format!("a piece of `{path}` is not on the grid of its pieces"))),
+    }
+}
+
+/// A file without its soft links: the reader refuses groups that have any.
+struct WithoutSoftLinks(ReadSeekSource<OpenFile>);
+
+/// Where the entries of a node of a symbol table begin, and how long one is with addresses of eight bytes ("HDF5 File
+/// Format Specification Version 3.0", section III.B).
+const NODE_HEAD: usize = 8;
+const NODE_ENTRY: usize = 40;
+
+impl Source for WithoutSoftLinks {
+    fn len(&self) -> u64 {
+        self.0.len()
+    }
+
+    fn read_at(&self, offset: u64, buffer: &mut [u8]) -> Result<(), FormatError> {
+        self.0.read_at(offset, buffer)?;
+        let is_node = buffer.starts_with(b"SNOD\x01") && buffer.len() > NODE_HEAD;
+        if !is_node || !(buffer.len() - NODE_HEAD).is_multiple_of(NODE_ENTRY) {
+            return Ok(());
+        }
+        let (head, entries) = buffer.split_at_mut(NODE_HEAD);
+        let count = usize::from(u16::from_le_bytes([head[6], head[7]]));
+        if count * NODE_ENTRY != entries.len() {
+            return Ok(());
+        }
+        // A link has no address, and says so.
+        let is_link = |entry: &[u8]| entry[8..16] == [0xff; 8] && entry[16..20] == [2, 0, 0, 0];
+        let mut kept = 0;
+        for at in 0..count {
+            let entry = at * NODE_ENTRY..(at + 1) * NODE_ENTRY;
+            if !is_link(&entries[entry.clone()]) {
+                entries.copy_within(entry, kept * NODE_ENTRY);
+                kept += 1;
+            }
+        }
+        head[6..8].copy_from_slice(&(kept as u16).to_le_bytes());
+        Ok(())
     }
 }
 
 /// The error of what the reader refuses.
 fn read(file: &FileSource) -> Result<hdf5_pure::File, TableError> {
     let source = ReadSeekSource::new(file.open()?).map_err(Error::Format).map_err(unreadable)?;
-    hdf5_pure::File::from_source(source).map_err(unreadable)
+    hdf5_pure::File::from_source(WithoutSoftLinks(source)).map_err(unreadable)
 }
 
 fn unreadable(error: Error) -> TableError {
     use FormatError::{
-        InvalidLayoutVersion, UnsupportedExternalStorage, UnsupportedFilter, UnsupportedVersion,
-        UnsupportedVirtualLayout,
+        ChunkedReadError, InvalidLayoutVersion, UnsupportedExternalStorage, UnsupportedFilter,
+        UnsupportedVersion, UnsupportedVirtualLayout,
     };
     match error {
         Error::Io(error) => KIND.unread(error, "it is cut off"),
+        // Of HDF5 2.0.
+        Error::Format(InvalidLayoutVersion(_)) => {
+            KIND.unsupported("a layout of HDF5 2.0: write with `libver=\"v114\"`, not \"latest\"")
+        }
         // Of a version that is newer than the reader.
         Error::Format(
-            error @ (InvalidLayoutVersion(_)
-            | UnsupportedExternalStorage
+            error @ (UnsupportedExternalStorage
             | UnsupportedFilter(_)
             | UnsupportedVersion(_)
             | UnsupportedVirtualLayout),
         ) => KIND.unsupported(error.to_string()),
+        Error::Format(ChunkedReadError(what)) if what.contains("B-tree") => KIND
+            .unsupported("a data set that can grow along two sides, written with a newer `libver`"),
         error => KIND.damaged(error.to_string()),
     }
 }

@@ -1,9 +1,8 @@
-//! Tables in binary files, read row by row.
+//! Tables in binary files, read as columns.
 //!
 //! [`recognise()`] tells from the first bytes what a file is. [`Table::open`] finds its columns, and
-//! [`Table::text`] streams its rows as the text of a CSV file, in memory that does not grow with their
-//! number: what reads text logs reads these as well, to the same bits, as every number is written with
-//! the digits that read back as the same.
+//! [`Table::rows`] streams those that are wanted, part by part: numbers, times in seconds, or texts. Other columns are
+//! not decoded, and memory does not grow with the number of rows.
 //!
 //! Files are not trusted: what a file says about its sizes is checked against a budget before
 //! memory is taken, and damage is an error that names the position. No unsafe code.
@@ -25,7 +24,7 @@ mod mcap;
 mod npy;
 mod parquet;
 mod recognise;
-mod text;
+mod table;
 mod thrift;
 pub mod write;
 mod xlsx;
@@ -34,8 +33,10 @@ mod zip;
 
 pub use arrays::Array;
 pub use calendar::{iso_of_seconds, seconds_of_iso};
-pub use format::{Cell, FileBytes, FileSource, OpenFile};
+pub use format::{
+    Cell, ColumnPart, FileBytes, FileSource, OpenFile, TableColumn, TablePart, WantedColumn,
+};
 pub use kind::{FileKind, TableError};
 pub use mat5::arrays;
 pub use recognise::{RECOGNISED_BYTES, Recognised, recognise};
-pub use text::{Table, TextStream};
+pub use table::{Table, TableStream};

@@ -7,10 +7,10 @@ use std::sync::Arc;
 
 use flate2::read::ZlibDecoder;
 
-use crate::arrays::{Array, ArrayNumbers, ArrayRows, columns_of_log};
+use crate::arrays::{Array, ArrayNumbers, ArrayValues, columns_of_log};
 use crate::budget;
 use crate::element::Element;
-use crate::format::{Cells, FileSource, NamedRows};
+use crate::format::{Cells, FileSource, FoundTable};
 use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Matlab;
@@ -20,19 +20,28 @@ const HEADER: usize = 128;
 
 /// Kinds of elements.
 const INT8: u32 = 1;
+const UINT8: u32 = 2;
 const UINT16: u32 = 4;
 const INT32: u32 = 5;
 const UINT32: u32 = 6;
 const DOUBLE: u32 = 9;
 const MATRIX: u32 = 14;
 const COMPRESSED: u32 = 15;
+const UTF8: u32 = 16;
+const UTF16: u32 = 17;
 
 /// Classes of arrays, and the flag of complex ones.
+const CELLS: u32 = 1;
+const STRUCT: u32 = 2;
 const CHARACTERS: u32 = 4;
 const DOUBLES: u32 = 6;
 const SINGLES: u32 = 7;
 const INTEGERS: Range<u32> = 8..16;
+const OPAQUE: u32 = 17;
 const COMPLEX: u32 = 0x0800;
+
+/// How deep structs and cells are looked into.
+const DEPTH: u8 = 8;
 
 const CUT_OFF: &str = "it is cut off";
 
@@ -51,13 +60,14 @@ pub fn arrays(file: Vec<u8>) -> Result<Vec<Array>, TableError> {
     let mut elements = Elements::new(&file, HEADER..file.len(), is_little);
     while let Some((kind, content)) = elements.next()? {
         match kind {
-            MATRIX => arrays.push(array(&file, content, is_little)?),
+            MATRIX => Matrix::read(&file, content, is_little)?.add(None, DEPTH, &mut arrays)?,
             COMPRESSED => {
                 let inflated = inflate(&file[content], file.len(), &mut inflated_bytes)?;
                 let inflated = Arc::new(inflated);
                 let mut inner = Elements::new(&inflated, 0..inflated.len(), is_little);
                 if let Some((MATRIX, content)) = inner.next()? {
-                    arrays.push(array(&inflated, content, is_little)?);
+                    let matrix = Matrix::read(&inflated, content, is_little)?;
+                    matrix.add(None, DEPTH, &mut arrays)?;
                 }
             }
             _ => {}
@@ -77,34 +87,131 @@ fn inflate(compressed: &[u8], file_bytes: usize, total: &mut u64) -> Result<Vec<
     Ok(inflated)
 }
 
-fn array(
-    bytes: &Arc<Vec<u8>>,
-    content: Range<usize>,
+/// An array as the file holds it, and where what follows its name is.
+struct Matrix<'a> {
+    bytes: &'a Arc<Vec<u8>>,
     is_little: bool,
-) -> Result<Array, TableError> {
-    let mut parts = Elements::new(bytes, content, is_little);
-    let mut part = || parts.next()?.ok_or_else(|| KIND.damaged(CUT_OFF));
-    let flags =
-        integers(&bytes[part()?.1], is_little).next().ok_or_else(|| KIND.damaged(CUT_OFF))?;
-    let sides = integers(&bytes[part()?.1], is_little);
-    let size: Vec<usize> = sides.map(|side| usize::try_from(side).unwrap_or(0)).collect();
-    let name = String::from_utf8_lossy(&bytes[part()?.1]).into_owned();
-    let class = flags & 0xFF;
-    let is_number = matches!(class, DOUBLES | SINGLES) || INTEGERS.contains(&class);
-    let numbers = match is_number && flags & COMPLEX == 0 {
-        true => {
-            let (kind, range) = part()?;
-            let element = element(kind).ok_or_else(|| {
-                KIND.damaged(format!(
-                    "`{name}` holds elements of kind {kind}, which are not numbers"
-                ))
-            })?;
-            let bytes = Arc::clone(bytes);
-            Some(ArrayNumbers { bytes, range, element, is_little, is_by_row: false })
-        }
-        false => None,
-    };
-    Ok(Array { name, size, numbers })
+    class: u32,
+    is_complex: bool,
+    size: Vec<usize>,
+    name: String,
+    rest: Range<usize>,
+}
+
+impl<'a> Matrix<'a> {
+    fn read(
+        bytes: &'a Arc<Vec<u8>>,
+        content: Range<usize>,
+        is_little: bool,
+    ) -> Result<Self, TableError> {
+        let mut parts = Elements::new(bytes, content, is_little);
+        let cut_off = || KIND.damaged(CUT_OFF);
+        let mut part = || parts.next()?.ok_or_else(cut_off);
+        let flags = integers(&bytes[part()?.1], is_little).next().ok_or_else(cut_off)?;
+        let class = flags & 0xFF;
+        let size: Vec<usize> = match class {
+            OPAQUE => Vec::new(),
+            _ => integers(&bytes[part()?.1], is_little).map(|side| side as usize).collect(),
+        };
+        let name = String::from_utf8_lossy(&bytes[part()?.1]).into_owned();
+        let is_complex = flags & COMPLEX != 0;
+        Ok(Self { bytes, is_little, class, is_complex, size, name, rest: parts.rest })
+    }
+
+    /// Adds what it holds to `arrays`, as `name` if that is some: itself, or the fields of a struct.
+    fn add(
+        self,
+        name: Option<String>,
+        depth: u8,
+        arrays: &mut Vec<Array>,
+    ) -> Result<(), TableError> {
+        let Self { bytes, is_little, .. } = self;
+        let name = name.unwrap_or_else(|| self.name.clone());
+        let count = self.size.iter().fold(1, |all: usize, side| all.saturating_mul(*side));
+        let mut parts = Elements::new(bytes, self.rest.clone(), is_little);
+        let mut size = self.size.clone();
+        let values = match self.class {
+            _ if self.is_complex => ArrayValues::Other("complex numbers"),
+            STRUCT if count == 1 && depth > 0 => {
+                let mut part = || parts.next()?.ok_or_else(|| KIND.damaged(CUT_OFF));
+                let length = integers(&bytes[part()?.1], is_little).next().unwrap_or(0) as usize;
+                let fields = part()?.1;
+                budget::check_columns(KIND, arrays.len() + fields.len() / length.max(1))?;
+                for field in bytes[fields].chunks(length.max(1)) {
+                    let field: Vec<u8> = field.iter().copied().take_while(|&c| c != 0).collect();
+                    let field = format!("{name}/{}", String::from_utf8_lossy(&field));
+                    let Some((MATRIX, content)) = parts.next()? else { break };
+                    let matrix = Self::read(bytes, content, is_little)?;
+                    matrix.add(Some(field), depth - 1, arrays)?;
+                }
+                return Ok(());
+            }
+            STRUCT => ArrayValues::Other("an array of structs"),
+            OPAQUE => ArrayValues::Other(
+                "an object, such as a `table`: write it with `writetable(NAME, 'log.csv')`",
+            ),
+            CELLS if depth > 0 => {
+                let mut texts = Some(Vec::new());
+                while let Some((MATRIX, content)) = parts.next()? {
+                    let matrix = Self::read(bytes, content, is_little)?;
+                    let text = matrix.texts()?.filter(|texts| texts.len() < 2);
+                    texts = texts.zip(text).map(|(mut texts, text)| {
+                        texts.push(text.concat());
+                        texts
+                    });
+                }
+                match texts {
+                    Some(texts) => ArrayValues::Texts(Arc::new(texts)),
+                    None => ArrayValues::Other("cells that are not texts"),
+                }
+            }
+            CHARACTERS => match self.texts()? {
+                Some(texts) => {
+                    size = vec![texts.len()];
+                    ArrayValues::Texts(Arc::new(texts))
+                }
+                None => ArrayValues::Other("characters of an unknown kind"),
+            },
+            class if matches!(class, DOUBLES | SINGLES) || INTEGERS.contains(&class) => {
+                let (kind, range) = parts.next()?.ok_or_else(|| KIND.damaged(CUT_OFF))?;
+                let element = element(kind).ok_or_else(|| {
+                    KIND.damaged(format!(
+                        "`{name}` holds elements of kind {kind}, which are not numbers"
+                    ))
+                })?;
+                let bytes = Arc::clone(bytes);
+                ArrayValues::Numbers(ArrayNumbers { bytes, range, element, is_little })
+            }
+            _ => ArrayValues::Other("no numbers and no texts"),
+        };
+        arrays.push(Array { name, size, unit: None, is_by_row: false, values });
+        Ok(())
+    }
+
+    /// The texts of a matrix of characters, a row each; `None` if it is none.
+    fn texts(&self) -> Result<Option<Vec<String>>, TableError> {
+        let mut parts = Elements::new(self.bytes, self.rest.clone(), self.is_little);
+        let ([rows, _], CHARACTERS) = (&self.size[..], self.class) else { return Ok(None) };
+        let Some((kind, range)) = parts.next()? else { return Ok(Some(Vec::new())) };
+        let content = &self.bytes[range];
+        // UTF-16 or, in other files, UTF-8 of plain characters.
+        let characters: Vec<u16> = match kind {
+            UINT16 | UTF16 => {
+                let pairs = content.as_chunks::<2>().0.iter();
+                let pair = if self.is_little { u16::from_le_bytes } else { u16::from_be_bytes };
+                pairs.map(|&bytes| pair(bytes)).collect()
+            }
+            INT8 | UINT8 | UTF8 => String::from_utf8_lossy(content).encode_utf16().collect(),
+            _ => return Ok(None),
+        };
+        let row = |row: usize| {
+            let text: Vec<u16> =
+                characters.iter().copied().skip(row).step_by((*rows).max(1)).collect();
+            String::from_utf16_lossy(&text).trim_end().to_owned()
+        };
+        // No row is longer than what there is.
+        Ok(Some((0..(*rows).min(characters.len())).map(row).collect()))
+    }
 }
 
 /// Elements one after the other.
@@ -157,7 +264,7 @@ fn integers(bytes: &[u8], is_little: bool) -> impl Iterator<Item = u32> + '_ {
 fn element(kind: u32) -> Option<Element> {
     Some(match kind {
         INT8 => Element::Signed(1),
-        2 => Element::Unsigned(1),
+        UINT8 => Element::Unsigned(1),
         3 => Element::Signed(2),
         UINT16 => Element::Unsigned(2),
         INT32 => Element::Signed(4),
@@ -171,13 +278,12 @@ fn element(kind: u32) -> Option<Element> {
 }
 
 /// The arrays of a file that make up a log.
-pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
+pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
     budget::within(KIND, "the file", file.length()?, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
     file.open()?.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
-    let arrays = arrays(bytes)?.into_iter().filter(Array::is_filled).collect();
-    let (names, arrays) = columns_of_log(KIND, arrays, part)?;
-    Ok((names, Arc::new(ArrayRows(arrays))))
+    let (columns, rows, notes) = columns_of_log(KIND, arrays(bytes)?, part)?;
+    Ok(FoundTable { columns, rows: Arc::new(rows), notes })
 }
 
 /// An array of so many rows and columns; its elements are of `kind`, `content` their bytes.

@@ -2,14 +2,15 @@
 //! two dimensions, of numbers or of records with named fields.
 
 use std::io::{BufReader, Read, Seek, SeekFrom};
-use std::ops::Range;
 use std::sync::Arc;
 
 use serde_json::Value;
 
-use crate::budget::{self, Unpacked};
-use crate::element::Element;
-use crate::format::{Cell, FileSource, NamedRows, RowSource, RowStream, batch_rows};
+use crate::budget;
+use crate::element::{Element, Strided};
+use crate::format::{
+    Cell, ColumnPart, FileSource, FoundTable, RowSource, RowStream, TableColumn, WantedColumn,
+};
 use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::NumPy;
@@ -55,7 +56,7 @@ impl NumberKind {
     }
 }
 
-pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
+pub(crate) fn open(source: &FileSource) -> Result<FoundTable, TableError> {
     let mut file = source.open()?;
     let cut = |error| KIND.unread(error, "its header is cut off");
     let mut start = [0; 12];
@@ -79,7 +80,8 @@ pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
             KIND.damaged(format!("its {} rows take {expected} bytes, {found} are there", npy.rows))
         );
     }
-    Ok((names, Arc::new(npy)))
+    let columns = names.map(|names| names.into_iter().map(TableColumn::from).collect());
+    Ok(FoundTable::new(columns, npy))
 }
 
 /// What a header says: the names of the columns, if they have any, and where they are.
@@ -197,64 +199,63 @@ fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
 }
 
 impl RowSource for Npy {
-    fn rows(self: Arc<Self>, _: Range<usize>, _: Unpacked) -> Result<RowStream, TableError> {
+    fn columns(&self) -> usize {
+        self.columns.len()
+    }
+
+    fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
         let mut file = BufReader::with_capacity(1 << 16, self.file.open()?);
         file.seek(SeekFrom::Start(self.start))?;
-        let (mut rows_read, mut bytes) = (0, Vec::new());
-        let size = match (self.by_column, self.columns.first()) {
-            (true, Some(column)) => column.kind.size(),
-            _ => self.row_bytes as usize,
-        };
-        Ok(Box::new(move |batch| {
-            let Self { columns, by_column, .. } = &*self;
-            // Texts take more than numbers.
-            let fitting = ((1 << 20) / self.row_bytes.max(1)).max(1);
-            let rows = (batch_rows(columns.len()) as u64).min(fitting).min(self.rows - rows_read);
-            if rows == 0 || columns.is_empty() {
-                return Ok(false);
+        let (mut next, mut bytes) = (0, Vec::new());
+        Ok(Box::new(move |rows, part| {
+            let Self { columns, by_column, row_bytes, .. } = &*self;
+            let rows = (rows as u64).min(self.rows - next);
+            let cut = |error| KIND.unread(error, "its rows are cut off");
+            if !by_column {
+                bytes.resize(rows as usize * *row_bytes as usize, 0);
+                file.read_exact(&mut bytes).map_err(cut)?;
             }
-            batch.resize_with(columns.len(), Vec::new);
-            batch.iter_mut().for_each(Vec::clear);
-            bytes.resize(rows as usize * size, 0);
-            for (at, (cells, position)) in batch.iter_mut().zip(columns).enumerate() {
+            for (part, wanted) in part.columns.iter_mut().zip(&wanted) {
+                let Some(column) = columns.get(wanted.at) else { continue };
+                let (mut offset, mut stride) = (column.offset, *row_bytes as usize);
                 if *by_column {
-                    let before = (at as u64 * self.rows + rows_read) * size as u64;
+                    (offset, stride) = (0, column.kind.size());
+                    let before = (wanted.at as u64 * self.rows + next) * stride as u64;
                     file.seek(SeekFrom::Start(self.start + before))?;
+                    bytes.resize(rows as usize * stride, 0);
+                    file.read_exact(&mut bytes).map_err(cut)?;
                 }
-                if *by_column || at == 0 {
-                    let read = file.read_exact(&mut bytes);
-                    read.map_err(|error| KIND.unread(error, "its rows are cut off"))?;
-                }
-                let offset = if *by_column { 0 } else { position.offset };
-                let values = bytes.chunks_exact(size.max(1));
-                let value = |bytes: &[u8]| position.cell(&bytes[offset..][..position.kind.size()]);
-                cells.extend(values.map(value));
+                let bytes = bytes.get(offset..).unwrap_or_default();
+                column.read(Strided { bytes, stride, rows: rows as usize }, part);
             }
-            rows_read += rows;
-            Ok(true)
+            next += rows;
+            part.rows = rows as usize;
+            Ok(())
         }))
     }
 }
 
 impl ValueOffset {
-    fn cell(&self, bytes: &[u8]) -> Cell {
-        match self.kind {
-            NumberKind::Number(element) => element.cell(bytes, self.is_little),
-            NumberKind::Bytes(_) => {
-                let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |at| at + 1);
-                Cell::Text(String::from_utf8_lossy(&bytes[..end]).into_owned())
-            }
-            NumberKind::Characters(_) => {
-                let character =
-                    |bytes: &[u8]| match Element::Unsigned(4).cell(bytes, self.is_little) {
-                        Cell::Whole(code) => u32::try_from(code).ok().and_then(char::from_u32),
-                        _ => None,
-                    };
-                let codes = bytes.as_chunks::<4>().0.iter();
-                let text = codes.map(|code| character(code).unwrap_or('\u{fffd}'));
-                Cell::Text(text.collect::<String>().trim_end_matches('\0').to_owned())
-            }
+    fn read(&self, from: Strided<'_>, part: &mut ColumnPart) {
+        let NumberKind::Number(element) = self.kind else {
+            let texts = from.values(self.kind.size()).map(|bytes| Cell::Text(self.text(bytes)));
+            part.cells().extend(texts);
+            return;
+        };
+        element.read(from, self.is_little, part);
+    }
+
+    fn text(&self, bytes: &[u8]) -> String {
+        if let NumberKind::Bytes(_) = self.kind {
+            let end = bytes.iter().rposition(|&byte| byte != 0).map_or(0, |at| at + 1);
+            return String::from_utf8_lossy(&bytes[..end]).into_owned();
         }
+        let character = |bytes: &[u8; 4]| {
+            let code = if self.is_little { u32::from_le_bytes } else { u32::from_be_bytes };
+            char::from_u32(code(*bytes)).unwrap_or('\u{fffd}')
+        };
+        let text: String = bytes.as_chunks::<4>().0.iter().map(character).collect();
+        text.trim_end_matches('\0').to_owned()
     }
 }
 

@@ -26,6 +26,9 @@ const AS_XLSX: &str = "save it as .xlsx or CSV";
 const UNPACK: &str = "unpack it, or compress with gzip or zstd";
 const ARROW: &str = "an Arrow or Feather file";
 const AS_PARQUET: &str = "write Parquet instead, in Python with `df.to_parquet(…)`";
+const NETCDF: &str = "a netCDF-3 file";
+const AS_NETCDF_4: &str = "write netCDF-4, which is HDF5: `nccopy -k nc4 OLD NEW`";
+const R_DATA: &str = "an R data file";
 const NO_TABLE: &str = "give the table that it was made of";
 
 /// How HDF5 begins, at a power of two from 512 on or at the start of a file ("HDF5 File Format Specification
@@ -33,7 +36,7 @@ const NO_TABLE: &str = "give the table that it was made of";
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// Kinds that are not read, by how they begin.
-const FOREIGN: [(&[u8], &str, &str); 24] = [
+const FOREIGN: [(&[u8], &str, &str); 29] = [
     (b"ARROW1", ARROW, AS_PARQUET),
     (b"FEA1", ARROW, AS_PARQUET),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", AS_XLSX),
@@ -43,14 +46,27 @@ const FOREIGN: [(&[u8], &str, &str); 24] = [
         "convert a ROS 2 recording with `ros2 bag convert` to MCAP, or export the table",
     ),
     (b"#ROSBAG V", "a ROS 1 recording", "convert it to MCAP with `mcap convert`"),
-    (b"TDSm", "a LabVIEW TDMS file", EXPORT),
+    (
+        b"TDSm",
+        "a LabVIEW TDMS file",
+        "write it as CSV: in Python `nptdms.TdmsFile.read(FILE).as_dataframe().to_csv(…)`",
+    ),
+    (b"XDF:", "an XDF recording (Lab Streaming Layer)", EXPORT),
+    (b"CDF\x01", NETCDF, AS_NETCDF_4),
+    (b"CDF\x02", NETCDF, AS_NETCDF_4),
+    (b"CDF\x05", NETCDF, AS_NETCDF_4),
+    (
+        b"X\n\0\0\0",
+        R_DATA,
+        "write it as CSV: in R `write.csv(TABLE, 'log.csv', row.names = FALSE)`",
+    ),
     (b"ULog\x01\x12\x35", "a PX4 ULog file", EXPORT),
     (b"MDF ", "an MDF measurement file", EXPORT),
     (b"\x80\x02", "a Python pickle", EXPORT),
     (b"\x80\x03", "a Python pickle", EXPORT),
     (b"\x80\x04\x95", "a Python pickle", EXPORT),
     (b"\x80\x05\x95", "a Python pickle", EXPORT),
-    (b"RDX", "an R data file", EXPORT),
+    (b"RDX", R_DATA, "write it as CSV: in R `write.csv(TABLE, 'log.csv', row.names = FALSE)`"),
     (b"Obj\x01", "an Avro file", EXPORT),
     (b"ORC", "an ORC file", EXPORT),
     (b"\xfd7zXZ\0", "compressed with xz", UNPACK),
@@ -80,6 +96,11 @@ pub fn recognise(head: &[u8]) -> Recognised {
         [b'P', b'A', b'R', b'1', ..] => return Recognised::Table(FileKind::Parquet),
         [b'\x93', b'N', b'U', b'M', b'P', b'Y', ..] => return Recognised::Table(FileKind::NumPy),
         [b'\x89', b'M', b'C', b'A', b'P', b'0', ..] => return Recognised::Table(FileKind::Mcap),
+        // The block of the parameters, a mark, and the order of bytes there ("The C3D File Format User Guide").
+        [2..=9, 0x50, ..] => {
+            let remedy = "write its force plates as CSV, with `ezc3d` in Python or Mokka";
+            return foreign("a C3D motion capture file", remedy);
+        }
         // A stream of Arrow begins with the mark of a message and its length.
         [0xff, 0xff, 0xff, 0xff, _, _, ..16, 0, ..] => return foreign(ARROW, AS_PARQUET),
         [b'P', b'K', 3, 4, ..] => return archive(head),
@@ -167,6 +188,8 @@ mod tests {
             (b"PK\x03\x04....arr_0.npy", "an archive of NumPy arrays (.npz)"),
             (b"PK\x03\x04....notes.txt", "a zip archive"),
             (b"SQLite format 3\0", "an SQLite database"),
+            (b"CDF\x02\0\0", "a netCDF-3 file"),
+            (b"\x02\x50\x06\0", "a C3D motion capture file"),
             // `scipy.io.savemat(…, {"xy": …}, format="4")` of 3 by 2 numbers; the same of a Sun.
             (b"\0\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03\0\0\0xy\0\0", "a MATLAB 4 file"),
             (b"\0\0\x03\xe8\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03xy\0@", "a MATLAB 4 file"),

@@ -3,14 +3,14 @@
 //! Rows keep the numbers that the sheet shows. Formulas give the values that were stored with them,
 //! dates are given in ISO 8601.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::io::Read;
-use std::ops::Range;
 use std::sync::Arc;
 
-use crate::budget::{self, Unpacked};
-use crate::calendar::iso_of;
-use crate::format::{Cell, FileSource, NamedRows, RowSource, RowStream};
+use crate::budget;
+use crate::format::{
+    Cell, FileSource, FoundTable, RowSource, RowStream, WantedColumn, columns_of_cells,
+};
 use crate::kind::{FileKind, TableError};
 use crate::xml::{Xml, XmlTag};
 use crate::zip::{ZipEntry, entries};
@@ -26,9 +26,9 @@ struct Sheet {
     file: FileSource,
     entry: ZipEntry,
     /// The texts that cells refer to.
-    texts: Vec<String>,
+    texts: Arc<[String]>,
     /// The styles of dates and times.
-    dates: HashSet<usize>,
+    styles: HashMap<usize, TimeStyle>,
     /// Whether days are counted from 1904, not from 1900.
     since_1904: bool,
 }
@@ -47,7 +47,7 @@ fn each(
     Ok(())
 }
 
-pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
+pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
     let files = entries(file)?;
     let find = |name: &str| {
         let name = name.trim_start_matches('/');
@@ -68,31 +68,44 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
         }
         budget::check_columns(KIND, sheets.len())
     })?;
-    let wanted = match part {
-        Some(name) => sheets.iter().find(|(of, _)| of == name),
-        None => sheets.first(),
-    };
-    let Some((_, id)) = wanted else {
-        let found = sheets.into_iter().map(|(name, _)| name).collect();
-        return Err(KIND.choice("sheet", Some(part.unwrap_or_default()), found));
-    };
-    let mut target = None;
+    let mut targets = HashMap::new();
     if let Some(relations) = find("xl/_rels/workbook.xml.rels") {
         each(file, relations, |tag| {
-            if tag.attribute("Id").as_ref() == Some(id) {
-                target = tag.attribute("Target");
-            }
-            Ok(())
+            targets.extend(tag.attribute("Id").zip(tag.attribute("Target")));
+            budget::check_columns(KIND, targets.len())
         })?;
     }
-    let target = target.ok_or_else(|| KIND.damaged(format!("its sheet `{id}` is nowhere")))?;
-    let target = if target.starts_with('/') { target } else { format!("xl/{target}") };
-    let entry = find(&target).ok_or_else(|| KIND.damaged(format!("it has no `{target}`")))?.clone();
     let texts = find("xl/sharedStrings.xml").map(|texts| shared_texts(file, texts)).transpose()?;
-    let dates = find("xl/styles.xml").map(|styles| dates(file, styles)).transpose()?;
-    let (texts, dates) = (texts.unwrap_or_default(), dates.unwrap_or_default());
+    let styles = find("xl/styles.xml").map(|styles| time_styles(file, styles)).transpose()?;
+    let texts: Arc<[String]> = texts.unwrap_or_default().into();
+    let styles = styles.unwrap_or_default();
+    let sheet = |id: &str| {
+        let target = targets.get(id);
+        let target = target.ok_or_else(|| KIND.damaged(format!("its sheet `{id}` is nowhere")))?;
+        let path = if target.starts_with('/') { target.clone() } else { format!("xl/{target}") };
+        let entry = find(&path).ok_or_else(|| KIND.damaged(format!("it has no `{path}`")))?.clone();
+        let (file, texts, styles) = (file.clone(), Arc::clone(&texts), styles.clone());
+        Ok::<_, TableError>(Sheet { file, entry, texts, styles, since_1904 })
+    };
+    let all = || sheets.iter().map(|(name, _)| name.clone()).collect();
+    let mut chosen = None;
+    for (name, id) in sheets.iter().filter(|(name, _)| part.is_none_or(|part| name == part)) {
+        let found = sheet(id)?;
+        // One without a table is taken if there is no other.
+        if part.is_some() || sheets.len() == 1 || found.has_table()? {
+            chosen = Some((name, found));
+            break;
+        }
+    }
+    let Some((name, found)) = chosen else { return Err(KIND.choice("sheet", part, all())) };
+    let mut found = FoundTable::new(None, found);
+    if sheets.len() > 1 && part.is_none() {
+        let others: Vec<String> = all();
+        let others: Vec<&String> = others.iter().filter(|other| *other != name).collect();
+        found.notes.push(format!("read from sheet `{name}`; the others are {others:?}"));
+    }
     // Names are in a row, or nowhere.
-    Ok((None, Arc::new(Sheet { file: file.clone(), entry, texts, dates, since_1904 })))
+    Ok(found)
 }
 
 fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, TableError> {
@@ -114,83 +127,132 @@ fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, Tabl
     Ok(texts)
 }
 
-/// The numbers of the styles that show dates or times.
-fn dates(file: &FileSource, entry: &ZipEntry) -> Result<HashSet<usize>, TableError> {
-    let (mut formats, mut dates) = (HashSet::new(), HashSet::new());
+/// The way in which a style shows a number of days.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TimeStyle {
+    /// A date, with or without a time.
+    Date,
+    /// A time of day, or one that has gone by.
+    Clock,
+    /// A time that has gone by, of any length.
+    Elapsed,
+}
+
+/// The styles that show dates or times, by their numbers.
+fn time_styles(
+    file: &FileSource,
+    entry: &ZipEntry,
+) -> Result<HashMap<usize, TimeStyle>, TableError> {
+    let (mut formats, mut styles) = (HashMap::new(), HashMap::new());
     let (mut in_cells, mut style) = (false, 0);
     each(file, entry, |tag| {
         match tag.name.as_str() {
             "numFmt" => {
                 let code = tag.attribute("formatCode").unwrap_or_default();
-                if is_date(&code) {
-                    formats.extend(tag.attribute("numFmtId"));
-                }
+                formats.extend(tag.attribute("numFmtId").zip(time_style(&code)));
             }
             "cellXfs" => in_cells = !tag.is_end,
             "xf" if in_cells && tag.is_start => {
                 let format = tag.attribute("numFmtId").unwrap_or_default();
-                let is_known = matches!(format.parse(), Ok(14..=22 | 45..=47));
-                if is_known || formats.contains(&format) {
-                    dates.insert(style);
-                }
+                let known = match format.parse() {
+                    Ok(14..=17 | 22) => Some(TimeStyle::Date),
+                    Ok(18..=21 | 45 | 47) => Some(TimeStyle::Clock),
+                    Ok(46) => Some(TimeStyle::Elapsed),
+                    _ => formats.get(&format).copied(),
+                };
+                styles.extend(known.map(|known| (style, known)));
                 style += 1;
             }
             _ => {}
         }
         budget::check(KIND, "its styles", 64 * style as u64, entry.packed).map(drop)
     })?;
-    Ok(dates)
+    Ok(styles)
 }
 
-/// Whether a format shows a date or time: it has a letter for one outside quotes and brackets.
-fn is_date(code: &str) -> bool {
-    let (mut quoted, mut bracketed, mut escaped) = (false, false, false);
-    code.chars().any(|c| {
-        let was_escaped = std::mem::take(&mut escaped);
-        match c {
-            '"' => quoted = !quoted,
-            '[' if !quoted => bracketed = true,
-            ']' if !quoted => bracketed = false,
-            '\\' => escaped = true,
-            _ if quoted || bracketed || was_escaped => {}
-            _ => return matches!(c.to_ascii_lowercase(), 'y' | 'd' | 'h' | 'm' | 's'),
+/// Finds how a format shows a number of days, `None` if not as a date or time. Letters within quotes say nothing, and
+/// brackets stand around hours, minutes or seconds that go on beyond their day.
+fn time_style(code: &str) -> Option<TimeStyle> {
+    let (mut quoted, mut bracket, mut escaped) = (false, None, false);
+    let mut letters = String::new();
+    for c in code.to_ascii_lowercase().chars() {
+        match (c, &mut bracket) {
+            _ if std::mem::take(&mut escaped) => {}
+            ('"', None) => quoted = !quoted,
+            _ if quoted => {}
+            ('\\', None) => escaped = true,
+            ('[', None) => bracket = Some(String::new()),
+            (']', Some(inner)) => {
+                let is_time =
+                    !inner.is_empty() && inner.chars().all(|c| matches!(c, 'h' | 'm' | 's'));
+                if is_time {
+                    return Some(TimeStyle::Elapsed);
+                }
+                bracket = None;
+            }
+            (c, Some(inner)) => inner.push(c),
+            (c, None) => letters.push(c),
         }
-        false
-    }) && !code.eq_ignore_ascii_case("general")
+    }
+    let has = |wanted: &[char]| letters.contains(wanted);
+    match letters.as_str() {
+        "general" => None,
+        _ if has(&['y', 'd']) => Some(TimeStyle::Date),
+        _ if has(&['h', 'm', 's']) => Some(TimeStyle::Clock),
+        _ => None,
+    }
+}
+
+/// How many rows of a sheet are looked at for a table.
+const LOOKED_AT: usize = 100;
+
+impl Sheet {
+    /// Whether one of its first rows has several cells that are filled.
+    fn has_table(&self) -> Result<bool, TableError> {
+        let mut xml = Xml::new(self.entry.open(&self.file)?);
+        let mut before = 0;
+        for _ in 0..LOOKED_AT {
+            let Some((row, cells)) = self.next_row(&mut xml, before)? else { return Ok(false) };
+            if cells.iter().filter(|cell| **cell != Cell::Missing).count() > 1 {
+                return Ok(true);
+            }
+            before = row;
+        }
+        Ok(false)
+    }
 }
 
 impl RowSource for Sheet {
-    fn rows(self: Arc<Self>, _: Range<usize>, _: Unpacked) -> Result<RowStream, TableError> {
+    fn columns(&self) -> usize {
+        0
+    }
+
+    fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
         let mut xml = Xml::new(self.entry.open(&self.file)?);
         // The last row that was given, and one that is further down.
         let (mut given, mut waiting) = (0, None);
-        // The columns of the first row that has several: rows that end earlier are filled up.
-        let mut width = 0;
-        // One row at a time: rows differ in length.
-        Ok(Box::new(move |batch| {
+        let next = move || {
             let next = match waiting.take() {
                 None => self.next_row(&mut xml, given)?,
                 waiting => waiting,
             };
-            let Some((row, cells)) = next else { return Ok(false) };
-            batch.clear();
+            let Some((row, cells)) = next else { return Ok(None) };
             given += 1;
             if row > given {
                 // A row that is not in the file is blank.
                 waiting = Some((row, cells));
-                batch.push(vec![Cell::Missing]);
-                return Ok(true);
+                return Ok(Some(Vec::new()));
             }
-            let is_empty = cells.iter().all(|cell| *cell == Cell::Missing);
-            if width == 0 && cells.len() > 1 && !is_empty {
-                width = cells.len();
-            }
-            let width = if is_empty { 1 } else { width.max(cells.len()) };
-            let mut cells = cells.into_iter();
-            batch.extend((0..width).map(|_| vec![cells.next().unwrap_or_default()]));
-            Ok(true)
-        }))
+            Ok(Some(cells))
+        };
+        Ok(columns_of_cells(Box::new(next), wanted, is_blank))
     }
+}
+
+/// Whether a row is empty or a remark.
+fn is_blank(row: &[Cell]) -> bool {
+    let first = row.iter().find(|cell| **cell != Cell::Missing);
+    first.is_none_or(|cell| matches!(cell, Cell::Text(text) if text.starts_with(['#'])))
 }
 
 impl Sheet {
@@ -288,18 +350,30 @@ impl OpenCell {
             "str" | "inlineStr" | "e" | "d" => Cell::Text(self.text),
             "b" => Cell::Whole(i64::from(self.text.trim() == "1")),
             _ if self.text.trim().is_empty() => Cell::Missing,
-            _ if sheet.dates.contains(&self.style) => Cell::Text(date(number()?, sheet.since_1904)),
-            _ => Cell::Real(number()?),
+            _ => match (sheet.styles.get(&self.style), number()?) {
+                (None, number) => Cell::Real(number),
+                (Some(TimeStyle::Elapsed), days) => elapsed(days),
+                (Some(TimeStyle::Clock), days) if days.abs() < FIRST_DATE => elapsed(days),
+                (Some(_), days) => date(days, sheet.since_1904),
+            },
         })
     }
 }
 
+/// Fewer days than these are no date of a measurement but a time that has gone by.
+const FIRST_DATE: f64 = 366.0;
+
+/// The seconds of a time that has gone by, to the microsecond.
+fn elapsed(days: f64) -> Cell {
+    Cell::Real((days * 86_400e6).round() / 1e6)
+}
+
 /// A date or time from its number of days, to the microsecond, as finely as such numbers go.
-fn date(days: f64, since_1904: bool) -> String {
+fn date(days: f64, since_1904: bool) -> Cell {
     // Excel takes 1900 for a leap year.
     let days_to_1970 = if since_1904 { 24_107.0 } else { 25_569.0 };
     let microseconds = ((days - days_to_1970) * 86_400e6).round();
-    iso_of(microseconds as i64, 1_000_000)
+    Cell::Time { units: microseconds as i64, per_second: 1_000_000 }
 }
 
 #[cfg(test)]
@@ -308,19 +382,23 @@ mod tests {
 
     #[test]
     fn formats_of_dates_are_known() {
+        use TimeStyle::{Clock, Date, Elapsed};
         for (code, expected) in [
-            ("yyyy-mm-dd", true),
-            ("[h]:mm:ss", true),
-            ("0.00", false),
-            ("General", false),
-            ("0.0\"mm\"", false),
-            ("#,##0.00 \\d", false),
-            ("[Red]0", false),
+            ("yyyy-mm-dd", Some(Date)),
+            ("[h]:mm:ss", Some(Elapsed)),
+            ("[hh]:mm:ss.000", Some(Elapsed)),
+            ("[$-409]h:mm:ss AM/PM", Some(Clock)),
+            ("mm:ss.0", Some(Clock)),
+            ("0.00", None),
+            ("General", None),
+            ("0.0\"mm\"", None),
+            ("#,##0.00 \\d", None),
+            ("[Red]0", None),
         ] {
-            assert_eq!(is_date(code), expected, "{code}");
+            assert_eq!(time_style(code), expected, "{code}");
         }
         // The day that both counts give for the same date, 2026-11-22 12:00.
-        assert_eq!(date(46_348.5, false), "2026-11-22T12:00:00");
-        assert_eq!(date(44_886.5, true), "2026-11-22T12:00:00");
+        assert_eq!(date(46_348.5, false).text(), "2026-11-22T12:00:00");
+        assert_eq!(date(44_886.5, true).text(), "2026-11-22T12:00:00");
     }
 }

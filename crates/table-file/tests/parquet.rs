@@ -1,20 +1,22 @@
-//! A file that pyarrow 26 wrote, with `write_page_checksum=True`: 24 rows of a number, a decimal, a list, and a
+//! A file that pyarrow 26 wrote, with `write_page_checksum=True`: 24 rows of a number, a decimal, a list of two, and a
 //! number in two structs, of which the outer one is null in every third row.
 
 #![allow(clippy::disallowed_methods, reason = "tests read files")]
 
-use std::io::Read;
 use std::path::Path;
 
-use table_file::{FileKind, FileSource, Table};
+use table_file::{ColumnPart, FileKind, FileSource, Table, TablePart, WantedColumn};
 
-fn text(path: &Path) -> Result<String, String> {
+/// The numbers of a list and of two other columns, and the texts of one of them.
+fn columns(path: &Path) -> Result<TablePart, String> {
     let file = FileSource::Disk(path.to_owned());
     let table = Table::open(&file, FileKind::Parquet, None).map_err(|error| error.to_string())?;
-    let mut text = String::new();
-    let mut stream = table.text(1).map_err(|error| error.to_string())?;
-    stream.read_to_string(&mut text).map_err(|error| error.to_string())?;
-    Ok(text)
+    let wanted = [(0, false), (4, false), (4, true), (3, false), (2, false)];
+    let wanted = wanted.map(|(at, is_text)| WantedColumn { at, is_text }).to_vec();
+    let mut rows = table.rows(wanted).map_err(|error| error.to_string())?;
+    let mut part = TablePart::default();
+    rows.next(100, &mut part).map_err(|error| error.to_string())?;
+    Ok(part)
 }
 
 fn nested() -> std::path::PathBuf {
@@ -22,26 +24,36 @@ fn nested() -> std::path::PathBuf {
 }
 
 #[test]
-fn decimals_and_lists_are_refused_by_name_and_null_structs_are_missing() {
+fn decimals_are_refused_by_name_lists_are_columns_and_null_structs_are_missing() {
     let table = Table::open(&FileSource::Disk(nested()), FileKind::Parquet, None).unwrap();
-    let names = ["t_s", "price", "tags.list.element", "wrench.force.x"];
-    assert_eq!(table.names.clone().unwrap(), names);
-    for (column, what) in [(1, "decimal"), (2, "list")] {
-        let said = table.check_is_read(column).unwrap_err().to_string();
-        assert!(said.contains(names[column]) && said.contains(what), "{said}");
+    let names = ["t_s", "price", "tags1", "tags2", "wrench.force.x"];
+    assert_eq!(table.names().unwrap(), names);
+    let said = table.check_is_read(1).unwrap_err().to_string();
+    assert!(said.contains("`price`") && said.contains("decimal"), "{said}");
+    assert!([0, 2, 3, 4].iter().all(|&column| table.check_is_read(column).is_ok()));
+    let part = columns(&nested()).unwrap();
+    assert_eq!(part.rows, 24);
+    let times = (0..24).map(|row| f64::from(row) / 100.0).collect();
+    assert_eq!(part.columns[0], ColumnPart::Numbers { values: times, missing: Vec::new() });
+    // The lists are [0, 1], [1, 2], ….
+    for (column, first) in [(4, 0), (3, 1)] {
+        let values = (first..first + 24).map(f64::from).collect();
+        assert_eq!(part.columns[column], ColumnPart::Numbers { values, missing: Vec::new() });
     }
-    assert!(table.check_is_read(0).is_ok() && table.check_is_read(3).is_ok());
-    let row = |row: u32| {
-        let force = if row % 3 == 2 { String::new() } else { row.to_string() };
-        format!("{},,,{force}\n", f64::from(row) / 100.0)
-    };
-    let expected: String = (0..24).map(row).collect();
-    assert_eq!(text(&nested()).unwrap(), format!("{}\n{expected}", names.join(",")));
+    let ColumnPart::Numbers { values, missing } = &part.columns[1] else { panic!("no numbers") };
+    let ColumnPart::Cells(cells) = &part.columns[2] else { panic!("no texts") };
+    for row in 0..24_u32 {
+        let (at, is_missing) = (row as usize, row % 3 == 2);
+        assert_eq!(missing.contains(&at), is_missing);
+        assert!(if is_missing { values[at].is_nan() } else { values[at] == f64::from(row) });
+        assert_eq!(cells[at].text(), if is_missing { String::new() } else { row.to_string() });
+    }
 }
 
 #[test]
 fn no_bit_of_a_page_can_change_unnoticed() {
-    let expected = text(&nested()).unwrap();
+    let shown = |part: TablePart| format!("{part:?}");
+    let expected = columns(&nested()).map(shown).unwrap();
     let bytes = std::fs::read(nested()).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("flipped.parquet");
@@ -53,7 +65,7 @@ fn no_bit_of_a_page_can_change_unnoticed() {
         let mut flipped = bytes.clone();
         flipped[bit / 8] ^= 1 << (bit % 8);
         std::fs::write(&path, flipped).unwrap();
-        match text(&path) {
+        match columns(&path).map(shown) {
             Ok(found) => assert_eq!(found, expected, "bit {bit}"),
             Err(_) => refused += 1,
         }

@@ -17,8 +17,8 @@ use super::profile::Profile;
 use super::results::{Diagnostic, Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
 use super::signals::{Signals, count_fresh};
 use super::statistics::Interval;
-use super::uncertainty::half_widths;
-use shell_data::wrench::{Axis, PerAxis};
+use super::uncertainty::{ForceUncertainty, of_means};
+use shell_data::wrench::Axis;
 
 /// Evaluates a trial on the rows around its window.
 ///
@@ -39,12 +39,17 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let evaluation =
         TrialEvaluation { input, channel_length_m, velocity_m_s, weight_power_w, window, signals };
     let forces = evaluation.signals.forces.as_ref();
-    let half_widths = forces.and_then(|forces| half_widths(input, forces, &span));
-    if forces.is_some() && half_widths.is_none() {
-        let text = "the calibration carries no covariance: intervals are left out";
+    let is_beyond = evaluation.signals.is_beyond;
+    let uncertainty = forces.and_then(|forces| of_means(input, forces, &span));
+    if is_beyond {
+        let text = "most frames are outside the calibrated range, where nothing is known of errors: intervals are left \
+                    out";
+        diagnostics.push(Diagnostic::warning("no_intervals", text));
+    } else if forces.is_some() && uncertainty.is_none() {
+        let text = "the calibration does not know its errors: intervals are left out";
         diagnostics.push(Diagnostic::note("no_intervals", text));
     }
-    let row = evaluation.trial_row(&span, half_widths);
+    let row = evaluation.trial_row(&span, uncertainty.filter(|_| !is_beyond));
     let is_wrong = |of: &Quantity| of.of(&row.measures).is_some_and(|value| !value.is_finite());
     if let Some(wrong) = Quantity::ALL.into_iter().find(is_wrong) {
         return Err(TrialError::NotFinite(wrong.name()));
@@ -124,13 +129,14 @@ impl TrialEvaluation<'_> {
         }
     }
 
-    fn trial_row(&self, span: &Span, half_widths: Option<PerAxis<f64>>) -> TrialRow {
+    fn trial_row(&self, span: &Span, uncertainty: Option<ForceUncertainty>) -> TrialRow {
         let TrialInput { trial, rows, .. } = *self.input;
         let (enter, exit) = (trial.t_enter_s, trial.t_exit_s);
         let length_m = self.channel_length_m;
         let measures = self.measures(span, exit - enter, |fx| fx * length_m);
         let about = |value: Option<f64>, factor: f64, axis: Axis| {
-            let (value, half) = (value?, half_widths?[axis.index()] * factor);
+            let half = uncertainty.as_ref()?.half_widths[axis.index()] * factor;
+            let value = value?;
             Some(Interval { low: value - half, high: value + half })
         };
         let strides = self.signals.strides.as_ref();
@@ -150,6 +156,9 @@ impl TrialEvaluation<'_> {
             measures,
             strides: strides.map(|strides| strides.count() as u64),
             stride_frequency_hz: strides.and_then(Strides::frequency_hz),
+            channel_length_m: length_m,
+            is_beyond_range: self.signals.is_beyond,
+            uncertainty,
         }
     }
 

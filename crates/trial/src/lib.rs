@@ -43,5 +43,6 @@ pub use results::{
 };
 pub use statistics::{Interval, MeanDifference, Statistics, ValueSample};
 pub use trace::Trace;
+pub use uncertainty::ForceUncertainty;
 pub use value_table::{ValueRow, ValueTable};
 pub use window::{GOOD_CONFIDENCE, NoWindow, Proposal, propose_window};

@@ -7,7 +7,9 @@ use serde::Serialize;
 use super::phase::PhaseProfile;
 use super::statistics::{Interval, MeanDifference, Statistics};
 use super::trace::Trace;
+use super::uncertainty::ForceUncertainty;
 use super::window::Proposal;
+use shell_data::wrench::Axis;
 
 /// The results of one trial. What the log or the calibration does not allow is `None`, and
 /// [`TrialResult::diagnostics`] say why.
@@ -127,6 +129,33 @@ pub struct TrialRow {
     /// Strides in a second: whole strides over the time from the first one's start to the last one's
     /// end, Hz.
     pub stride_frequency_hz: Option<f64>,
+    /// The length that the drag energy is over, m.
+    #[serde(skip)]
+    pub channel_length_m: f64,
+    /// Whether most frames are outside the calibrated range.
+    #[serde(skip)]
+    pub is_beyond_range: bool,
+    /// How sure its mean forces are.
+    #[serde(skip)]
+    pub uncertainty: Option<ForceUncertainty>,
+}
+
+impl TrialRow {
+    /// What the calibration's error makes of a quantity, along directions that are alike in all trials, with its degrees
+    /// of freedom. `None` if nothing is known of it; of what is no force it is nothing.
+    pub fn shared_error(&self, quantity: Quantity) -> Option<(Vec<f64>, f64)> {
+        let (axis, factor) = match quantity {
+            Quantity::Drag => (Axis::Fx, -1.0),
+            Quantity::Lift => (Axis::Fz, 1.0),
+            Quantity::DragEnergy => (Axis::Fx, self.channel_length_m),
+            Quantity::ElectricalEnergy | Quantity::SpecificResistance => {
+                return Some((Vec::new(), f64::INFINITY));
+            }
+        };
+        let of = self.uncertainty.as_ref()?;
+        let parts = of.shared[axis.index()].iter().map(|part| factor * part);
+        Some((parts.collect(), of.degrees_of_freedom))
+    }
 }
 
 /// One stride: a turn of the right leg from phase 0 to phase 2π.

@@ -29,6 +29,8 @@ pub(super) struct Signals {
     right_leg: Vec<f64>,
     left_leg: Vec<f64>,
     pub(super) strides: Option<Strides>,
+    /// Whether most frames of the window are outside the calibrated range.
+    pub(super) is_beyond: bool,
 }
 
 impl Signals {
@@ -58,6 +60,7 @@ impl Signals {
         let strides =
             (!right_leg.is_empty()).then(|| Strides::new(&rows.times_s, &right_leg, enter, exit));
         diagnose_rows(input, window.clone(), diagnostics);
+        let mut is_beyond = false;
         if let (Some(calibration), Some(forces)) = (instrument.calibration, &forces) {
             if let Some(tare) = pipeline.and_then(|of| of.tare_frames.as_ref()) {
                 diagnostics.extend(diagnose_tare(tare, instrument.profile, enter));
@@ -68,11 +71,13 @@ impl Signals {
                 let channels = forces.frames.iter().take(calibration.channels());
                 let readings: Vec<Vec<f64>> = channels.map(cut).collect();
                 diagnostics.extend(diagnose_frames(calibration, &readings, options.full_scale));
+                let beyond = calibration.rows_out_of_range(&readings);
+                is_beyond = 2 * beyond > readings.first().map_or(0, Vec::len) as u64;
             }
         }
         diagnostics.extend(diagnose_legs(strides.as_ref()));
         let left_leg = leg(Telemetry::LeftLeg);
-        Ok(Self { forces, power, right_leg, left_leg, strides })
+        Ok(Self { forces, power, right_leg, left_leg, strides, is_beyond })
     }
 
     /// The signals at all rows.
@@ -131,13 +136,11 @@ fn find_forces(
     let axes: Vec<Axis> = if traced { calibration.axes } else { needed }.iter().collect();
     let rows = input.rows;
     let (frames, frame_of_row) = frames(rows);
-    let mut by_frame = PerAxis::default();
-    calibration.wrench(&frames, &mut by_frame);
-    let mut wrench = PerAxis::<Vec<f64>>::default();
-    for axis in axes.iter().map(|axis| axis.index()) {
-        wrench[axis] = frame_of_row.iter().map(|&frame| by_frame[axis][frame]).collect();
+    let by_frame = (&*frames, &*frame_of_row);
+    let mut wrench = pipeline.wrench_of_rows(calibration, &rows.times_s, by_frame);
+    for axis in Axis::ALL.iter().filter(|axis| !axes.contains(axis)) {
+        wrench[axis.index()] = Vec::new();
     }
-    pipeline.tare_off(&rows.times_s, &mut wrench);
     let mut stream = pipeline.stream(&axes);
     let mut wrench = stream.push(&rows.times_s, wrench).map_err(ForceError::from)?;
     let rest = stream.finish().map_err(ForceError::from)?;
@@ -231,8 +234,9 @@ fn diagnose_frames(
     full_scale: f64,
 ) -> impl Iterator<Item = Diagnostic> {
     let of = readings.first().map_or(0, Vec::len);
-    let inside = |reading: f64| reading > 0.0 && reading < full_scale;
-    let is_saturated = |frame: &usize| readings.iter().any(|column| !inside(column[*frame]));
+    let converter = calibration.converter(Some(full_scale));
+    let is_at_end = |reading: f64| converter.is_some_and(|of| of.is_at_end(reading));
+    let is_saturated = |frame: &usize| readings.iter().any(|column| is_at_end(column[*frame]));
     let saturated = (0..of).filter(is_saturated).count() as u64;
     let out_of_range = calibration.rows_out_of_range(readings);
     let kinds = [

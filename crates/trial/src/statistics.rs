@@ -10,6 +10,8 @@
 //!   `√(n/(n − 1))·t` (Hesterberg, Am. Statist. 69, 2015, §4.1).
 //! - Of fewer than eight trials resamples say too little, and the interval is Student's; of fewer than
 //!   five there is none.
+//! - What the calibration gets wrong is alike in all trials, and does not average out: intervals are wider by it, in
+//!   quadrature.
 //! - Strides of one trial resemble each other: what is drawn again is whole trials, with all their
 //!   strides (Davison & Hinkley, Bootstrap Methods, §3.8), and the mean is that over strides.
 
@@ -44,6 +46,12 @@ pub struct ValueSample {
     values: Vec<f64>,
     /// Sum and number of the values that belong together.
     clusters: Vec<(f64, usize)>,
+    /// Errors that all trials share, along directions alike in all: sums over the values.
+    shared: Vec<f64>,
+    /// Their degrees of freedom.
+    degrees_of_freedom: Option<f64>,
+    /// Whether of some trial nothing is known of its error.
+    is_unknown: bool,
 }
 
 /// From here to there, both in the quantity's unit.
@@ -107,6 +115,39 @@ impl ValueSample {
         }
     }
 
+    /// Adds what all trials share of the errors of as many `values` of a trial as were added last: its parts along
+    /// directions that are alike in all trials, each of one standard deviation.
+    pub fn add_shared_error(&mut self, parts: &[f64], degrees_of_freedom: f64) {
+        let count = self.clusters.last().map_or(0, |(_, count)| *count) as f64;
+        self.shared.resize(self.shared.len().max(parts.len()), 0.0);
+        self.shared.iter_mut().zip(parts).for_each(|(sum, part)| *sum += count * part);
+        let least = self.degrees_of_freedom.unwrap_or(f64::INFINITY).min(degrees_of_freedom);
+        self.degrees_of_freedom = Some(least);
+    }
+
+    /// Says that nothing is known of the errors of some trial: then there are no intervals.
+    pub fn add_unknown_error(&mut self) {
+        self.is_unknown = true;
+    }
+
+    /// The mean of the shared errors.
+    fn mean_shared(&self) -> impl Iterator<Item = f64> + '_ {
+        let count = self.values.len().max(1) as f64;
+        self.shared.iter().map(move |sum| sum / count)
+    }
+
+    /// An interval about `mean` of how trials scatter, wider by the error that they share; `parts` as in
+    /// [`Self::add_shared_error`].
+    fn widened(&self, mean: f64, scatter: Interval, parts: impl Iterator<Item = f64>) -> Interval {
+        let error = parts.map(|part| part * part).sum::<f64>().sqrt();
+        let degrees = self.degrees_of_freedom.unwrap_or(f64::INFINITY);
+        let shared = if error > 0.0 { student_quantile(LEVEL, degrees) * error } else { 0.0 };
+        Interval {
+            low: mean - (mean - scatter.low).hypot(shared),
+            high: mean + (scatter.high - mean).hypot(shared),
+        }
+    }
+
     /// The numbers; `None` without values. The same `seed` gives the same interval.
     pub fn statistics(&self, seed: u64) -> Option<Statistics> {
         let n = self.values.len();
@@ -127,7 +168,9 @@ impl ValueSample {
             trials: self.clusters.len(),
             mean,
             sd: (n > 1).then(|| (squares / (n - 1) as f64).sqrt()),
-            mean_95: interval(&[(1.0, &self.clusters)], seed),
+            mean_95: interval(&[(1.0, &self.clusters)], seed)
+                .filter(|_| !self.is_unknown)
+                .map(|scatter| self.widened(mean, scatter, self.mean_shared())),
             q1,
             median,
             q3,
@@ -144,11 +187,18 @@ impl ValueSample {
         if self.values.is_empty() || reference.values.is_empty() {
             return None;
         }
-        Some(MeanDifference {
-            reference: name.to_owned(),
-            mean: mean(&self.clusters) - mean(&reference.clusters),
-            mean_95: interval(&[(1.0, &self.clusters), (-1.0, &reference.clusters)], seed),
-        })
+        let difference = mean(&self.clusters) - mean(&reference.clusters);
+        let scatter = interval(&[(1.0, &self.clusters), (-1.0, &reference.clusters)], seed);
+        let mean_95 =
+            scatter.filter(|_| !self.is_unknown && !reference.is_unknown).map(|scatter| {
+                let (mut own, mut other) = (self.mean_shared(), reference.mean_shared());
+                let count = self.shared.len().max(reference.shared.len());
+                // Along directions that are alike an error cancels as far as both have it.
+                let parts = (0..count)
+                    .map(move |_| own.next().unwrap_or(0.0) - other.next().unwrap_or(0.0));
+                self.widened(difference, scatter, parts)
+            });
+        Some(MeanDifference { reference: name.to_owned(), mean: difference, mean_95 })
     }
 }
 
@@ -399,6 +449,35 @@ mod tests {
         assert_eq!((a.n, a.trials), (200, 20));
         // The same draws of the same trials, sums rounded otherwise.
         assert!((width(&a) / width(&b) - 1.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn errors_that_trials_share_widen_a_mean_and_cancel_in_a_difference() {
+        let sample = |shift: f64, shared: [f64; 2]| {
+            let mut sample = ValueSample::default();
+            for value in [-2.0, -1.0, 0.0, 1.0, 2.0] {
+                sample.add_cluster([value + shift]);
+                sample.add_shared_error(&shared, f64::INFINITY);
+            }
+            sample
+        };
+        let (first, second) = (sample(0.0, [3.0, 4.0]), sample(10.0, [3.0, 0.0]));
+        let Interval { low, high } = first.statistics(1).unwrap().mean_95.unwrap();
+        // `t₄·√0.5` of the scatter and 1.96 of the shared 5 are at right angles.
+        let expected = (2.776_445 * 0.5_f64.sqrt()).hypot(1.959_964 * 5.0);
+        assert!((high - expected).abs() < 1e-4 && (low + high).abs() < 1e-12, "{high} {expected}");
+        let difference = second.difference(&first, "first", 1).unwrap();
+        let Interval { low, high } = difference.mean_95.unwrap();
+        // Welch: eight degrees of freedom, `t₈ = 2.306`, variance 1; of the shared error 4 is left.
+        let expected = 2.306_004_f64.hypot(1.959_964 * 4.0);
+        assert!(
+            (high - 10.0 - expected).abs() < 1e-4 && (low + high - 20.0).abs() < 1e-9,
+            "{high}"
+        );
+        let mut unknown = sample(0.0, [0.0; 2]);
+        unknown.add_unknown_error();
+        assert_eq!(unknown.statistics(1).unwrap().mean_95, None);
+        assert_eq!(unknown.difference(&first, "first", 1).unwrap().mean_95, None);
     }
 
     #[test]

@@ -12,69 +12,126 @@
 //!   window, and is taken to be the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`, of
 //!   the training data's unexplained variance S without the noise σ² of a frame.
 //!
-//! Without a tare the residual variance of the calibration stands for the last two.
+//! Without a tare the residual variance of the calibration stands for the noise. Of a physics model the coefficients' part
+//! is in what it cannot follow, for which loads that were held out stand.
+//!
+//! The first and the last part are the calibration's, and alike in all trials: they do not average out over trials, and
+//! cancel in a difference as far as loads are alike. They are kept as a vector, of which means and differences are taken
+//! before its length.
 //!
 //! The interval is that of Student's t with the degrees of freedom of Welch and Satterthwaite.
 
 use super::input::TrialInput;
 use super::integral::Span;
 use super::signals::TrialForces;
-use calibration::Polynomial;
-use calibration::uncertainty::{CoefficientCovariance, student_quantile};
+use calibration::uncertainty::{CoefficientCovariance, Covariance, student_quantile};
+use calibration::{Kind, Polynomial};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// The share of the truth that intervals are to hold.
 const LEVEL: f64 = 0.95;
 
-/// Half the width of the 95 % interval of the mean of `forces` over `span` along Fx and Fz, N; `None` if the
-/// calibration carries no covariance.
-pub(super) fn half_widths(
+/// How sure the mean forces of a trial are, along Fx and Fz.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ForceUncertainty {
+    /// Half the widths of 95 % intervals, N.
+    pub half_widths: PerAxis<f64>,
+    /// What the calibration's error makes of the means: their parts along directions that are alike in all trials, each
+    /// of one standard deviation, N.
+    pub shared: PerAxis<Vec<f64>>,
+    /// The degrees of freedom of that error.
+    pub degrees_of_freedom: f64,
+}
+
+/// How sure the means of `forces` over `span` are; `None` if the calibration does not say it.
+pub(super) fn of_means(
     input: &TrialInput<'_>,
     forces: &TrialForces,
     span: &Span,
-) -> Option<PerAxis<f64>> {
+) -> Option<ForceUncertainty> {
     let (calibration, pipeline) = (input.instrument.calibration?, input.pipeline?);
-    let covariance = calibration.covariance.as_ref()?;
-    let polynomial = calibration.polynomial()?;
     // What each frame counts for in the mean.
     let mut shares = vec![0.0; forces.frames.first().map_or(0, Vec::len)];
     span.shares.iter().for_each(|&(row, share)| shares[forces.frame_of_row[row]] += share);
-    let mut difference = mean_features(polynomial, &forces.frames, &shares);
     let mut of_tare = PerAxis::default();
-    if let (Some(frames), Some(tare)) = (&pipeline.tare_frames, &pipeline.tare) {
-        difference.iter_mut().zip(&tare.features).for_each(|(x, tare)| *x -= tare);
+    if let Some(frames) = &pipeline.tare_frames {
         calibration.wrench(&frames.readings, &mut of_tare);
     }
+    let known = match &calibration.kind {
+        Kind::Polynomial(polynomial) => {
+            let covariance = calibration.covariance.as_ref()?;
+            let mut difference = mean_features(polynomial, &forces.frames, &shares);
+            if let (Some(_), Some(tare)) = (&pipeline.tare_frames, &pipeline.tare) {
+                difference.iter_mut().zip(&tare.features).for_each(|(x, tare)| *x -= tare);
+            }
+            of_polynomial(covariance, &difference)
+        }
+        Kind::Physics(physics) => {
+            // What it says of a frame is for a load and a mounting of its own, of which a tare takes the most off: what
+            // is left grows with the load, and is what held-out loads left unexplained.
+            input.options.unexplained?;
+            let groups = physics.intervals.as_ref().map_or(0, |of| of.groups);
+            let errors = calibration.standard_errors(&forces.frames, None)?;
+            let mean = |errors: &Vec<f64>| {
+                let squares =
+                    errors.iter().zip(&shares).map(|(error, share)| share * error * error);
+                squares.sum::<f64>()
+            };
+            ModelErrors {
+                of_frame: errors.each_ref().map(mean),
+                shared: PerAxis::default(),
+                degrees_of_freedom: groups.saturating_sub(1).max(1) as f64,
+            }
+        }
+    };
+    let ModelErrors { of_frame, mut shared, degrees_of_freedom } = known;
     let own_frames = shares.iter().map(|share| share * share).sum::<f64>();
     let mut half_widths = PerAxis::default();
     for axis in [Axis::Fx, Axis::Fz].map(Axis::index) {
-        let variance = match &covariance.coefficients {
-            CoefficientCovariance::Rows { factor } => {
-                covariance.residual[axis][axis] * square(factor, &difference)
-            }
-            CoefficientCovariance::Groups { factors, .. } => square(&factors[axis], &difference),
-        };
-        let degrees_of_freedom = covariance.degrees_of_freedom as f64;
-        let mut parts = vec![(variance, degrees_of_freedom)];
         let noise: &[f64] = &of_tare[axis];
         if let Some(unexplained) = input.options.unexplained {
-            let residual = covariance.residual[axis][axis];
             let own = if noise.len() > 1 { variances(noise)[0] } else { 0.0 };
-            let lack = if residual > 0.0 { 1.0 - own / residual } else { 0.0 };
-            let load = span.mean(&forces.wrench[axis]);
-            parts.push((unexplained[axis] * lack.max(0.0) * load * load, degrees_of_freedom));
+            let lack = if of_frame[axis] > 0.0 { 1.0 - own / of_frame[axis] } else { 0.0 };
+            let share = (unexplained[axis] * lack.max(0.0)).sqrt();
+            shared[axis].push(share * span.mean(&forces.wrench[axis]));
         }
+        let variance = shared[axis].iter().map(|part| part * part).sum::<f64>();
+        let mut parts = vec![(variance, degrees_of_freedom)];
         if noise.len() > 1 {
             let frames = noise.len() as f64;
             let variance = variances(noise)[1] * (1.0 / frames + own_frames);
             parts.push((variance, frames - 1.0));
         } else {
             // Nothing is known of its zero and its noise but what the training rows scattered.
-            parts.push((covariance.residual[axis][axis], degrees_of_freedom));
+            parts.push((of_frame[axis], degrees_of_freedom));
         }
         half_widths[axis] = half_width(&parts);
     }
-    Some(half_widths)
+    Some(ForceUncertainty { half_widths, shared, degrees_of_freedom })
+}
+
+/// What a calibration knows of its errors.
+struct ModelErrors {
+    /// The variance of the error of a frame, squares of N.
+    of_frame: PerAxis<f64>,
+    /// As in [`ForceUncertainty::shared`].
+    shared: PerAxis<Vec<f64>>,
+    degrees_of_freedom: f64,
+}
+
+/// Of coefficients, at the mean features of a window less those of its tare.
+fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
+    let of_frame = std::array::from_fn(|axis| covariance.residual[axis][axis]);
+    let shared = std::array::from_fn(|axis| match &covariance.coefficients {
+        CoefficientCovariance::Rows { factor } => {
+            let scale = covariance.residual[axis][axis].sqrt();
+            products(factor, difference).map(|product| scale * product).collect()
+        }
+        CoefficientCovariance::Groups { factors, .. } => {
+            products(&factors[axis], difference).collect()
+        }
+    });
+    ModelErrors { of_frame, shared, degrees_of_freedom: covariance.degrees_of_freedom as f64 }
 }
 
 /// `Σ share·x` of the features x of each frame.
@@ -97,10 +154,9 @@ fn mean_features(polynomial: &Polynomial, frames: &[Vec<f64>], shares: &[f64]) -
     mean
 }
 
-/// `‖factorᵀ·x‖²`.
-fn square(factor: &[Vec<f64>], x: &[f64]) -> f64 {
-    let product = |column: &Vec<f64>| column.iter().zip(x).map(|(f, x)| f * x).sum::<f64>();
-    factor.iter().map(|column| product(column).powi(2)).sum()
+/// The elements of `factorᵀ·x`.
+fn products<'a>(factor: &'a [Vec<f64>], x: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
+    factor.iter().map(move |column| column.iter().zip(x).map(|(f, x)| f * x).sum())
 }
 
 /// The variance of a value of `x`, of two or more, and that of their mean, times its length: Bartlett's weights over the cube root of the

@@ -3,7 +3,6 @@
 use std::collections::HashMap;
 use std::convert::Infallible;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
 
 use super::WorkflowError;
 use super::trial::{Evaluated, TrialJob, evaluate_in_window};
@@ -27,11 +26,6 @@ pub struct BatchOptions<'a> {
     pub mapping: &'a Mapping,
     /// How logs are read; `threads` is how many trials are evaluated at a time.
     pub read: ReadOptions<'a>,
-    /// All the conditions that there may be, if that is known.
-    pub conditions: Option<&'a [String]>,
-    /// What came of the manifest before: a trial whose row and log are the same is not evaluated
-    /// again.
-    pub before: Option<&'a Batch>,
     /// The share of the rows that is evaluated, if not all are. What is wrong between rows is found in all.
     pub shard: Option<Shard>,
     /// Told how many trials are done.
@@ -58,8 +52,6 @@ pub struct BatchTrial {
     pub path: PathBuf,
     /// Its results, and what the log was.
     pub evaluated: Evaluated,
-    entry: Entry,
-    stamp: FileStamp,
 }
 
 /// A row that could not be evaluated.
@@ -74,15 +66,6 @@ pub struct FailedRow {
     pub message: String,
 }
 
-/// What tells that a file is still the same: when it was written, and how long it is.
-pub type FileStamp = Option<(SystemTime, u64)>;
-
-/// The stamp of a file; `None` if there is no such file.
-pub fn stamp(path: &Path) -> FileStamp {
-    let metadata = std::fs::metadata(path).ok()?;
-    Some((metadata.modified().ok()?, metadata.len()))
-}
-
 /// Evaluates the trials of `manifest`, whose files are relative to `folder`. `keep` is given each
 /// result on the thread that has found it, to write what is too large to be held, and may take its
 /// trace; the results are in the order of the manifest, whatever the number of threads.
@@ -93,8 +76,7 @@ pub fn run(
     options: &BatchOptions<'_>,
     keep: impl Fn(CellPosition, &mut TrialResult) -> Result<(), OutputError> + Sync,
 ) -> Batch {
-    let faults: HashMap<usize, ManifestProblem> =
-        manifest.faults(options.conditions).into_iter().collect();
+    let faults: HashMap<usize, ManifestProblem> = manifest.faults(None).into_iter().collect();
     let mut batch = Batch::default();
     let mut done = 0;
     let count = manifest.rows.len();
@@ -144,16 +126,11 @@ fn evaluate_entry(
     read: &ReadOptions<'_>,
 ) -> Result<BatchTrial, WorkflowError> {
     let path = folder.join(&entry.trial.file);
-    let stamp = stamp(&path);
-    let same = |trial: &&BatchTrial| trial.entry == *entry && trial.stamp == stamp;
-    if let Some(same) = options.before.and_then(|before| before.trials.iter().find(same)) {
-        return Ok(same.clone());
-    }
     let log = Log::open(&path, options.mapping)?;
     let window_s = (entry.enter.value, entry.exit.value);
     let job = TrialJob { log: &log, instrument, options: options.trial, read: *read };
     let evaluated = evaluate_in_window(&job, entry.trial.clone(), window_s)?;
-    Ok(BatchTrial { position: entry.position, path, evaluated, entry: entry.clone(), stamp })
+    Ok(BatchTrial { position: entry.position, path, evaluated })
 }
 
 /// The cell of a row that an error is about.
@@ -230,6 +207,23 @@ impl Batch {
                     let strides = result.stride_rows.iter();
                     sample.add_cluster(strides.filter_map(|stride| quantity.of(&stride.measures)));
                 }
+            }
+            // A stride's drag energy is over its own length: its share of the trial's error is by its mean.
+            match result.row.shared_error(quantity) {
+                Some((parts, degrees)) => {
+                    let scale = match (per, quantity.of(&result.row.measures)) {
+                        (Per::Stride, Some(whole)) if quantity == Quantity::DragEnergy => {
+                            let strides = result.stride_rows.iter();
+                            let values = strides.filter_map(|stride| quantity.of(&stride.measures));
+                            values.sum::<f64>() / (result.stride_rows.len().max(1) as f64 * whole)
+                        }
+                        _ => 1.0,
+                    };
+                    let parts: Vec<f64> = parts.iter().map(|part| scale * part).collect();
+                    sample.add_shared_error(&parts, degrees);
+                }
+                None if result.row.is_beyond_range => sample.add_unknown_error(),
+                None => {}
             }
         }
         sample

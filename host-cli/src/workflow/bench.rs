@@ -13,17 +13,15 @@
 use std::time::Instant;
 
 use faer::{Mat, MatRef};
-use serde::Serialize;
 
 use calibration::features::Features;
 use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, Solution, SolverKind};
 use calibration::{Basis, FitError, Model};
-use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing};
 use shell_data::block::Block;
 use shell_data::statistics::upper_median;
 
-/// What an `f64` cannot show: errors below this count as this.
+/// The smallest error that an `f64` shows: smaller ones count as this.
 pub const SMALLEST_ERROR: f64 = f64::EPSILON / 2.0;
 /// Elements of a triangular factorisation, rows × columns², beyond which the reference is refined
 /// QR.
@@ -32,8 +30,8 @@ const MOST_WIDE_WORK: f64 = 5e9;
 const BUDGET_S: f64 = 1.0;
 const MOST_REPETITIONS: usize = 9;
 
-/// What all solvers did with one model.
-#[derive(Clone, Debug, Serialize)]
+/// All solvers on one model.
+#[derive(Clone, Debug)]
 pub struct ModelBench {
     /// The model, `cubic + offset`.
     pub model: String,
@@ -49,13 +47,12 @@ pub struct ModelBench {
     pub solvers: Vec<Measurement>,
 }
 
-/// What one solver did.
-#[derive(Clone, Debug, Serialize)]
+/// One solver on one model.
+#[derive(Clone, Debug)]
 pub struct Measurement {
     /// Its name.
     pub solver: &'static str,
-    /// Median of the repetitions, s, from readings to coefficients; NaN, in JSON null, where it was
-    /// left out.
+    /// Median of the repetitions, s, from readings to coefficients; NaN where it was left out.
     pub seconds: f64,
     /// The largest relative error of a coefficient.
     pub coefficient_error: Option<f64>,
@@ -257,58 +254,6 @@ fn is_on_front((seconds, error): (f64, f64), points: &[(f64, f64)]) -> bool {
     !points.iter().any(beats)
 }
 
-/// Which error a figure shows.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ErrorKind {
-    /// That of the worst coefficient.
-    Coefficients,
-    /// That of the worst predicted row.
-    Prediction,
-}
-
-/// Run time against error, both logarithmic: a colour for each solver, a point for each model, and a
-/// line along the fastest solvers of each accuracy.
-pub fn figure(size: Size, benches: &[ModelBench], kind: ErrorKind) -> Figure {
-    use ErrorKind::{Coefficients, Prediction};
-    let (error, quantity): (fn(&Measurement) -> Option<f64>, _) = match kind {
-        Coefficients => (|m| m.coefficient_error, "largest relative error of a coefficient"),
-        Prediction => (|m| m.prediction_error, "largest error of a prediction, over RMS"),
-    };
-    let (mut series, mut fronts) = (Vec::<Series>::new(), Vec::new());
-    for bench in benches {
-        let mut points = Vec::new();
-        // The reference is not compared with itself.
-        for m in bench.solvers.iter().filter(|m| m.solver != bench.reference) {
-            let Some(error) = error(m) else { continue };
-            let point = (1e3 * m.seconds, error);
-            points.push(point);
-            match series.iter_mut().find(|series| series.label == m.solver) {
-                Some(of_solver) => of_solver.points.push(point),
-                None => series.push(Series {
-                    label: m.solver.to_owned(),
-                    points: vec![point],
-                    mark: ChartMark::Points,
-                }),
-            }
-        }
-        let mut front = points.clone();
-        front.retain(|&point| is_on_front(point, &points));
-        front.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-        let label = format!("front of {}", bench.model);
-        fronts.push(Series { label, points: front, mark: ChartMark::Line });
-    }
-    series.extend(fronts);
-    let points = || series.iter().flat_map(|s| &s.points);
-    let axis = |quantity: &str, unit: &str, of: fn(&(f64, f64)) -> f64| {
-        let low = points().map(of).fold(f64::INFINITY, f64::min);
-        let high = points().map(of).fold(0.0, f64::max);
-        PlotAxis::new(quantity, unit, Spacing::Log, low, high).padded(0.06)
-    };
-    let rows = benches.first().map_or(0, |bench| bench.rows);
-    let (x, y) = (axis("run time", "ms", |p| p.0), axis(quantity, "", |p| p.1));
-    Chart { title: format!("Solvers on {rows} rows"), x, y, series }.figure(size)
-}
-
 #[cfg(test)]
 mod tests {
     use system_tests::random::Random;
@@ -365,7 +310,5 @@ mod tests {
             }
         }
         assert!(markdown(std::slice::from_ref(&bench)).contains("| poly3 + offset (20) | error |"));
-        let svg = figure(Size::Screen, &[bench], ErrorKind::Coefficients);
-        assert!(svg.svg().contains("front of poly3 + offset"));
     }
 }

@@ -8,10 +8,14 @@ use super::noise::noise;
 use super::recalibration::known_errors;
 use super::selection::RowFilter;
 use calibration::physics::COVERAGE_LEVEL;
+use calibration::quality::significant;
 use calibration_file::{CalibrationFile, Diagnostics};
 use log_file::{Log, ReadOptions};
 use report::Contribution;
-use shell_data::wrench::{AxisValues, PerAxis};
+use shell_data::wrench::{Axis, AxisValues, PerAxis};
+
+/// A log whose forces scatter by so much of the calibrated loads is not of an unloaded sensor: noise is a hundredth.
+const LOADED: f64 = 0.05;
 
 /// The uncertainty of a single frame, by what makes it. A log of the `unloaded` sensor tells repeatability and drift;
 /// `reference` is the standard uncertainty of the reference, N and N·m.
@@ -31,8 +35,28 @@ pub fn budget(
             let (frames, path) = (found.frames, log.path().display());
             let basis = format!("scatter of {frames} frames of the unloaded sensor, `{path}`");
             let standard = by_axis(&found.axes, |scatter| scatter.rms);
+            let model = budget[0].standard.unwrap_or([f64::INFINITY; 6]);
+            let is_more = |axis: &Axis| standard[axis.index()] > model[axis.index()];
+            let loads = file.largest_loads().unwrap_or([f64::INFINITY; 6]);
+            let is_load = |axis: &Axis| {
+                standard[axis.index()] > LOADED * loads[axis.index()] && is_more(axis)
+            };
+            let axes = file.calibration.axes;
+            if let Some(axis) = axes.iter().find(is_load) {
+                let [rms, error] = [standard, model].map(|of| significant(of[axis.index()], 3));
+                let (name, unit) = (axis.name(), axis.unit());
+                return Err(WorkflowError::refused(
+                    format!(
+                        "`{path}` is of a loaded sensor: {name} scatters by {rms} {unit}, the error on loads is {error} {unit}"
+                    ),
+                    "record the sensor at rest without a load, such as `shellcal record PORT --duration 60 -o rest.csv`",
+                ));
+            }
             let scatter = measured("repeatability", basis, Some(standard));
-            budget.push(Contribution { is_part: true, ..scatter });
+            // Errors of means of many rows do not hold that of one row.
+            let is_part = !axes.iter().any(|axis| is_more(&axis));
+            let degrees_of_freedom = Some(frames.saturating_sub(1).max(1) as f64);
+            budget.push(Contribution { is_part, degrees_of_freedom, ..scatter });
             budget.push(of_drift(file, log, read)?);
         }
         None => {
@@ -53,13 +77,17 @@ pub fn budget(
 
 /// An uncertainty that was measured (type A) and is not part of another line.
 fn measured(source: &'static str, basis: String, standard: Option<PerAxis<f64>>) -> Contribution {
-    Contribution { source, evaluation: "A", basis, standard, is_part: false }
+    let degrees_of_freedom = None;
+    Contribution { source, evaluation: "A", basis, standard, degrees_of_freedom, is_part: false }
 }
 
 /// Errors on loads that were not used, or the best that the file knows.
 fn of_model(file: &CalibrationFile) -> Contribution {
+    // A root mean square over groups: one is an observation, however many rows it has.
+    let mut degrees_of_freedom = None;
     let rows = match &file.origin.diagnostics {
         Some(Diagnostics { cross_validation: Some(of), .. }) => {
+            degrees_of_freedom = Some(of.groups as f64);
             format!("{} groups of rows that were not used for the fit", of.groups)
         }
         Some(Diagnostics { test: Some(_), .. }) => "test logs".to_owned(),
@@ -70,7 +98,8 @@ fn of_model(file: &CalibrationFile) -> Contribution {
         }
     };
     let basis = format!("root mean square error on {rows}");
-    measured("model and mounting", basis, known_errors(file))
+    let of_model = measured("model and mounting", basis, known_errors(file));
+    Contribution { degrees_of_freedom, ..of_model }
 }
 
 fn of_drift(
@@ -79,9 +108,11 @@ fn of_drift(
     read: &ReadOptions<'_>,
 ) -> Result<Contribution, WorkflowError> {
     let found = drift(log, Some(&file.calibration), None, RowFilter::Fresh, read);
+    let mut degrees_of_freedom = None;
     let (basis, standard) = match found {
         Ok(found) => {
             let rests = found.rests;
+            degrees_of_freedom = Some(rests.saturating_sub(1).max(1) as f64);
             let basis =
                 format!("standard deviation of the zero at {rests} rests, tared before the first");
             (basis, found.axes.map(|axes| by_axis(&axes, |of| of.wander)))
@@ -89,7 +120,8 @@ fn of_drift(
         Err(error @ WorkflowError::Log(_)) => return Err(error),
         Err(error) => (format!("not stated: {error}"), None),
     };
-    Ok(measured("drift of the zero", basis, standard))
+    let of_zero = measured("drift of the zero", basis, standard);
+    Ok(Contribution { degrees_of_freedom, ..of_zero })
 }
 
 fn by_axis<T>(values: &AxisValues<T>, of: impl Fn(&T) -> f64) -> PerAxis<f64> {

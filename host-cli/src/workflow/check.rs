@@ -1,24 +1,35 @@
 //! Known weights on a sensor that was calibrated: does it still say what hangs there?
 
 use super::convert::interval_factors;
-use super::hung_loads::{hung_rows, stated};
+use super::gates::{Gate, GateFailure};
+use super::hung_loads::{HALF_WIDTH, gate_of_loads, hung_rows, loaded_axes, stated};
 use super::recalibration::known_errors;
 use super::{WorkflowError, check_channels};
 use calibration::physics::COVERAGE_LEVEL;
 use calibration_file::CalibrationFile;
+use forces::payload::{Vector, norm};
 use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions};
 use report::CheckedLoad;
 use shell_data::dataset::Dataset;
-use shell_data::wrench::{Axis, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Half the width of a 95 % interval of normal errors in standard errors, and how many times wider a difference may be:
-/// three standard errors, which one morning in twenty exceeds on one of a dozen numbers.
-const HALF_WIDTH: f64 = 1.96;
+/// How many times wider than a 95 % interval a difference may be: three standard errors, which one morning in twenty
+/// exceeds on one of a dozen numbers.
 const MARGIN: f64 = 1.53;
 
-/// Compares the weights of a table with what a calibration makes of the readings at them. If the table has a line
-/// without a load, its wrench is the zero.
+/// Weights beside what the sensor says of them.
+#[derive(Clone, Debug)]
+pub struct CheckedWeights {
+    /// Those that were compared.
+    pub loads: Vec<CheckedLoad>,
+    /// Whether each line of the table was compared and is within what errors explain.
+    pub gate: Gate,
+}
+
+/// Compares the weights of a table with what a calibration makes of the readings at them, on the axes that are `named`,
+/// otherwise on those of the calibration and those that a weight loads. If the table has a line without a load, its
+/// wrench is the zero.
 ///
 /// # Errors
 /// [`WorkflowError`].
@@ -26,8 +37,9 @@ pub fn check_weights(
     file: &CalibrationFile,
     logs: &[Log],
     table: &HungLoads,
+    named: Option<Axes>,
     read: &ReadOptions<'_>,
-) -> Result<Vec<CheckedLoad>, WorkflowError> {
+) -> Result<CheckedWeights, WorkflowError> {
     let calibration = &file.calibration;
     for log in logs {
         check_channels(log, calibration.channels())?;
@@ -39,9 +51,17 @@ pub fn check_weights(
         (Err(_), Some(known)) => Err(known),
         (Err(error), None) => return Err(error),
     };
-    let (data, _) = hung_rows(logs, table, read)?;
-    let data = calibration.prepared(&data)?;
     let is_rest = |load: &&HungLoad| load.wrench().iter().all(|x| *x == 0.0);
+    if table.loads().iter().all(|load| is_rest(&load)) {
+        return Err(WorkflowError::refused("no weight hangs in any line of the table", None));
+    }
+    let (data, _) = hung_rows(logs, table, read)?;
+    let of_load =
+        |load: &HungLoad| calibration.axes.iter().chain(loaded_axes(load).iter()).collect();
+    let asked = |load: &HungLoad| named.unwrap_or_else(|| of_load(load));
+    let mut gate = gate_of_loads(table, &data, asked, calibration.axes);
+    let axes = named.unwrap_or(Axes::ALL).and(calibration.axes);
+    let data = calibration.prepared(&data)?;
     let rest = table.loads().iter().find(is_rest).map(|load| readings_at(&data, load));
     let tare = rest.and_then(|readings| calibration.tare(&readings));
     let compare = |load: &HungLoad| {
@@ -70,17 +90,47 @@ pub fn check_weights(
                 let difference = measured[axis.index()] - stated[axis.index()];
                 !difference.is_finite() || difference.abs() > allowed[axis.index()]
             };
-            let off = calibration.axes.iter().filter(is_off).collect();
+            let off = axes.iter().filter(is_off).collect();
             let (group, load) = (load.group.clone(), load.to_string());
-            CheckedLoad { group, load, stated, measured, allowed, off }
+            let cannot_tell = calibration
+                .axes
+                .iter()
+                .all(|axis| stated[axis.index()].abs() <= allowed[axis.index()]);
+            let turned_deg = turned_deg(&stated, &measured, &allowed);
+            CheckedLoad { group, load, stated, measured, allowed, off, cannot_tell, turned_deg }
         })
     };
     let weights = table.loads().iter().filter(|load| !is_rest(load));
-    let checked: Vec<CheckedLoad> = weights.filter_map(compare).collect();
-    match checked.is_empty() {
-        true => Err(WorkflowError::refused("no weight hangs in any line of the table", None)),
-        false => Ok(checked),
+    let loads: Vec<CheckedLoad> = weights.filter_map(compare).collect();
+    let cannot_tell = loads.iter().all(|of| of.cannot_tell);
+    for (load, subject) in table.loads().iter().zip(gate.subjects()) {
+        if cannot_tell && !is_rest(&load) {
+            let name = &load.group;
+            subject.lacks(Axes::ALL, |axes| format!("{axes} of load `{name}`, which is too light"));
+        }
+        let off = loads.iter().find(|of| of.group == load.group).map_or(Axes::NONE, |of| of.off);
+        let name = format!("load `{}`", load.group);
+        subject.compare(|_| (!off.is_empty()).then_some(GateFailure::Off { axes: off, name }));
     }
+    Ok(CheckedWeights { loads, gate })
+}
+
+/// The angle between two forces of about the same size, degrees, if it is beyond what may differ across them.
+fn turned_deg(
+    stated: &PerAxis<f64>,
+    measured: &PerAxis<f64>,
+    allowed: &PerAxis<f64>,
+) -> Option<f64> {
+    /// Beyond this it is another weight.
+    const SAME_SIZE: f64 = 0.2;
+    let part = |wrench: &PerAxis<f64>| -> Vector { std::array::from_fn(|axis| wrench[axis]) };
+    let (stated, measured) = (part(stated), part(measured));
+    let (one, other) = (norm(stated), norm(measured));
+    let cosine = stated.iter().zip(measured).map(|(a, b)| a * b).sum::<f64>() / (one * other);
+    let angle = cosine.clamp(-1.0, 1.0).acos();
+    let is_alike = (other / one - 1.0).abs() <= SAME_SIZE;
+    (is_alike && angle.sin() * one > norm(part(allowed)) && angle.is_finite())
+        .then(|| angle.to_degrees())
 }
 
 /// The readings at a load, memory terms beside them.

@@ -1,11 +1,18 @@
 //! From logs to the rows of a fit, and from a fit to its calibration file.
 
+use super::outliers::NamedOutliers;
+use super::remark::{Remark, about_fit};
 use super::{WorkflowError, agree_on_axes, check_channels, check_logs};
 use calibration::FitError;
-use calibration::fit::{Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, may_have_plateaus};
+use calibration::fit::{
+    Fault, Fit, FitMethod, FitOptions, GroupsAsked, HeldOut, OutlierRule, Outliers,
+    may_have_plateaus,
+};
 use calibration::quality::AxisQuality;
+use calibration::validation::cross_validation::CrossValidation;
 use calibration_file::{CalibrationFile, Diagnostics, Origin, Role, SolverRecord, SourceFile};
 use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
+use report::{CalibrationReport, OutlierTable};
 use shell_data::dataset::{Dataset, LogRows};
 
 /// Rows to fit to, and to test on.
@@ -15,6 +22,8 @@ pub struct FitData {
     pub train: Dataset,
     /// Test rows.
     pub test: Dataset,
+    /// Names of the channels, where they have any.
+    pub channel_names: Vec<String>,
 }
 
 impl FitData {
@@ -40,7 +49,9 @@ impl FitData {
             .collect();
         let mut data = read_dataset(&logs, read)?;
         let tested = Dataset { logs: data.logs.split_off(train.len()) };
-        let mut read = Self { train: data, test: tested };
+        let names = train.first().map(|log| log.value_names().into_iter().take(log.channels()));
+        let channel_names = names.into_iter().flatten().map(str::to_owned).collect();
+        let mut read = Self { train: data, test: tested, channel_names };
         sample_logs(&mut read.train, train, &of_train)?;
         if labels_tests {
             sample_logs(&mut read.test, test, &of_test)?;
@@ -72,12 +83,86 @@ impl FitData {
         Ok(())
     }
 
-    /// Fits a calibration to the rows, which are in the fit then and no longer here.
+    /// Fits a calibration to the rows, which are in the fit then and no longer here, and examines both.
     ///
     /// # Errors
     /// As [`calibration::fit()`].
     pub fn fit(&mut self, options: &FitOptions<'_>) -> Result<Fit, FitError> {
-        calibration::fit(self.train.take_rows(), self.test.take_rows(), options)
+        let faults = |data: &Dataset, of: fn(String) -> Fault| {
+            let found = doctor::check_rows(data, &self.channel_names);
+            found.into_iter().map(|finding| of(finding.seen)).collect::<Vec<Fault>>()
+        };
+        let faults = [faults(&self.test, Fault::of_test), faults(&self.train, Fault::of_data)];
+        let mut fitted = calibration::fit(self.train.take_rows(), self.test.take_rows(), options)?;
+        fitted.examine(options.workers)?;
+        if let Some(examination) = &mut fitted.examination {
+            let found = std::mem::take(&mut examination.faults);
+            examination.faults.extend(faults.into_iter().flatten());
+            examination.faults.extend(found);
+        }
+        Ok(fitted)
+    }
+}
+
+/// A fit to logs with its calibration file, and suspicious rows by file and line: all that is written and said of it.
+#[derive(Debug)]
+pub struct FittedLogs {
+    /// The fit.
+    pub fit: Fit,
+    /// Its calibration file.
+    pub file: CalibrationFile,
+    /// Outliers that were used, where some were looked for.
+    pub used: Option<NamedOutliers>,
+    /// Rows that were left out.
+    pub dropped: NamedOutliers,
+    outliers: OutlierRule,
+}
+
+impl FittedLogs {
+    /// A fit to the rows of training logs, tested on those of others.
+    ///
+    /// # Errors
+    /// [`WorkflowError`] if a file beside a log cannot be read.
+    pub fn new(
+        fit: Fit,
+        (train, test): (&[Log], &[Log]),
+        data: &FitData,
+        (origin, outliers): (Origin, OutlierRule),
+    ) -> Result<Self, WorkflowError> {
+        let sources = sources((train, test), data, &fit)?;
+        let file = calibration_file(&fit, Origin { sources, ..origin });
+        let name = |found: &Outliers| NamedOutliers::new(found.clone(), train, &data.train);
+        let used = fit.outliers.found().map(name);
+        let dropped = name(&fit.dropped);
+        Ok(Self { fit, file, used, dropped, outliers })
+    }
+
+    /// The report, as the content of an HTML file.
+    ///
+    /// # Errors
+    /// [`FitError`] if the errors of groups cannot be found.
+    pub fn report(&self, name: &str, command: &str) -> Result<String, FitError> {
+        let (fit, file, outliers) = (&self.fit, &self.file, self.outlier_table());
+        CalibrationReport { fit, file, name, command, outliers }.html()
+    }
+
+    /// Outliers for a report: those that were left out, or were named.
+    fn outlier_table(&self) -> Option<OutlierTable> {
+        let dropped = self.dropped.rows(true);
+        match self.outliers {
+            OutlierRule::Keep => None,
+            OutlierRule::Report if dropped.count == 0 => {
+                Some(self.used.as_ref().map(|used| used.rows(false)).unwrap_or_default())
+            }
+            OutlierRule::Drop | OutlierRule::Report => Some(dropped),
+        }
+    }
+
+    /// How the fit was made, and what is wrong with it.
+    pub fn remarks(&self) -> Vec<Remark> {
+        let mut remarks = about_fit(&self.fit);
+        remarks.extend(self.used.iter().flat_map(NamedOutliers::remarks));
+        remarks
     }
 }
 
@@ -139,7 +224,7 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
         condition: fit.condition(),
         train: fit.train,
         test: fit.test().quality().map(|axes| axes.map(as_a_result)),
-        cross_validation: fit.cross_validation.clone(),
+        cross_validation: fit.cross_validation.clone().map(CrossValidation::without_folds),
         selection: fit.selection.clone(),
         excitation: fit.excitation.clone(),
         test_leak: fit.leaks.in_test(),
@@ -155,7 +240,7 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
 ///
 /// # Errors
 /// [`WorkflowError`] if a file beside a log cannot be read.
-pub fn sources(
+fn sources(
     (train, test): (&[Log], &[Log]),
     data: &FitData,
     fit: &Fit,

@@ -1,15 +1,131 @@
-//! Limits on the errors of a calibration: whatever is asked for is compared, or it fails.
+//! Gates: what a check was asked to compare, and whether each of it was compared and held.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use super::WorkflowError;
 use calibration::quality::significant;
 use log_file::Log;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// What is asked of the errors.
+/// The least number of rows that make a subject compared, with a tenth of those that there are; all, where there are fewer.
+const LEAST_ROWS: u64 = 10;
+
+/// A list of what is to be compared. It passes only if every item was compared, and held.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Gate {
+    subjects: Vec<GateSubject>,
+}
+
+/// A log, a load or other rows, with the axes that are to be compared.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GateSubject {
+    name: String,
+    /// Axes that were not compared so far.
+    open: Axes,
+    failures: Vec<GateFailure>,
+}
+
+/// Why a gate does not pass.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GateFailure {
+    /// Axes that were asked for were not compared.
+    #[error("not compared: {what}")]
+    NotCompared { axes: Axes, what: String },
+    /// The RMS error of an axis is above its limit, N or N·m.
+    #[error(
+        "the RMS error of `{}`{on} is {rms} {unit}, above the limit of {limit} {unit}",
+        axis.name(), rms = significant(*rms, 4), limit = significant(*limit, 4), unit = axis.unit()
+    )]
+    Above { axis: Axis, on: &'static str, rms: f64, limit: f64 },
+    /// Axes differ by more than errors explain.
+    #[error("{axes} of {name} differ by more than is to be expected")]
+    Off { axes: Axes, name: String },
+}
+
+impl Gate {
+    /// Asks for axes of a subject that has not been compared so far.
+    pub fn ask(&mut self, name: impl Into<String>, axes: Axes) -> &mut GateSubject {
+        let subject = GateSubject { name: name.into(), open: axes, failures: Vec::new() };
+        self.subjects.push(subject);
+        self.subjects.last_mut().expect("one was just added")
+    }
+
+    /// All subjects, in the order of what was asked.
+    pub fn subjects(&mut self) -> &mut [GateSubject] {
+        &mut self.subjects
+    }
+
+    /// Adds all that another gate asks for.
+    pub fn extend(&mut self, other: Self) {
+        self.subjects.extend(other.subjects);
+    }
+
+    /// Why it does not pass, in the order of what was asked; nothing if it does.
+    pub fn failures(&self) -> Vec<GateFailure> {
+        let of = |subject: &GateSubject| {
+            let mut subject = subject.clone();
+            let name = subject.name.clone();
+            subject.lacks(Axes::ALL, |axes| format!("{axes} of {name}"));
+            subject.failures
+        };
+        self.subjects.iter().flat_map(of).collect()
+    }
+
+    /// Whether every item was compared, and held.
+    pub fn passes(&self) -> bool {
+        self.failures().is_empty()
+    }
+
+    /// Axes that were asked for and not compared.
+    pub fn not_compared(&self) -> Axes {
+        let failures = self.failures();
+        let axes = failures.iter().filter_map(|failure| match failure {
+            GateFailure::NotCompared { axes, .. } => Some(axes.iter()),
+            _ => None,
+        });
+        axes.flatten().collect()
+    }
+}
+
+impl GateSubject {
+    /// Says that axes cannot be compared, if they are asked for; `what` names them and the reason.
+    pub fn lacks(&mut self, axes: Axes, what: impl FnOnce(Axes) -> String) {
+        let axes = self.open.and(axes);
+        if !axes.is_empty() {
+            self.open = self.open.without(axes);
+            self.failures.push(GateFailure::NotCompared { axes, what: what(axes) });
+        }
+    }
+
+    /// Says how many rows there are to compare, of how many. Too few are none.
+    pub fn has_rows(&mut self, rows: u64, of: u64) {
+        let needed = LEAST_ROWS.max(of.div_ceil(10)).min(of).max(1);
+        if rows < needed {
+            let name = self.name.clone();
+            self.lacks(Axes::ALL, |_| {
+                format!("{name}, of which {rows} of {of} rows are left; at least {needed} tell")
+            });
+        }
+    }
+
+    /// Takes the result of comparing all axes that are left: what does not hold.
+    pub fn compare<F: IntoIterator<Item = GateFailure>>(
+        &mut self,
+        failures: impl FnOnce(Axes) -> F,
+    ) {
+        self.failures.extend(failures(self.open));
+        self.open = Axes::NONE;
+    }
+
+    /// All axes that are left were compared, and hold.
+    pub fn hold(&mut self) {
+        self.compare(|_| None);
+    }
+}
+
+/// Limits on the errors of a calibration, and the axes that they are for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Gates {
+pub struct ErrorLimits {
     /// The largest RMS error of Fx, Fy and Fz, N.
     pub force_n: Option<f64>,
     /// The largest RMS error of Mx, My and Mz, N·m.
@@ -18,32 +134,7 @@ pub struct Gates {
     pub axes: Option<Axes>,
 }
 
-/// The axes that calibration and all logs have.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ComparedAxes {
-    /// They are compared.
-    pub axes: Axes,
-    /// Axes of the calibration that a log does not have.
-    pub missing: Vec<(PathBuf, Axes)>,
-    /// Axes that all logs have, and the calibration does not.
-    pub uncalibrated: Axes,
-}
-
-/// Why a calibration does not pass.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum GateFailure {
-    /// Axes that were asked for are not in the log at `path`.
-    #[error("not compared: {axes}, which `{}` does not have", path.display())]
-    NotCompared { path: PathBuf, axes: Axes },
-    /// The RMS error of an axis is above its limit, N or N·m.
-    #[error(
-        "the RMS error of `{}` is {rms} {unit}, above the limit of {limit} {unit}",
-        axis.name(), rms = significant(*rms, 4), limit = significant(*limit, 4), unit = axis.unit()
-    )]
-    Above { axis: Axis, rms: f64, limit: f64 },
-}
-
-impl Gates {
+impl ErrorLimits {
     /// The limit of an axis.
     fn limit(&self, axis: Axis) -> Option<f64> {
         if axis.is_moment() { self.moment_nm } else { self.force_n }
@@ -59,23 +150,16 @@ impl Gates {
     ///
     /// # Errors
     /// [`WorkflowError`] if what is asked for can never be compared, or nothing is left.
-    pub fn compare(
-        &self,
-        calibrated: Axes,
-        logs: &mut [Log],
-    ) -> Result<ComparedAxes, WorkflowError> {
+    pub fn compared(&self, calibrated: Axes, logs: &mut [Log]) -> Result<Axes, WorkflowError> {
         let measured: Vec<Axes> = logs.iter().map(Log::axes).collect();
         let axes = self.comparable(calibrated, &measured)?;
-        let wanted = self.axes.unwrap_or(calibrated);
         if axes.is_empty() {
             // Says all that are missing.
+            let wanted = self.axes.unwrap_or(calibrated);
             logs.iter().try_for_each(|log| log.require_axes(wanted))?;
         }
-        let missing = logs.iter().map(|log| (log.path().to_path_buf(), wanted.without(log.axes())));
-        let missing = missing.filter(|(_, axes)| !axes.is_empty()).collect();
         logs.iter_mut().try_for_each(|log| log.keep_axes(axes))?;
-        let uncalibrated = measured.into_iter().fold(Axes::ALL, Axes::and).without(calibrated);
-        Ok(ComparedAxes { axes, missing, uncalibrated })
+        Ok(axes)
     }
 
     /// The axes that are compared where logs have `measured` ones.
@@ -103,20 +187,27 @@ impl Gates {
         Ok(measured.iter().fold(self.axes.unwrap_or(calibrated), |all, axes| all.and(*axes)))
     }
 
-    /// Why RMS errors, in N and N·m, do not pass; nothing if they do.
-    pub fn failures(&self, compared: &ComparedAxes, rms: &PerAxis<f64>) -> Vec<GateFailure> {
-        let asked = self.asked();
-        let not_compared = compared.missing.iter().filter_map(|(path, axes)| {
-            let axes = axes.and(asked);
-            (!axes.is_empty()).then(|| GateFailure::NotCompared { path: path.clone(), axes })
-        });
-        let above = compared.axes.iter().filter_map(|axis| {
+    /// Asks for a log that has `measured` axes, and so many rows to compare, of how many.
+    pub fn ask_log(&self, gate: &mut Gate, path: &Path, measured: Axes, [rows, of]: [u64; 2]) {
+        let name = format!("`{}`", path.display());
+        let subject = gate.ask(&name, self.asked());
+        let absent = self.asked().without(measured);
+        subject.lacks(absent, |axes| format!("{axes}, which {name} does not have"));
+        subject.has_rows(rows, of);
+        subject.hold();
+    }
+
+    /// Asks for the RMS errors of some axes, in N and N·m, to be within their limits. `on` names the rows where there
+    /// are several sets.
+    pub fn ask_errors(&self, gate: &mut Gate, axes: Axes, on: &'static str, rms: &PerAxis<f64>) {
+        let judge = |axis: Axis| {
             let (rms, limit) = (rms[axis.index()], self.limit(axis)?);
             // NaN is within no limit.
             let passes = rms <= limit;
-            (!passes).then_some(GateFailure::Above { axis, rms, limit })
-        });
-        not_compared.chain(above).collect()
+            (!passes).then_some(GateFailure::Above { axis, on, rms, limit })
+        };
+        let asked = self.asked().and(axes);
+        gate.ask(on, asked).compare(|axes| axes.iter().filter_map(judge).collect::<Vec<_>>());
     }
 }
 
@@ -138,38 +229,63 @@ mod tests {
         for (force_n, moment_nm) in limits {
             let named = [None, Some([Axis::Fx, Axis::Mz].into_iter().collect()), Some(Axes::ALL)];
             for axes in named {
-                let gates = Gates { force_n, moment_nm, axes };
+                let limits = ErrorLimits { force_n, moment_nm, axes };
                 for (calibrated, measured) in subsets().flat_map(|c| subsets().map(move |m| (c, m)))
                 {
                     for errors in [[good; 6], [good, good, good, good, bad, good], [nan; 6]] {
-                        let Ok(axes) = gates.comparable(calibrated, &[Axes::ALL, measured]) else {
-                            assert!(!calibrated.contain(gates.asked()), "{gates:?} {calibrated}");
+                        let Ok(axes) = limits.comparable(calibrated, &[Axes::ALL, measured]) else {
+                            assert!(!calibrated.contain(limits.asked()), "{limits:?} {calibrated}");
                             continue;
                         };
-                        let absent = gates.axes.unwrap_or(calibrated).without(measured);
-                        let missing = vec![(PathBuf::from("log"), absent)];
-                        let compared = ComparedAxes { axes, missing, uncalibrated: Axes::NONE };
-                        let is_pass = gates.failures(&compared, &errors).is_empty();
+                        let mut gate = Gate::default();
+                        limits.ask_log(&mut gate, Path::new("log"), measured, [100, 100]);
+                        limits.ask_errors(&mut gate, axes, "", &errors);
                         let is_right = |axis: Axis| {
                             let limit = if axis.is_moment() { moment_nm } else { force_n };
                             let is_asked =
-                                gates.axes.map_or(limit.is_some(), |it| it.contains(axis));
+                                limits.axes.map_or(limit.is_some(), |it| it.contains(axis));
                             let rms = errors[axis.index()];
                             !is_asked
                                 || calibrated.contains(axis)
                                     && measured.contains(axis)
                                     && limit.is_none_or(|limit| rms <= limit)
                         };
-                        assert_eq!(
-                            is_pass,
-                            Axis::ALL.into_iter().all(is_right),
-                            "{gates:?} {compared:?}"
-                        );
-                        passed += usize::from(is_pass);
+                        let is_right = Axis::ALL.into_iter().all(is_right);
+                        assert_eq!(gate.passes(), is_right, "{limits:?} {calibrated} {measured}");
+                        passed += usize::from(is_right);
                     }
                 }
             }
         }
         assert!(passed > 10_000, "{passed}");
+    }
+
+    #[test]
+    fn an_item_that_nothing_is_said_of_does_not_pass() {
+        let mut gate = Gate::default();
+        assert!(gate.passes());
+        gate.ask("load `a`", Axes::ALL).hold();
+        assert!(gate.passes());
+        gate.ask("load `b`", [Axis::Fx].into_iter().collect());
+        assert_eq!(gate.failures()[0].to_string(), "not compared: Fx of load `b`");
+        assert!(!gate.passes());
+    }
+
+    /// Ten rows and a tenth of all; a log of fewer has to be whole.
+    #[test]
+    fn rows_that_are_too_few_are_not_compared() {
+        let passes = |rows, of| {
+            let mut gate = Gate::default();
+            let subject = gate.ask("a log", Axes::ALL);
+            subject.has_rows(rows, of);
+            subject.hold();
+            gate.passes()
+        };
+        for (rows, of) in [(800, 800), (80, 800), (10, 100), (10, 11), (1, 1), (9, 9)] {
+            assert!(passes(rows, of), "{rows} of {of}");
+        }
+        for (rows, of) in [(0, 0), (0, 800), (1, 800), (79, 800), (9, 10), (8, 9)] {
+            assert!(!passes(rows, of), "{rows} of {of}");
+        }
     }
 }

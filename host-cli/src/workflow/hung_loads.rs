@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use super::WorkflowError;
 use super::fit::FitData;
+use super::gates::{Gate, GateSubject};
 use calibration::FitError;
 use calibration::fit::label_holds;
 use calibration::physics::uncertain_loads::{
@@ -18,7 +19,10 @@ use calibration::physics::{Observation, TrainingRows};
 use load_table::{HungLoad, HungLoads, Pull};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use shell_data::dataset::Dataset;
-use shell_data::wrench::{Axes, PerAxis};
+use shell_data::wrench::{Axes, Axis, PerAxis};
+
+/// Half the width of a 95 % interval of normal errors in standard errors.
+pub(super) const HALF_WIDTH: f64 = 1.96;
 
 /// Standard deviation of the lever offset of a mounting, m.
 const MOUNTING_M: f64 = 3e-3;
@@ -26,19 +30,21 @@ const MOUNTING_M: f64 = 3e-3;
 /// Loads that were hung, and what the readings say of them.
 #[derive(Clone, Debug)]
 pub struct HungReference {
-    /// Those with readings, in the order of the table.
+    /// The loads with readings, in the order of the table.
     pub loads: Vec<HungLoad>,
-    /// What they were.
+    /// The loads as the readings show them.
     pub corrected: CorrectedLoads,
     /// The labels of the mountings whose offsets were found.
     pub mountings: Vec<String>,
-    /// What errors on loads that were held out are against, by label: loads as they are stated, and as they were found
-    /// where a line of the table is wrong.
+    /// The loads that held-out errors are against, by label: as they are stated, and as they were found where a line of
+    /// the table is wrong.
     pub judged_by: BTreeMap<String, PerAxis<f64>>,
     /// Labels of loads without readings.
     pub unread: Vec<String>,
     /// Rows at no load, which were left out.
     pub unloaded_rows: u64,
+    /// Whether every load of the table was used.
+    pub gate: Gate,
 }
 
 impl HungReference {
@@ -53,6 +59,8 @@ impl HungReference {
         read: &ReadOptions<'_>,
     ) -> Result<(FitData, Self), WorkflowError> {
         let (mut data, unloaded_rows) = hung_rows(logs, table, read)?;
+        let mut gate = gate_of_loads(table, &data, |_| Axes::ALL, Axes::ALL);
+        gate.subjects().iter_mut().for_each(GateSubject::hold);
         let (rows, labels) = TrainingRows::from_dataset(&data);
         let observations = rows.observations().map_err(FitError::from)?;
         let by_label: HashMap<&str, &Observation> =
@@ -64,7 +72,7 @@ impl HungReference {
             loads.iter().filter_map(|of| of.mounting.clone()).collect();
         mountings.sort_unstable();
         mountings.dedup();
-        // What all loads share cannot be told from the sensors.
+        // An offset that all loads share cannot be told from the sensors.
         if mountings.len() < 2 {
             mountings.clear();
         }
@@ -83,7 +91,7 @@ impl HungReference {
         hang(&mut data, &found);
         let unread = unread.into_iter().map(|load| load.group).collect();
         let data = FitData { train: data, ..FitData::default() };
-        Ok((data, Self { loads, corrected, mountings, judged_by, unread, unloaded_rows }))
+        Ok((data, Self { loads, corrected, mountings, judged_by, unread, unloaded_rows, gate }))
     }
 
     /// The lines of the table that are probably wrong, with what was found.
@@ -137,6 +145,51 @@ pub(super) fn hung_rows(
     }
     let left_out = rows - data.rows();
     Ok((data, left_out))
+}
+
+/// Asks for every load of a table, axis by axis: whether it has rows, and the calibration its axes.
+pub(super) fn gate_of_loads(
+    table: &HungLoads,
+    data: &Dataset,
+    asked: impl Fn(&HungLoad) -> Axes,
+    calibrated: Axes,
+) -> Gate {
+    let mut rows: HashMap<&str, u64> = HashMap::new();
+    for (label, count) in data.blocks().flat_map(|(_, block)| block.labels.iter()) {
+        *rows.entry(label.as_str()).or_default() += *count as u64;
+    }
+    // A row that is left out may have been at any load.
+    let skipped: u64 = data.logs.iter().map(|log| log.summary.skipped_rows).sum();
+    let mut gate = Gate::default();
+    for load in table.loads() {
+        let asked = asked(load);
+        let name = load_name(load);
+        let subject = gate.ask(&name, asked);
+        match rows.get(load.group.as_str()).copied().unwrap_or_default() {
+            0 => subject.lacks(Axes::ALL, |_| format!("{name}, which no row is at")),
+            rows => subject.has_rows(rows, rows + skipped),
+        }
+        subject.lacks(asked.without(calibrated), |axes| {
+            format!("{axes} of {name}, which the calibration does not give")
+        });
+    }
+    gate
+}
+
+/// A load by its label, with its line.
+pub(super) fn load_name(load: &HungLoad) -> String {
+    format!("load `{}` (line {}: {load})", load.group, load.line)
+}
+
+/// Axes on which a load is more than its errors explain.
+pub(super) fn loaded_axes(load: &HungLoad) -> Axes {
+    let (wrench, errors) = (load.wrench(), stated(load, &[]).standard_errors());
+    // A direction in degrees leaves roundings on axes that it does not pull on.
+    let is_loaded = |axis: &Axis| {
+        let (value, error) = (wrench[axis.index()].abs(), errors[axis.index()]);
+        value > 1e-9_f64.max(HALF_WIDTH * error)
+    };
+    Axis::ALL.into_iter().filter(is_loaded).collect()
 }
 
 pub(super) fn stated(load: &HungLoad, mountings: &[String]) -> StatedLoad {

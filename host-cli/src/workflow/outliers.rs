@@ -7,6 +7,7 @@ use calibration::fit::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 use log_file::{Column, Log, Meaning};
 use serde::Serialize;
 use shell_data::dataset::Dataset;
+use shell_data::unit::Scale;
 use shell_data::wrench::{Axes, Axis};
 
 /// As many rows as a report lists: more would hide what else is said.
@@ -129,7 +130,10 @@ fn column_names(log: &Log) -> Vec<String> {
 
 /// The name of an axis's column, with the unit that its values were converted to.
 fn in_si_units(axis: Axis, name: &str, log: &Log) -> String {
-    let is_converted = |column: &Column| column.meaning == Meaning::Load(axis, true);
+    let is_converted = |column: &Column| match column.meaning {
+        Meaning::Load(of, scale) => of == axis && scale != Scale::ONE,
+        _ => false,
+    };
     match log.columns().iter().any(is_converted) {
         true => format!("{name} in {}", axis.unit()),
         false => name.to_owned(),

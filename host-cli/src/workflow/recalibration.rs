@@ -2,13 +2,15 @@
 
 use std::collections::HashMap;
 
-use super::hung_loads::{self, hung_rows, stated};
+use super::gates::{Gate, GateSubject};
+use super::hung_loads::{self, gate_of_loads, hung_rows, load_name, loaded_axes, stated};
 use super::{WorkflowError, agree_on_axes, check_channels};
+use calibration::Calibration;
 use calibration::FitError;
 use calibration::fit::{Evaluation, Workers, evaluate, label_poses_or_files};
 use calibration::physics::{Observation, TrainingRows};
 use calibration::quality::AxisQuality;
-use calibration::recalibration::{NewLoads, Recalibration};
+use calibration::recalibration::{NewLoads, Recalibration, RecalibrationError};
 use calibration::validation::cross_validation::CrossValidation;
 use calibration_file::{CalibrationFile, Diagnostics, Origin};
 use load_table::HungLoads;
@@ -19,13 +21,15 @@ use shell_data::wrench::{Axes, PerAxis};
 /// A calibration that has been brought up to date, and the rows that were used.
 #[derive(Debug)]
 pub struct Recalibrated {
-    /// What has changed.
+    /// The change.
     pub found: Recalibration,
     /// The rows, labelled by loads.
     pub rows: Dataset,
     /// How many loads they are.
     pub loads: usize,
-    /// Of the calibration on these rows, as it was.
+    /// Whether every load of the table was used.
+    pub gate: Gate,
+    /// Errors of the new calibration on these rows.
     errors: Evaluation,
 }
 
@@ -44,10 +48,15 @@ pub fn recalibrate(
     for log in logs {
         check_channels(log, calibration.channels())?;
     }
-    let rows = match table {
-        Some(table) => hung_rows(logs, table, read)?.0,
-        None => read_rows(logs, calibration.axes, read)?,
+    let (rows, mut gate) = match table {
+        Some(table) => {
+            let rows = hung_rows(logs, table, read)?.0;
+            let gate = gate_of_loads(table, &rows, loaded_axes, calibration.axes);
+            (rows, gate)
+        }
+        None => (read_rows(logs, calibration.axes, read)?, Gate::default()),
     };
+    gate.subjects().iter_mut().for_each(GateSubject::hold);
     let (training, labels) = TrainingRows::from_dataset(&rows);
     let observations = training.observations().map_err(FitError::from)?;
     let errors: HashMap<&str, PerAxis<f64>> = (table.into_iter().flat_map(HungLoads::loads))
@@ -56,14 +65,112 @@ pub fn recalibrate(
     let error = |o: &Observation| errors.get(labels[o.group as usize].as_str());
     let reference_errors: Vec<PerAxis<f64>> =
         observations.iter().map(|o| error(o).copied().unwrap_or_default()).collect();
+    let calibration_errors = known_errors(file).unwrap_or_default();
+    let name = |group: u64| {
+        let label = labels[group as usize].as_str();
+        let load = table.and_then(|table| table.loads().iter().find(|load| load.group == label));
+        load.map_or_else(|| format!("load `{label}`"), load_name)
+    };
+    if let Some(largest) = file.largest_loads() {
+        let is_too_large = |o: &&Observation| {
+            let mut pairs = o.wrench.iter().zip(&largest);
+            pairs.any(|(load, largest)| load.abs() > MOST_TIMES * largest && *largest > 0.0)
+        };
+        if let Some(o) = observations.iter().find(is_too_large) {
+            return Err(WorkflowError::refused(
+                format!("{} is over {MOST_TIMES} times what was calibrated", name(o.group)),
+                WRONG_LOAD,
+            ));
+        }
+    }
+    if table.is_some() && observations.len() == labels.len() {
+        let errors = reference_errors
+            .iter()
+            .map(|of| std::array::from_fn(|axis| of[axis].hypot(calibration_errors[axis])));
+        let order = better_order(calibration, &observations, &errors.collect::<Vec<_>>());
+        if let Some((at, other)) = order {
+            let [at, other] = [at, other].map(|at| name(observations[at].group));
+            return Err(WorkflowError::refused(
+                format!("the loads hang in another order: the rows at {at} fit {other}"),
+                "put the lines of the table in the order of the log, or mend the log's labels",
+            ));
+        }
+    }
     let found = calibration.recalibrated(&NewLoads {
         observations: &observations,
         reference_errors: &reference_errors,
-        calibration_errors: known_errors(file).unwrap_or_default(),
+        calibration_errors,
+    });
+    let found = found.map_err(|error| match error {
+        RecalibrationError::Impossible { group, .. } => {
+            WorkflowError::refused(format!("{error}: look at {}", name(group)), WRONG_LOAD)
+        }
+        error => error.into(),
     })?;
     let evaluations = evaluate(&found.calibration, &rows, Workers::new(read.threads))?;
     let errors = Evaluation::total(&evaluations);
-    Ok(Recalibrated { found, rows, loads: labels.len(), errors })
+    Ok(Recalibrated { found, rows, loads: labels.len(), gate, errors })
+}
+
+/// A load of so many times the largest that was calibrated is a slip of the pen.
+const MOST_TIMES: f64 = 10.0;
+
+const WRONG_LOAD: &str =
+    "mend the line of the table; where it is right, the sensor is to be calibrated anew";
+
+/// Root mean squares of differences in their errors: those of loads that hang as the table says, and of loads that do not.
+const AGREES: f64 = 2.0;
+
+/// Two loads of which the readings at the first fit the second, where another order of all loads agrees with the
+/// calibration as it was and theirs does not. An offset of all loads is left out, since a zero moves.
+fn better_order(
+    calibration: &Calibration,
+    observations: &[Observation],
+    errors: &[PerAxis<f64>],
+) -> Option<(usize, usize)> {
+    let column = |channel| observations.iter().map(|o| o.readings[channel]).collect();
+    let readings: Vec<Vec<f64>> = (0..calibration.channels()).map(column).collect();
+    let mut predicted: PerAxis<Vec<f64>> = PerAxis::default();
+    calibration.wrench(&readings, &mut predicted);
+    let (count, axes) = (observations.len(), calibration.axes);
+    let mean = |of: &dyn Fn(usize) -> f64| (0..count).map(of).sum::<f64>() / count as f64;
+    let offset: PerAxis<f64> = std::array::from_fn(|axis| {
+        mean(&|at| {
+            predicted[axis].get(at).copied().unwrap_or_default() - observations[at].wrench[axis]
+        })
+    });
+    // The square of what readings and load differ by.
+    let square = |at: usize, load: usize| -> f64 {
+        let of_axis = |axis: usize| {
+            let difference = predicted[axis][at] - offset[axis] - observations[load].wrench[axis];
+            (difference / errors[load][axis]).powi(2)
+        };
+        axes.iter().map(|axis| of_axis(axis.index())).sum()
+    };
+    let mut order: Vec<usize> = (0..count).collect();
+    let total = |order: &[usize]| -> f64 {
+        order.iter().enumerate().map(|(at, load)| square(at, *load)).sum()
+    };
+    let is_agreed = |sum: f64| sum / (count * axes.count()) as f64 <= AGREES * AGREES;
+    let is_known = |of: &PerAxis<f64>| axes.iter().all(|axis| of[axis.index()] > 0.0);
+    if !errors.iter().all(is_known) || is_agreed(total(&order)) {
+        return None;
+    }
+    // By the best exchange of two, as long as one helps.
+    loop {
+        let pairs = (0..count).flat_map(|a| (0..a).map(move |b| (a, b)));
+        let gain = |&(a, b): &(usize, usize)| {
+            square(a, order[a]) + square(b, order[b]) - square(a, order[b]) - square(b, order[a])
+        };
+        let best = pairs.max_by(|x, y| gain(x).total_cmp(&gain(y)))?;
+        let is_gain = gain(&best) > 1e-9 * total(&order);
+        if !is_gain {
+            break;
+        }
+        order.swap(best.0, best.1);
+    }
+    let moved = order.iter().enumerate().find(|(at, load)| at != *load);
+    moved.filter(|_| is_agreed(total(&order))).map(|(at, load)| (at, *load))
 }
 
 fn read_rows(logs: &[Log], axes: Axes, read: &ReadOptions<'_>) -> Result<Dataset, WorkflowError> {
@@ -107,6 +214,7 @@ impl Recalibrated {
                 grouped,
                 random_folds: 0,
                 random: None,
+                by_fold: Vec::new(),
             }),
             ..Diagnostics::default()
         });

@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::path::Path;
 
 use super::selection::RowFilter;
-use calibration::fit::{Fit, FoundGroups, Warning};
+use calibration::fit::{Fit, FoundGroups, Outcome, Warning};
 use forces::stationary::ZeroMove;
 use shell_data::wrench::Axes;
 
@@ -52,8 +52,7 @@ pub fn moved_zero(log: &Path, zero: &ZeroMove) -> Option<Remark> {
     Some(Remark::Warning(format!("`{}`: {text}", log.display())))
 }
 
-/// How a fit was made and what is wrong with it, but for what is about its table of errors:
-/// [`about_table`].
+/// How a fit was made and what is wrong with it.
 pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     let mut remarks: Vec<Remark> = absent_axes(fit.calibration.axes).into_iter().collect();
     remarks.extend(fit.found_groups.map(found_groups));
@@ -65,33 +64,24 @@ pub fn about_fit(fit: &Fit) -> Vec<Remark> {
         }
         remarks.push(Remark::Note(text));
     }
-    let searched = fit.dynamics.as_ref();
-    remarks.extend(searched.map(|of| found_or_why(of, "lag and memory were not searched for")));
-    let compared = fit.comparison.as_ref();
-    remarks.extend(compared.map(|of| found_or_why(of, "the physics model was not compared")));
-    let early = fit.warnings.iter().filter(|warning| !is_about_table(warning));
-    remarks.extend(early.map(|warning| Remark::Warning(warning.to_string())));
-    if let Some(Err(reason)) = &fit.outliers {
+    remarks.extend(found_or_why(&fit.dynamics, "lag and memory were not searched for"));
+    remarks.extend(found_or_why(&fit.comparison, "the physics model was not compared"));
+    remarks.extend(fit.warnings.iter().map(|warning| match warning {
+        Warning::OutOfRange { .. } => Remark::Note(warning.to_string()),
+        _ => Remark::Warning(warning.to_string()),
+    }));
+    if let Some(reason) = fit.outliers.reason() {
         let text = format!("some rows stand out, and were not looked at: {reason}");
         remarks.push(Remark::Note(text));
     }
     remarks
 }
 
-/// A note on a result, or on why there is none.
-fn found_or_why(found: &Result<impl Display, impl Display>, not_found: &str) -> Remark {
-    Remark::Note(match found {
-        Ok(found) => found.to_string(),
-        Err(reason) => format!("{not_found}: {reason}"),
-    })
-}
-
-/// What is to be known of the table of errors of a fit.
-pub fn about_table(fit: &Fit) -> impl Iterator<Item = Remark> {
-    let about_table = fit.warnings.iter().filter(|warning| is_about_table(warning));
-    about_table.map(|warning| Remark::Note(warning.to_string()))
-}
-
-fn is_about_table(warning: &Warning) -> bool {
-    matches!(warning, Warning::OutOfRange { .. })
+/// A note on what was found, or on why nothing was.
+fn found_or_why(asked: &Outcome<impl Display, impl Display>, not_found: &str) -> Option<Remark> {
+    Some(Remark::Note(match asked {
+        Outcome::NotAsked => return None,
+        Outcome::NotPossible(reason) => format!("{not_found}: {reason}"),
+        Outcome::Found(found) => found.to_string(),
+    }))
 }

@@ -57,10 +57,11 @@ pub fn doubtful(
 ) -> Result<Option<OutlierTable>, LogError> {
     let Some(calibration) = instrument.calibration else { return Ok(None) };
     let read = ReadOptions { checksum: false, progress: None, ..read };
+    let converter = calibration.converter(Some(options.full_scale));
     let doubt = |(channel, reading): (usize, f64)| {
         let range = calibration.valid_range.as_ref().and_then(|ranges| ranges.get(channel));
         let why = match range {
-            _ if !(reading > 0.0 && reading < options.full_scale) => {
+            _ if converter.is_some_and(|of| of.is_at_end(reading)) => {
                 "an end of the converter".to_owned()
             }
             Some(range) if !range.contains(reading) => {

@@ -296,7 +296,10 @@ fn what_is_not_there_cannot_be_looked_at() {
     let output = program::output(dir.path(), "doctor /dev/no-such-port");
     assert_eq!(output.status.code(), Some(1));
     let said = String::from_utf8_lossy(&output.stdout);
-    assert!(said.contains("port-missing") && said.contains("shellcal ports"), "{said}");
+    assert!(
+        said.contains("port-missing") && said.contains("`shellcal board` lists the ports"),
+        "{said}"
+    );
 }
 
 /// Recordings of others that are as they should be, but for what their authors know of them.

@@ -426,7 +426,7 @@ fn a_simulated_board_is_sound_and_a_lossy_radio_is_not() {
     assert!(found.is_empty(), "{report}");
     let status = succeed(dir.path(), "board sound status");
     assert!(status.starts_with("stopped"), "{status}");
-    let mut lossy = simulate("lossy", "--loss 0.1 --seed 4");
+    let mut lossy = simulate("lossy", "--radio loss=0.1 --seed 4");
     let (found, report) = examine_patiently(dir.path(), "lossy");
     assert!(found.contains(&("losses".to_owned(), "fault".to_owned())), "{report}");
     for board in [&mut board, &mut lossy] {

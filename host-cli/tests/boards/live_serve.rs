@@ -381,7 +381,6 @@ fn what_cannot_be_served_is_told() {
     };
     refused(&format!("{log} --serve={at}"), &format!("cannot listen at {at}"));
     refused(&format!("{log} --serve=somewhere"), "invalid value 'somewhere'");
-    refused(&format!("{log} --serve --ascii"), "cannot be used with");
     refused("none.csv --serve", "cannot read `none.csv`");
     // Which machines it is reached from is said.
     let serve = format!("live {log} --serve=0.0.0.0:0 --duration 0.2 --json");

@@ -234,7 +234,7 @@ fn ports_that_cannot_be_opened_are_told_apart() {
     let dir = tempfile::tempdir().unwrap();
     let error = refused(dir.path(), "record /dev/no-such-port -o log.csv");
     assert!(error.contains("there is no port `/dev/no-such-port`"), "{error}");
-    assert!(error.contains("shellcal ports"), "{error}");
+    assert!(error.contains("`shellcal board` lists the ports"), "{error}");
     let (_board, port) = pty();
     let _held = serialport::new(&port, 57_600).open().unwrap();
     let error = refused(dir.path(), &format!("record {port} -o log.csv --duration 5"));
@@ -243,7 +243,7 @@ fn ports_that_cannot_be_opened_are_told_apart() {
     let error = refused(dir.path(), "board file identify");
     assert!(error.contains("cannot open port `file`"), "{error}");
     assert!(!dir.path().join("log.csv").exists());
-    assert_eq!(program::output(dir.path(), "ports").status.code(), Some(0));
+    assert_eq!(program::output(dir.path(), "board").status.code(), Some(0));
 }
 
 #[test]

@@ -70,7 +70,7 @@ fn the_table_names_axes_figures_and_rows() {
     let rows = log(400, 0.01, |_| ());
     let test: String = rows.lines().take(300).map(|line| format!("{line}\n")).collect();
     let dir = with_files(&[("train.csv", &rows), ("test.csv", &test)]);
-    let text = succeed(&dir, "fit --model cubic train.csv --test test.csv");
+    let text = succeed(&dir, "fit --model cubic train.csv --test test.csv --verbose");
     for word in ["RMS train", "RMS test", "max train", "R² test", "Fx", "Mz", "N·m"] {
         assert!(text.contains(word), "{word} in {text}");
     }
@@ -248,8 +248,8 @@ fn an_edited_calibration_is_refused_unless_that_is_said_and_an_impossible_one_al
         for command in [
             "convert CAL train.csv -o out.csv",
             "eval CAL train.csv",
-            "noise CAL train.csv",
-            "drift train.csv --calibration CAL",
+            "info train.csv --noise --calibration CAL",
+            "info train.csv --drift --calibration CAL",
             "export CAL out.py",
         ] {
             let error = refused(&dir, &command.replace("CAL", name));
@@ -260,6 +260,20 @@ fn an_edited_calibration_is_refused_unless_that_is_said_and_an_impossible_one_al
         let found = program::run(dir.path(), &format!("doctor {name}"), 1);
         assert!(found.contains("it is not what was written"), "{found}");
     }
+
+    // One that says that it is of before there were checksums.
+    let before = edited(&|it| {
+        it["schema_version"] = 1.into();
+        it["coefficients"][1][0] = 0.125.into();
+        drop(it.as_object_mut().unwrap().remove("checksum"));
+    });
+    write("before.json", &before);
+    let error = refused(&dir, "convert before.json train.csv -o out.csv");
+    assert!(error.contains("version `1` has no checksum"), "{error}");
+    assert!(error.contains("say so with `--edited`"), "{error}");
+    succeed(&dir, "convert before.json train.csv --edited -o out.csv");
+    let found = program::run(dir.path(), "doctor before.json", 1);
+    assert!(found.contains("version `1` has no checksum"), "{found}");
 
     type Change = fn(&mut serde_json::Value);
     let impossible: [(Change, &str); 4] = [
@@ -279,7 +293,7 @@ fn an_edited_calibration_is_refused_unless_that_is_said_and_an_impossible_one_al
             );
             for command in [
                 "convert bad.json train.csv --edited -o out.csv",
-                "noise bad.json train.csv --edited",
+                "info train.csv --noise --calibration bad.json --edited",
             ] {
                 let error = refused(&dir, command);
                 assert!(error.contains("it cannot be a calibration: "), "{error}");
@@ -339,6 +353,17 @@ fn truncation_answers_where_rank_is_lost_and_says_so() {
     assert!(error.contains("`--truncate` is for `--solver svd`"), "{error}");
     let error = refused(&dir, "fit --model cubic log.csv --solver svd --truncate 1");
     assert!(error.contains("a share from 0 to 1"), "{error}");
+}
+
+#[test]
+fn a_solver_that_only_judges_others_is_refused_and_another_named() {
+    let dir = with_files(&[("log.csv", &log(400, 1e-3, |_| {}))]);
+    for (solver, instead) in
+        [("gram", "`exact`"), ("wide-tsqr", "`exact`"), ("pivoted-qr", "`svd`")]
+    {
+        let error = refused(&dir, &format!("fit log.csv --model linear --solver {solver}"));
+        assert!(error.contains(&format!("use {instead}")), "{error}");
+    }
 }
 
 #[test]

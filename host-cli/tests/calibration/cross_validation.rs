@@ -3,12 +3,12 @@
 
 use std::fs;
 
-use calibration::exact::{Accumulator, Moments, PartitionedMoments};
+use calibration::exact::{Accumulator, ExactSums, PartitionedSums};
 use calibration::model::{Basis, Model};
 use calibration::scaling::Scaling;
 use calibration::solver::{self, FitProblem, SolverKind};
 use calibration::validation::cross_validation::cross_validate;
-use calibration::validation::grouped::{Apart, GroupSums, GroupedMoments, RandomSplit};
+use calibration::validation::grouped::{Apart, GroupSums, RandomSplit, SumsByGroup};
 use calibration::validation::selection::{self, select};
 use calibration::{Calibration, FitError};
 use shell_data::block::Block;
@@ -54,7 +54,7 @@ fn rows_of(block: &Block, keep: impl Fn(usize) -> bool) -> Block {
     block.kept(&flags)
 }
 
-fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
+fn sums(block: &Block, basis: Basis, random_folds: usize) -> SumsByGroup {
     let random = RandomSplit { folds: random_folds, held_out: random_folds, seed: 1 };
     let mut all = GroupSums::new(basis, block.readings.len(), Apart::Groups, random);
     let mut worker = all.worker();
@@ -62,7 +62,7 @@ fn sums(block: &Block, basis: Basis, random_folds: usize) -> GroupedMoments {
     all.finish([worker]).unwrap()
 }
 
-fn moments(block: &Block, basis: Basis) -> Moments {
+fn moments(block: &Block, basis: Basis) -> ExactSums {
     let mut sums = Accumulator::new(basis, block.readings.len());
     sums.absorb(&block.readings, &block.wrench).unwrap();
     sums.finish().unwrap()
@@ -211,7 +211,7 @@ fn a_group_with_large_readings_alone_goes_the_slow_way_to_the_same_answer() {
     }
     let model = Model { basis: Basis::Cubic, intercept: true, channels: 4, memory: 0 };
     let whole = moments(&block, Basis::Cubic);
-    let parts = PartitionedMoments::new(&whole, &model).unwrap();
+    let parts = PartitionedSums::new(&whole, &model).unwrap();
     let left_out = rows_of(&block, |g| g == 0);
     let part = moments(&left_out, Basis::Cubic);
     match parts.held_out(&part, &parts.part(&part), 0.0) {
@@ -291,11 +291,11 @@ fn the_warning_compares_models_on_new_poses() {
     fs::write(dir.path().join("many.csv"), log(&many)).unwrap();
     // Twelve poses determine twelve features of each fold's eleven only by chance: the linear model is
     // better on new ones, and named.
-    let (text, talk) = ended(&dir, "fit few.csv --model cubic --cv", 0);
+    let (text, talk) = ended(&dir, "fit few.csv --model cubic --cv --verbose", 0);
     assert!(talk.contains("linear predicts new groups better than cubic"), "{talk}");
     assert!(text.contains("leave-one-group-out cross-validation (12 groups"), "{text}");
     assert!(text.contains("best on new groups: linear, squared error"), "{text}");
-    let (text, talk) = ended(&dir, "fit many.csv --model cubic --cv=10", 0);
+    let (text, talk) = ended(&dir, "fit many.csv --model cubic --cv=10 --verbose", 0);
     assert!(!talk.contains("new groups"), "{talk}");
     assert!(text.contains("10-fold cross-validation (1440 groups"), "{text}");
     assert!(text.contains("best on new groups: cubic, squared error"), "{text}");
@@ -313,7 +313,7 @@ fn a_model_that_is_better_on_new_poses_is_not_warned_of_whatever_its_ratio() {
     assert!(rms("grouped") > 2.0 * rms("random"), "{} {}", rms("grouped"), rms("random"));
     assert_eq!(report["advice"]["best"]["basis"], "quadratic");
     assert_eq!(report["advice"]["another_is_better"], false);
-    let (_, talk) = ended(&dir, "fit poses.csv --model quadratic --cv", 0);
+    let (_, talk) = ended(&dir, "fit poses.csv --model quadratic --cv --verbose", 0);
     assert!(!talk.contains("better than"), "{talk}");
     assert!(talk.contains("rows of a group resemble each other"), "{talk}");
 }
@@ -331,13 +331,13 @@ fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
     assert!(linear.len() > selection::RIDGES.len(), "{linear:?}");
     let dir = tempfile::tempdir().unwrap();
     fs::write(dir.path().join("noise.csv"), log(&block)).unwrap();
-    let text = succeed(&dir, "fit noise.csv --model auto --cv");
+    let text = succeed(&dir, "fit noise.csv --model auto --cv --verbose");
     let at_limit = text.contains("its ridge is the largest that was tried");
     assert_eq!(at_limit, text.contains("with ridge 1e4, squared"), "{text}");
     // The summary says what is penalised.
-    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5");
+    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --verbose");
     assert!(text.contains("cubic + offset, ridge 5e-1 on powers of centred readings"), "{text}");
-    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --no-intercept");
+    let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --no-intercept --verbose");
     assert!(text.contains("ridge 5e-1 on powers of raw readings"), "{text}");
 }
 

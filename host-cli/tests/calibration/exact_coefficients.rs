@@ -2,7 +2,7 @@
 
 use std::cell::Cell;
 
-use calibration::exact::{Accumulator, ExactFit, Moments};
+use calibration::exact::{Accumulator, ExactFit, ExactSums};
 use calibration::model::{Basis, Model};
 use calibration::scaling::Scaling;
 use proptest::prelude::*;
@@ -13,7 +13,7 @@ use crate::rational::{Rows, relative_errors, solve};
 /// Half a unit in the last place is 1.1e-16.
 const NEAREST: f64 = 1.2e-16;
 
-fn moments(rows: &Rows, basis: Basis) -> Moments {
+fn moments(rows: &Rows, basis: Basis) -> ExactSums {
     let mut accumulator = Accumulator::new(basis, rows.readings.len());
     accumulator.absorb(&rows.readings, &rows.wrench).unwrap();
     accumulator.finish().unwrap()

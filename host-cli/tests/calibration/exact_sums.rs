@@ -1,11 +1,11 @@
 //! What the exact sums promise: the same bits in any order, certain rank, honest refusal.
 
 use calibration::FitError;
-use calibration::exact::{Accumulator, ExactError, ExactFit, MAX_ROWS, Moments, StoredMoments};
+use calibration::exact::{Accumulator, ExactError, ExactFit, ExactSums, MAX_ROWS, StoredSums};
 use calibration::model::{Basis, Model};
 use calibration::rank_loss::RankLoss;
 use calibration::scaling::Scaling;
-use calibration::solver::{self, FitProblem, Rows, Solution, SolverKind, Workers, exact_moments};
+use calibration::solver::{self, FitProblem, Rows, Solution, SolverKind, Workers, exact_sums};
 use proptest::prelude::*;
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
@@ -30,7 +30,7 @@ fn rows(seed: u64, rows: usize, channels: usize, bits: u32) -> (Columns, Columns
     (readings, wrench)
 }
 
-fn sum(basis: Basis, readings: &Columns, wrench: &Columns) -> Result<Moments, ExactError> {
+fn sum(basis: Basis, readings: &Columns, wrench: &Columns) -> Result<ExactSums, ExactError> {
     let mut sums = Accumulator::new(basis, readings.len());
     sums.absorb(readings, wrench)?;
     sums.finish()
@@ -40,7 +40,7 @@ fn pick(columns: &Columns, order: &[usize]) -> Columns {
     columns.iter().map(|column| order.iter().map(|&row| column[row]).collect()).collect()
 }
 
-fn solve(moments: &Moments, basis: Basis, intercept: bool) -> Result<ExactFit, FitError> {
+fn solve(moments: &ExactSums, basis: Basis, intercept: bool) -> Result<ExactFit, FitError> {
     let channels = moments.channels();
     moments.solve(&Model { basis, intercept, channels, memory: 0 }, 0.0)
 }
@@ -51,7 +51,7 @@ fn bits(fit: &ExactFit) -> Vec<[(u64, u64); 6]> {
     fit.coefficients.iter().map(|row| row.map(of)).collect()
 }
 
-fn loss(moments: &Moments, basis: Basis, intercept: bool) -> RankLoss {
+fn loss(moments: &ExactSums, basis: Basis, intercept: bool) -> RankLoss {
     match solve(moments, basis, intercept) {
         Err(FitError::RankDeficient(loss)) => loss,
         other => panic!("{other:?}"),
@@ -102,7 +102,7 @@ proptest! {
                 sums
             })
             .collect();
-        let mut merged = Moments::new(basis, channels);
+        let mut merged = ExactSums::new(basis, channels);
         for part in parts.iter().rev() {
             merged.merge(&part.clone().finish().unwrap()).unwrap();
         }
@@ -133,7 +133,7 @@ fn solve_block_by_block(model: Model, blocks: &[Block]) -> Solution {
 /// On so many threads at once.
 fn solve_on_threads(model: Model, blocks: &[Block], threads: usize) -> Solution {
     let rows = Rows::from_blocks(blocks, Workers::new(threads));
-    let moments = exact_moments(model, &rows).unwrap();
+    let moments = exact_sums(model, &rows).unwrap();
     moments.solve(&model, 0.0).unwrap().solution
 }
 
@@ -164,9 +164,9 @@ fn one_two_and_seven_threads_give_the_same_solution() {
 fn moments_survive_being_written_down() {
     let (readings, wrench) = rows(4, 300, 3, 16);
     let moments = sum(Basis::Poly3, &readings, &wrench).unwrap();
-    let stored = StoredMoments::from(moments.clone());
-    assert_eq!(Moments::try_from(stored.clone()).unwrap(), moments);
-    let spoil: [fn(&mut StoredMoments); 4] = [
+    let stored = StoredSums::from(moments.clone());
+    assert_eq!(ExactSums::try_from(stored.clone()).unwrap(), moments);
+    let spoil: [fn(&mut StoredSums); 4] = [
         |stored| stored.rows += 1,
         |stored| stored.basis = Basis::Cubic,
         |stored| stored.channels[0].unit.fives = 40,
@@ -175,7 +175,7 @@ fn moments_survive_being_written_down() {
     for (case, spoil) in spoil.into_iter().enumerate() {
         let mut spoilt = stored.clone();
         spoil(&mut spoilt);
-        assert!(Moments::try_from(spoilt).is_err(), "{case}");
+        assert!(ExactSums::try_from(spoilt).is_err(), "{case}");
     }
 }
 
@@ -367,7 +367,7 @@ fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
     let model = Model { basis: Basis::Linear, intercept: true, channels: 8, memory: 0 };
     let scaling = Scaling::from_sample(&readings, true);
     let problem = FitProblem { model, scaling, ridge: 1e-3 };
-    let moments = exact_moments(model, &(&rows).into()).unwrap();
+    let moments = exact_sums(model, &(&rows).into()).unwrap();
     let exact = moments.solve(&model, 1e-3).unwrap().solution;
     let problem = FitProblem { scaling: exact.scaling.clone(), ..problem };
     let (tsqr, _) = solver::fit(SolverKind::Tsqr, problem, &(&rows).into()).unwrap();

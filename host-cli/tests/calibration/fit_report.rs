@@ -13,8 +13,11 @@ use shellcal::workflow::fit::FitData;
 use system_tests::program::run;
 
 fn data(name: &str) -> String {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    root.join("calibration-data").join(name).display().to_string()
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../calibration-data")
+        .join(name)
+        .display()
+        .to_string()
 }
 
 /// The text of a page, without its markup.
@@ -32,10 +35,10 @@ fn the_report_says_how_far_and_what_for() {
     let (train, test) = (data("synthetic-train.csv"), data("synthetic-test.csv"));
     run(dir, &format!("fit {train} --model cubic --test {test} --cv --report fit.html"), 0);
     let page = text(dir);
-    // The verdict that `fit` prints.
-    let verdict = "cubic + offset: error on groups not used for the fit (125 in all, each held out once): Fx 0.116";
-    assert!(page.contains(verdict), "{page}");
-    assert!(page.contains("95 % of single frames are within Fx ±0.2"), "{page}");
+    // The screen that `fit` prints.
+    assert!(page.contains("OK: use it within the calibrated range"), "{page}");
+    assert!(page.contains("cubic + offset, judged by 125 groups, each held out once"), "{page}");
+    assert!(page.contains("error on new groups") && page.contains("±0.2"), "{page}");
     assert!(
         page.contains("Loads beyond these were never shown to it: Fx −2.83 … 2.86 N"),
         "{page}"
@@ -76,7 +79,7 @@ fn what_nobody_measured_is_said() {
     run(dir, "fit up.csv --model quadratic --report fit.html", 0);
     let page = text(dir);
     assert!(page.contains("must not be trusted with loads that it has not seen"), "{page}");
-    assert!(page.contains("the error on new loads is not known"), "{page}");
+    assert!(page.contains("not judged: nothing was held out"), "{page}");
     assert!(page.contains("Fz is hardly loaded towards −Fz"), "{page}");
     assert!(page.contains("suspicious"), "{page}");
     assert!(page.contains("up.csv") && page.contains("standard deviations"), "{page}");

@@ -48,7 +48,7 @@ fn text(rows: &[Row], last: &str) -> String {
 
 fn fit(dir: &TempDir, arguments: &str) -> (Value, String) {
     let model = if arguments.contains("--model") { "" } else { "--model cubic" };
-    let (printed, said) = ended(dir, &format!("fit --json {arguments} {model}"), 0);
+    let (printed, said) = ended(dir, &format!("fit --json --verbose {arguments} {model}"), 0);
     (serde_json::from_str(&printed).unwrap(), said)
 }
 

@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use shell_data::wrench::{Axes, Axis};
+use shell_data::wrench::{Axes, Axis, force_at};
+use simulation::sensor_model::{SensorModel, SensorParameters};
 use system_tests::program::{self, refused, succeed};
 use tempfile::TempDir;
 
@@ -104,12 +105,14 @@ fn axes_that_are_left_out_by_name_are_not_missed() {
     fs::write(dir.join("f3.csv"), cut(&test, |name| !["mx_nm", "my_nm", "mz_nm"].contains(&name)))
         .unwrap();
     // A misspelt name is a column that is missing.
-    fs::write(dir.join("slip.csv"), test.replacen("my_nm", "my_n_", 1)).unwrap();
+    fs::write(dir.join("slip.csv"), test.replacen("my_nm", "mi_nm", 1)).unwrap();
+    fs::write(dir.join("unit.csv"), test.replacen("my_nm", "my_n_", 1)).unwrap();
     let cases = [
         ("f3.csv --max-rms-moment 1e-9", 1, "not compared: Mx, My, Mz, which `f3.csv`"),
         ("f3.csv --max-rms 1e9", 0, ""),
         ("slip.csv --max-rms-moment 1e9", 1, "not compared: My, which `slip.csv`"),
         ("slip.csv --max-rms-moment 1e9 --axes mx,mz", 0, ""),
+        ("unit.csv --max-rms-moment 1e9", 2, "the unit `n_` of its moment is not understood"),
         ("test.csv f3.csv --max-rms-moment 1e9", 1, "not compared: Mx, My, Mz, which `f3.csv`"),
         ("f3.csv --axes fx,mx", 1, "not compared: Mx, which `f3.csv`"),
         ("f3.csv --axes fx,fy", 0, ""),
@@ -148,4 +151,181 @@ fn loads_that_no_sensor_measures_are_wrong_rows() {
     let found = program::run(dir, "doctor huge.csv", 1);
     assert!(found.contains("a load of at most 1e15"), "{found}");
     succeed(dir, "eval cal.json huge.csv --skip-bad-rows");
+}
+
+/// A log of the unit of the shipped data: 200 rows of rest, labelled `zero`, and 200 under a mass that hangs from a point
+/// (mm), labelled `weight`.
+pub(crate) fn hung(mass_kg: f64, point_mm: [f64; 3]) -> String {
+    let unit = SensorParameters::nominal().unit(1);
+    let mut sensor = SensorModel::new(&unit, 5).unwrap();
+    let mut text = String::from("t_s,s1,s2,s3,s4,s5,s6,s7,s8,group\n");
+    let weight = force_at([0.0, 0.0, -9.80665 * mass_kg], point_mm.map(|mm| 1e-3 * mm));
+    for row in 0..400 {
+        let (load, label) = if row < 200 { ([0.0; 6], "zero") } else { (weight, "weight") };
+        let time_s = 0.01 * f64::from(row);
+        let readings = sensor.sample(time_s, &load).readings;
+        let readings: Vec<String> = readings.iter().map(ToString::to_string).collect();
+        let _ = writeln!(text, "{time_s:.2},{},{label}", readings.join(","));
+    }
+    text
+}
+
+/// `cal.json`, and `morning.csv` with 200 rows at each of the labels `zero` and `weight`; `lever.csv` is the same with the
+/// weight beside the axis.
+fn morning() -> TempDir {
+    let (dir, train, _) = folder();
+    fs::write(dir.path().join("forces.csv"), cut(&train, |name| !name.ends_with("_nm"))).unwrap();
+    succeed(&dir, "fit forces.csv --model linear -o forces.json");
+    succeed(&dir, "fit train.csv --model linear --cv -o cal.json");
+    let morning = hung(0.2, [0.0, 0.0, 40.0]);
+    fs::write(dir.path().join("morning.csv"), &morning).unwrap();
+    fs::write(dir.path().join("light.csv"), hung(1e-4, [0.0, 0.0, 40.0])).unwrap();
+    fs::write(dir.path().join("lever.csv"), hung(0.2, [30.0, 0.0, 40.0])).unwrap();
+    // Every row of the weight is wrong.
+    let bad = |line: &str| match line.strip_suffix(",weight") {
+        Some(row) => format!("x{row},weight\n"),
+        None => format!("{line}\n"),
+    };
+    fs::write(dir.path().join("bad.csv"), morning.lines().map(bad).collect::<String>()).unwrap();
+    dir
+}
+
+/// A table of loads that are nothing, but for those of `more` lines.
+fn loads(dir: &TempDir, lines: &str) {
+    let header = "group,mass_g,x_mm,y_mm,z_mm,azimuth_deg,elevation_deg";
+    fs::write(dir.path().join("loads.csv"), format!("{header}\n{lines}")).unwrap();
+}
+
+#[test]
+fn a_load_that_was_not_weighed_does_not_pass() {
+    let dir = morning();
+    let (zero, weight) = ("zero,0,,,,,\n", "weight,200,0,0,40,0,-90\n");
+    let lever = "weight,200,30,0,40,0,-90\n";
+    let cases = [
+        (format!("{zero}{weight}"), "cal.json loads.csv morning.csv", 0, ""),
+        (
+            format!("{zero}{weight}ghost,99900,0,0,40,0,-90\n"),
+            "cal.json loads.csv morning.csv",
+            1,
+            "not compared: load `ghost` (line 4: 99.9 kg at (0, 0, 40) mm, down), which no row is at",
+        ),
+        (
+            format!("nought,0,,,,,\n{weight}"),
+            "cal.json loads.csv morning.csv",
+            1,
+            "not compared: load `nought` (line 2: no load), which no row is at",
+        ),
+        (
+            format!("{zero}{weight}"),
+            "cal.json loads.csv bad.csv --skip-bad-rows=all",
+            1,
+            "not compared: load `weight`",
+        ),
+        (
+            format!("{zero}{lever}"),
+            "forces.json loads.csv lever.csv",
+            1,
+            "not compared: My of load `weight`",
+        ),
+        (format!("{zero}{lever}"), "forces.json loads.csv lever.csv --axes fx,fy,fz", 0, ""),
+        // A weight that hangs elsewhere is off.
+        (
+            format!("{zero}{lever}"),
+            "cal.json loads.csv morning.csv",
+            1,
+            "My of load `weight` differ by more than is to be expected",
+        ),
+        // One within what errors explain would pass whether or not it hangs.
+        (
+            format!("{zero}{}", weight.replace("200", "0.1")),
+            "cal.json loads.csv light.csv",
+            1,
+            "not compared: Fx, Fy, Fz, Mx, My, Mz of load `weight`, which is too light",
+        ),
+        (format!("{zero}{weight}"), "forces.json loads.csv morning.csv --axes mx", 1, "Mx of load"),
+    ];
+    for (lines, arguments, code, expected) in cases {
+        loads(&dir, &lines);
+        let (_, said) = program::ended(&dir, &format!("check {arguments} --group group -q"), code);
+        assert!(said.contains(expected), "{arguments}: {said}");
+        assert_eq!(said.is_empty(), code == 0, "{arguments}: {said}");
+    }
+    loads(&dir, &format!("{zero}{weight}ghost,99900,0,0,40,0,-90\n"));
+    let certificate = "report cal.json --certificate --weights loads.csv --weights-log morning.csv \
+                       --group group -o cal.html -q";
+    let refit = "fit morning.csv --loads loads.csv --from cal.json --group group -q";
+    for command in [certificate, refit] {
+        let (_, said) = program::ended(&dir, command, 1);
+        assert!(said.contains("not compared: load `ghost`"), "{command}: {said}");
+    }
+    let html = fs::read_to_string(dir.path().join("cal.html")).unwrap();
+    assert!(html.contains("not compared: load `ghost`"), "{html}");
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_success_of_a_check() {
+    let dir = morning();
+    loads(&dir, "zero,0,,,,,\nweight,500,0,0,40,0,-90\n");
+    fs::write(dir.path().join("flat.csv"), "s1,s2,s3,s4,s5,s6,s7,s8\n").unwrap();
+    let certificate = "report cal.json --certificate --weights loads.csv --weights-log morning.csv \
+                       --group group -o cal.html";
+    for (command, code) in [
+        ("eval cal.json test.csv --max-rms 1e-9", 1),
+        ("eval cal.json test.csv --max-rms 1e-9 --json", 1),
+        ("eval cal.json test.csv --max-rms 1e9", 0),
+        ("doctor flat.csv", 1),
+        ("fit train.csv --model linear --cv --max-rms 1e-9", 1),
+        ("fit train.csv --model linear --cv --max-rms 1e-9 --json", 1),
+        ("check cal.json loads.csv morning.csv --group group", 1),
+        (certificate, 1),
+    ] {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut run = program::command(dir.path());
+        let run = run.args(command.split_whitespace()).stdout(writer);
+        let output = run.output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{command}: {said}");
+    }
+}
+
+/// The errors on held-out rows once hid those on the test logs.
+#[test]
+fn a_limit_is_for_held_out_rows_and_for_test_logs() {
+    let (dir, train, _) = folder();
+    let fx = train.split(',').position(|name| name == "fx_n").unwrap();
+    let moved = |(at, line): (usize, &str)| {
+        let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if at > 0 {
+            fields[fx] = (fields[fx].parse::<f64>().unwrap() + 50.0).to_string();
+        }
+        fields.join(",") + "\n"
+    };
+    let far: String = train.lines().enumerate().map(moved).collect();
+    fs::write(dir.path().join("far.csv"), far).unwrap();
+    let fit = "fit train.csv --model linear --cv --max-rms 10 -q";
+    succeed(&dir, fit);
+    succeed(&dir, &format!("{fit} --test test.csv"));
+    let (_, said) = program::ended(&dir, &format!("{fit} --test far.csv"), 1);
+    assert!(said.contains("the RMS error of `Fx` on the test logs is 50"), "{said}");
+    let (_, said) = program::ended(&dir, &format!("{fit} --test test.csv far.csv"), 1);
+    assert!(said.contains("on the test logs"), "{said}");
+    let (_, said) = program::ended(&dir, &fit.replace(" 10 ", " 1e-9 "), 1);
+    assert!(said.contains("on rows that were held out"), "{said}");
+}
+
+#[test]
+fn a_row_of_hundreds_is_no_comparison() {
+    let (dir, _, test) = folder();
+    let bad = |(at, line): (usize, &str)| match at {
+        0 | 1 => format!("{line}\n"),
+        _ => line.replacen(',', ",x", 1) + "\n",
+    };
+    let text: String = test.lines().enumerate().map(bad).collect();
+    fs::write(dir.path().join("bad.csv"), text).unwrap();
+    let eval = "eval cal.json bad.csv --skip-bad-rows=all --max-rms 1e9 -q";
+    let (_, said) = program::ended(&dir, eval, 1);
+    let expected = "not compared: `bad.csv`, of which 1 of 300 rows are left; at least 30 tell";
+    assert!(said.contains(expected), "{said}");
+    succeed(&dir, &eval.replace(" --max-rms 1e9", ""));
 }

@@ -186,6 +186,44 @@ fn a_known_weight_passes_and_one_that_is_not_what_the_table_says_fails() {
     assert!(said.contains("no weight hangs in any line"), "{said}");
 }
 
+/// A slip of the pen once gave a turn of 1675° and a file, exit 0; loads in another order "unchanged".
+#[test]
+fn loads_that_no_mounting_explains_bring_nothing_up_to_date() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let mut random = Random(5);
+    let weights: Vec<Weight> = (0..48).map(|_| Weight::new(&mut random)).collect();
+    write(dir, "session.csv", &log(&weights, true, 2));
+    write(dir, "loads.csv", &table(&weights, ",,"));
+    succeed(dir, "fit session.csv --loads loads.csv -o cal.json");
+    let far = |x: f64, azimuth_deg: f64, elevation_deg: f64| Weight {
+        mass_kg: 0.2,
+        point: [x, 0.0, 20.0],
+        azimuth_deg,
+        elevation_deg,
+    };
+    let few = [far(30.0, 0.0, -80.0), far(-30.0, 90.0, 0.0), far(0.0, 180.0, 0.0)];
+    write(dir, "few.csv", &log(&few[..2], true, 3));
+    let refit = |loads: &[Weight]| {
+        write(dir, "few-loads.csv", &table(loads, "0.1,0.5,1"));
+        "fit few.csv --loads few-loads.csv --from cal.json -o new.json"
+    };
+    succeed(dir, refit(&few[..2]));
+    fs::remove_file(dir.join("new.json")).unwrap();
+    // 99 N in place of 2 N, and 10 N.
+    let said = refused(dir, refit(&[few[0], Weight { mass_kg: 10.1, ..few[1] }]));
+    assert!(said.contains("load `1` (line 3: 10.1 kg"), "{said}");
+    assert!(said.contains("is over 10 times what was calibrated"), "{said}");
+    // Refused, or told to contradict the calibration.
+    let five_times = refit(&[few[0], Weight { mass_kg: 1.0, ..few[1] }]);
+    assert!(!system_tests::program::output(dir, five_times).status.success());
+    // Without labels loads are matched in their order.
+    write(dir, "few.csv", &log(&few, false, 4));
+    let said = refused(dir, refit(&[few[2], few[0], few[1]]));
+    assert!(said.contains("the loads hang in another order: the rows at load `0`"), "{said}");
+    succeed(dir, refit(&few));
+}
+
 /// The poses of another lab's sensor, where masses hung: as a table of loads with these errors.
 fn table_of_poses(log: &Recording, errors: &str) -> String {
     let wrenches = log.table(["Fx", "Fy", "Fz", "Mx", "My", "Mz"]);

@@ -11,7 +11,6 @@
 )]
 
 mod any_numbers;
-mod bench_command;
 mod calibration_cli;
 mod certificate;
 mod certified;
@@ -27,6 +26,7 @@ mod hung_loads;
 mod instruction_sets;
 mod lag_and_memory;
 mod memory;
+mod one_time;
 mod outliers;
 mod partial_fits;
 mod physics_command;
@@ -42,6 +42,7 @@ mod sealed;
 mod solver_identities;
 mod solver_intervals;
 mod some_axes;
+mod spoilt_files;
 mod studies;
 mod temperature;
 mod verdict;

@@ -4,7 +4,6 @@ use std::fs;
 
 use load_table::{HungLoad, HungLoads};
 use system_tests::program::{json, refused, succeed};
-use system_tests::real_recording;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data");
 const RIG: &str =
@@ -79,16 +78,4 @@ fn what_cannot_be_planned_is_told() {
     succeed(&dir, &format!("fit {DATA}/synthetic-train.csv --model cubic -o cubic.json"));
     let said = refused(&dir, "plan cubic.json --box fx=0..1");
     assert!(said.contains("`cubic.json` is a polynomial"), "{said}");
-}
-
-#[test]
-#[ignore = "needs the recordings"]
-fn planned_orders_save_poses_of_a_recorded_session() {
-    let poses = real_recording("others/photointerrupters/poses.csv");
-    let dir = tempfile::tempdir().unwrap();
-    let replay = format!("plan {} --replay 4 --held-out 8 --start 8 --json", poses.display());
-    let document = json(&dir, &replay);
-    let needed = |order: usize| document["orders"][order]["poses_needed"].as_u64().unwrap();
-    // Four of the splits of the table in `docs/plan.md`: in each planned order fewer poses than in a random one.
-    assert!((1..4).all(|order| needed(order) < needed(0)), "{document}");
 }

@@ -129,7 +129,7 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
     let said = program::run(
         dir,
         &format!(
-            "fit --model cubic {two} --test {two_test} --cv --covariance rows --plot fit.svg -o two.json"
+            "fit --model cubic {two} --test {two_test} --cv --covariance rows --verbose --plot fit.svg -o two.json"
         ),
         0,
     );
@@ -185,7 +185,8 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
     }
     let trace = fs::read_to_string(dir.join("trace.svg")).unwrap();
     assert!(trace.contains("Fx") && !trace.contains("Mz"));
-    let noise = json(dir, &format!("noise cal.json {six_test} --json"))[0]["axes"].clone();
+    let noise = format!("info {six_test} --noise --calibration cal.json --json");
+    let noise = json(dir, &noise)[0]["axes"].clone();
     assert_eq!(noise.as_object().unwrap().keys().collect::<Vec<_>>(), COLUMNS);
     // Whatever it finds wrong, it is not that axes are missing.
     let found = program::output(dir, &format!("doctor cal.json {two_test} --calibration cal.json"));

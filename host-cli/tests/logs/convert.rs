@@ -10,6 +10,7 @@ use figures::WrenchTrace;
 use forces::filter::{Butterworth, Filter, FilterError};
 use forces::{ForceError, ForceOptions, LowPass, TareRule};
 use log_file::{Log, Mapping, ReadOptions};
+use shell_data::Converter;
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::WorkflowError;
 use shellcal::workflow::convert::{
@@ -65,8 +66,9 @@ fn options() -> ConvertOptions {
         rows: RowFilter::All,
         forces: ForceOptions::RAW,
         load: None,
+        frame: Vec::new(),
         columns: ALL,
-        full_scale: None,
+        converter: None,
     }
 }
 
@@ -232,7 +234,7 @@ fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
         interval: None,
         flags: true,
     };
-    let options = ConvertOptions { columns, full_scale: Some(4095.0), ..options() };
+    let options = ConvertOptions { columns, converter: Some(Converter::new(4095.0)), ..options() };
     let (text, summary) = run_on(&open(&path), &calibration, &options).unwrap();
     assert_eq!(text, "flags\n\ns2:range s2:saturated\ns1:range s3:range s3:saturated\n");
     assert_eq!((summary.out_of_range_frames, summary.saturated_frames), (2, 2));

@@ -119,7 +119,7 @@ fn slopes_are_those_of_the_warm_up() {
         _ => ",".to_owned(),
     };
     fs::write(folder.join("log.csv"), log(&recorded, ",temperature_c", temperature)).unwrap();
-    let found = &json(folder, "drift log.csv --calibration cal.json --plot d.svg --json")[0];
+    let found = &json(folder, "info log.csv --drift --calibration cal.json --plot d.svg --json")[0];
     assert_eq!(found["tare_holds"], false);
     let channels = found["channels"].as_array().unwrap();
     assert_eq!(channels.len(), 8);
@@ -153,7 +153,7 @@ fn slopes_are_those_of_the_warm_up() {
         let expected = at(59.7) - at(0.25);
         assert!((change - expected).abs() < 4.0, "{channel}: {change} {expected}");
     }
-    let text = program::run(folder, "drift log.csv --calibration cal.json", 0);
+    let text = program::run(folder, "info log.csv --drift --calibration cal.json", 0);
     for part in [
         "per degree",
         "Fz (N)",
@@ -164,7 +164,7 @@ fn slopes_are_those_of_the_warm_up() {
         assert!(text.contains(part), "{part}: {text}");
     }
     assert!(fs::read_to_string(folder.join("d.svg")).unwrap().contains(">Fz (N)<"));
-    program::run(folder, "drift log.csv --plot channels.svg", 0);
+    program::run(folder, "info log.csv --drift --plot channels.svg", 0);
     assert!(fs::read_to_string(folder.join("channels.svg")).unwrap().contains(">s8<"));
 }
 
@@ -174,7 +174,7 @@ fn a_still_zero_holds() {
     let folder = folder.path();
     let recorded = recorded(sensor(0.0, 1.0, 3), 10.0, |_| false);
     fs::write(folder.join("log.csv"), log(&recorded, ",temp", |_| ",21.5".to_owned())).unwrap();
-    let found = &json(folder, "drift log.csv --temperature temp --json")[0];
+    let found = &json(folder, "info log.csv --drift --temperature temp --json")[0];
     assert_eq!((&found["tare_holds"], &found["rests"]), (&Value::Bool(true), &Value::from(20)));
     assert_eq!(
         (&found["axes"], &found["temperature"]),
@@ -185,7 +185,7 @@ fn a_still_zero_holds() {
         assert!(drift["wander"].as_f64().unwrap() < 0.6, "{drift}");
         assert_eq!(drift["per_degree"], Value::Null);
     }
-    let text = program::run(folder, "drift log.csv --temperature temp", 0);
+    let text = program::run(folder, "info log.csv --drift --temperature temp", 0);
     assert!(
         text.contains("holds to the end") && text.contains("temperature 21.50 throughout"),
         "{text}"
@@ -198,22 +198,22 @@ fn logs_that_tell_no_drift_are_refused() {
     let folder = folder.path();
     let short = recorded(sensor(0.0, 1.0, 3), 0.8, |_| false);
     fs::write(folder.join("short.csv"), log(&short, "", |_| String::new())).unwrap();
-    let text = refused(folder, "drift short.csv");
+    let text = refused(folder, "info short.csv --drift");
     assert!(text.contains("`1` stretches at rest") && text.contains("hint: begin with"), "{text}");
     let long = recorded(sensor(0.0, 1.0, 3), 4.0, |_| false);
     let cell = |row: usize| if row == 7 { ",warm".to_owned() } else { ",20".to_owned() };
     fs::write(folder.join("long.csv"), log(&long, ",temperature_c", cell)).unwrap();
-    let text = refused(folder, "drift long.csv");
+    let text = refused(folder, "info long.csv --drift");
     assert!(text.contains("`warm` in column `temperature_c`"), "{text}");
-    let text = refused(folder, "drift long.csv --temperature heat");
+    let text = refused(folder, "info long.csv --drift --temperature heat");
     assert!(text.contains("heat"), "{text}");
-    let text = refused(folder, "drift long.csv short.csv --plot x.svg");
+    let text = refused(folder, "info long.csv short.csv --drift --plot x.svg");
     assert!(text.contains("`--plot` draws one log"), "{text}");
     let no_time = log(&long, "", |_| String::new());
     let no_time: String =
         no_time.lines().map(|line| format!("{}\n", line.split_once(',').unwrap().1)).collect();
     fs::write(folder.join("rows.csv"), no_time).unwrap();
-    assert!(refused(folder, "drift rows.csv").contains("time"));
+    assert!(refused(folder, "info rows.csv --drift").contains("time"));
     calibration(folder);
     let text = refused(folder, "convert cal.json rows.csv --tare rests -o x.csv");
     assert!(text.contains("no time column") && text.contains("--time"), "{text}");
@@ -265,7 +265,9 @@ fn a_tare_that_follows_rests_takes_a_drift_out_and_commands_warn_without_it() {
     );
     // The model's own error at this load and temperature is left.
     assert!(rests < 0.4 * first && causal < 0.5 * first, "{first} {rests} {causal}");
-    assert!(ended(folder, "noise cal.json log.csv", 0).1.contains("the zero of"));
+    assert!(
+        ended(folder, "info log.csv --noise --calibration cal.json", 0).1.contains("the zero of")
+    );
 
     let trial = |options: &str| {
         json(folder, &format!("trial log.csv --calibration cal.json --json {options}"))

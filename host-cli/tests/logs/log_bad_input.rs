@@ -81,7 +81,7 @@ fn each_fault_is_named_with_its_place() {
         ("time,s1,S1\n1,2,3\n", "`FILE`, line 1: columns 2 (`s1`) and 3 (`S1`) are both sensor 1"),
         (
             "time,Timestamp,s1\n1,2,3\n",
-            "`FILE`, line 1: columns 1 (`time`) and 2 (`Timestamp`) are both time (s)",
+            "`FILE`, line 1: columns 1 (`time`) and 2 (`Timestamp`) are both time",
         ),
         ("time,s1,s3\n1,2,3\n", "`FILE`, line 1: no column `s2`; found `time`, `s1`, `s3`"),
         ("time,Fx\n1,2\n", "`FILE`, line 1: no column `s1 … (sensors)`; found `time`, `Fx`"),

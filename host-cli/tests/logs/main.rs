@@ -20,7 +20,9 @@ mod convert;
 mod convert_formats;
 mod drift;
 mod foreign;
+mod foreign_tables;
 mod hostile;
+mod instruments;
 mod kept_columns;
 mod log_bad_input;
 mod log_containers;
@@ -30,6 +32,7 @@ mod noise;
 mod one_pipeline;
 mod outages;
 mod payload;
+mod payload_motion;
 #[path = "../support/recording.rs"]
 #[allow(dead_code, reason = "each test program uses a part of it")]
 mod recording;
@@ -37,4 +40,5 @@ mod recording;
 #[allow(dead_code, reason = "each test program uses a part of it")]
 mod sealed;
 mod settings;
+mod streams;
 mod studies;

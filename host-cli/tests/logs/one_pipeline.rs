@@ -78,15 +78,8 @@ fn of_library(
 
     let text = format!("file,condition,t_enter_s,t_exit_s\n{log},3 cm,{},{}\n", window.0, window.1);
     let manifest = Manifest::parse(&text, false).unwrap();
-    let options = BatchOptions {
-        trial: options,
-        mapping: &mapping,
-        read,
-        conditions: None,
-        before: None,
-        shard: None,
-        progress: None,
-    };
+    let options =
+        BatchOptions { trial: options, mapping: &mapping, read, shard: None, progress: None };
     let keep = |_, result: &mut _| {
         reduce_trace(result, &profile, true);
         Ok(())

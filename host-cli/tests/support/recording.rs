@@ -38,11 +38,11 @@ pub fn stream(indices: impl IntoIterator<Item = u64>) -> Vec<u8> {
     indices.into_iter().flat_map(frame).collect()
 }
 
-/// The log by the program's own reader: time, readings and wrench if there is one.
+/// The log by the program's own reader: readings, and time and wrench if there are any.
 pub fn read_log(path: &Path) -> Result<Block, LogError> {
     let log = Log::open(path, &Mapping::default())?;
     let wanted = Wanted {
-        time: true,
+        time: log.has_time(),
         readings: log.channels() > 0,
         wrench: log.has_wrench(),
         ..Wanted::default()

@@ -2,8 +2,7 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::{Output, Stdio};
-use std::time::Duration;
+use std::process::Output;
 
 use serde_json::Value;
 use shellcal::workflow::synthetic_trials::write_log;
@@ -179,8 +178,6 @@ fn numbers_that_cannot_be_are_told_with_their_place() {
     assert!(said(&output).contains("`velocity_m_s` is `0`, expected a positive number"));
     let one = format!("trial 1.txt --enter {enter} --exit {exit}");
     for (arguments, message) in [
-        ("--velocity 0", "the velocity, m/s, is `0`, expected a positive number"),
-        ("--mass -1", "the mass, kg, is `-1`"),
         ("--tare 100000 -c cal.json", "frames to tare on, `100000` wanted"),
         (
             "--lowpass 600 -c cal.json",
@@ -208,10 +205,13 @@ fn mistyped_conditions_and_columns_get_a_suggestion() {
     let output = batch(dir, &rows, "-c cal.json");
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     assert!(said(&output).contains("warning: m.csv:4:7: condition `fere`, did you mean `free`?"));
-    let output = batch(dir, &rows, "-c cal.json --conditions free,3");
+    let trial = format!("file = \"1.txt\"\nt_enter_s = {enter}\nt_exit_s = {middle}\n");
+    let manifest =
+        format!("conditions = [\"free\", \"3\"]\n[[trial]]\ncondition = \"fere\"\n{trial}");
+    fs::write(dir.join("m.toml"), manifest).unwrap();
+    let output = program::output(dir, "batch m.toml -c cal.json");
     assert_eq!(output.status.code(), Some(1));
-    let expected =
-        "error: m.csv:4:7: `1.txt`: `fere` is none of the conditions, did you mean `free`?";
+    let expected = "`fere` is none of the conditions, did you mean `free`?";
     assert!(said(&output).contains(expected), "{}", said(&output));
     let output = batch(dir, &rows, "-c cal.json --reference fre");
     assert_eq!(output.status.code(), Some(2));
@@ -385,41 +385,6 @@ fn a_manifest_in_toml_with_auto_and_exclude_is_taken() {
     // A handful of roundings.
     assert!((value("specific_resistance") / resistance - 1.0).abs() < 1e-12);
     assert!(row["checksum"].as_str().unwrap().starts_with("xxh128:"));
-}
-
-#[test]
-fn a_watched_batch_evaluates_what_has_changed() {
-    let (dir, windows) = folder(2);
-    let dir = dir.path();
-    let [[enter, exit], second] = [windows[0], windows[1]];
-    let rows = |first_exit: f64| {
-        format!("{HEADER}\n1.txt,x,{enter},{first_exit}\n2.txt,x,{},{}\n", second[0], second[1])
-    };
-    fs::write(dir.join("m.csv"), rows(exit)).unwrap();
-    let mut child = program::command(dir)
-        .args("batch m.csv -c cal.json --csv out --watch".split_whitespace())
-        .stdout(Stdio::null())
-        .stderr(Stdio::null())
-        .spawn()
-        .unwrap();
-    let wait_for = |what: &str| {
-        // However busy the machine is; a file is looked at three times a second.
-        for _ in 0..1200 {
-            std::thread::sleep(Duration::from_millis(100));
-            let table = fs::read_to_string(dir.join("out/trials.csv")).unwrap_or_default();
-            if table.contains(what) {
-                return true;
-            }
-        }
-        false
-    };
-    let first = wait_for(&format!(",{enter},{exit},"));
-    let earlier = exit - 0.25;
-    fs::write(dir.join("m.csv"), rows(earlier)).unwrap();
-    let second = wait_for(&format!(",{enter},{earlier},"));
-    child.kill().unwrap();
-    child.wait().unwrap();
-    assert!(first && second);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! `synth trial`, `window`, `plot`, `report` and `batch --figures` as a user runs them.
+//! `synth trial`, `trial --find-window`, `plot`, `report` and `batch --figures` as a user runs them.
 use std::fs;
 use std::path::Path;
 use std::process::Output;
@@ -116,7 +116,9 @@ fn the_example_set_goes_through_a_batch_to_its_truth() {
 fn a_window_is_proposed_drawn_or_refused() {
     let folder = set();
     let path = folder.path();
-    let with = |log| ["window", log, "--calibration", "calibration.json", "--plot", "w.svg"];
+    let with = |log| {
+        ["trial", log, "--find-window", "--calibration", "calibration.json", "--plot", "w.svg"]
+    };
     let found = &json(path, &with("set/3cm-1.txt"))[0];
     assert_eq!(found["good"], true);
     let (enter, exit) = (&found["t_enter_s"], &found["t_exit_s"]);
@@ -136,7 +138,7 @@ fn a_window_is_proposed_drawn_or_refused() {
     let (printed, said) = run(path, &with("set/free-1.txt"), 1);
     assert!(printed.is_empty() && said.contains("set/free-1.txt: "), "{printed}{said}");
     assert!(fs::read_to_string(path.join("w.svg")).unwrap().contains("no window: "));
-    let (_, said) = run(path, &["window", "set/free-1.txt"], 2);
+    let (_, said) = run(path, &["trial", "set/free-1.txt", "--find-window"], 2);
     assert!(said.contains("--calibration"), "{said}");
 }
 
@@ -276,7 +278,7 @@ fn a_real_trial_is_drawn_and_its_unclear_window_refused() {
     run(path, &["import", matrix.to_str().unwrap(), "--output", "lab.json"], 0);
     // The legs start after 0.1 s; drag comes and goes all along, and no tare of its own is quiet.
     let with = ["--calibration", "lab.json", "--tare-time", "0:0.09"];
-    let (_, said) = run(path, &[&["window", "run3.txt"], &with[..]].concat(), 1);
+    let (_, said) = run(path, &[&["trial", "run3.txt", "--find-window"], &with[..]].concat(), 1);
     assert!(said.contains("run3.txt: "), "{said}");
     let window = ["--enter", "3", "--exit", "9"];
     for kind in ["drag", "telemetry"] {

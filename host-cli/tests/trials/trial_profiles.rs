@@ -90,3 +90,15 @@ fn units_that_are_not_known_are_asked_for_in_place_of_a_number() {
         assert!(said.contains(expected), "{said}");
     }
 }
+
+#[test]
+fn the_profile_that_is_printed_is_the_one_that_is_built_in() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    program::run(dir, "synth trial -o run.txt", 0);
+    fs::write(dir.join("robot.toml"), program::output(dir, "info --robot").stdout).unwrap();
+    let trial = "trial run.txt --enter 2.3 --exit 8.4 --json";
+    let built_in = program::json(dir, trial);
+    let read = program::json(dir, &format!("{trial} --profile robot.toml"));
+    assert_eq!(read["profile"], built_in["profile"]);
+}

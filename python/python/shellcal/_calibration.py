@@ -290,7 +290,8 @@ class Calibration:
         interval : float, optional
             Also give the bounds of the interval that holds this share of new samples, such as 0.95.
         time : array of shape (n,), optional
-            The time of each row, s, which memory terms take; rows are then those of one recording, in order.
+            The time of each row, s, which memory terms take; rows are then those of one recording, in order. Where the
+            reference lagged, wrenches are those that it shows at these times.
 
         Returns
         -------
@@ -332,7 +333,7 @@ class Calibration:
         """The wrench of one frame, with the bits of `predict`, at the cost of one: for loops that wait for it.
 
         Memory terms go on from the frame before, and start anew where time jumps, as at the start of a log: for two boards
-        load the calibration twice.
+        load the calibration twice. With a lag it is the wrench at the time of the readings, which `predict` moves.
 
         Parameters
         ----------

@@ -458,7 +458,7 @@ def simulated_board(rate: float | None = None, **options: Any) -> SimulatedBoard
     rate
         Frames per second in place of the usual 100, Hz.
     options
-        Those of the program: ``seed=1``, ``loss=0.1``, ``load="load.csv"``, or ``load="-"`` for `SimulatedBoard.load`.
+        Those of the program: ``seed=1``, ``radio="loss=0.1"``, ``load="load.csv"``, or ``load="-"`` for `SimulatedBoard.load`.
     """
     arguments = [program(), "--json", "board", "--simulate", "--until-eof"]
     for name, value in options.items():

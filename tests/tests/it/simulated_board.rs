@@ -224,7 +224,7 @@ fn edges_at_the_sync_input_are_in_the_log_after_they_were() {
     let dir = tempfile::tempdir().unwrap();
     // Late enough for the recording to be under way on any machine.
     let edges_s = [12.0, 12.003_21, 12.345_678];
-    let board = Board::start(dir.path(), "--sync 12.345678,12,12.00321 --loss 0.02 --seed 5");
+    let board = Board::start(dir.path(), "--sync 12.345678,12,12.00321 --radio loss=0.02 --seed 5");
     board.record("log.csv", 1_300, "");
     let text = fs::read_to_string(dir.path().join("log.csv")).unwrap();
     let mut lines = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
@@ -263,9 +263,9 @@ fn the_self_test_finds_every_emitter_on_its_own_channel() {
 #[test]
 fn a_lossy_radio_costs_what_it_loses_and_every_loss_is_counted() {
     let dir = tempfile::tempdir().unwrap();
-    let faults = "--loss 0.05 --duplication 0.02 --reordering 0.02 --corruption 0.001 --delay 5 \
-                  --bursts 0.002:5 --seed 5";
-    let board = Board::start(dir.path(), faults);
+    let faults =
+        "loss=0.05,duplication=0.02,reordering=0.02,corruption=0.001,delay=5,bursts=0.002:5";
+    let board = Board::start(dir.path(), &format!("--radio {faults} --seed 5"));
     let (log, said) = board.record("log.csv", 400, "");
     let books = board.end();
     let index = log.numbers("index");
@@ -289,8 +289,14 @@ fn a_lossy_radio_costs_what_it_loses_and_every_loss_is_counted() {
 fn bad_input_is_told() {
     let dir = tempfile::tempdir().unwrap();
     let refused = |arguments: &str| run(dir.path(), &format!("board --simulate {arguments}"), 2);
-    assert!(refused("--loss 1.5").contains("loss of 1.5"));
-    assert!(refused("--bursts 0.1:0").contains("a burst of 0"));
+    assert!(refused("--radio loss=1.5").contains("loss of 1.5"));
+    assert!(refused("--radio bursts=0.1:0").contains("a burst of 0"));
+    for wrong in ["loss", "loss=x", "fog=1", "bursts=0.1", "loss=0.1:3", "delay=1e9"] {
+        assert!(
+            refused(&format!("--radio {wrong}")).contains("is no fault with its value"),
+            "{wrong}"
+        );
+    }
     assert!(refused("--load none.csv").contains("none.csv"));
     fs::write(
         dir.path().join("back.csv"),
@@ -301,7 +307,8 @@ fn bad_input_is_told() {
     fs::write(dir.path().join("taken"), "").unwrap();
     assert!(refused("--symlink taken").contains("taken"));
     let said = refused("status");
-    assert!(said.contains("without an action") && !said.contains("Usage"), "{said}");
+    assert!(said.contains("no port is named") && !said.contains("Usage"), "{said}");
     assert!(run(dir.path(), "board /dev/null", 2).contains("nothing to do"));
-    assert!(run(dir.path(), "board /dev/null --loss 0.1 status", 2).contains("--loss"));
+    assert!(run(dir.path(), "board /dev/null --radio loss=0.1 status", 2).contains("--radio"));
+    assert!(run(dir.path(), "board /dev/null --seed 2 status", 2).contains("are for `--simulate`"));
 }

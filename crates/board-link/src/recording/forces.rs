@@ -2,7 +2,7 @@
 
 use super::reception::BoardFrame;
 use calibration::Calibration;
-use calibration::memory::MemoryState;
+use calibration::memory::{MemoryState, TimeBase};
 use forces::stationary::StationaryFinder;
 use forces::{FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, PipelineSetup};
 use shared_proto::CHANNELS;
@@ -129,6 +129,12 @@ impl RunningForces {
             ForceStage::Running { pipeline, .. } => pipeline.tare.as_ref(),
         };
         self.calibration.standard_errors(&columns(frames), tare)
+    }
+
+    /// The time of a frame's force on the clock of the calibration's reference, µs, from that of its readings.
+    pub fn moved_us(&self, time_us: i64) -> i64 {
+        let lag = self.calibration.lag.filter(|lag| lag.time_base == TimeBase::Seconds);
+        time_us + lag.map_or(0, |lag| (lag.by * 1e6).round() as i64)
     }
 
     /// The axes that there are forces of.

@@ -26,7 +26,7 @@ use super::{PartialFit, PartialGroup, PartialGroups, Sums};
 use crate::checksum;
 use crate::input::{self, DocumentKind};
 use calibration::model::Model;
-use calibration::validation::grouped::{GroupedMoments, MAX_GROUPS, RandomSplit};
+use calibration::validation::grouped::{MAX_GROUPS, RandomSplit, SumsByGroup};
 use serde::{Deserialize, Serialize};
 use shell_data::by_axis::Among;
 
@@ -133,7 +133,7 @@ impl PartialGroups {
         }
         let is_whole = match total {
             Sums::Exact(total) => {
-                let sums = GroupedMoments::new(moments_of, Vec::new());
+                let sums = SumsByGroup::new(moments_of, Vec::new());
                 sums.map_err(|error| error.to_string())?.total() == Some(total)
             }
             // Their last digits depend on the order in which they were merged.

@@ -7,10 +7,10 @@
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
-use calibration::exact::Moments;
+use calibration::exact::ExactSums;
 use calibration::factored::FactoredGroups;
 use calibration::fit::RowSums;
-use calibration::validation::grouped::{GroupKind, GroupedMoments, MAX_GROUPS, RandomSplit};
+use calibration::validation::grouped::{GroupKind, MAX_GROUPS, RandomSplit, SumsByGroup};
 use serde::{Deserialize, Serialize};
 
 use super::{MergeError, PartialFit, SourceFile, Sums, expect};
@@ -24,7 +24,7 @@ pub struct PartialGroups {
     #[serde(flatten)]
     pub split: RandomSplit,
     /// The sums of the random folds that are held out; none of rows that are not summed exactly.
-    pub random: Vec<Moments>,
+    pub random: Vec<ExactSums>,
     /// The groups.
     #[serde(rename = "sums")]
     pub groups: Vec<PartialGroup>,
@@ -48,13 +48,8 @@ pub struct PartialGroup {
 impl PartialGroups {
     /// Those of `sums`, whose rows were assigned at random by `split`; `first_in` names the source of the first row
     /// of each.
-    pub fn exact(
-        by: GroupKind,
-        split: RandomSplit,
-        sums: GroupedMoments,
-        first_in: &[usize],
-    ) -> Self {
-        let GroupedMoments { groups, random, .. } = sums;
+    pub fn exact(by: GroupKind, split: RandomSplit, sums: SumsByGroup, first_in: &[usize]) -> Self {
+        let SumsByGroup { groups, random, .. } = sums;
         let groups = groups.into_iter().map(|(label, moments)| (label, Sums::Exact(moments)));
         Self { split, random, ..Self::new(by, groups, first_in) }
     }
@@ -151,7 +146,7 @@ impl PartialFit {
             Sums::Exact(total) => {
                 let dealt = groups.filter(|groups| random_folds == Some(groups.split.folds));
                 let random = dealt.map(|groups| groups.random.clone()).unwrap_or_default();
-                let grouped = groups.map(|of| Ok((of.by, GroupedMoments::new(exact, random)?)));
+                let grouped = groups.map(|of| Ok((of.by, SumsByGroup::new(exact, random)?)));
                 RowSums::Exact(total, grouped.transpose().map_err(MergeError::NotExact)?)
             }
             Sums::Factored(total) => {

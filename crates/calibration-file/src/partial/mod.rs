@@ -149,7 +149,9 @@ impl Hint for MergeError {
             Self::GroupsAre { .. } => {
                 "make all with `--groups=file`, or all with `--groups=column`"
             }
-            Self::Split { .. } => "make all with the same `--cv-seed`",
+            Self::Split { .. } => {
+                "make all by one release: rows are assigned at random otherwise in another"
+            }
             Self::SameName(_) => {
                 "groups are files: give them different names, such as those of their folders"
             }

@@ -1,6 +1,6 @@
 //! What a partial fit keeps of its rows, in memory and in a document.
 
-use calibration::exact::Moments;
+use calibration::exact::ExactSums;
 use calibration::factored::FactoredRows;
 use calibration::model::Model;
 use serde::{Deserialize, Serialize};
@@ -13,7 +13,7 @@ use super::MergeError;
 pub enum Sums {
     /// Exact sums: merged in any order they are the same, bit for bit.
     #[serde(rename = "moments")]
-    Exact(Moments),
+    Exact(ExactSums),
     /// The R factor of rows that cannot be summed exactly: merged in another order it differs in its last digits.
     #[serde(rename = "triangle")]
     Factored(FactoredRows),
@@ -22,7 +22,7 @@ pub enum Sums {
 /// The fields of a document, one of which has them.
 #[derive(Deserialize)]
 struct SumsDocument {
-    moments: Option<Moments>,
+    moments: Option<ExactSums>,
     triangle: Option<FactoredRows>,
 }
 

@@ -6,8 +6,8 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 
 use super::samples::SearchRows;
-use crate::validation::comparison::FoldMean;
-use crate::validation::normal_equations::NormalEquations;
+use least_squares::validation::comparison::FoldMean;
+use least_squares::validation::normal_equations::NormalEquations;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// λ on columns of norm one: what condition numbers of memory terms need.

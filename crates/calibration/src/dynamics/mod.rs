@@ -22,11 +22,11 @@ pub use self::prepared::{ReferenceLag, prepared};
 use std::fmt;
 
 use self::samples::SearchRows;
-use crate::error::FitError;
 use crate::groups::{SHUFFLED_BELOW, has_poses, load_correlation};
 use crate::memory::{MemoryTerms, TimeBase};
-use crate::passes::Workers;
-use crate::quality::{in_units, significant};
+use least_squares::error::FitError;
+use least_squares::passes::Workers;
+use least_squares::quality::{in_units, significant};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -40,15 +40,13 @@ pub struct DynamicsRule<'a> {
     pub lag: Option<f64>,
     /// The time constants of the memory terms that a polynomial gets.
     pub memory: Option<&'a [f64]>,
-    /// Whether rows of labelled groups are searched as well: see [`NotSearched::Groups`].
-    pub in_groups: bool,
 }
 
 impl DynamicsRule<'_> {
     /// Neither.
-    pub const NOTHING: Self = Self { lag: Some(0.0), memory: Some(&[]), in_groups: false };
-    /// Both are searched for, but not in labelled groups.
-    pub const AUTO: Self = Self { lag: None, memory: None, in_groups: false };
+    pub const NOTHING: Self = Self { lag: Some(0.0), memory: Some(&[]) };
+    /// Both are searched for.
+    pub const AUTO: Self = Self { lag: None, memory: None };
 
     /// Whether rows stay as they are.
     pub fn is_nothing(&self) -> bool {
@@ -90,12 +88,6 @@ pub enum NotSearched {
     /// Nothing moves within a pose.
     #[error("the loads are constant in each pose")]
     Poses,
-    /// Rows are labelled by contact. A memory of the contact before depends on the order of the contacts, which differs
-    /// in use, and leaks between groups that are held out.
-    #[error(
-        "the rows are labelled as groups, and the order of groups differs in use (`--memory-terms auto` searches anyway)"
-    )]
-    Groups,
     /// Neighbouring rows have nothing to do with each other; this is their largest correlation.
     #[error(
         "the rows are not in the order of time: neighbouring loads are not alike (correlation {0:.2})"
@@ -132,7 +124,7 @@ pub fn find(
     if rule.lag.is_some() && rule.memory.is_some() {
         return Ok(Ok(given));
     }
-    if let Some(reason) = refusal(data, rule.in_groups) {
+    if let Some(reason) = refusal(data) {
         // What was given is taken, whatever the rows are.
         let has_given = given.lag.is_some() || given.memory.is_some();
         return Ok(if has_given { Ok(given) } else { Err(reason) });
@@ -143,7 +135,7 @@ pub fn find(
 }
 
 /// Why nothing should be searched for in these rows, if there is a reason.
-fn refusal(data: &Dataset, in_groups: bool) -> Option<NotSearched> {
+fn refusal(data: &Dataset) -> Option<NotSearched> {
     if data.has_weights() {
         return Some(NotSearched::Weights);
     }
@@ -152,16 +144,13 @@ fn refusal(data: &Dataset, in_groups: bool) -> Option<NotSearched> {
     if correlation < SHUFFLED_BELOW {
         return Some(NotSearched::Shuffled(correlation));
     }
-    if has_poses(data) {
-        return Some(NotSearched::Poses);
-    }
-    let is_labelled = data.logs.iter().all(|log| log.has_groups);
-    (is_labelled && !in_groups).then_some(NotSearched::Groups)
+    has_poses(data).then_some(NotSearched::Poses)
 }
 
-impl fmt::Display for Dynamics {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match &self.lag {
+impl Dynamics {
+    /// Lag and memory in words, without what they gain.
+    pub fn words(&self) -> String {
+        let lag = match &self.lag {
             Some(lag) => {
                 let by = lag.by.abs();
                 let (factor, unit) = unit(by, self.time_base);
@@ -173,21 +162,28 @@ impl fmt::Display for Dynamics {
                     true => "the reference lags behind the readings",
                     false => "the readings lag behind the reference",
                 };
-                write!(f, "{what} by {by}{error} {unit}, which the fit makes up for")?;
+                format!("{what} by {by}{error} {unit}, which the fit makes up for")
             }
-            None => f.write_str("no lag between readings and reference")?,
-        }
-        match &self.memory {
+            None => "no lag between readings and reference".to_owned(),
+        };
+        let memory = match &self.memory {
             Some(memory) => {
                 let time = |&tau: &f64| {
                     let (factor, unit) = unit(tau, self.time_base);
                     format!("{} {unit}", significant(factor * tau, 3))
                 };
                 let times: Vec<String> = memory.time_constants.iter().map(time).collect();
-                write!(f, "; memory terms of {}", times.join(", "))?;
+                format!("memory terms of {}", times.join(", "))
             }
-            None => f.write_str("; no memory terms")?,
-        }
+            None => "no memory terms".to_owned(),
+        };
+        format!("{lag}; {memory}")
+    }
+}
+
+impl fmt::Display for Dynamics {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.words())?;
         let Some(gain) = &self.gain else { return Ok(()) };
         if self.lag.is_none() && self.memory.is_none() {
             return f.write_str(" (none lowers the held-out error by more than a standard error)");

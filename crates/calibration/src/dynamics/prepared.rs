@@ -1,11 +1,13 @@
 //! Time along the rows of logs, and data sets with memory terms beside their readings and the wrench at the time of the
 //! readings.
 
+use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::{FitError, GAP_PERIODS};
 use crate::memory::{MemoryTerms, NoTime, TimeBase};
+use crate::quality::significant;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::upper_median;
@@ -17,6 +19,28 @@ pub struct ReferenceLag {
     pub time_base: TimeBase,
     /// In units of the time base; negative if the readings lag behind the reference.
     pub by: f64,
+}
+
+impl ReferenceLag {
+    /// The time of a force on the clock of the reference, s, from that of its readings. As it is where the lag is in
+    /// rows.
+    pub fn moved_s(&self, time_s: f64) -> f64 {
+        /// Up to here a double resolves a nanosecond, to which times are rounded: digits beyond are none of the clock.
+        const LARGEST_S: f64 = 1e6;
+        match self.time_base {
+            TimeBase::Rows => time_s,
+            TimeBase::Seconds if time_s.abs() > LARGEST_S => time_s + self.by,
+            TimeBase::Seconds => ((time_s + self.by) * 1e9).round() / 1e9,
+        }
+    }
+}
+
+/// Its length, as `4.38 ms`.
+impl fmt::Display for ReferenceLag {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (factor, unit) = super::unit(self.by.abs(), self.time_base);
+        write!(f, "{} {unit}", significant(factor * self.by.abs(), 3))
+    }
 }
 
 /// How time passes in some logs.

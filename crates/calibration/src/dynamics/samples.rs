@@ -16,10 +16,10 @@ use std::ops::Range;
 use faer::{Mat, MatRef};
 
 use super::prepared::{BetweenRows, RowClock, segments};
-use crate::features::Features;
 use crate::memory::TimeBase;
-use crate::model::{Basis, Model};
-use crate::scaling::Scaling;
+use least_squares::features::Features;
+use least_squares::model::{Basis, Model};
+use least_squares::scaling::Scaling;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
 use shell_data::statistics::upper_median;
@@ -52,6 +52,8 @@ struct LogPart<'a> {
     wrench: PerAxis<Vec<f64>>,
     /// The rows that errors are found on.
     used: Vec<usize>,
+    /// Where runs of rows with one label end among these; empty of rows without labels.
+    group_ends: Vec<usize>,
 }
 
 /// Rows of several logs.
@@ -89,7 +91,15 @@ impl<'a> LogPart<'a> {
             times = (0..rows).map(|row| row as f64).collect();
         }
         let segments = segments(&times, clock.gap());
-        Self { blocks, times, segments, wrench, used: (0..rows).step_by(every).collect() }
+        let used = (0..rows).step_by(every).collect();
+        let group_ends = if log.has_groups { group_ends(log, rows, every) } else { Vec::new() };
+        Self { blocks, times, segments, wrench, used, group_ends }
+    }
+
+    /// The end of a group that is nearest to a used row.
+    fn cut_near(&self, row: usize) -> usize {
+        let nearest = self.group_ends.iter().min_by_key(|end| end.abs_diff(row));
+        nearest.copied().unwrap_or(row)
     }
 
     fn readings(&self, channel: usize) -> impl Iterator<Item = f64> {
@@ -147,6 +157,11 @@ impl<'a> SearchRows<'a> {
             load_noise,
             has_intercept: intercept,
         })
+    }
+
+    /// Whether the rows of every log are labelled by group.
+    pub(super) fn are_labelled(&self) -> bool {
+        self.logs.iter().all(|log| !log.group_ends.is_empty())
     }
 
     /// Number of used rows.
@@ -215,7 +230,22 @@ impl<'a> SearchRows<'a> {
     }
 }
 
-/// Logs, or the parts of equal length that few of them are cut into; neighbours together where these are many.
+/// The ends of runs of one label in the first `rows` of a log, counted in used rows.
+fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
+    let runs = log.blocks.iter().flat_map(|block| &*block.labels);
+    let mut ends: Vec<(&str, usize)> = Vec::new();
+    for (label, run) in runs {
+        let end = ends.last().map_or(0, |(_, end)| *end) + run;
+        match ends.last_mut().filter(|(last, _)| last == label) {
+            Some((_, last)) => *last = end,
+            None => ends.push((label, end)),
+        }
+    }
+    ends.iter().map(|(_, end)| (*end.min(&rows)).div_ceil(every)).collect()
+}
+
+/// Logs, or the parts of about equal length, of whole groups, that few of them are cut into; neighbours together where
+/// these are many.
 fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let parts = match logs.len() {
         ENOUGH_LOGS.. => 1,
@@ -224,7 +254,8 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let (mut ends, mut start) = (vec![0], 0);
     for log in logs {
         let rows = log.used.len();
-        ends.extend((1..=parts).map(|part| start + rows * part / parts));
+        let cut = |part: usize| if part < parts { log.cut_near(rows * part / parts) } else { rows };
+        ends.extend((1..=parts).map(|part| start + cut(part)));
         start += rows;
     }
     // Without parts that have no rows.

@@ -14,7 +14,7 @@ use std::sync::Arc;
 use super::equations::{FoldEquations, MemoryColumns, ProductColumns};
 use super::samples::SearchRows;
 use super::{Dynamics, DynamicsRule, Gain, ReferenceLag};
-use crate::passes::{Workers, map};
+use least_squares::passes::{Workers, map};
 
 /// Time constants, at most.
 const MOST_TIMES: usize = 4;
@@ -27,6 +27,9 @@ const APART: f64 = 1.5;
 
 /// A memory term that lowers squared errors by less is not worth the state that it takes.
 const LEAST_GAIN: f64 = 0.02;
+
+/// The same for the first term where rows are labelled as groups: their order, and so what came before, differs in use.
+const LEAST_GAIN_IN_GROUPS: f64 = 0.2;
 
 /// Errors relative to the loads below this are rounding.
 const NOTHING_LEFT: f64 = 1e-12;
@@ -97,7 +100,9 @@ impl DynamicsSearch<'_> {
             while terms.len() < MOST_TIMES {
                 let Some(more) = self.one_more(&terms, &mut lag) else { break };
                 let errors = self.equations.errors(&more, lag)?;
-                if !best.are_explained_by(&errors, LEAST_GAIN) {
+                let is_first_of_groups = terms.is_empty() && self.samples().are_labelled();
+                let least = if is_first_of_groups { LEAST_GAIN_IN_GROUPS } else { LEAST_GAIN };
+                if !best.are_explained_by(&errors, least) {
                     break;
                 }
                 (terms, best) = (more, errors);

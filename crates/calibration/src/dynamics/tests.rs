@@ -1,6 +1,6 @@
 //! A sensor that is known: six channels that mix six loads, creep with two time constants, and a late reference.
 
-use crate::error::FitError;
+use least_squares::error::FitError;
 use std::f64::consts::TAU;
 
 use super::*;
@@ -159,7 +159,7 @@ fn rows_in_no_order_and_poses_are_not_searched() {
 #[test]
 fn what_is_given_is_taken_without_a_search() {
     let data = RIGID.log(1, 5);
-    let rule = DynamicsRule { lag: Some(0.01), memory: Some(&[2.0, 0.5]), in_groups: false };
+    let rule = DynamicsRule { lag: Some(0.01), memory: Some(&[2.0, 0.5]) };
     let given = find(&data, &rule, true, Workers::ONE).unwrap().unwrap();
     assert_eq!(given.memory.as_ref().unwrap().time_constants, [0.5, 2.0]);
     assert_eq!((given.lag.unwrap().by, given.gain), (0.01, None));

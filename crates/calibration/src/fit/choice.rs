@@ -3,22 +3,24 @@
 
 use std::ops::Range;
 
+use super::options::{CovarianceRule, FitOptions, ModelRule};
 use super::refits::{
     self, FOLDS, MOST_ALONE, MOST_COMPARED, few_by_fold, rows_in_one, select_by_normal_equations,
     sum_groups, sum_groups_or_sets,
 };
-use super::{CovarianceRule, FitOptions, ModelRule};
-use crate::error::FitError;
-use crate::exact::Moments;
-use crate::factored::FactoredGroups;
-use crate::grouped_rows::GroupedRows;
 use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
-use crate::model::{Basis, Model};
-use crate::scaling::Scaling;
-use crate::solver::SolverKind;
-use crate::validation::cross_validation::{CrossValidation, cross_validate};
-use crate::validation::grouped::{Apart, GroupedMoments, MAX_GROUPS, RandomSplit};
-use crate::validation::selection::{self, Advice, Candidate, Selection};
+use least_squares::error::FitError;
+use least_squares::exact::ExactSums;
+use least_squares::factored::FactoredGroups;
+use least_squares::grouped_rows::GroupedRows;
+use least_squares::grouped_rows::MAX_GROUPS;
+use least_squares::model::{Basis, Model};
+use least_squares::random_split::RandomSplit;
+use least_squares::scaling::Scaling;
+use least_squares::solver::SolverKind;
+use least_squares::validation::cross_validation::{CrossValidation, cross_validate};
+use least_squares::validation::grouped::{Apart, SumsByGroup};
+use least_squares::validation::selection::{self, Advice, Candidate, Selection};
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, RowSet};
 
@@ -48,7 +50,7 @@ pub(super) struct ModelChoice {
     /// What either says to do.
     pub(super) advice: Option<Advice>,
     /// The sums of the training rows, by group, where they were made.
-    pub(super) sums: Option<GroupedMoments>,
+    pub(super) sums: Option<SumsByGroup>,
     /// What standard errors by group are made of, where that is not the sums.
     pub(super) clusters: Option<Clusters>,
     /// What the groups are.
@@ -135,92 +137,47 @@ impl FitInput<'_> {
 /// # Errors
 /// [`FitError`] if rows cannot be summed, or there are no groups to hold out.
 pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
-    let mut choice = choose_model(input)?;
-    input.options.cluster_files(&mut choice)?;
-    Ok(choice)
-}
-
-fn choose_model(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
     let options = input.options;
+    let validates = options.validates();
     if options.basis().is_none() && input.train.has_weights() {
         return Err(FitError::Weights("the choice of a model"));
     }
-    let labelled = match options.validates() || options.covariance == CovarianceRule::Groups {
+    let labelled = match validates || options.covariance == CovarianceRule::Groups {
         _ if input.train.has_weights() => None,
         true => input.labelled(options.held_out()),
         false if options.covariance != CovarianceRule::Auto => None,
         false => input.select(label_poses(input.train)),
     };
-    // A family is chosen by exact sums wherever there are any, whatever solver then fits it.
-    if !options.validates() || options.basis().is_none() || options.solver == SolverKind::Exact {
-        match choose_labelled(labelled.clone(), options) {
-            Err(FitError::NotExact(_)) if options.validates() => {}
-            choice => return choice,
-        }
-    }
-    let (group_by, labelled) = labelled.ok_or(FitError::NoGroups)?;
-    let mut chosen = options.open(Some(group_by));
-    if options.basis().is_none() {
-        chosen.take(select_by_normal_equations(&labelled, options)?);
-    }
-    let ModelChoice { basis, ridge, selection, .. } = chosen;
-    let known = FitOptions { model: basis.into(), ridge, cross_validation: None, ..*options };
-    let choice = choose_labelled(Some((group_by, labelled.clone())), &known)?;
-    let found = refits::cross_validate(&labelled, options.held_out(), (basis, ridge), options)?;
-    Ok(ModelChoice { selection, cross_validation: Some(found), ..choice })
-}
-
-fn choose_labelled(
-    labelled: Option<(GroupBy, Dataset)>,
-    options: &FitOptions<'_>,
-) -> Result<ModelChoice, FitError> {
-    let validates = options.validates();
-    let mut choice = options.open(labelled.as_ref().map(|(by, _)| *by));
-    choice.labelled = labelled.map(|(_, rows)| rows);
+    let (group_by, labelled) = labelled.unzip();
+    let mut choice = options.open(group_by);
+    choice.labelled = labelled;
     if !validates && !choice.by_group {
         return Ok(choice);
     }
     let rows = choice.labelled.clone().ok_or(FitError::NoGroups)?;
     if options.basis().is_none() {
-        return choose_by_folds(choice.group_by.zip(choice.labelled), &rows, options);
+        options.choose_family(&mut choice, &rows)?;
     }
-    let is_exact = options.solver == SolverKind::Exact;
-    if validates || is_exact {
-        match sum_groups_or_sets(&rows, choice.basis, options) {
-            // Standard errors by group take R factors as well.
-            Err(FitError::NotExact(_)) if !validates => {}
-            Err(reason) if !validates && reason.is_about_groups() => {
-                return Ok(ModelChoice { not_grouped: Some(reason), ..choice });
-            }
-            sums => {
-                choice = options.decide(choice, sums?)?;
-                if is_exact || !choice.by_group {
-                    return Ok(choice);
-                }
-            }
+    match options.sum(&choice, &rows) {
+        Ok(Some(sums)) => choice = options.decide(choice, sums)?,
+        Ok(None) if validates => {
+            let model = (choice.basis, choice.ridge);
+            let found = refits::cross_validate(&rows, options.held_out(), model, options)?;
+            choice.cross_validation = Some(found);
         }
+        Ok(None) => {}
+        Err(reason) if !validates && reason.is_about_groups() => {
+            choice.not_grouped = Some(reason);
+            return Ok(choice);
+        }
+        Err(reason) => return Err(reason),
     }
-    options.cluster(choice, &rows)
-}
-
-/// Chooses the model by folds of groups, on some of the rows of each, and sums all of them for that.
-fn choose_by_folds(
-    labelled: Option<(GroupBy, Dataset)>,
-    rows: &Dataset,
-    options: &FitOptions<'_>,
-) -> Result<ModelChoice, FitError> {
-    let (rows, labels) = GroupedRows::from_labels(rows);
-    let few = few_by_fold(&rows, MOST_COMPARED)?.to_dataset();
-    let (mut chosen, split) = (options.open(None), RandomSplit::default());
-    let sums = sum_groups(&few, chosen.basis, (Apart::Groups, split), options.workers)?;
-    options.select(&mut chosen, &sums)?;
-    let ModelChoice { basis, ridge, selection, advice, .. } = chosen;
-    let cross_validation = match options.cross_validation {
-        None if labels.len() > MAX_GROUPS => Some(HeldOut::Folds(selection::FOLDS)),
-        _ => options.validation(),
-    };
-    let known = FitOptions { model: basis.into(), ridge, cross_validation, ..*options };
-    Ok(ModelChoice { selection, advice, ..choose_labelled(labelled, &known)? })
+    let sums_serve = options.solver == SolverKind::Exact && choice.sums.is_some();
+    if choice.by_group && !sums_serve {
+        choice = options.cluster(choice, &rows)?;
+    }
+    options.cluster_files(&mut choice)?;
+    Ok(choice)
 }
 
 impl FitOptions<'_> {
@@ -243,10 +200,11 @@ impl FitOptions<'_> {
         }
     }
 
-    /// How many folds errors are found on, where it is not each group.
-    pub(super) fn folds(&self) -> Option<usize> {
+    /// How many folds errors are found on, where it is not each of so many groups.
+    pub(super) fn folds(&self, groups: usize) -> Option<usize> {
         match self.cross_validation {
             Some(HeldOut::Folds(folds)) => Some(folds),
+            None if self.model == ModelRule::Auto && groups > MAX_GROUPS => Some(selection::FOLDS),
             _ => None,
         }
     }
@@ -269,20 +227,43 @@ impl FitOptions<'_> {
         }
     }
 
-    /// What sums by group say: those of the basis that was asked for or, where the family is to be chosen, of any.
+    /// Chooses the family of features by folds of groups, on some of the rows of each: by exact sums wherever there are
+    /// any, whatever solver then fits it.
+    fn choose_family(&self, choice: &mut ModelChoice, rows: &Dataset) -> Result<(), FitError> {
+        let few = few_by_fold(&GroupedRows::from_labels(rows).0, MOST_COMPARED)?.to_dataset();
+        let apart = (Apart::Groups, RandomSplit::default());
+        match sum_groups(&few, choice.basis, apart, self.workers) {
+            Ok(sums) => self.select(choice, &sums),
+            Err(FitError::NotExact(_)) => {
+                choice.take(select_by_normal_equations(rows, self)?);
+                Ok(())
+            }
+            Err(reason) => Err(reason),
+        }
+    }
+
+    /// The exact sums of the rows by group, if they tell anything of what is asked and the rows can be summed so.
+    fn sum(&self, choice: &ModelChoice, rows: &Dataset) -> Result<Option<SumsByGroup>, FitError> {
+        if self.basis().is_some() && self.solver != SolverKind::Exact {
+            return Ok(None);
+        }
+        match sum_groups_or_sets(rows, choice.basis, self) {
+            Err(FitError::NotExact(_)) => Ok(None),
+            sums => sums.map(Some),
+        }
+    }
+
+    /// Adds to a choice the errors and the advice that sums by group give.
     pub(super) fn decide(
         &self,
         mut choice: ModelChoice,
-        sums: GroupedMoments,
+        sums: SumsByGroup,
     ) -> Result<ModelChoice, FitError> {
-        if self.basis().is_none() {
-            self.select(&mut choice, &sums)?;
-        }
-        let channels = sums.total().map_or(0, Moments::channels);
+        let channels = sums.total().map_or(0, ExactSums::channels);
         let model = self.model_without_memory(choice.basis, channels);
         self.test_group_count(&mut choice, &model, sums.groups.len());
         if self.validation().is_some() {
-            let found = cross_validate(&sums, &model, choice.ridge, self.folds())?;
+            let found = cross_validate(&sums, &model, choice.ridge, self.folds(sums.group_count))?;
             choice.cross_validation = Some(found);
             if choice.advice.is_none() {
                 choice.advice = advice(&sums, &model, choice.ridge)?;
@@ -303,7 +284,11 @@ impl FitOptions<'_> {
     }
 
     /// Chooses the family of features, and the ridge, by groups that are held out.
-    fn select(&self, choice: &mut ModelChoice, sums: &GroupedMoments) -> Result<(), FitError> {
+    pub(super) fn select(
+        &self,
+        choice: &mut ModelChoice,
+        sums: &SumsByGroup,
+    ) -> Result<(), FitError> {
         let tried = selection::select(sums, self.intercept, self.ridges())?;
         choice.advice = Some(Advice::new(&tried, None));
         choice.take(tried.selection);
@@ -315,7 +300,7 @@ impl FitOptions<'_> {
         if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
     }
 
-    /// The same for rows that cannot be summed exactly, of which nothing but standard errors is asked.
+    /// Adds to a choice the R factors that standard errors come from.
     pub(super) fn decide_by_r_factors(
         &self,
         mut choice: ModelChoice,
@@ -399,7 +384,7 @@ impl FitOptions<'_> {
 
 /// What to say of the model that was asked for beside the smaller ones that the same sums serve; `None`
 /// if there is none, or it cannot be fitted without one of the folds.
-fn advice(sums: &GroupedMoments, model: &Model, ridge: f64) -> Result<Option<Advice>, FitError> {
+fn advice(sums: &SumsByGroup, model: &Model, ridge: f64) -> Result<Option<Advice>, FitError> {
     let tried = selection::select(sums, model.intercept, &[ridge])?;
     let candidates = &tried.selection.candidates;
     let is_given =

@@ -9,18 +9,18 @@
 use std::collections::HashMap;
 
 use crate::conversion::Calibration;
-use crate::error::FitError;
-use crate::exact::HeldOutErrors;
 use crate::groups::{GroupBy, HeldOut, label_groups};
-use crate::magnitudes::Magnitudes;
-use crate::passes::{Workers, each};
-use crate::physics::COVERAGE_LEVEL;
-use crate::quality::{self, AxisErrors, AxisQuality};
-use crate::uncertainty::student_quantile;
-use crate::validation::comparison::FoldMean;
 use crate::validation::excitation::WrenchSums;
 use crate::validation::leaks::{LEAKY, RowSample};
 use crate::validation::outliers::{self, RowTest, TestedRow};
+use least_squares::error::FitError;
+use least_squares::held_out_errors::HeldOutErrors;
+use least_squares::magnitudes::Magnitudes;
+use least_squares::passes::{Workers, each};
+use least_squares::quality::{self, AxisErrors, AxisQuality};
+use least_squares::uncertainty::student_quantile;
+use least_squares::validation::comparison::FoldMean;
+use sensor_physics::COVERAGE_LEVEL;
 use shell_data::dataset::{Dataset, LabelledBlock};
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::PerAxis;
@@ -313,6 +313,9 @@ pub struct PairedErrors {
     pub axes: PerAxis<PairedError>,
 }
 
+/// A difference below this share of the errors is one of rounding.
+const ROUNDING: f64 = 1e-9;
+
 /// The errors of two calibrations on one axis, N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PairedError {
@@ -351,8 +354,8 @@ impl PairedError {
     }
 }
 
-/// The errors of two calibrations on the rows of `data`, by its groups: of a column, files, those that are found, or
-/// stretches of time.
+/// The errors of two calibrations on the rows of `data`, each with its own lag and memory made up for, by its groups: of a
+/// column, files, those that are found, or stretches of time.
 ///
 /// # Errors
 /// [`FitError`] if there are fewer than two groups, or whoever watches wants no more.
@@ -363,8 +366,9 @@ pub fn paired_errors(
 ) -> Result<PairedErrors, FitError> {
     let (group_by, data) = label_groups(data, HeldOut::Auto).ok_or(FitError::NoRows)?;
     let squares = |group: &GroupErrors| group.errors.each_ref().map(squares_of);
-    let of = |calibration| -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
-        Ok(group_errors(calibration, &data, 0, workers)?.groups.iter().map(squares).collect())
+    let of = |calibration: &Calibration| -> Result<Vec<PerAxis<HeldOutErrors>>, FitError> {
+        let rows = calibration.prepared(&data)?;
+        Ok(group_errors(calibration, &rows, 0, workers)?.groups.iter().map(squares).collect())
     };
     let [first, second] = [of(calibrations[0])?, of(calibrations[1])?];
     let groups = first.len();
@@ -382,7 +386,10 @@ pub fn paired_errors(
         let differences: Vec<_> = first.iter().zip(&second).map(difference).collect();
         let per_square = if rms[0] + rms[1] > 0.0 { (rms[0] + rms[1]).recip() } else { 0.0 };
         let half_width = t * FoldMean::new(&differences).standard_error * per_square;
-        PairedError { rms, difference: rms[0] - rms[1], half_width }
+        // What rounding leaves of two equal sums of squares tells nothing, however narrow the interval.
+        let is_rounding = (rms[0] - rms[1]).abs() <= ROUNDING * (rms[0] + rms[1]);
+        let difference = if is_rounding { 0.0 } else { rms[0] - rms[1] };
+        PairedError { rms, difference, half_width }
     });
     Ok(PairedErrors { rows: data.rows(), group_by, groups, axes })
 }
@@ -398,8 +405,8 @@ mod tests {
     use shell_data::block::Block;
 
     use super::*;
-    use crate::model::{Basis, Model};
-    use crate::scaling::Scaling;
+    use least_squares::model::{Basis, Model};
+    use least_squares::scaling::Scaling;
     use shell_data::wrench::Axes;
     use system_tests::random::Random;
 
@@ -443,6 +450,10 @@ mod tests {
         let chance = compare(&off_by(0.02));
         assert_eq!(chance.better(), Better::Neither);
         assert!(chance.half_width > chance.difference.abs());
+        // Alike but for the last bits.
+        let rounded = compare(&off_by(1e-13));
+        assert_ne!(rounded.rms[0], rounded.rms[1]);
+        assert_eq!((rounded.better(), rounded.difference), (Better::Neither, 0.0));
         let swapped = paired_errors([&off_by(1.5), &right], &data, Workers::ONE).unwrap().axes[2];
         assert_eq!(swapped.better(), Better::Second);
         assert_eq!(swapped.difference, -found.difference);

@@ -3,10 +3,10 @@
 //! Rows of a pose are one observation many times over. A fit to the means gives each pose the same weight, however
 //! long it was held.
 
-use crate::double_double::DoubleDouble;
-use crate::error::FitError;
-use crate::grouped_rows::{GroupedRows, Run, count};
-use crate::reading_ranges::ReadingRanges;
+use least_squares::double_double::DoubleDouble;
+use least_squares::error::FitError;
+use least_squares::grouped_rows::{GroupedRows, Run, count};
+use least_squares::reading_ranges::ReadingRanges;
 use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset};
 

@@ -27,14 +27,19 @@
 //! ```
 
 mod choice;
+mod contradictions;
+mod cures;
 mod evaluation;
+mod examination;
 mod means;
 mod options;
+mod outcome;
 mod outlier_search;
 mod outliers;
 mod physics;
 mod polynomial;
 mod refits;
+mod screen;
 mod verdict;
 mod warning;
 
@@ -43,33 +48,36 @@ pub use self::evaluation::{
     Better, Evaluation, GroupErrors, Leaks, PairedError, PairedErrors, evaluate, group_errors,
     paired_errors,
 };
+pub use self::examination::{Examination, Fault, FaultPlace, TestRatio};
 pub use self::options::{CovarianceRule, FitOptions, GroupsAsked, ModelRule, OutlierRule};
+pub use self::outcome::Outcome;
 pub use self::outlier_search::find_outliers;
 pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 pub use self::physics::{ModelComparison, PhysicsFit};
 pub use self::polynomial::{RowSums, fit_sums};
 pub use self::refits::{RANDOM_FOLDS, random_split, sum_groups};
+pub use self::screen::Screen;
 pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};
 pub use self::warning::Warning;
 pub use crate::groups::{
     FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
 };
 pub use crate::holds::{HoldMismatch, label_holds};
-pub use crate::passes::Workers;
+pub use least_squares::passes::Workers;
 
 use self::choice::{FitInput, ModelChoice, choose};
 use self::evaluation::RowErrors;
 use crate::conversion::{Calibration, Kind};
 use crate::dynamics::{Dynamics, NotSearched};
-use crate::error::FitError;
-use crate::model::Basis;
-use crate::physics::COVERAGE_LEVEL;
-use crate::quality::AxisQuality;
-use crate::solver::{Solution, SolverKind};
-use crate::validation::cross_validation::CrossValidation;
 use crate::validation::excitation::{Excitation, LONGEST_LEVER_M};
 use crate::validation::leaks::share_in_several_groups;
-use crate::validation::selection::{Advice, Selection};
+use least_squares::error::FitError;
+use least_squares::model::Basis;
+use least_squares::quality::AxisQuality;
+use least_squares::solver::{Solution, SolverKind};
+use least_squares::validation::cross_validation::CrossValidation;
+use least_squares::validation::selection::{Advice, Selection};
+use sensor_physics::COVERAGE_LEVEL;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
@@ -100,7 +108,7 @@ pub struct Fit {
     pub excitation: Option<Excitation>,
     /// Rows on both sides of a split.
     pub leaks: Leaks,
-    /// What the groups are that were taken.
+    /// The kind of groups that were taken.
     pub group_by: Option<GroupBy>,
     /// The groups that were found, where they are not given.
     pub found_groups: Option<FoundGroups>,
@@ -112,20 +120,22 @@ pub struct Fit {
     pub cross_validation: Option<CrossValidation>,
     /// Why no model could be chosen on held-out groups, where one was to be.
     pub not_judged: Option<FitError>,
-    /// What held-out errors say to do.
+    /// Advice from held-out errors.
     pub advice: Option<Advice>,
     /// The physics model beside the polynomial that was chosen, or why it was not compared.
-    pub comparison: Option<Result<ModelComparison, String>>,
+    pub comparison: Outcome<ModelComparison, String>,
     /// The groups whose means the rows are, where they are.
     pub means: Option<MeansOf>,
     /// Outliers that were left out.
     pub dropped: Outliers,
-    /// Outliers that were used, where some were looked for, or why they could not be.
-    pub outliers: Option<Result<Outliers, FitError>>,
-    /// What was found of lag and memory, or why they were not searched for; `None` where that was not asked for.
-    pub dynamics: Option<Result<Dynamics, NotSearched>>,
-    /// What is to be said of it.
+    /// Outliers that were used, where some were looked for.
+    pub outliers: Outcome<Outliers, FitError>,
+    /// Lag and memory.
+    pub dynamics: Outcome<Dynamics, NotSearched>,
+    /// Warnings about it.
     pub warnings: Vec<Warning>,
+    /// Faults of test and training rows, where these were examined.
+    pub examination: Option<Examination>,
 }
 
 /// Rows that were reduced to means.
@@ -144,7 +154,7 @@ pub struct MeansOf {
 pub enum FitMethod {
     /// A polynomial in the readings.
     Polynomial {
-        /// What the solver says.
+        /// Coefficients and their figures.
         solution: Box<Solution>,
         /// The solver that was used.
         solver: SolverKind,
@@ -215,12 +225,13 @@ impl Fit {
             cross_validation: choice.cross_validation,
             not_judged: None,
             advice: choice.advice,
-            comparison: None,
+            comparison: Outcome::NotAsked,
             means: None,
             dropped: Outliers::default(),
-            outliers: None,
-            dynamics: None,
+            outliers: Outcome::NotAsked,
+            dynamics: Outcome::NotAsked,
             warnings: Vec::new(),
+            examination: None,
         }
     }
 
@@ -251,7 +262,7 @@ impl Fit {
         fitted
     }
 
-    /// What errors, groups and covariance have to say.
+    /// Adds the warnings of errors, groups and covariance.
     fn warn(&mut self) {
         let test = self.test();
         let lever_m = self.excitation.as_ref().and_then(Excitation::lever_m);
@@ -313,7 +324,7 @@ pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fi
     let input = FitInput { train, excluded: &excluded, test, options };
     let mut fitted = if options.means { fit_to_means(input)? } else { fit_rows(input)? };
     fitted.dropped = dropped;
-    if let Some(Ok(found)) = &dynamics {
+    if let Some(found) = dynamics.found() {
         fitted.calibration.lag = found.lag;
         let has_terms = fitted.calibration.columns() > fitted.calibration.channels();
         fitted.calibration.memory = found.memory.clone().filter(|_| has_terms);
@@ -373,28 +384,23 @@ fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
 
 /// Fits the polynomial that was chosen or, where it errs less on held-out groups, the physics model.
 fn fit_best(input: FitInput<'_>, choice: ModelChoice) -> Result<Fit, FitError> {
-    let found = match input.options.why_no_physics(input.train) {
-        Some(reason) => Some(Err(reason)),
+    let comparison = match input.options.why_no_physics(input.train) {
+        Some(reason) => Outcome::NotPossible(reason),
         None if input.train.memory_terms() > 0 => {
-            Some(Err("it has no memory terms, which pay here".to_owned()))
+            Outcome::NotPossible("it has no memory terms, which pay here".to_owned())
         }
         // Physics is fitted to rows.
-        None if input.options.means => None,
+        None if input.options.means => Outcome::NotAsked,
         None => match ModelComparison::of(input, &choice) {
             Err(FitError::Interrupted) => return Err(FitError::Interrupted),
-            found => found.map_err(|error| error.to_string()).transpose(),
+            Err(error) => Outcome::NotPossible(error.to_string()),
+            Ok(None) => Outcome::NotAsked,
+            Ok(Some((comparison, tried))) if comparison.physics_is_better() => {
+                let (selection, comparison) = (choice.selection, Outcome::Found(comparison));
+                return Ok(Fit { selection, comparison, ..physics::fit(input, tried)? });
+            }
+            Ok(Some((comparison, _))) => Outcome::Found(comparison),
         },
-    };
-    let comparison = match found {
-        Some(Ok((comparison, tried))) if comparison.physics_is_better() => {
-            let fitted = physics::fit(input, tried)?;
-            return Ok(Fit {
-                selection: choice.selection,
-                comparison: Some(Ok(comparison)),
-                ..fitted
-            });
-        }
-        found => found.map(|found| found.map(|(comparison, _)| comparison)),
     };
     polynomial::fit(input, choice).map(|fitted| Fit { comparison, ..fitted })
 }

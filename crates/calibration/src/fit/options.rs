@@ -3,14 +3,15 @@
 use std::collections::BTreeMap;
 
 use super::choice::ModelChoice;
+use super::outcome::Outcome;
 use super::physics;
 use super::warning::Warning;
 use crate::dynamics::{Dynamics, DynamicsRule, NotSearched, find, prepared};
-use crate::error::FitError;
 use crate::groups::HeldOut;
-use crate::model::Basis;
-use crate::passes::Workers;
-use crate::solver::SolverKind;
+use least_squares::error::FitError;
+use least_squares::model::Basis;
+use least_squares::passes::Workers;
+use least_squares::solver::SolverKind;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
@@ -203,11 +204,10 @@ impl FitOptions<'_> {
 
     /// Finds lag and memory as far as that is asked for, and prepares rows for a model that has them: with memory terms
     /// beside their readings, and the wrench at the time of the readings.
-    #[expect(clippy::type_complexity, reason = "no search, what it found, or why there was none")]
     pub(super) fn prepare(
         &self,
         [train, test]: [Dataset; 2],
-    ) -> Result<([Dataset; 2], Option<Result<Dynamics, NotSearched>>), FitError> {
+    ) -> Result<([Dataset; 2], Outcome<Dynamics, NotSearched>), FitError> {
         let mut rule = self.dynamics;
         if self.means && !rule.is_nothing() {
             if rule.lag.is_some() || rule.memory.is_some() {
@@ -219,14 +219,13 @@ impl FitOptions<'_> {
             rule.memory = Some(&[]);
         }
         if rule.is_nothing() {
-            return Ok(([train, test], None));
+            return Ok(([train, test], Outcome::NotAsked));
         }
-        let found = find(&train, &rule, self.intercept, self.workers)?;
-        let (memory, lag) = match &found {
-            Ok(found) => (found.memory.as_ref(), found.lag),
-            Err(_) => (None, None),
-        };
-        Ok(([prepared(train, memory, lag)?, prepared(test, memory, lag)?], Some(found)))
+        let outcome = Outcome::from(find(&train, &rule, self.intercept, self.workers)?);
+        let found = outcome.found();
+        let memory = found.and_then(|found| found.memory.as_ref());
+        let lag = found.and_then(|found| found.lag);
+        Ok(([prepared(train, memory, lag)?, prepared(test, memory, lag)?], outcome))
     }
 
     /// Why there are no standard errors by group, as far as either knows. Those that were asked for and cannot be had are

@@ -3,15 +3,15 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use super::FitOptions;
+use super::options::FitOptions;
 use super::outliers::{Outlier, OutlierColumn, Outliers, Reason};
 use super::refits::{PolynomialProblem, Solved, solve};
-use crate::error::FitError;
-use crate::exact::Accumulator;
-use crate::model::{Basis, Model};
-use crate::passes::{Rows, each, map};
-use crate::solver::{Solution, SolverKind};
 use crate::validation::outliers::{LIMIT, RowTest, Spread, TestedRow};
+use least_squares::error::FitError;
+use least_squares::exact::Accumulator;
+use least_squares::model::{Basis, Model};
+use least_squares::passes::{Rows, each, map};
+use least_squares::solver::{Solution, SolverKind};
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};

@@ -1,6 +1,6 @@
 //! Outliers among training rows, and what is said of them.
 
-use crate::quality::{in_units, significant};
+use least_squares::quality::{in_units, significant};
 use shell_data::dataset::RowSet;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 

@@ -4,23 +4,24 @@ use std::fmt;
 
 use super::choice::{FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
+use super::outcome::Outcome;
 use super::outlier_search::name_outliers;
 use super::outliers::Outliers;
 use super::refits::{FOLDS, MOST_ALONE};
 use super::{Fit, FitMethod, FitOptions};
 use crate::conversion::{Calibration, Kind};
-use crate::error::FitError;
 use crate::groups::{GroupBy, HeldOut};
-use crate::model::{Basis, Model};
-use crate::physics::{
+use least_squares::error::FitError;
+use least_squares::model::{Basis, Model};
+use least_squares::quality::{in_units, significant};
+use least_squares::reading_ranges::ReadingRanges;
+use least_squares::validation::comparison::Comparison;
+use least_squares::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
+use least_squares::validation::grouped::SumsByGroup;
+use least_squares::validation::selection;
+use sensor_physics::{
     Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows,
 };
-use crate::quality::{in_units, significant};
-use crate::reading_ranges::ReadingRanges;
-use crate::validation::comparison::Comparison;
-use crate::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
-use crate::validation::grouped::GroupedMoments;
-use crate::validation::selection;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
@@ -62,6 +63,7 @@ impl PhysicsFit {
             grouped: total.map(HeldOutQuality::from),
             random_folds: 0,
             random: None,
+            by_fold: validation.by_fold(),
         })
     }
 }
@@ -111,8 +113,10 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     let of_train = Evaluation::total(&errors[0].logs);
     // They are told by a polynomial: what they do to that is not what they do to this model.
     let looks = of_train.has_large_errors() && options.looks_for_outliers();
-    let outliers =
-        looks.then(|| Ok(Outliers { rms: None, ..name_outliers(train, None, options)? }));
+    let outliers = match looks.then(|| name_outliers(train, None, options)) {
+        None => Outcome::NotAsked,
+        Some(found) => found.map(|found| Outliers { rms: None, ..found }).into(),
+    };
     let quality = of_train.quality().ok_or(FitError::NoRows)?;
     let physics = PhysicsFit {
         observations: choice.sample.count,
@@ -239,7 +243,7 @@ impl ModelComparison {
 /// Whether groups are few, or the polynomial errs much more on those that are held out than on its own rows. Stretches
 /// of time do not count as few: each has many loads.
 fn is_worth_trying(
-    sums: &GroupedMoments,
+    sums: &SumsByGroup,
     group_by: GroupBy,
     model: &Model,
     choice: &ModelChoice,

@@ -6,22 +6,22 @@ use std::mem::take;
 
 use super::choice::{Clusters, FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
+use super::options::{CovarianceRule, FitOptions};
 use super::outlier_search::{KnownFit, name_outliers};
-use super::outliers::Outliers;
 use super::refits::{PolynomialProblem, Solved, check_sizes, solve};
 use super::warning::Warning;
-use super::{CovarianceRule, Fit, FitMethod, FitOptions};
+use super::{Fit, FitMethod};
 use crate::conversion::Calibration;
-use crate::error::FitError;
-use crate::exact::Moments;
-use crate::factored::{FactoredGroups, FactoredRows};
-use crate::least_squares::Method;
-use crate::passes::Rows;
-use crate::solver::{Solution, SolverKind};
-use crate::uncertainty::{Covariance, ErrorShape};
-use crate::validation::factored;
-use crate::validation::grouped::{GroupKind, GroupedMoments};
 use crate::validation::outliers::{RowTest, Spread, TestedRow};
+use least_squares::error::FitError;
+use least_squares::exact::ExactSums;
+use least_squares::factored::{FactoredGroups, FactoredRows};
+use least_squares::methods::Method;
+use least_squares::passes::Rows;
+use least_squares::solver::{Solution, SolverKind};
+use least_squares::uncertainty::{Covariance, ErrorShape};
+use least_squares::validation::factored;
+use least_squares::validation::grouped::{GroupKind, SumsByGroup};
 use shell_data::dataset::Dataset;
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::{Axes, PerAxis};
@@ -80,7 +80,7 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
         ridge: choice.ridge,
         truncate: options.truncate,
     };
-    let total = choice.sums.as_ref().and_then(GroupedMoments::total);
+    let total = choice.sums.as_ref().and_then(SumsByGroup::total);
     let sample = train.logs.first().map(|log| &log.sample);
     let solved = solve(&problem, total, &Rows::new(&train, options.workers), sample)?;
     let Solved { solution, ranges, solver, not_exact, .. } = &solved;
@@ -114,13 +114,14 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     warnings.extend(not_exact.clone().filter(|_| loses_digits).map(Warning::NotExact));
     warnings.extend(options.warn_of_groups(&choice, not_grouped)?);
     let has_outliers = errors.tested.iter().flatten().any(TestedRow::starts_search);
-    let outliers = spread.filter(|_| has_outliers).map(|spread| -> Result<Outliers, FitError> {
+    let outliers = spread.filter(|_| has_outliers).map(|spread| {
         let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
         let uses_all = !options.fresh && input.excluded.is_empty();
         let is_same_fit = uses_all && options.solver == SolverKind::Exact;
         let known = KnownFit { fit: &solved, spread, tested: take(&mut errors.tested) };
-        name_outliers(input.train, is_same_fit.then_some(known), &judged_by)
+        name_outliers(input.train, is_same_fit.then_some(known), &judged_by).into()
     });
+    let outliers = outliers.unwrap_or_default();
     let (rows, solution, truncate) = (solution.rows, Box::new(solved.solution), options.truncate);
     let how = FitMethod::Polynomial { solution, solver: solved.solver, truncate };
     let fitted = Fit { outliers, warnings, ..Fit::new(calibration, choice, how, rows, quality) };
@@ -132,7 +133,7 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
 #[expect(clippy::large_enum_variant, reason = "there is one of them, for one call")]
 pub enum RowSums<'a> {
     /// Exact sums.
-    Exact(&'a Moments, Option<(GroupKind, GroupedMoments)>),
+    Exact(&'a ExactSums, Option<(GroupKind, SumsByGroup)>),
     /// R factors.
     Factored(&'a FactoredRows, Option<(GroupKind, FactoredGroups)>),
 }
@@ -149,8 +150,13 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
     };
     let (choice, solver, solution, ranges, train) = match sums {
         RowSums::Exact(total, groups) => {
-            let decide =
-                |(by, sums): (GroupKind, _)| options.decide(options.open(Some(by.into())), sums);
+            let decide = |(by, sums): (GroupKind, SumsByGroup)| {
+                let mut choice = options.open(Some(by.into()));
+                if options.basis().is_none() {
+                    options.select(&mut choice, &sums)?;
+                }
+                options.decide(choice, sums)
+            };
             let choice = groups.map_or_else(none, decide)?;
             let model = options.model_without_memory(choice.basis, total.channels());
             let fit = total.solve(&model, choice.ridge)?;
@@ -187,7 +193,8 @@ fn choose_r_factors(
     }
     let model = options.model_without_memory(choice.basis, channels);
     if options.validation().is_some() {
-        let found = factored::cross_validate(&groups, &model, choice.ridge, options.folds())?;
+        let folds = options.folds(groups.groups.len());
+        let found = factored::cross_validate(&groups, &model, choice.ridge, folds)?;
         choice.cross_validation = Some(found);
     }
     Ok(match choice.by_group {

@@ -5,24 +5,26 @@
 //! can be summed so. For readings of any kind the R factors of the folds do, for solvers that weigh rows alike; for
 //! others each fold is fitted anew. Each of up to forty groups is held out alone, more in ten folds.
 
-use super::FitOptions;
+use super::options::FitOptions;
 use crate::conversion::Calibration;
-use crate::error::FitError;
-use crate::exact::{ExactError, HeldOutErrors, Moments};
-use crate::factored::FactoredGroups;
-use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::groups::HeldOut;
-use crate::least_squares::Method;
-use crate::model::{Basis, LARGEST, Model};
-use crate::passes::{Rows, Workers, each, map};
-use crate::quality::AxisQuality;
-use crate::reading_ranges::ReadingRanges;
-use crate::scaling::Scaling;
-use crate::solver::{self, FitProblem, ReadingSums, Solution, SolverKind};
-use crate::validation::cross_validation::{CrossValidation, assign_groups};
-use crate::validation::grouped::{Apart, GroupSums, GroupWorker, GroupedMoments, RandomSplit};
-use crate::validation::normal_equations;
-use crate::validation::selection::{self, Selection};
+use least_squares::error::FitError;
+use least_squares::exact::{ExactError, ExactSums};
+use least_squares::factored::FactoredGroups;
+use least_squares::grouped_rows::{GroupedRows, Run, count};
+use least_squares::held_out_errors::HeldOutErrors;
+use least_squares::methods::Method;
+use least_squares::model::{Basis, LARGEST, Model};
+use least_squares::passes::{Rows, Workers, each, map};
+use least_squares::quality::AxisQuality;
+use least_squares::random_split::RandomSplit;
+use least_squares::reading_ranges::ReadingRanges;
+use least_squares::scaling::Scaling;
+use least_squares::solver::{self, FitProblem, ReadingSums, Solution, SolverKind};
+use least_squares::validation::cross_validation::{CrossValidation, assign_groups};
+use least_squares::validation::grouped::{Apart, GroupSums, GroupWorker, SumsByGroup};
+use least_squares::validation::normal_equations;
+use least_squares::validation::selection::{self, Selection};
 use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset, LabelledBlock};
 use shell_data::wrench::PerAxis;
@@ -136,12 +138,12 @@ pub(super) fn sum_groups_or_sets(
     rows: &Dataset,
     basis: Basis,
     options: &FitOptions<'_>,
-) -> Result<GroupedMoments, FitError> {
+) -> Result<SumsByGroup, FitError> {
     let random = options.validation().map_or_else(RandomSplit::default, |_| {
-        random_split(options.folds().unwrap_or(RANDOM_FOLDS), options.seed)
+        random_split(options.folds(0).unwrap_or(RANDOM_FOLDS), options.seed)
     });
     match sum_groups(rows, basis, (Apart::Groups, random), options.workers) {
-        Err(FitError::TooManyGroups { .. }) if options.folds().is_some() => {
+        Err(FitError::TooManyGroups { .. }) if options.folds(usize::MAX).is_some() => {
             sum_groups(rows, basis, (Apart::Sets, random), options.workers)
         }
         sums => sums,
@@ -157,7 +159,7 @@ pub fn sum_groups(
     basis: Basis,
     (apart, random): (Apart, RandomSplit),
     workers: Workers<'_>,
-) -> Result<GroupedMoments, FitError> {
+) -> Result<SumsByGroup, FitError> {
     if data.has_weights() {
         return Err(FitError::Weights("a partial fit"));
     }
@@ -200,21 +202,21 @@ pub(super) struct Solved {
     /// Why it is not the exact one, where that was asked for.
     pub(super) not_exact: Option<ExactError>,
     /// The exact sums that it is the solution of, if it is.
-    pub(super) sums: Option<Moments>,
+    pub(super) sums: Option<ExactSums>,
 }
 
 /// Solves by the solver that is asked for. `total` are the exact sums of the rows, where they have been made
 /// already; `sample` is of the rows, for solvers that need to know their sizes before the first pass.
 pub(super) fn solve(
     problem: &PolynomialProblem,
-    total: Option<&Moments>,
+    total: Option<&ExactSums>,
     rows: &Rows<'_>,
     sample: Option<&Block>,
 ) -> Result<Solved, FitError> {
     let PolynomialProblem { model, mut solver, ridge, truncate } = *problem;
     let mut not_exact = None;
     if solver == SolverKind::Exact {
-        match total.map_or_else(|| solver::exact_moments(model, rows), |total| Ok(total.clone())) {
+        match total.map_or_else(|| solver::exact_sums(model, rows), |total| Ok(total.clone())) {
             Ok(sums) => {
                 let ranges = sums.reading_ranges();
                 let solution = sums.solve(&model, ridge)?.solution;

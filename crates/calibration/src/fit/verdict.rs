@@ -1,12 +1,11 @@
-//! What a fit is worth, in at most four lines: the error on data that it has not seen, the interval of a frame, what to
-//! use the calibration for, and what to record next.
+//! The verdict on a fit: the error on data that it has not seen, the interval of a frame, whether to use it, and what to
+//! record next.
 
+use super::examination::{Examination, Fault, FaultPlace};
 use super::{Fit, FitMethod};
 use crate::groups::GroupBy;
-use crate::physics::COVERAGE_LEVEL;
-use crate::quality::significant;
 use crate::validation::excitation::Gap;
-use shell_data::statistics::extremes;
+use sensor_physics::COVERAGE_LEVEL;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// An axis whose error is a larger share of its loads (both root mean square) is not measured.
@@ -18,10 +17,10 @@ const ROWS_OF_INTERVAL: u64 = 1024;
 /// Of a row with more leverage than this leaves, a fit without it says next to nothing.
 const LEAST_LEFT: f64 = 0.1;
 
-/// What a fit is worth on data that it has not seen.
+/// The worth of a fit on data that it has not seen.
 #[derive(Clone, Debug)]
 pub struct Verdict<'a> {
-    fit: &'a Fit,
+    pub(super) fit: &'a Fit,
     /// The axes of the calibration.
     pub axes: Axes,
     /// Errors on rows that were not used, as far as they are known.
@@ -43,6 +42,8 @@ pub struct UnseenErrors {
     pub share_of_range: PerAxis<Option<f64>>,
     /// Which rows they are.
     pub on: UnseenRows,
+    /// How many times as large they may be in a new file, where files were held out: the scatter between these.
+    pub spread: Option<PerAxis<f64>>,
 }
 
 /// Rows that were not used for a fit.
@@ -73,7 +74,7 @@ pub struct FrameInterval {
 }
 
 impl Fit {
-    /// What it is worth on data that it has not seen.
+    /// Its worth on data that it has not seen.
     pub fn verdict(&self) -> Verdict<'_> {
         let (axes, unseen) = (self.calibration.axes, unseen_errors(self));
         let errors = unseen.as_ref().map_or(self.train.map(|of| of.rms), |of| of.rms);
@@ -88,74 +89,75 @@ impl Fit {
 }
 
 impl Verdict<'_> {
-    /// Whether the calibration can be used for some axis.
-    pub fn is_usable(&self) -> bool {
-        self.useless != self.axes
+    /// Whether errors are known, and everything that was looked at has passed.
+    pub fn is_ok(&self) -> bool {
+        self.unseen.is_some() && self.reasons().is_empty()
     }
 
-    /// What is to be said, most important first.
-    pub fn lines(&self) -> Vec<String> {
-        vec![self.error_words(), self.interval_words(), self.use_words(), self.next_words()]
+    /// What was found of test and training rows, where these were examined.
+    pub fn examination(&self) -> Option<&Examination> {
+        self.fit.examination.as_ref()
     }
 
-    fn error_words(&self) -> String {
-        let model = self.fit.calibration.name();
-        let Some(of) = &self.unseen else {
-            let unknown = format!("{model}: the error on new loads is not known");
-            return match &self.fit.not_judged {
-                None => unknown + ", nothing was held out (`--model auto` or `--cv` finds it)",
-                Some(reason) => format!("{unknown}: {reason}"),
-            };
+    /// Why it is not to be used, most important first, each with its subject.
+    pub fn reasons(&self) -> Vec<String> {
+        let of_model = self.reasons_of_model().into_iter().map(|reason| format!(": {reason}"));
+        let faults = self.fit.examination.iter().flat_map(|of| &of.faults);
+        let words = |fault: &Fault| match fault.place {
+            FaultPlace::Test => format!(" on the test: {}", fault.text),
+            FaultPlace::Data => format!(", the data: {}", fault.text),
         };
-        let error = |axis: Axis| significant(of.rms[axis.index()], 3);
-        let percent = |axis: &Axis| {
-            let share = of.share_of_range[axis.index()];
-            share.map_or("–".to_owned(), |share| significant(100.0 * share, 2))
-        };
-        let shares = |axes: &[Axis]| {
-            format!(" ({} %)", axes.iter().map(percent).collect::<Vec<_>>().join(", "))
-        };
-        let errors = each_unit(self.axes, error, shares);
-        format!("{model}: error {}: {errors} (% of the calibrated range)", of.on.words())
-    }
-
-    fn interval_words(&self) -> String {
-        let interval = match &self.interval {
-            Ok(interval) => interval,
-            Err(reason) => return format!("no 95 % interval: {reason}"),
-        };
-        let half = |axis: Axis| format!("±{}", significant(interval.half_width[axis.index()], 2));
-        let halves = each_unit(self.axes, half, |_| String::new());
-        let held = interval.held.map_or_else(String::new, |held| {
-            let (least, most) = extremes(self.axes.of(&held));
-            format!(" (held {:.0} to {:.0} % of the held-out frames)", 100.0 * least, 100.0 * most)
+        let leak = self.fit.leaks.in_test().filter(|_| !self.is_tested_only()).map(|share| {
+            format!(
+                " on the test: {:.0} % of it was recorded at poses of the training data",
+                100.0 * share
+            )
         });
-        format!("95 % of single frames are within {halves}{held}")
+        faults.map(words).chain(of_model).chain(leak).collect()
     }
 
-    fn use_words(&self) -> String {
-        let (percent, leaks) = (|share: f64| format!("{:.0} %", 100.0 * share), self.fit.leaks);
-        let is_tested_only =
-            matches!(&self.unseen, Some(of) if matches!(of.on, UnseenRows::Test(_)));
-        let (leak, rows) = match is_tested_only {
+    /// What is wrong with the model or with its own errors.
+    pub(super) fn reasons_of_model(&self) -> Vec<String> {
+        let leaks = self.fit.leaks;
+        let (leak, rows) = match self.is_tested_only() {
             true => (leaks.in_test(), "test rows"),
             false => (leaks.in_groups(), "rows"),
         };
-        if let Some(share) = leak {
-            return format!(
-                "do not rely on it: {} of the {rows} were recorded at poses that the fit has seen, so the error on \
-                 new poses is not known",
-                percent(share)
-            );
-        }
-        if !self.is_usable() {
-            return "do not use it: its errors are about as large as the loads".to_owned();
+        let leak = leak.map(|share| {
+            format!(
+                "{:.0} % of the {rows} were recorded at poses that the fit has seen, so the error on new poses is \
+                 not known",
+                100.0 * share
+            )
+        });
+        let is_useless = self.useless == self.axes;
+        let useless = is_useless.then(|| "its errors are about as large as the loads".to_owned());
+        leak.into_iter().chain(useless).collect()
+    }
+
+    fn is_tested_only(&self) -> bool {
+        matches!(&self.unseen, Some(of) if matches!(of.on, UnseenRows::Test(_)))
+    }
+
+    /// The first fault of the test or the data.
+    pub(super) fn fault(&self, place: FaultPlace) -> Option<&str> {
+        let faults = self.fit.examination.iter().flat_map(|of| &of.faults);
+        faults.filter(|fault| fault.place == place).map(|fault| fault.text.as_str()).next()
+    }
+
+    /// Whether to use it and for what, or the first reason not to.
+    pub fn headline(&self) -> String {
+        if let Some(reason) = self.reasons().first() {
+            return format!("NOT OK{reason}");
         }
         if self.unseen.is_none() {
-            return "do not rely on it before it has been tested on loads that it has not seen"
-                .to_owned();
+            let reason = match &self.fit.not_judged {
+                None => "nothing was held out (`--model auto` or `--cv` does)".to_owned(),
+                Some(reason) => reason.to_string(),
+            };
+            return format!("NOT KNOWN: the error on new loads, {reason}");
         }
-        let mut said = "use it within the calibrated loads".to_owned();
+        let mut said = "OK: use it within the calibrated range".to_owned();
         let Self { useless, .. } = self;
         if !useless.is_empty() {
             said += &format!("; not for {useless}, where the error is about as large as the loads");
@@ -165,41 +167,34 @@ impl Verdict<'_> {
         if !unloaded.is_empty() {
             said += &format!("; not for {unloaded}, which was never loaded");
         }
-        if self.fit.test().is_out_of_range() {
-            said +=
-                "; ignore the test set, no row of it is within the calibrated range of readings";
-        }
-        if let Some(share) = leaks.in_test().map(percent) {
-            said += &format!(
-                "; ignore the test set, {share} of it was recorded at poses of the training data"
-            );
-        }
         said
     }
 
-    fn next_words(&self) -> String {
+    pub(super) fn next_words(&self) -> String {
         if let Some(gap) = self.gaps.first() {
-            return format!("next: {gap}");
+            return gap.to_string();
         }
         let shares = self.unseen.as_ref().map(|of| of.share_of_range).unwrap_or_default();
         let known = self.axes.iter().filter_map(|axis| Some((axis, shares[axis.index()]?)));
         match known.max_by(|a, b| a.1.total_cmp(&b.1)) {
             Some((axis, _)) => format!(
-                "next: record more poses with large loads on {}, the axis with the largest relative error",
+                "record more poses with large loads on {}, the axis with the largest relative error",
                 axis.name()
             ),
-            None => "next: record loads in several poses, with a column `group` that numbers them"
-                .to_owned(),
+            None => {
+                "record loads in several poses, with a column `group` that numbers them".to_owned()
+            }
         }
     }
 }
 
 impl UnseenRows {
-    fn words(&self) -> String {
+    /// How errors were found, after the name of the model.
+    pub(super) fn words(&self) -> String {
         match *self {
-            Self::Test(rows) => format!("on {rows} test rows"),
+            Self::Test(rows) => format!("judged by {rows} test rows"),
             Self::HeldOut { are_shuffled: true, .. } => {
-                "on rows that were held out at random, which is optimistic (the rows are shuffled: nothing in \
+                "judged by rows that were held out at random, which is optimistic (the rows are shuffled: nothing in \
                  them can be held out by time)"
                     .to_owned()
             }
@@ -208,24 +203,10 @@ impl UnseenRows {
                     true => "each held out once".to_owned(),
                     false => format!("held out in {folds} folds"),
                 };
-                format!("on {} not used for the fit ({groups} in all, {how})", by.plural())
+                format!("judged by {groups} {}, {how}", by.plural())
             }
         }
     }
-}
-
-/// The value of each axis with its name, the forces and then the moments with their unit and what is said after it.
-fn each_unit(
-    axes: Axes,
-    value: impl Fn(Axis) -> String,
-    after: impl Fn(&[Axis]) -> String,
-) -> String {
-    let axes: Vec<Axis> = axes.iter().collect();
-    let words = |axes: &[Axis]| {
-        let values = axes.iter().map(|axis| format!("{} {}", axis.name(), value(*axis)));
-        format!("{} {}{}", values.collect::<Vec<_>>().join(", "), axes[0].unit(), after(axes))
-    };
-    axes.chunk_by(|a, b| a.unit() == b.unit()).map(words).collect::<Vec<_>>().join("; ")
 }
 
 fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
@@ -245,7 +226,11 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
         let range = loads.max - loads.min;
         (range > 0.0).then(|| rms[axis] / range)
     });
-    Some(UnseenErrors { rms, share_of_range, on })
+    let spread = match (&fit.cross_validation, fit.group_by) {
+        (Some(found), Some(GroupBy::File)) => found.spread(),
+        _ => None,
+    };
+    Some(UnseenErrors { rms, share_of_range, on, spread })
 }
 
 /// The mean standard error of rows like those of training, N and N·m.

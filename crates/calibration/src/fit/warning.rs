@@ -1,9 +1,9 @@
 //! What a fit has to say beside its figures, worded once for terminal, report and Python.
 
 use super::choice::FewGroups;
-use crate::error::FitError;
-use crate::exact::ExactError;
-use crate::physics::TooFewGroups;
+use least_squares::error::FitError;
+use least_squares::exact::ExactError;
+use least_squares::uncertainty::TooFewGroups;
 
 /// What a user of a calibration should know of it.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

@@ -24,8 +24,8 @@ mod tests;
 pub use self::planner::{Order, PlannedLoad, Planner, PredictedError, SensorKnowledge, Surface};
 pub use self::replay::{Replay, ReplayError, ReplayOptions};
 
-use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::validation::excitation::{Gap, WrenchSums};
+use least_squares::grouped_rows::{GroupedRows, Run, count};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 

@@ -1,9 +1,9 @@
 //! Loads in the order in which they tell most, by what is known of the sensors: that their answers are smooth, or the
 //! parameters of a physics model.
 
-use crate::physics::cholesky::{Cholesky, diagonal};
-use crate::physics::response::{Answer, Parameters};
-use crate::physics::{PhysicsCalibration, PhysicsModel, Sensor};
+use sensor_physics::cholesky::{Cholesky, diagonal};
+use sensor_physics::response::{Answer, Parameters};
+use sensor_physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
 /// Terms: 1, w (6) and w·w (21).

@@ -12,11 +12,11 @@
 use std::collections::BTreeMap;
 use std::num::NonZeroU64;
 
-use super::{Order, Planner, SensorKnowledge};
-use crate::error::FitError;
-use crate::passes::{Workers, map_folds};
-use crate::physics::response::PARAMETERS;
-use crate::physics::{Choice, Inversion, Observation, PhysicsModel, wrench_scale};
+use super::planner::{Order, Planner, SensorKnowledge};
+use least_squares::error::FitError;
+use least_squares::passes::{Workers, map_folds};
+use sensor_physics::response::PARAMETERS;
+use sensor_physics::{Choice, Inversion, Observation, PhysicsModel, wrench_scale};
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 

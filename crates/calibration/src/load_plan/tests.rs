@@ -5,10 +5,10 @@ use system_tests::random::Random;
 
 use super::planner::observe as observe_load;
 use super::*;
-use crate::passes::Workers;
-use crate::physics::cholesky::diagonal;
-use crate::physics::response::{Answer, Parameters};
-use crate::physics::{Inversion, Observation, PhysicsModel};
+use least_squares::passes::Workers;
+use sensor_physics::cholesky::diagonal;
+use sensor_physics::response::{Answer, Parameters};
+use sensor_physics::{Inversion, Observation, PhysicsModel};
 use shell_data::wrench::PerAxis;
 
 fn load(random: &mut Random) -> PerAxis<f64> {
@@ -96,8 +96,10 @@ fn predicted_errors_are_those_that_are_found() {
     let inversion = Inversion::new(&model);
     let mut squares = [0.0; 6];
     for &wrench in &tests {
-        let found = inversion.invert(&observe(0, wrench, 4.0, &mut random).readings).wrench;
-        (0..6).for_each(|axis| squares[axis] += (found[axis] - wrench[axis]).powi(2) / 400.0);
+        let readings = observe(0, wrench, 4.0, &mut random).readings;
+        let columns: Vec<Vec<f64>> = readings.into_iter().map(|reading| vec![reading]).collect();
+        let found = inversion.estimates(&columns).wrench;
+        (0..6).for_each(|axis| squares[axis] += (found[axis][0] - wrench[axis]).powi(2) / 400.0);
     }
     for (axis, (predicted, square)) in predicted.iter().zip(squares).enumerate() {
         let ratio = predicted / f64::sqrt(square);

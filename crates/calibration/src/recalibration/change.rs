@@ -8,11 +8,11 @@
 //! changes are taken into the numbers of a calibration of any kind, so that it converts as fast as before.
 
 use crate::conversion::{Calibration, Kind};
-use crate::model::Term;
-use crate::physics::response::{PARAMETERS, Parameters};
-use crate::physics::{PhysicsCalibration, PhysicsModel, Sensor};
-use crate::polynomial::Polynomial;
-use crate::reading_ranges::ReadingRange;
+use least_squares::model::Term;
+use least_squares::polynomial::Polynomial;
+use least_squares::reading_ranges::ReadingRange;
+use sensor_physics::response::{PARAMETERS, Parameters};
+use sensor_physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::{PerAxis, cross, force_at};
 
 /// What has changed of a sensor since it was calibrated.
@@ -166,8 +166,8 @@ fn rotated(v: [f64; 3], by: [f64; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::{Basis, Model};
-    use crate::scaling::Scaling;
+    use least_squares::model::{Basis, Model};
+    use least_squares::scaling::Scaling;
 
     fn change() -> Change {
         let channel = |at: usize| ChannelChange {

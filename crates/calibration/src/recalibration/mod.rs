@@ -15,8 +15,8 @@ mod search;
 pub use self::change::{Change, ChannelChange};
 use self::search::{ChangeSearch, FoundChange};
 use crate::conversion::{Calibration, Kind};
-use crate::physics::Observation;
-use crate::validation::cross_validation::HeldOutQuality;
+use least_squares::validation::cross_validation::HeldOutQuality;
+use sensor_physics::Observation;
 use shell_data::wrench::PerAxis;
 
 /// What may have changed.
@@ -56,6 +56,10 @@ const ZERO: f64 = 0.08;
 const GAIN: f64 = 0.16;
 const LEVER_M: f64 = 8e-3;
 const TURN_RAD: f64 = 0.12;
+
+/// A change of so many of these is none of a mounting or of age, but of a wrong load: 0.48 rad, 32 mm, a gain of 64 %,
+/// a third of a channel's range. One in 16,000 sensors would change so much.
+const IMPOSSIBLE: f64 = 4.0;
 
 /// The shares of these that are tried. Of a handful of numbers their scatter is known to some 30 %, so halves do.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
@@ -129,6 +133,14 @@ pub enum RecalibrationError {
     /// A value that is not a number.
     #[error("a reading or wrench is not a finite number")]
     NotFinite,
+    /// What the loads ask for is no change of a sensor, as where one of them is wrong.
+    #[error("the loads ask for {} that no mounting and no age make", .change.map_or("errors as large as the loads", ChangedQuantity::name))]
+    Impossible {
+        /// What would have changed too much; `None` where errors are as large as the loads.
+        change: Option<ChangedQuantity>,
+        /// The group of the load that is furthest from the calibration.
+        group: u64,
+    },
 }
 
 impl Calibration {
@@ -171,8 +183,15 @@ impl Calibration {
             true => ChangeSearch::new(self, loads, 1.0).find(true),
             false => cautious.find(false),
         };
+        let furthest = cautious.furthest();
         let FoundChange { shares, change, standard_errors, ln_evidence, disagreement, .. } =
             outcome;
+        let impossible = |change| RecalibrationError::Impossible { change, group: furthest };
+        // Loads that no change explains are told to contradict the calibration.
+        let is_explained = disagreement[1] <= CONTRADICTION;
+        if let Some(quantity) = outcome.impossible.filter(|_| is_explained) {
+            return Err(impossible(Some(quantity)));
+        }
         let is_changed = |of: &ChangedQuantity| shares[*of as usize] > 0.0;
         let quantities: Vec<_> = ChangedQuantity::ALL.into_iter().filter(is_changed).collect();
         let calibration = if quantities.is_empty() { self.clone() } else { change.apply(self) };
@@ -188,6 +207,23 @@ impl Calibration {
             std::array::from_fn(|axis| HeldOutQuality { rms: rms[axis], bias: bias(axis) })
         });
         let all: Vec<&Observation> = observations.iter().collect();
+        if let Some(held_out) = held_out.filter(|_| is_explained && !quantities.is_empty()) {
+            let loads = rms(&observations.iter().map(|o| o.wrench).collect::<Vec<_>>());
+            let sizes = |of: PerAxis<f64>| {
+                let size = |moment: bool| {
+                    let axes = self.axes.iter().filter(|axis| axis.is_moment() == moment);
+                    axes.map(|axis| of[axis.index()].powi(2)).sum::<f64>()
+                };
+                [size(false), size(true)]
+            };
+            let errors: PerAxis<f64> = held_out.map(|axis: HeldOutQuality| axis.rms);
+            let mut pairs = sizes(errors).into_iter().zip(sizes(loads));
+            // Not a number is as large as any.
+            let is_small = |(error, load): (f64, f64)| load == 0.0 || error < load;
+            if !pairs.all(is_small) {
+                return Err(impossible(None));
+            }
+        }
         Ok(Recalibration {
             before: rms(&errors(self, &all)),
             after: rms(&errors(&calibration, &all)),

@@ -10,11 +10,12 @@ use faer::{Col, Mat, Scale, Side};
 
 use super::change::{Change, ChannelChange};
 use super::{
-    ChangedQuantity, FIRST_SHARE, GAIN, LEVER_M, NewLoads, SHARES, SWEEPS, TURN_RAD, ZERO, errors,
+    ChangedQuantity, FIRST_SHARE, GAIN, IMPOSSIBLE, LEVER_M, NewLoads, SHARES, SWEEPS, TURN_RAD,
+    ZERO, errors,
 };
 use crate::conversion::{Calibration, Kind};
-use crate::physics::response::Answer;
-use crate::physics::{Observation, PhysicsModel, Sensor};
+use sensor_physics::response::Answer;
+use sensor_physics::{Observation, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
 /// How often the differences are made linear about what was found. They nearly are: the third time moves that by a
@@ -69,6 +70,8 @@ pub(super) struct FoundChange {
     pub(super) ln_evidence: f64,
     /// Root mean square of the differences before and after, in stated errors, those of the change with the latter.
     pub(super) disagreement: [f64; 2],
+    /// What would have changed more than any sensor does.
+    pub(super) impossible: Option<ChangedQuantity>,
 }
 
 pub(super) struct ChangeSearch<'a> {
@@ -165,7 +168,10 @@ impl<'a> ChangeSearch<'a> {
         let rms = |cost: f64| (cost / rows as f64).sqrt();
         let cost = found.as_ref().map_or(unchanged, |of| of.cost);
         let errors = found.as_ref().map_or(&[][..], |of| &of.errors[..]);
+        let mut unknowns = self.unknowns.iter().zip(&at);
+        let impossible = unknowns.find(|(_, x)| x.is_nan() || x.abs() > IMPOSSIBLE);
         FoundChange {
+            impossible: impossible.map(|(of, _)| of.quantity),
             shares,
             held_out: groups.iter().map(held_out).collect(),
             change: self.change(&at),
@@ -173,6 +179,15 @@ impl<'a> ChangeSearch<'a> {
             ln_evidence: found.as_ref().map_or(0.0, |of| of.ln_evidence + 0.5 * unchanged),
             disagreement: [rms(unchanged), rms(cost)],
         }
+    }
+
+    /// The group of the observation that is furthest from the calibration as it was, in stated errors.
+    pub(super) fn furthest(&self) -> u64 {
+        let rows = self.whitened(&vec![0.0; self.unknowns.len()]);
+        let square = |row: &Vec<f64>| row.iter().map(|x| x * x).sum::<f64>();
+        let pairs = rows.iter().map(square).zip(self.loads.observations);
+        let furthest = pairs.max_by(|(a, _), (b, _)| a.total_cmp(b));
+        furthest.map_or(0, |(_, observation)| observation.group)
     }
 
     /// The priors that make the observations most probable, one quantity after another.

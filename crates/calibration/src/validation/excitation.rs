@@ -6,8 +6,9 @@
 //! about its mean, 1 where the axes move independently. Some correlation is the shell's own: a
 //! push from the side at some height is a force and a moment.
 
-use crate::reading_ranges::{ReadingRange, range_of};
-use crate::symmetric::SymmetricMatrix;
+use least_squares::block_ranges::range_of;
+use least_squares::reading_ranges::ReadingRange;
+use least_squares::symmetric::SymmetricMatrix;
 use shell_data::statistics::{MergeWeights, extremes};
 use shell_data::vectorised;
 use shell_data::wrench::{Axes, Axis, PerAxis};

@@ -29,12 +29,13 @@
 //! large, a search raises it to what is far beyond all of them.
 
 use crate::conversion::Calibration;
-use crate::error::FitError;
-use crate::features::{Features, LANES};
-use crate::passes::{Workers, each};
-use crate::reading_ranges::ReadingRanges;
-use crate::solver::Solution;
-use crate::uncertainty::{TriangularColumns, spread, triangular_columns};
+use crate::prediction::spread;
+use least_squares::error::FitError;
+use least_squares::features::{Features, LANES};
+use least_squares::passes::{Workers, each};
+use least_squares::reading_ranges::ReadingRanges;
+use least_squares::solver::Solution;
+use least_squares::symmetric::{TriangularColumns, triangular_columns};
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::statistics::RunningVariance;

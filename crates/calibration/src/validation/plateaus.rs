@@ -15,7 +15,7 @@
 
 use shell_data::statistics::{MergeWeights, extremes};
 
-use super::grouped::MAX_GROUPS;
+use least_squares::grouped_rows::MAX_GROUPS;
 
 /// The fewest rows in succession that make a plateau.
 pub const FEWEST_ROWS: u64 = 5;
@@ -260,10 +260,10 @@ impl<const N: usize> PlateauFinder<N> {
         })
     }
 
-    /// The levels, neighbours that are one merged.
-    fn merged(&self, ranges: &[f64; N]) -> Vec<Level<N>> {
+    /// The levels, neighbours that are nearer than a share of the range merged.
+    fn merged(&self, ranges: &[f64; N], same: f64) -> Vec<Level<N>> {
         let is_same = |a: &Level<N>, b: &Level<N>| {
-            (0..N).all(|axis| (a.mean[axis] - b.mean[axis]).abs() <= SAME_LEVEL * ranges[axis])
+            (0..N).all(|axis| (a.mean[axis] - b.mean[axis]).abs() <= same * ranges[axis])
         };
         let mut plateaus: Vec<Level<N>> = Vec::new();
         for level in &self.levels {
@@ -275,18 +275,17 @@ impl<const N: usize> PlateauFinder<N> {
         plateaus
     }
 
-    fn is_steady(&self, level: &Level<N>, ranges: &[f64; N]) -> bool {
-        let may_rise =
-            |axis: usize| (0.5 * self.steps.load[axis]).max(2.0 * SAME_LEVEL * ranges[axis]);
+    fn is_steady(&self, level: &Level<N>, ranges: &[f64; N], same: f64) -> bool {
+        let may_rise = |axis: usize| (0.5 * self.steps.load[axis]).max(2.0 * same * ranges[axis]);
         level.rows >= FEWEST_ROWS && (0..N).all(|axis| level.rise(axis) <= may_rise(axis))
     }
 
     /// The steady levels that are long beside the others: where the columns were held still. Rows on the way from
-    /// one to the next are in none.
-    pub fn holds(&self) -> Vec<Level<N>> {
+    /// one to the next are in none. Neighbours that are nearer than the share `same` of the range are one.
+    pub fn holds(&self, same: f64) -> Vec<Level<N>> {
         let ranges = self.ranges();
-        let mut holds = self.merged(&ranges);
-        holds.retain(|level| self.is_steady(level, &ranges));
+        let mut holds = self.merged(&ranges, same);
+        holds.retain(|level| self.is_steady(level, &ranges, same));
         // Half the rows are in levels at least as long as this.
         let mut lengths: Vec<u64> = holds.iter().map(|level| level.rows).collect();
         lengths.sort_unstable();
@@ -302,9 +301,9 @@ impl<const N: usize> PlateauFinder<N> {
     /// The rows of each plateau, if that is what the recording is made of.
     fn plateaus(&self) -> Option<Vec<u64>> {
         let ranges = self.ranges();
-        let plateaus = self.merged(&ranges);
+        let plateaus = self.merged(&ranges, SAME_LEVEL);
         let steady: Vec<&Level<N>> =
-            plateaus.iter().filter(|level| self.is_steady(level, &ranges)).collect();
+            plateaus.iter().filter(|level| self.is_steady(level, &ranges, SAME_LEVEL)).collect();
         let (first, others) = steady.split_first()?;
         let mut all = **first;
         others.iter().for_each(|level| all.merge(level));

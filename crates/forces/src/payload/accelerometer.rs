@@ -70,7 +70,7 @@ impl Accelerometer {
 }
 
 /// The frame of an accelerometer from the forces on a sensor at rest, N, and accelerations of which one is
-/// `unit_m_s2`.
+/// `unit_m_s2`; negative if they point along gravity.
 ///
 /// # Errors
 /// [`PayloadError`] where the sensor does not turn about two axes.
@@ -83,7 +83,8 @@ pub fn frame_from_forces(
     let turns = accelerations.iter().map(|a| subtract(*a, mean_a));
     check_spread(spread(turns.clone(), accelerations.iter().copied()))?;
     let pulls = forces.iter().map(|force| subtract(*force, mean_f));
-    let products = sum_of_products(turns.map(|turn| scaled(turn, -1.0)).zip(pulls));
+    let against = -unit_m_s2.signum();
+    let products = sum_of_products(turns.map(|turn| scaled(turn, against)).zip(pulls));
     let not_finite = || PayloadError::NotFinite(1);
     let svd = Mat::from_fn(3, 3, |i, j| products[i][j]).svd().map_err(|_| not_finite())?;
     let (u, v) = (svd.U(), svd.V());
@@ -145,6 +146,11 @@ mod tests {
                 gravity.iter().map(|g| add(scaled(*g, 0.3), [5.0, -2.0, 1.0])).collect();
             let found = frame_from_forces(&accelerations, &forces, 9.81).unwrap();
             for (a, g) in accelerations.iter().zip(&gravity) {
+                assert!(norm(subtract(found.gravity(*a), *g)) < 1e-12, "{found:?}");
+            }
+            let along: Vec<Vector> = accelerations.iter().map(|a| scaled(*a, -1.0)).collect();
+            let found = frame_from_forces(&along, &forces, -9.81).unwrap();
+            for (a, g) in along.iter().zip(&gravity) {
                 assert!(norm(subtract(found.gravity(*a), *g)) < 1e-12, "{found:?}");
             }
         }

@@ -10,23 +10,28 @@
 //!
 //! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Poses at rest whose orientation is known
 //! give all ten by least squares ([`fit()`]), and the frame, scale and offset of an accelerometer besides
-//! ([`Accelerometer`]). In a run the accelerometer then says g at any time ([`Motion`]), and the load is taken
-//! off. Torque from turning faster and faster (the tensor of inertia) is not modelled: that needs rates of
-//! turn.
+//! ([`Accelerometer`]). In a run the accelerometer then says g at any time ([`Motion`]), the angular velocity what
+//! [turning adds](gravity_at_centre) at c, and the load is taken off. Torque from turning faster and faster (the tensor
+//! of inertia) is not modelled.
 //!
 //! Pure: no files, no printing.
 
 mod accelerometer;
+mod doubt;
 mod fit;
 mod lag;
 mod motion;
+pub mod rotation;
+mod turning;
 mod vector;
 
 pub use accelerometer::{Accelerometer, frame_from_forces};
+pub use doubt::{LeftOver, MomentDoubt, MomentExchange, moment_doubt};
 pub use fit::{LEAST_SPREAD, PayloadError, PayloadFit, PayloadPose, fit};
 pub use lag::{Lag, find_lag};
 pub use motion::{Motion, MotionError};
-pub use vector::{Matrix, Vector, norm};
+pub use turning::gravity_at_centre;
+pub use vector::{Matrix, Vector, norm, times};
 
 use shell_data::wrench::PerAxis;
 use vector::cross;
@@ -55,6 +60,11 @@ impl Payload {
         [x, y, z, mx, my, mz]
     }
 
+    /// The force that turning by 1 rad/s adds at the centre at most, N.
+    pub fn turning_n(&self) -> f64 {
+        self.mass_kg * norm(self.centre_m)
+    }
+
     /// The sensor's zero, N and N·m.
     pub fn bias(&self) -> PerAxis<f64> {
         let ([x, y, z], [mx, my, mz]) = (self.force_bias_n, self.moment_bias_nm);
@@ -62,15 +72,28 @@ impl Payload {
     }
 }
 
+/// What is taken off of a load beside weight.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Inertia {
+    /// Nothing: gravity is from orientations.
+    Nothing,
+    /// The acceleration of the sensor, but not what turning adds at the centre of the body.
+    WithoutTurning,
+    /// Both.
+    Whole,
+}
+
 /// What a sensor carries in a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CarriedLoad {
     /// The body.
     pub payload: Payload,
-    /// Apparent gravity over time, on the clock of the wrench.
+    /// Apparent gravity at the body's centre over time, on the clock of the wrench.
     pub motion: Motion,
-    /// Whether that was measured by an accelerometer, and has inertia in it.
-    pub has_inertia: bool,
+    /// What is taken off beside weight.
+    pub inertia: Inertia,
+    /// What accelerations were multiplied by, where their unit was not that of the poses.
+    pub rescaled: Option<f64>,
     /// How much later the clock of the motion was found to be, taken or not.
     pub lag: Option<Lag>,
 }

@@ -29,7 +29,8 @@ pub(super) fn scaled(a: Vector, factor: f64) -> Vector {
     a.map(|value| value * factor)
 }
 
-pub(super) fn times(matrix: &Matrix, a: Vector) -> Vector {
+/// The product of a matrix and a vector.
+pub fn times(matrix: &Matrix, a: Vector) -> Vector {
     matrix.map(|row| dot(row, a))
 }
 

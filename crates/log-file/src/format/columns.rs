@@ -1,19 +1,51 @@
 //! The meaning of the columns of a log, from their names and from the mapping of the user.
 
-use super::mapping::{ColumnRef, LogFormat, Mapping, MomentUnit};
+use super::mapping::{ColumnRef, LogFormat, Mapping, TimeUnit};
 use super::meaning::{
-    GROUPS, Meaning, default_time_unit, meaning_of, numbered, plain, split_unit, without_unit,
+    GROUPS, Meaning, StatedUnit, default_time_unit, meaning_of, numbered, plain, split_unit,
+    unit_in_name, without_unit,
 };
 use crate::error::PlacedProblem;
+use shell_data::unit::{Quantity, Scale, Unit};
 use shell_data::wrench::{Axis, PerAxis};
 
 /// A column of a log.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Column {
     /// Its name in the header, or what its place means in a file without one.
     pub name: String,
     /// Its meaning.
     pub meaning: Meaning,
+    /// What its name, the units below the names or an option says of its unit, if that counts.
+    pub unit: StatedUnit,
+}
+
+impl Column {
+    /// What it is taken for, with the unit of its values; `None` if for nothing.
+    pub fn in_words(&self) -> Option<String> {
+        let meaning = self.meaning.in_words()?;
+        let unit = self.unit.known().map(|unit| unit.symbol.as_str());
+        Some(match (self.meaning, unit) {
+            (Meaning::Time(scale), unit) => {
+                let symbol = |of: &TimeUnit| of.per_second() == scale.per;
+                let usual = TimeUnit::ALL.into_iter().find(symbol).map_or("s", TimeUnit::symbol);
+                format!("{meaning} ({})", unit.unwrap_or(usual))
+            }
+            (Meaning::Load(axis, scale), Some(unit)) if scale != Scale::ONE => {
+                format!("{meaning} ({}, from {unit})", axis.unit())
+            }
+            (Meaning::Load(axis, _), _) => format!("{meaning} ({})", axis.unit()),
+            _ => meaning,
+        })
+    }
+
+    /// Takes it for one in this unit.
+    pub(crate) fn set_unit(&mut self, unit: StatedUnit) {
+        if let StatedUnit::Known(unit) = &unit {
+            self.meaning = self.meaning.scaled(unit.scale);
+        }
+        self.unit = unit;
+    }
 }
 
 /// The positions in a row, from 0, of the columns with a meaning.
@@ -66,42 +98,95 @@ pub(crate) fn recognise(
     format: LogFormat,
     mapping: &Mapping,
 ) -> Result<(Vec<Column>, ColumnRoles), PlacedProblem> {
-    let with_unit = |(at, name): (usize, &String)| match units.get(at) {
-        Some(unit) if !unit.is_empty() => format!("{name} ({unit})"),
-        _ => name.clone(),
-    };
-    let labels: Vec<String> = names.iter().enumerate().map(with_unit).collect();
     let mapping = &mapping.for_columns(&names);
-    // A name that says its own unit needs none from below.
-    let meaning = |(label, name): (&String, &String)| match meaning_of(label, format) {
-        Meaning::Other => meaning_of(name, format),
-        meaning => meaning,
-    };
-    let mut named: Vec<Meaning> = labels.iter().zip(&names).map(meaning).collect();
-    recognise_other_readings(&names, &mut named);
-    prefer_usual_names(&names, &mut named);
-    let mut meanings = named.clone();
-    let group = apply_mapping(&names, &named, format, mapping, &mut meanings)?;
-    for meaning in &mut meanings {
-        match meaning {
-            Meaning::Time(unit) => *unit = mapping.time_unit.unwrap_or(*unit),
-            Meaning::Load(axis, milli) if axis.is_moment() => {
-                *milli = mapping.moment_unit.map_or(*milli, |of| of != MomentUnit::NewtonMetre);
-            }
-            _ => {}
-        }
-    }
+    let named: Vec<(Meaning, StatedUnit)> =
+        names.iter().map(|name| meaning_of(name, format)).collect();
+    let mut meanings: Vec<Meaning> = named.iter().map(|(meaning, _)| *meaning).collect();
+    recognise_other_readings(&names, &mut meanings);
+    recognise_other_times(&names, &mut meanings);
+    prefer_usual_names(&names, &mut meanings);
+    let group = apply_mapping(&names, format, mapping, &mut meanings)?;
     let mut roles = roles(&names, &mut meanings)?;
     roles.group = group.or(roles.group);
-    let columns = names.into_iter().zip(meanings);
-    Ok((columns.map(|(name, meaning)| Column { name, meaning }).collect(), roles))
+    // Dashes and the like say nothing.
+    let is_said = |unit: &str| unit.contains(|c: char| c.is_alphabetic() || c == '°');
+    let row = units.iter().map(|unit| if is_said(unit) { unit.as_str() } else { "" });
+    let row = row.chain(std::iter::repeat(""));
+    let mut columns = Vec::with_capacity(names.len());
+    for (((name, meaning), (named, in_name)), below) in
+        names.into_iter().zip(meanings).zip(named).zip(row)
+    {
+        let mut column = Column { name, meaning, unit: StatedUnit::None };
+        if let Some(quantity) = meaning.quantity() {
+            let in_name = match named.quantity() == Some(quantity) {
+                true => in_name,
+                // `micros` is a name and a unit.
+                false => match Unit::parse(&column.name, quantity) {
+                    Some(unit) if quantity == Quantity::Time => StatedUnit::Known(unit),
+                    _ => unit_in_name(&column.name, quantity),
+                },
+            };
+            column.set_unit(one_unit(in_name, StatedUnit::new(below, quantity)));
+        }
+        columns.push(column);
+    }
+    specify_units(&mut columns, mapping)?;
+    Ok((columns, roles))
+}
+
+/// The unit of a column by its name and by what stands below that.
+fn one_unit(in_name: StatedUnit, below: StatedUnit) -> StatedUnit {
+    match (&in_name, &below) {
+        (StatedUnit::Known(name), StatedUnit::Known(row)) if name.scale != row.scale => {
+            StatedUnit::Unknown(format!("{}` or `{}", name.symbol, row.symbol))
+        }
+        (StatedUnit::None, _) => below,
+        _ => in_name,
+    }
+}
+
+/// Puts the units that the user specifies in the place of those of the log, and the usual ones where it says none.
+fn specify_units(columns: &mut [Column], mapping: &Mapping) -> Result<(), PlacedProblem> {
+    let is_known = |key: &str| UNIT_KEYS.contains(&key.to_ascii_lowercase().as_str());
+    let is_there = |key: &&String| is_known(key) || columns.iter().any(|of| of.name == **key);
+    if let Some((key, _)) = mapping.units.iter().find(|(key, _)| !is_there(&key)) {
+        let found = columns.iter().map(|column| column.name.clone()).collect();
+        return Err(PlacedProblem::MissingColumns { missing: vec![key.clone()], found });
+    }
+    for column in columns {
+        let Some(quantity) = column.meaning.quantity() else { continue };
+        let is_of = |key: &str| {
+            let is_axis = column.meaning.in_words().is_some_and(|it| it.eq_ignore_ascii_case(key));
+            let kind = match quantity {
+                Quantity::Force => "force",
+                Quantity::Moment => "moment",
+                _ => "time",
+            };
+            is_axis || kind.eq_ignore_ascii_case(key) || column.name == key
+        };
+        let of_list = |list: &[(String, String)]| {
+            let last = list.iter().rev().find(|(key, _)| is_of(key));
+            last.map(|(_, unit)| StatedUnit::new(unit, quantity))
+        };
+        let usual = || of_list(&mapping.usual_units).filter(|_| column.unit == StatedUnit::None);
+        let by_kind = match quantity {
+            Quantity::Time => mapping.time_unit.map(StatedUnit::from),
+            Quantity::Moment => {
+                mapping.moment_unit.map(|unit| StatedUnit::new(unit.symbol(), Quantity::Moment))
+            }
+            _ => None,
+        };
+        if let Some(unit) = of_list(&mapping.units).or(by_kind).or_else(usual) {
+            column.set_unit(unit);
+        }
+    }
+    Ok(())
 }
 
 /// Replaces meanings that were recognised by those that the user specifies. Returns the column that
 /// names groups, where the user says; it may mean something else besides.
 fn apply_mapping(
     names: &[String],
-    named: &[Meaning],
     format: LogFormat,
     mapping: &Mapping,
     meanings: &mut [Meaning],
@@ -113,10 +198,11 @@ fn apply_mapping(
     }
     if let Some(wrench) = &mapping.wrench {
         let loads = Axis::ALL.into_iter().zip(wrench.clone());
-        mapped
-            .extend(loads.filter_map(|(axis, column)| Some((Meaning::Load(axis, false), column?))));
+        mapped.extend(
+            loads.filter_map(|(axis, column)| Some((Meaning::Load(axis, Scale::ONE), column?))),
+        );
     }
-    let time = Meaning::Time(default_time_unit(format));
+    let time = Meaning::Time(Scale::per_si(default_time_unit(format).per_second()));
     mapped.extend(mapping.time.clone().map(|column| (time, column)));
     let columns = mapped.iter().map(|(_, column)| column).chain(&mapping.group);
     let mut places = positions(names, &columns.cloned().collect::<Vec<_>>())?.into_iter();
@@ -136,16 +222,7 @@ fn apply_mapping(
             let meaning = format!("mapped to {words} and to something else");
             return Err(duplicate(names, meaning, [at, at]));
         }
-        // A unit in the name still counts.
-        meanings[at] = match (meaning, named[at]) {
-            (Meaning::Time(_), named @ Meaning::Time(_)) => named,
-            (Meaning::Load(axis, _), Meaning::Load(of, milli))
-                if axis.is_moment() == of.is_moment() =>
-            {
-                Meaning::Load(axis, milli)
-            }
-            _ => meaning,
-        };
+        meanings[at] = meaning;
     }
     let group = places.next();
     if let Some(meaning) = group.map(|at| &mut meanings[at]).filter(|at| **at == Meaning::Other) {
@@ -170,7 +247,7 @@ pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     let matrices: Vec<Vec<String>> =
         first.map(|name| columns_of(names, name)).filter(|columns| columns.len() > 1).collect();
     let has_meaning = |name: &String| {
-        !matches!(meaning_of(name, LogFormat::Csv), Meaning::Other | Meaning::Time(_))
+        !matches!(meaning_of(name, LogFormat::Csv).0, Meaning::Other | Meaning::Time(_))
     };
     let is_specified = mapping.sensors.is_some() || mapping.wrench.is_some();
     if is_specified || names.iter().any(has_meaning) {
@@ -279,6 +356,10 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Plac
 /// kind are there.
 const OTHER_READINGS: [&str; 7] = ["ch", "channel", "adc", "ain", "ai", "reading", "raw"];
 
+/// What `--unit` names besides columns.
+pub(super) const UNIT_KEYS: [&str; 9] =
+    ["fx", "fy", "fz", "mx", "my", "mz", "force", "moment", "time"];
+
 /// Takes columns for readings by other names.
 fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
     if meanings.iter().any(|meaning| matches!(meaning, Meaning::Sensor(_))) {
@@ -301,6 +382,36 @@ fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
     }
 }
 
+/// Other names of a clock, most wanted first: taken where no column has a usual one.
+const OTHER_TIMES: [&str; 12] = [
+    "elapsedtime",
+    "timeelapsed",
+    "xvalue",
+    "boardtime",
+    "micros",
+    "millis",
+    "datetime",
+    "headerstamp",
+    "fieldheaderstamp",
+    "stamp",
+    "hosttime",
+    "systemtime",
+];
+
+/// Takes a column for the time by another name.
+fn recognise_other_times(names: &[String], meanings: &mut [Meaning]) {
+    if meanings.iter().any(|meaning| matches!(meaning, Meaning::Time(_))) {
+        return;
+    }
+    let rank = |at: &usize| {
+        let name = plain(names[*at].split(['(', '[']).next().unwrap_or_default());
+        OTHER_TIMES.iter().position(|other| *other == name)
+    };
+    let free = (0..names.len()).filter(|&at| meanings[at] == Meaning::Other);
+    let found = free.filter(|at| rank(at).is_some()).min_by_key(rank);
+    found.into_iter().for_each(|at| meanings[at] = Meaning::Time(Scale::ONE));
+}
+
 /// Where several columns are an axis and one has its usual name, the others are not needed.
 fn prefer_usual_names(names: &[String], meanings: &mut [Meaning]) {
     for axis in Axis::ALL {
@@ -316,11 +427,9 @@ fn prefer_usual_names(names: &[String], meanings: &mut [Meaning]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::mapping::TimeUnit;
-    use super::super::meaning::axis_of_other_unit;
+    use super::super::mapping::{MomentUnit, TimeUnit};
     use super::*;
     use shell_data::ColumnNames;
-    use shell_data::telemetry::Telemetry;
 
     fn names(line: &str) -> Vec<String> {
         line.split(',').map(str::to_owned).collect()
@@ -359,6 +468,7 @@ mod tests {
             time: Some("clock".to_owned()),
             time_unit: Some(TimeUnit::Millisecond),
             group: Some("run".to_owned()),
+            units: Vec::new(),
         };
         let mapping = Mapping { usual: Some(usual), ..Mapping::default() };
         let open = |line: &str, mapping: &Mapping| {
@@ -367,13 +477,13 @@ mod tests {
         let (columns, roles) = open("clock,a,b,u,v,w,p,q,r,run", &mapping);
         assert_eq!(roles.sensors, [2, 1]);
         assert_eq!((roles.time, roles.group), (Some(0), Some(9)));
-        assert_eq!(columns[0].meaning, Meaning::Time(TimeUnit::Millisecond));
-        assert_eq!(columns[6].meaning.per_si_unit(), 1e3);
+        assert_eq!(columns[0].meaning, Meaning::Time(Scale::per_si(1e3)));
+        assert_eq!(columns[6].meaning.scale().per, 1e3);
         // Another log is read as it always was, and what is specified goes first.
         let (columns, roles) = open("time,s1,s2,b,Fx,Fy,Fz,Mx,My,Mz", &mapping);
         assert_eq!((&*roles.sensors, roles.time), (&[1, 2][..], Some(0)));
-        assert_eq!(columns[0].meaning, Meaning::Time(TimeUnit::Second));
-        assert_eq!(columns[7].meaning.per_si_unit(), 1.0);
+        assert_eq!(columns[0].meaning, Meaning::Time(Scale::ONE));
+        assert_eq!(columns[7].meaning.scale(), Scale::ONE);
         let mapping = Mapping { sensors: Some(refs("a")), ..mapping };
         assert_eq!(open("a,b", &mapping).1.sensors, [0]);
     }
@@ -386,43 +496,85 @@ mod tests {
 
     #[test]
     fn units_of_time_and_wrench_are_read_from_the_names() {
-        use Meaning::{Load, Other, Time};
         for (name, meaning) in [
-            ("t", Time(TimeUnit::Second)),
-            ("Timestamp", Time(TimeUnit::Second)),
-            ("t_s", Time(TimeUnit::Second)),
-            ("time_us", Time(TimeUnit::Microsecond)),
-            ("time (µs)", Time(TimeUnit::Microsecond)),
-            ("Time [ms]", Time(TimeUnit::Millisecond)),
-            ("time_of_day", Other),
-            ("Fx", Load(Axis::Fx, false)),
-            ("fz_n", Load(Axis::Fz, false)),
-            ("Fy (mN)", Load(Axis::Fy, true)),
-            ("fz_lbf", Other),
-            ("Fz (lbf)", Other),
-            ("mx_nm", Load(Axis::Mx, false)),
-            ("My (N·m)", Load(Axis::My, false)),
-            ("Mz_mNm", Load(Axis::Mz, true)),
-            ("Mz [N*mm]", Load(Axis::Mz, true)),
-            ("VBatt", Meaning::Telemetry(Telemetry::Battery)),
-            ("voltage", Other),
+            ("t", "time (s)"),
+            ("Timestamp", "time (s)"),
+            ("timestamps", "time (s)"),
+            ("t_s", "time (s)"),
+            ("time_us", "time (µs)"),
+            ("time (µs)", "time (µs)"),
+            ("Time [ms]", "time (ms)"),
+            ("Time / min", "time (min)"),
+            ("T (°C)", "nothing"),
+            ("time_of_day", "nothing"),
+            ("Fx", "Fx (N)"),
+            ("fz_n", "Fz (N)"),
+            ("Fy (mN)", "Fy (N, from mN)"),
+            ("fz_lbf", "Fz (N, from lbf)"),
+            ("Fz (lbf)", "Fz (N, from lbf)"),
+            ("Fx in kN", "Fx (N, from kN)"),
+            ("Fz-kgf", "Fz (N, from kgf)"),
+            ("force.x.lb", "Fx (N, from lbf)"),
+            ("mx_nm", "Mx (N·m)"),
+            ("My (N·m)", "My (N·m)"),
+            ("Mz_mNm", "Mz (N·m, from mN·m)"),
+            ("Mz [N*mm]", "Mz (N·m, from N·mm)"),
+            ("Mx [in-lb]", "Mx (N·m, from in·lbf)"),
+            ("mx_lbf_in", "Mx (N·m, from lbf·in)"),
+            ("ty_kgcm", "My (N·m, from kgf·cm)"),
+            ("fx_raw", "nothing"),
+            ("fx_min", "nothing"),
+            ("fx_se_n", "nothing"),
+            ("VBatt", "battery"),
+            ("voltage", "nothing"),
         ] {
-            assert_eq!(meaning_of(name, LogFormat::Csv), meaning, "{name}");
+            let (columns, _) = csv(name).unwrap();
+            let words = columns[0].in_words().unwrap_or_else(|| "nothing".to_owned());
+            assert!(words.starts_with(meaning), "{name}: {words}");
         }
-        assert_eq!(meaning_of("time", LogFormat::Telemetry), Time(TimeUnit::Microsecond));
-        for (name, axis) in [
-            ("fz_lbf", Some(Axis::Fz)),
-            ("Fz (lbf)", Some(Axis::Fz)),
-            ("Mx [in-lb]", Some(Axis::Mx)),
-            ("ty_kgcm", Some(Axis::My)),
-            ("fx_n", None),
-            ("Mz [N*mm]", None),
-            ("Fx", None),
-            ("fx_raw", None),
-            ("g", None),
-        ] {
-            assert_eq!(axis_of_other_unit(name), axis, "{name}");
+        let time = recognise(names("time"), &[], LogFormat::Telemetry, &Mapping::default());
+        assert_eq!(time.unwrap().0[0].in_words().unwrap(), "time (µs)");
+        for name in ["Fx (volts)", "Mx (N)", "mx_n", "fz_nm", "Mx (N/mm)", "Time (frames)"] {
+            let unit = &csv(name).unwrap().0[0].unit;
+            assert!(matches!(unit, StatedUnit::Unknown(_)), "{name}: {unit:?}");
         }
+    }
+
+    #[test]
+    fn a_unit_counts_wherever_it_is_said() {
+        let read = |line: &str, below: &str, mapping: &Mapping| {
+            let units = names(below);
+            recognise(names(line), &units, LogFormat::Csv, mapping).unwrap().0
+        };
+        let times = |columns: &[Column]| {
+            columns.iter().map(|of| of.meaning.scale().to_si(1.0)).collect::<Vec<_>>()
+        };
+        let none = Mapping::default();
+        assert_eq!(times(&read("Fx,Mx", "lbf,mm.N", &none)), [4.448_221_615_260_5, 1e-3]);
+        // The name and the row below say the same, or nothing is believed.
+        assert_eq!(times(&read("fx_mn,Mx", "mN,", &none)), [1e-3, 1.0]);
+        assert!(matches!(read("fx_n", "lbf", &none)[0].unit, StatedUnit::Unknown(_)));
+        // A mapped name says its unit after any separator.
+        let six = "a (kN),b.N,c,d_nmm,e,f";
+        let mapping = Mapping {
+            wrench: Some([0, 1, 2, 3, 4, 5].map(|at| Some(ColumnRef::Position(at + 1)))),
+            time: Some(ColumnRef::Name("board_us".to_owned())),
+            ..Mapping::default()
+        };
+        let columns = read(&format!("{six},board_us"), ",,,,gf cm,", &mapping);
+        assert_eq!(times(&columns), [1e3, 1.0, 1.0, 1e-3, 9.806_65e-5, 1.0, 1e-6]);
+        // Options take precedence over the log, and the log over what a calibration remembers.
+        let pair = |key: &str, unit: &str| (key.to_owned(), unit.to_owned());
+        let units = vec![pair("force", "lbf"), pair("Fy", "N"), pair("mz_nm", "mNm")];
+        let said = Mapping { units, ..Mapping::default() };
+        let columns = read("Fx,fy_mn,mz_nm", "", &said);
+        assert_eq!(times(&columns), [4.448_221_615_260_5, 1.0, 1e-3]);
+        let usual_units = vec![pair("force", "kN")];
+        let usual = Mapping { usual_units, ..Mapping::default() };
+        assert_eq!(times(&read("Fx,fy_mn", "", &usual)), [1e3, 1e-3]);
+        let missing_column = Mapping { units: vec![pair("Fq", "N")], ..Mapping::default() };
+        let refused = recognise(names("Fx"), &[], LogFormat::Csv, &missing_column).unwrap_err();
+        assert_eq!(missing(refused), ["Fq"]);
     }
 
     #[test]
@@ -480,15 +632,15 @@ mod tests {
         assert_eq!(roles.sensors, [4, 3]);
         assert_eq!(roles.time, Some(0));
         assert_eq!(roles.group, Some(5));
-        assert_eq!(columns[0].meaning, Meaning::Time(TimeUnit::Millisecond));
+        assert_eq!(columns[0].meaning, Meaning::Time(Scale::per_si(1e3)));
         assert_eq!(columns[2].meaning, Meaning::Other);
     }
 
     #[test]
     fn any_column_can_name_the_groups_and_keeps_its_meaning() {
         for (name, meaning) in [
-            ("Fz", Meaning::Load(Axis::Fz, false)),
-            ("t", Meaning::Time(TimeUnit::Second)),
+            ("Fz", Meaning::Load(Axis::Fz, Scale::ONE)),
+            ("t", Meaning::Time(Scale::ONE)),
             ("s2", Meaning::Sensor(1)),
             ("run", Meaning::Group),
             ("pose", Meaning::Group),
@@ -531,9 +683,9 @@ mod tests {
         let mapping =
             Mapping { moment_unit: Some(MomentUnit::MillinewtonMetre), ..Mapping::default() };
         let (columns, _) = recognise(names("Mx,my_nm,Fx"), &[], LogFormat::Csv, &mapping).unwrap();
-        assert_eq!(columns[0].meaning, Meaning::Load(Axis::Mx, true));
-        assert_eq!(columns[1].meaning, Meaning::Load(Axis::My, true));
-        assert_eq!(columns[2].meaning, Meaning::Load(Axis::Fx, false));
+        assert_eq!(columns[0].meaning, Meaning::Load(Axis::Mx, Scale::per_si(1e3)));
+        assert_eq!(columns[1].meaning, Meaning::Load(Axis::My, Scale::per_si(1e3)));
+        assert_eq!(columns[2].meaning, Meaning::Load(Axis::Fx, Scale::ONE));
     }
 
     fn found(matrices: &[(&str, usize)]) -> Option<(usize, String)> {

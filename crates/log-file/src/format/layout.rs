@@ -3,17 +3,22 @@
 
 use memchr::memchr;
 
-use super::columns::{Column, ColumnRoles, by_shape, recognise};
+use super::choice::{Comparison, Interleaving, PlacedCondition};
+use super::columns::{Column, ColumnRoles, by_shape, positions, recognise};
+use super::head::{self, Head, line_separator, numbered};
+use super::keys::Keys;
 use super::mapping::{LogFormat, Mapping, TimeUnit};
-use super::meaning::{Meaning, names_a_unit};
+use super::meaning::{Meaning, StatedUnit};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::parse::console;
+use crate::parse::form::{RowBody, RowForm};
 use crate::parse::number::{parse_date, parse_field, with_points};
 use crate::parse::rows::{is_comment, quoted_fields};
 use crate::stream::chunk::line_ends;
-use crate::stream::clock_turns::ClockTurns;
+use crate::stream::clock_turns::{ClockTurns, TURN};
 use crate::stream::source::LogSource;
 use shell_data::statistics::upper_median;
+use shell_data::unit::{Quantity, Scale, Unit};
 use table_file::{FileKind, Table};
 
 /// How much of a file is looked at. A header must fit.
@@ -27,16 +32,35 @@ pub(crate) struct FileLayout {
     pub(crate) roles: ColumnRoles,
     /// The number of the line of the first row, from 1.
     pub(crate) rows_line: u64,
-    /// Whether times are dates, in ISO 8601.
+    /// Whether times are dates, in ISO 8601, or times of day.
     pub(crate) has_dates: bool,
+    /// How many rows there are in a second, where no column is a time but a line above the names says it.
+    pub(crate) rate_hz: Option<f64>,
+    /// Whether the first time is a whole number of ms, µs or ns that fits 32 bits.
+    pub(crate) counts_in_32_bits: bool,
+    /// Conditions that rows must meet to be read.
+    pub(crate) conditions: Vec<PlacedCondition>,
+    /// A column that tells apart sensors whose rows alternate.
+    pub(crate) interleaving: Option<Interleaving>,
+    /// Decisions about the lines above the rows, in words.
+    pub(crate) decisions: Vec<String>,
 }
 
 impl FileLayout {
-    /// The clock, where it is one of 32 bits that wraps around: the robot's, in µs.
+    /// The clock, where it is one of 32 bits that may wrap around: the robot's in µs, or whole numbers of another unit.
     pub(crate) fn clock(&self) -> Option<ClockTurns> {
-        let column = self.roles.time.filter(|_| self.header.format == LogFormat::Telemetry)?;
-        let in_us = self.columns[column].meaning.per_si_unit() == 1e6;
-        in_us.then(|| ClockTurns::new(self.header.separator, column))
+        let column = self.roles.time?;
+        let per = self.columns[column].meaning.scale().per;
+        if self.header.format != LogFormat::Telemetry {
+            let clock = || {
+                let form = self.header.form.clone();
+                ClockTurns::new(form, self.header.separator, column).of_counter()
+            };
+            return self.counts_in_32_bits.then(clock);
+        }
+        let in_us = per == 1e6;
+        let form = self.header.form.clone();
+        in_us.then(|| ClockTurns::new(form, self.header.separator, column))
     }
 }
 
@@ -45,9 +69,15 @@ impl FileLayout {
 pub(crate) struct Header {
     pub(crate) format: LogFormat,
     pub(crate) separator: u8,
+    /// How the values of a row stand in its line.
+    pub(crate) form: RowForm,
     names: Vec<String>,
     /// What a line below the names says of them; empty if there is none.
     units: Vec<String>,
+    /// The line of the units, if there is one.
+    units_line: Option<u64>,
+    /// Values of keys above the names.
+    keys: Keys,
     /// Where the first row starts, in the uncompressed file.
     pub(crate) rows_start: usize,
     /// The line that names the columns, or the first row where none does.
@@ -59,8 +89,18 @@ pub(crate) struct Header {
 impl Header {
     /// One of names and values separated by commas, without units.
     fn new(format: LogFormat, names: Vec<String>, rows_start: usize, names_line: u64) -> Self {
-        let (separator, units, has_decimal_commas) = (b',', Vec::new(), false);
-        Self { format, separator, names, units, rows_start, names_line, has_decimal_commas }
+        Self {
+            format,
+            separator: b',',
+            form: RowForm::default(),
+            names,
+            units: Vec::new(),
+            units_line: None,
+            keys: Keys::default(),
+            rows_start,
+            names_line,
+            has_decimal_commas: false,
+        }
     }
 }
 
@@ -89,31 +129,191 @@ pub(crate) fn recognise_layout(
         true => &by_shape(names, mapping),
         false => mapping,
     };
-    let (mut columns, roles) =
+    let (mut columns, mut roles) =
         recognise(names.clone(), &header.units, header.format, mapping).map_err(error)?;
-    let first = lines(head, rows_start, 1).next().map(|line| fields(line.text, separator));
-    let first_time = roles.time.and_then(|at| first.as_ref()?.get(at));
+    apply_keys(&header.keys, &mut columns);
+    let rows = head.get(rows_start..).unwrap_or_default();
+    let made = (!header.form.is_plain()).then(|| header.form.separated(rows, separator));
+    let rows = made.as_deref().unwrap_or(rows);
+    let first = lines(rows, 0, 1).next().map(|line| fields(line.text, separator));
+    let is_time = |field: &Vec<u8>| {
+        parse_date(field).is_ok() || parse_field(field).is_ok() || is_number(&with_points(field))
+    };
+    let mut time_of = |at: usize| first.as_ref().and_then(|fields| fields.get(at));
+    // A time in words, such as that of ATI's demo, tells less than the rate.
+    let said_rate = header.keys.rate_hz.filter(|_| header.format == LogFormat::Csv);
+    if said_rate.is_some()
+        && let Some(at) = roles.time
+        && !time_of(at).is_some_and(is_time)
+    {
+        columns[at] =
+            Column { meaning: Meaning::Other, unit: StatedUnit::None, ..columns[at].clone() };
+        roles.time = None;
+    }
+    let rate_hz = said_rate.filter(|_| roles.time.is_none()).map(|(rate, _)| rate);
+    let first_time = roles.time.and_then(&mut time_of);
     let has_dates = first_time.is_some_and(|field| parse_date(field).is_ok());
     if let (true, Some(at)) = (has_dates, roles.time) {
-        columns[at].meaning = Meaning::Time(TimeUnit::Second);
+        columns[at].set_unit(TimeUnit::Second.into());
     }
     if let (Some(at), None) = (roles.time, mapping.time_unit)
-        && columns[at].meaning == Meaning::Time(TimeUnit::Second)
-        && !has_dates
-        && !names_a_unit(&columns[at].name)
+        && columns[at].meaning == Meaning::Time(Scale::ONE)
+        && columns[at].unit == StatedUnit::None
     {
-        let step = || median_step(head, rows_start, separator, at);
+        let step = || median_step(rows, 0, separator, at);
         let unit = match first_time.and_then(|field| epoch_unit(field)) {
             None => step().map(unit_by_step).transpose(),
             epoch => Ok(epoch),
         };
         let unclear = |step| PlacedProblem::UnclearTimeUnit { column: names[at].clone(), step };
         if let Some(unit) = unit.map_err(|step| error(unclear(step)))? {
-            columns[at].meaning = Meaning::Time(unit);
+            columns[at].set_unit(unit.into());
         }
     }
     let rows_line = 1 + line_ends(&head[..rows_start]);
-    Ok(FileLayout { header, columns, roles, rows_line, has_dates })
+    let counts_in_32_bits = roles.time.is_some_and(|at| {
+        let is_count = |time: f64| time.fract() == 0.0 && (0.0..TURN).contains(&time);
+        let is_small = columns[at].meaning.scale().per >= 1e3;
+        let first = first_time.and_then(|field| parse_field(field).ok());
+        source.as_table().is_none() && is_small && !has_dates && first.is_some_and(is_count)
+    });
+    let conditions = conditions(names, roles.group, &header, mapping).map_err(error)?;
+    let interleaving = interleaving(rows, separator, &columns)
+        .filter(|found| !conditions.iter().any(|of| columns[of.column].name == found.column));
+    let decisions = decisions(&header, rows_line, rate_hz.is_some());
+    Ok(FileLayout {
+        header,
+        columns,
+        roles,
+        rows_line,
+        has_dates,
+        rate_hz,
+        counts_in_32_bits,
+        conditions,
+        interleaving,
+        decisions,
+    })
+}
+
+/// The conditions of the user, by the positions of their columns.
+fn conditions(
+    names: &[String],
+    group: Option<usize>,
+    header: &Header,
+    mapping: &Mapping,
+) -> Result<Vec<PlacedCondition>, PlacedProblem> {
+    let references: Vec<_> = mapping.rows.iter().map(|of| of.column.clone()).collect();
+    let columns = positions(names, &references)?;
+    let missing = |what: &str| {
+        let found = names.to_vec();
+        PlacedProblem::MissingColumns { missing: vec![what.to_owned()], found }
+    };
+    let mut placed: Vec<PlacedCondition> = columns
+        .into_iter()
+        .zip(&mapping.rows)
+        .map(|(column, of)| PlacedCondition {
+            column,
+            comparison: of.comparison,
+            value: of.value.clone(),
+        })
+        .collect();
+    for value in &mapping.excluded_groups {
+        let column = group.ok_or_else(|| missing("group"))?;
+        let (comparison, value) = (Comparison::Unequal, value.clone());
+        placed.push(PlacedCondition { column, comparison, value });
+    }
+    // A console has no texts to compare.
+    match header.format {
+        LogFormat::Console if !placed.is_empty() => Err(missing("of text")),
+        _ => Ok(placed),
+    }
+}
+
+/// A column that tells apart sensors whose rows alternate, by the first rows.
+fn interleaving(rows: &[u8], separator: u8, columns: &[Column]) -> Option<Interleaving> {
+    let rows: Vec<Vec<Vec<u8>>> = lines(rows, 0, 1)
+        .take(CLOCK_ROWS)
+        .map(|line| fields(line.text, separator))
+        .filter(|fields| fields.len() == columns.len())
+        .collect();
+    let others = columns.iter().enumerate().filter(|(_, of)| of.meaning == Meaning::Other);
+    let of_column = |(at, column): (usize, &Column)| {
+        let texts =
+            rows.iter().map(|fields| String::from_utf8_lossy(&fields[at]).trim().to_owned());
+        let name = column.name.clone();
+        (name, texts.collect::<Vec<String>>())
+    };
+    let found: Vec<(String, Vec<String>)> = others.map(of_column).collect();
+    let found: Vec<(&str, Vec<String>)> =
+        found.iter().map(|(name, fields)| (name.as_str(), fields.clone())).collect();
+    Interleaving::find(&found)
+}
+
+/// Applies units and counts from keys to the loads whose columns state no unit.
+fn apply_keys(keys: &Keys, columns: &mut [Column]) {
+    for column in columns {
+        let Meaning::Load(axis, _) = column.meaning else { continue };
+        if column.unit != StatedUnit::None {
+            continue;
+        }
+        let at = usize::from(axis.is_moment());
+        if let Some((unit, _)) = &keys.units[at] {
+            column.set_unit(StatedUnit::new(unit, Quantity::of_axis(axis)));
+        }
+        if let Some((counts, _)) = keys.counts[at]
+            && !matches!(column.unit, StatedUnit::Unknown(_))
+        {
+            let symbol = column.unit.known().map_or_else(|| axis.unit(), |unit| &unit.symbol);
+            let symbol = format!("{symbol}/{counts}");
+            let scale = column.meaning.scale();
+            let scale = Scale { per: scale.per * counts, ..scale };
+            column.set_unit(StatedUnit::Known(Unit { symbol, scale }));
+        }
+    }
+}
+
+/// Decisions about the lines above the rows, where they are unusual.
+fn decisions(header: &Header, rows_line: u64, takes_rate: bool) -> Vec<String> {
+    let mut said = Vec::new();
+    match &header.form.body {
+        RowBody::Json(_) => {
+            said.push("names from the keys of each line, objects of JSON".to_owned())
+        }
+        RowBody::Labels(_) => said.push("names from the labels in each line".to_owned()),
+        _ if header.names_line < rows_line => {
+            said.push(format!("names from line {}", header.names_line));
+        }
+        _ => said.push("no names".to_owned()),
+    }
+    said.extend(header.units_line.map(|line| format!("units from line {line}")));
+    said.push(format!("data from line {rows_line}"));
+    if header.form.body == RowBody::Blanks {
+        said.push("columns between blanks".to_owned());
+    }
+    if header.form.has_arrow {
+        said.push("time before `->`".to_owned());
+    }
+    if let (Some((rate, line)), true) = (header.keys.rate_hz, takes_rate) {
+        said.push(format!("{rate} Hz from line {line}, as time"));
+    }
+    for (what, counts) in ["forces", "moments"].iter().zip(header.keys.counts) {
+        if let Some((counts, line)) = counts {
+            let counts = grouped(counts);
+            said.push(format!("{what} in counts, divided by {counts} from line {line}"));
+        }
+    }
+    let is_usual = header.format != LogFormat::Csv
+        || (said.len() == 2 && header.form.is_plain() && rows_line <= 2);
+    if is_usual { Vec::new() } else { said }
+}
+
+/// A number with commas between its thousands.
+fn grouped(number: f64) -> String {
+    let text = number.to_string();
+    let (whole, rest) = text.split_at(text.find('.').unwrap_or(text.len()));
+    let groups: Vec<&str> =
+        whole.as_bytes().rchunks(3).rev().filter_map(|group| str::from_utf8(group).ok()).collect();
+    format!("{}{rest}", groups.join(","))
 }
 
 /// The unit of a clock that counts from 1970, by its digits: in the years 2001 to 2286 it has ten in s, thirteen in
@@ -176,7 +376,7 @@ fn read_header(
     let format = match mapping.format {
         Some(format) => format,
         None if source.as_table().is_some() => LogFormat::Csv,
-        None if first.text.starts_with(b"%") => LogFormat::Telemetry,
+        None if is_telemetry(&head[start..]) => LogFormat::Telemetry,
         None if is_console(head) => LogFormat::Console,
         None => LogFormat::Csv,
     };
@@ -209,101 +409,150 @@ fn telemetry_header(
     Ok(Header::new(LogFormat::Telemetry, names.collect(), rows_start, line))
 }
 
-/// Separated values: names if the first line is mostly not numbers, or else a known layout.
+/// Separated values: names above rows, or else a known layout.
 fn separated_header(
     source: &LogSource,
     head: &[u8],
     first: &LayoutLine<'_>,
     mapping: &Mapping,
 ) -> Result<Header, LogError> {
-    let table_names = source.as_whole_table().and_then(|table| table.names.as_deref());
-    let separator = if source.as_whole_table().is_some() { b',' } else { separator(first.text) };
-    let fields = |line: &LayoutLine<'_>| fields(line.text, separator);
-    let has_commas = separator != b',';
-    let is_numeric = |fields: &[Vec<u8>]| {
-        let is_number = |field: &&Vec<u8>| {
-            is_number(field)
-                || (has_commas && is_number(&with_points(field)))
-                || parse_date(field).is_ok()
-        };
-        2 * fields.iter().filter(is_number).count() >= fields.len()
-    };
-    let found = fields(first);
-    let has_names = table_names.is_some() || !is_numeric(&found);
     let format = mapping.format.unwrap_or(LogFormat::Csv);
-    let rows_start = if has_names { first.next } else { first.start };
-    let mut header = Header {
+    let table = source.as_whole_table();
+    if let Some(names) = table.and_then(Table::names)
+        && format == LogFormat::Csv
+    {
+        let units = table.map(Table::units).unwrap_or_default();
+        return Ok(Header { units, ..Header::new(format, names, first.next, first.number) });
+    }
+    let start = if head.starts_with(BYTE_ORDER_MARK) { BYTE_ORDER_MARK.len() } else { 0 };
+    let comma = table.map(|_| b',');
+    let found = usual_head(head, first, comma, mapping).or_else(|| {
+        let found = head::find(head, start, comma, mapping);
+        let is_named = found.as_ref().is_some_and(|found| found.names.is_some());
+        let alone = || names_alone(head, first, comma, mapping);
+        if is_named { found } else { alone().or(found) }
+    });
+    let Some(found) = found else {
+        return Err(source.error_at(first.number, PlacedProblem::NoTable));
+    };
+    let Head { separator, form, names, units, rows_start, rows_line, columns, keys } = found;
+    let has_decimal_commas = separator != b','
+        && has_decimal_commas(&form.separated(&head[rows_start..], separator), separator);
+    let (units_line, units) = units.map_or((None, Vec::new()), |(line, units)| (Some(line), units));
+    let header = Header {
         separator,
-        has_decimal_commas: has_commas && has_decimal_commas(head, first, separator),
-        ..Header::new(format, Vec::new(), rows_start, first.number)
+        form,
+        units,
+        units_line,
+        keys,
+        has_decimal_commas,
+        ..Header::new(format, Vec::new(), rows_start, rows_line)
     };
-    let named_above = (!has_names).then(|| names_in_comment(head, first, separator, found.len()));
-    let are_named = has_names || named_above.as_ref().is_some_and(Option::is_some);
-    let is_of_layout = |(format, names): &&(LogFormat, &[&str])| match mapping.format {
+    let is_of_layout = |(format, layout): &&(LogFormat, &[&str])| match mapping.format {
         Some(wanted) => *format == wanted,
-        None => !are_named && names.len() == found.len(),
+        None => names.is_none() && layout.len() == columns && rows_line == first.number,
     };
-    if let Some(&(format, names)) = NAMELESS.iter().find(is_of_layout) {
-        if names.len() != found.len() {
-            let (expected, found) = (names.len(), found.len());
+    if let Some(&(format, layout)) = NAMELESS.iter().find(is_of_layout) {
+        if layout.len() != columns {
+            let (expected, found) = (layout.len(), columns);
             let problem = PlacedProblem::LayoutMismatch { format, expected, found };
             return Err(source.error_at(first.number, problem));
         }
-        let names = names.iter().map(|&name| name.to_owned()).collect();
+        let names = layout.iter().map(|&name| name.to_owned()).collect();
         return Ok(Header { format, names, ..header });
     }
-    if let Some((line, names)) = named_above.flatten() {
-        return Ok(Header { names, names_line: line, ..header });
-    }
-    if has_names {
-        header.names = table_names.map_or_else(|| texts(&found), <[String]>::to_vec);
-        // A line of units is one of texts above one of numbers.
-        let mut below = lines(head, first.next, first.number + 1);
-        if let (None, Some(line)) = (table_names, below.next())
-            && let units = fields(&line)
-            && units.len() == header.names.len()
-            && !units.iter().any(|field| is_number(field) || is_number(&with_points(field)))
-            && below.next().is_some_and(|third| is_numeric(&fields(&third)))
-        {
-            header.units = texts(&units);
-            header.rows_start = line.next;
-        }
-        return Ok(header);
+    if let Some((names_line, names)) = names {
+        return Ok(Header { names, names_line, ..header });
     }
     // Numbers in an unknown order are of use only to someone who says which is which.
     if mapping.sensors.is_none() && mapping.wrench.is_none() && mapping.time.is_none() {
-        let problem = PlacedProblem::UnknownLayout(found.len());
-        return Err(source.error_at(first.number, problem));
+        return Err(source.error_at(rows_line, PlacedProblem::UnknownLayout(columns)));
     }
-    let names = (1..=found.len()).map(|i| format!("column {i}")).collect();
-    Ok(Header { names, ..header })
+    Ok(Header { names: numbered(1, columns), ..header })
 }
 
-/// Names of as many columns in the comment above the first row, as NumPy's `savetxt` writes them, and
-/// its line.
-fn names_in_comment(
+/// The head of a text whose first line names columns that are known, with rows of as many fields below: that of most
+/// logs.
+fn usual_head(
     head: &[u8],
     first: &LayoutLine<'_>,
+    comma: Option<u8>,
+    mapping: &Mapping,
+) -> Option<Head> {
+    let separator = comma.unwrap_or_else(|| line_separator(first.text));
+    let fields = |line: &LayoutLine<'_>| fields(line.text, separator);
+    let names = fields(first);
+    let is_asked = mapping.header_line.is_some() || mapping.skip_lines.is_some();
+    let mut below = lines(head, first.next, first.number + 1);
+    let second = below.next()?;
+    if is_asked
+        || head::is_of_other_form(first.text)
+        || first.text.starts_with(b"%")
+        || fields(&second).len() != names.len()
+        || head::roles(&texts(&names)) == 0
+        || names.iter().any(|name| head::is_numeric(name, separator))
+    {
+        return None;
+    }
+    let mut found = named_head(first, separator, &names, &second);
+    let has_numbers =
+        |line: &LayoutLine<'_>| fields(line).iter().any(|field| head::is_numeric(field, separator));
+    // A line of units is one of texts above one of numbers.
+    if !has_numbers(&second)
+        && let Some(third) = below.next()
+        && has_numbers(&third)
+    {
+        found.units = Some((second.number, texts(&fields(&second))));
+        (found.rows_start, found.rows_line) = (third.start, third.number);
+    }
+    Some(found)
+}
+
+/// The head of a text without rows in sight, if its first line names columns.
+fn names_alone(
+    head: &[u8],
+    first: &LayoutLine<'_>,
+    comma: Option<u8>,
+    mapping: &Mapping,
+) -> Option<Head> {
+    let separator = comma.unwrap_or_else(|| line_separator(first.text));
+    let names = fields(first.text, separator);
+    let second = lines(head, first.next, first.number + 1).next();
+    let is_text = !names.iter().any(|name| head::is_numeric(name, separator));
+    let is_said = mapping.sensors.is_some() || mapping.wrench.is_some() || mapping.time.is_some();
+    let is_known = is_said || head::roles(&texts(&names)) > 0 || mapping.format.is_some();
+    let next =
+        LayoutLine { text: b"", start: first.next, next: first.next, number: first.number + 1 };
+    let second = second.unwrap_or(next);
+    let is_text = is_text && !head::is_of_other_form(first.text);
+    (is_text && is_known).then(|| named_head(first, separator, &names, &second))
+}
+
+fn named_head(
+    first: &LayoutLine<'_>,
     separator: u8,
-    columns: usize,
-) -> Option<(u64, Vec<String>)> {
-    let comment = head[..first.start].trim_ascii_end().rsplit(|&byte| byte == b'\n').next()?;
-    let comment = comment.trim_ascii().strip_prefix(b"#")?;
-    let names = texts(&fields(comment, separator));
-    let is_name = |name: &String| !name.is_empty() && !is_number(name.as_bytes());
-    (columns > 1 && names.len() == columns && names.iter().all(is_name))
-        .then(|| (line_ends(&head[..first.start]), names))
+    names: &[Vec<u8>],
+    second: &LayoutLine<'_>,
+) -> Head {
+    Head {
+        separator,
+        columns: names.len(),
+        names: Some((first.number, texts(names))),
+        rows_start: first.next,
+        rows_line: second.number,
+        ..Head::default()
+    }
 }
 
 /// How many rows are looked at for decimal commas.
 const LOOKED_AT: usize = 16;
 
 /// Whether some field of the first rows is a number once its comma is a point, and none else.
-fn has_decimal_commas(head: &[u8], first: &LayoutLine<'_>, separator: u8) -> bool {
+fn has_decimal_commas(rows: &[u8], separator: u8) -> bool {
     let is_decimal = |field: &Vec<u8>| {
         field.contains(&b',') && !is_number(field) && is_number(&with_points(field))
     };
-    lines(head, first.start, first.number)
+    lines(rows, 0, 1)
         .take(LOOKED_AT)
         .any(|line| fields(line.text, separator).iter().any(is_decimal))
 }
@@ -318,38 +567,29 @@ const NAMELESS: [(LogFormat, &[&str]); 2] =
 const CONSOLE: [&str; 9] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "time_us"];
 
 /// The fields of one line, quotes removed.
-fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
+pub(super) fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
     if !line.contains(&b'"') {
         return line.split(|&b| b == separator).map(<[u8]>::to_vec).collect();
     }
     quoted_fields(line, separator).iter().map(<[u8]>::to_vec).collect()
 }
 
-fn texts(fields: &[Vec<u8>]) -> Vec<String> {
+pub(super) fn texts(fields: &[Vec<u8>]) -> Vec<String> {
     fields.iter().map(|field| String::from_utf8_lossy(field).trim().to_owned()).collect()
-}
-
-/// The separator that a line has most of, outside quotes; a comma where there is none.
-fn separator(line: &[u8]) -> u8 {
-    let candidates = *b",;\t|";
-    let mut counts = [0_usize; 4];
-    let mut quoted = false;
-    for byte in line {
-        quoted ^= *byte == b'"';
-        if let Some(i) = candidates.iter().position(|c| c == byte).filter(|_| !quoted) {
-            counts[i] += 1;
-        }
-    }
-    // Commas may be decimal ones where another separator stands between the numbers.
-    let other = (1..4).filter(|&i| counts[i] > 0).max_by_key(|&i| (counts[i], 4 - i));
-    match other {
-        Some(i) if counts[0] <= counts[i] + 1 => candidates[i],
-        _ => b',',
-    }
 }
 
 fn is_number(field: &[u8]) -> bool {
     matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite))
+}
+
+/// Whether a text is robot telemetry: lines with `%` above its rows, one of which names columns by `|`, or none of which
+/// names them by anything.
+fn is_telemetry(head: &[u8]) -> bool {
+    let mut lines = lines(head, 0, 1).map(|line| line.text);
+    let above: Vec<&[u8]> = lines.by_ref().take_while(|text| text.starts_with(b"%")).collect();
+    let separates =
+        |text: &&[u8]| text.contains(&b'|') || !text.iter().any(|byte| b",;\t".contains(byte));
+    !above.is_empty() && above.iter().any(separates)
 }
 
 /// Whether some line reports a received payload, `SRC: 0x2052 |  [69, 20, …]`.
@@ -374,11 +614,11 @@ fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
 
 /// A line of the head.
 #[derive(Clone, Copy)]
-struct LayoutLine<'a> {
-    text: &'a [u8],
-    start: usize,
-    next: usize,
-    number: u64,
+pub(super) struct LayoutLine<'a> {
+    pub(super) text: &'a [u8],
+    pub(super) start: usize,
+    pub(super) next: usize,
+    pub(super) number: u64,
 }
 
 /// The lines from `start` on that are neither blank nor comments, counted from `number`.
@@ -444,9 +684,13 @@ mod tests {
             ("a\tb\tc", b'\t'),
             ("1,5;2,5;3,5", b';'),
             ("alone", b','),
+            ("alone and text", b','),
+            (" 1.0   2.0 3e5", b' '),
+            ("1, 2, 3", b','),
+            ("0,5 1,5 2", b' '),
             ("\"a;b;c;d\",e,f", b','),
         ] {
-            assert_eq!(separator(line.as_bytes()), expected, "{line}");
+            assert_eq!(line_separator(line.as_bytes()), expected, "{line}");
         }
     }
 

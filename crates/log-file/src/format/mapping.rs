@@ -1,6 +1,8 @@
 //! What the user specifies about a log that cannot be recognised.
 
+use super::choice::RowCondition;
 use shell_data::ColumnNames;
+use shell_data::unit::{Quantity, Unit};
 use shell_data::wrench::{Axis, PerAxis};
 pub use shell_data::{MomentUnit, TimeUnit};
 use std::fmt;
@@ -64,6 +66,10 @@ pub struct Mapping {
     pub table: Option<String>,
     /// The format of the file.
     pub format: Option<LogFormat>,
+    /// The line, from 1, that names the columns.
+    pub header_line: Option<u64>,
+    /// So many lines at the start of a text are not looked at.
+    pub skip_lines: Option<u64>,
     /// The sensor columns, in channel order.
     pub sensors: Option<Vec<ColumnRef>>,
     /// The wrench columns, of the axes that there are, in the order Fx … Mz.
@@ -76,6 +82,14 @@ pub struct Mapping {
     pub group: Option<ColumnRef>,
     /// The unit of the moment columns, whatever their names say.
     pub moment_unit: Option<MomentUnit>,
+    /// Units, whatever the log says: of an axis, of `force`, `moment` or `time`, or of a column by its name.
+    pub units: Vec<(String, String)>,
+    /// Units that are taken where neither the log nor the user says any.
+    pub usual_units: Vec<(String, String)>,
+    /// Conditions that rows must meet to be read.
+    pub rows: Vec<RowCondition>,
+    /// Groups whose rows are not read.
+    pub excluded_groups: Vec<String>,
     /// What is taken where nothing is specified above, if the log has such columns.
     pub usual: Option<ColumnNames>,
 }
@@ -171,6 +185,35 @@ pub fn parse_wrench(text: &str) -> Result<PerAxis<Option<ColumnRef>>, String> {
     Ok(columns)
 }
 
+/// Units of columns: `fx=lbf`, `force=kN,moment=N·mm`, `time=min`.
+///
+/// # Errors
+/// What is wrong with a unit or with what it is of, in words.
+pub fn parse_units(text: &str) -> Result<Vec<(String, String)>, String> {
+    let unit = |item: &str| {
+        let (of, unit) = item
+            .rsplit_once('=')
+            .ok_or_else(|| format!("`{item}`: expected a column and its unit, as in `fx=lbf`"))?;
+        let (of, unit) = (of.trim(), unit.trim());
+        let axis = Axis::ALL.into_iter().find(|axis| axis.name().eq_ignore_ascii_case(of));
+        let quantities = match (of.to_ascii_lowercase().as_str(), axis) {
+            ("force", _) => vec![Quantity::Force],
+            ("moment", _) => vec![Quantity::Moment],
+            ("time", _) => vec![Quantity::Time],
+            (_, Some(axis)) => vec![Quantity::of_axis(axis)],
+            _ => vec![Quantity::Force, Quantity::Moment, Quantity::Time],
+        };
+        match quantities.iter().any(|&quantity| Unit::parse(unit, quantity).is_some()) {
+            true => Ok((of.to_owned(), unit.to_owned())),
+            false => {
+                let understood: Vec<_> = quantities.iter().map(|it| it.understood()).collect();
+                Err(format!("`{unit}` is no unit of `{of}`; understood: {}", understood.join(", ")))
+            }
+        }
+    };
+    text.split(',').map(unit).collect()
+}
+
 /// An axis and what is said of its column, in `fx=a`.
 fn named_axis(item: &str) -> Option<(Axis, &str)> {
     let (name, column) = item.split_once('=')?;
@@ -185,6 +228,7 @@ impl Mapping {
         let mut mapping = self.clone();
         let Some(usual) = mapping.usual.take() else { return mapping };
         let has = |column: &String| names.contains(column);
+        mapping.usual_units = usual.units;
         mapping.sensors = mapping.sensors.or_else(|| {
             let sensors = usual.sensors.filter(|all| all.iter().all(has))?;
             Some(sensors.into_iter().map(ColumnRef::Name).collect())

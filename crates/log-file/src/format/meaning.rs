@@ -1,88 +1,177 @@
-//! What the name of a column means.
+//! The meaning of a column by its name.
 //!
-//! Names are compared without case, spaces and punctuation. A unit may follow a name: `fx_n`,
-//! `Mx (mN·m)`, `time_us`.
+//! Names are compared without case, spaces and punctuation. A unit may follow a name, in brackets or after any
+//! separator: `fx_n`, `Mx (mN·m)`, `time_us`, `Fz-lbf`.
 
 use super::mapping::{LogFormat, TimeUnit};
 use shell_data::telemetry::Telemetry;
+use shell_data::unit::{Quantity, Scale, Unit};
 use shell_data::wrench::Axis;
 
 /// The meaning of a column.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Meaning {
-    /// Time.
-    Time(TimeUnit),
+    /// Time, and what makes it seconds.
+    Time(Scale),
     /// The readings of this channel, from 0.
     Sensor(usize),
-    /// A force or moment, in N and N·m or (`true`) in mN and mN·m.
-    Load(Axis, bool),
+    /// A force or moment, and what makes it N or N·m.
+    Load(Axis, Scale),
     /// The group (pose, session, trial) of a row.
     Group,
     /// Telemetry of the robot, in counts as its profile explains them.
     Telemetry(Telemetry),
-    /// Nothing that is needed.
+    /// Unused.
     Other,
 }
 
 impl Meaning {
-    /// What a column is taken for, with the unit that its values are in; `None` if for nothing.
+    /// The meaning in words; `None` if for nothing.
     pub fn in_words(self) -> Option<String> {
         Some(match self {
-            Meaning::Time(unit) => format!("time ({})", unit.symbol()),
+            Meaning::Time(_) => "time".to_owned(),
             Meaning::Sensor(channel) => format!("sensor {}", channel + 1),
-            Meaning::Load(axis, false) => format!("{} ({})", axis.name(), axis.unit()),
-            // Values are in SI units.
-            Meaning::Load(axis, true) => format!("{} ({1}, from m{1})", axis.name(), axis.unit()),
+            Meaning::Load(axis, _) => axis.name().to_owned(),
             Meaning::Group => "group".to_owned(),
             Meaning::Telemetry(telemetry) => telemetry.name().to_owned(),
             Meaning::Other => return None,
         })
     }
 
-    /// What a value is divided by to be in SI units. Dividing rounds correctly where multiplying
-    /// by the inverse would not.
-    pub(crate) fn per_si_unit(self) -> f64 {
+    /// The scale that turns values into SI units.
+    pub(crate) fn scale(self) -> Scale {
         match self {
-            Meaning::Time(unit) => unit.per_second(),
-            Meaning::Load(_, true) => 1e3,
-            _ => 1.0,
+            Meaning::Time(scale) | Meaning::Load(_, scale) => scale,
+            _ => Scale::ONE,
         }
+    }
+
+    /// The quantity whose unit counts.
+    pub(crate) fn quantity(self) -> Option<Quantity> {
+        match self {
+            Meaning::Time(_) => Some(Quantity::Time),
+            Meaning::Load(axis, _) => Some(Quantity::of_axis(axis)),
+            _ => None,
+        }
+    }
+
+    /// This meaning with values of another unit.
+    pub(crate) fn scaled(self, scale: Scale) -> Self {
+        match self {
+            Meaning::Time(_) => Meaning::Time(scale),
+            Meaning::Load(axis, _) => Meaning::Load(axis, scale),
+            other => other,
+        }
+    }
+}
+
+/// The unit that a log states for a column.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum StatedUnit {
+    /// No unit is stated.
+    #[default]
+    None,
+    /// A unit that is understood.
+    Known(Unit),
+    /// Something that is not understood, as it is written.
+    Unknown(String),
+}
+
+impl StatedUnit {
+    /// Reads `text` as the unit of a quantity.
+    pub(super) fn new(text: &str, quantity: Quantity) -> Self {
+        match Unit::parse(text, quantity) {
+            _ if text.trim().is_empty() => Self::None,
+            Some(unit) => Self::Known(unit),
+            None => Self::Unknown(text.trim().to_owned()),
+        }
+    }
+
+    /// The unit, if it is understood.
+    pub fn known(&self) -> Option<&Unit> {
+        if let Self::Known(unit) = self { Some(unit) } else { None }
+    }
+}
+
+impl From<TimeUnit> for StatedUnit {
+    fn from(unit: TimeUnit) -> Self {
+        let scale = Scale::per_si(unit.per_second());
+        Self::Known(Unit { symbol: unit.symbol().to_owned(), scale })
     }
 }
 
 /// Names of a group column, most wanted first.
 pub(super) const GROUPS: [&str; 4] = ["group", "session", "pose", "trial"];
 
-pub(crate) fn meaning_of(name: &str, format: LogFormat) -> Meaning {
-    let (stem, unit) = split_unit(name);
+/// The meaning of a name, and the unit in it.
+pub(crate) fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit) {
     if GROUPS.contains(&plain(name).as_str()) {
-        return Meaning::Group;
+        return (Meaning::Group, StatedUnit::None);
     }
-    if ["t", "time", "timestamp"].contains(&stem.as_str()) {
-        let unit = match unit.as_str() {
-            "" => Some(default_time_unit(format)),
-            "s" | "sec" | "secs" | "second" | "seconds" => Some(TimeUnit::Second),
-            "ms" | "msec" | "millis" | "milliseconds" => Some(TimeUnit::Millisecond),
-            "us" | "usec" | "µs" | "μs" | "micros" | "microseconds" => {
-                Some(TimeUnit::Microsecond)
-            }
-            "ns" | "nsec" | "nanos" | "nanoseconds" => Some(TimeUnit::Nanosecond),
-            _ => None,
-        };
-        return unit.map_or(Meaning::Other, Meaning::Time);
-    }
-    if let Some(meaning) = wrench_of(name) {
-        return meaning;
+    if let Some((meaning, unit)) = measured(name, format) {
+        let scale = unit.known().map_or(meaning.scale(), |unit| unit.scale);
+        return (meaning.scaled(scale), unit);
     }
     // A reading may be in any unit.
     let name = without_unit(name);
-    if let Some(telemetry) = Telemetry::from_name(&name) {
-        return Meaning::Telemetry(telemetry);
+    let meaning = match Telemetry::from_name(&name) {
+        Some(telemetry) => Meaning::Telemetry(telemetry),
+        None => match numbered(&name, "sensor").or_else(|| numbered(&name, "s")) {
+            Some(channel) => Meaning::Sensor(channel),
+            None => Meaning::Other,
+        },
+    };
+    (meaning, StatedUnit::None)
+}
+
+/// A time or an axis of the wrench by its name, alone or with a unit behind it.
+fn measured(name: &str, format: LogFormat) -> Option<(Meaning, StatedUnit)> {
+    if let Some((base, unit)) = in_brackets(name) {
+        let meaning = quantity_named(base, format)?;
+        let unit = StatedUnit::new(unit, meaning.quantity()?);
+        // `T (°C)` is a temperature.
+        let is_time = plain(base) != "t" || !matches!(unit, StatedUnit::Unknown(_));
+        return is_time.then_some((meaning, unit));
     }
-    match numbered(&name, "sensor").or_else(|| numbered(&name, "s")) {
-        Some(channel) => Meaning::Sensor(channel),
-        None => Meaning::Other,
+    if let Some(meaning) = quantity_named(name, format) {
+        return Some((meaning, StatedUnit::None));
     }
+    suffixes(name).find_map(|(base, suffix)| {
+        let meaning = quantity_named(base, format)?;
+        let quantity = meaning.quantity()?;
+        if let Some(unit) = Unit::parse(suffix, quantity) {
+            return Some((meaning, StatedUnit::Known(unit)));
+        }
+        // A moment in N or a force in N·m is a mistake; what is no unit belongs to the name.
+        let is_load = |of| quantity != Quantity::Time && Unit::parse(suffix, of).is_some();
+        [Quantity::Force, Quantity::Moment]
+            .into_iter()
+            .any(is_load)
+            .then(|| (meaning, StatedUnit::Unknown(suffix.to_owned())))
+    })
+}
+
+/// The unit of a quantity in any name: whatever is in brackets, or a unit after a separator.
+pub(super) fn unit_in_name(name: &str, quantity: Quantity) -> StatedUnit {
+    if let Some((_, unit)) = in_brackets(name) {
+        return StatedUnit::new(unit, quantity);
+    }
+    let unit = suffixes(name).find_map(|(_, suffix)| Unit::parse(suffix, quantity));
+    unit.map_or(StatedUnit::None, StatedUnit::Known)
+}
+
+/// A name and what stands in brackets behind it.
+fn in_brackets(name: &str) -> Option<(&str, &str)> {
+    let (base, unit) = name.split_once(['(', '[', '{'])?;
+    Some((base, unit.trim_end().trim_end_matches([')', ']', '}'])))
+}
+
+/// The parts of a name before and after each of its separators.
+fn suffixes(name: &str) -> impl Iterator<Item = (&str, &str)> {
+    let cuts = name.match_indices(|c: char| !c.is_alphanumeric() && c != '°');
+    cuts.map(|(at, mark)| (name[..at].trim(), name[at + mark.len()..].trim()))
+        .map(|(base, unit)| (base, unit.strip_prefix("in ").unwrap_or(unit)))
+        .filter(|(base, unit)| !base.is_empty() && !unit.is_empty())
 }
 
 /// The number after a prefix, if that is all there is.
@@ -91,55 +180,29 @@ pub(super) fn numbered(plain_name: &str, prefix: &str) -> Option<usize> {
     digits.parse().ok().filter(|_| (1..=3).contains(&digits.len()))
 }
 
-/// An axis of the wrench by its usual name (`fx_n`, `Mx (mN·m)`), or by another: `Tx`, `force_x`,
-/// `wrench.torque.z`.
-fn wrench_of(name: &str) -> Option<Meaning> {
-    let (axis, unit) = axis_and_unit(name, &WRENCH_UNITS)?;
-    Some(match (axis.is_moment(), unit.as_str()) {
-        (_, "") | (false, "n") | (true, "nm") => Meaning::Load(axis, false),
-        (false, "mn") | (true, "mnm" | "nmm") => Meaning::Load(axis, true),
-        _ => Meaning::Other,
-    })
-}
+/// Names of a clock.
+const TIMES: [&str; 5] = ["t", "time", "timestamp", "timestamps", "times"];
 
-/// Which axis of the wrench a column has in a unit that is not read.
-pub(crate) fn axis_of_other_unit(name: &str) -> Option<Axis> {
-    let (axis, _) = axis_and_unit(name, &OTHER_UNITS)?;
-    (wrench_of(name).is_none_or(|meaning| meaning == Meaning::Other)).then_some(axis)
-}
-
-/// An axis and the unit of a name: whatever stands in brackets, or one of `units` at its end.
-fn axis_and_unit(name: &str, units: &[&str]) -> Option<(Axis, String)> {
-    let (base, unit) = match name.split_once(['(', '[']) {
-        Some((base, unit)) => (plain(base), plain(unit)),
-        None => match name.trim().rsplit_once(|c: char| !c.is_alphanumeric()) {
-            Some((base, unit)) if units.contains(&plain(unit).as_str()) => {
-                (plain(base), plain(unit))
-            }
-            _ => (plain(name), String::new()),
-        },
-    };
-    let base = base.strip_prefix("wrench").unwrap_or(&base);
-    let base = base.strip_prefix("wrench").unwrap_or(base);
+/// The time or the axis of the wrench that a name without a unit names: `Fx`, `Tx`, `force_x`, `wrench.torque.z`.
+fn quantity_named(name: &str, format: LogFormat) -> Option<Meaning> {
+    let name = plain(name);
+    if TIMES.contains(&name.as_str()) {
+        return Some(Meaning::Time(Scale::per_si(default_time_unit(format).per_second())));
+    }
+    let name = name.strip_prefix("field").unwrap_or(&name);
+    let name = name.strip_prefix("wrench").unwrap_or(name);
+    let name = name.strip_prefix("wrench").unwrap_or(name);
     let is_named = |axis: &Axis| {
         let letter = axis.name().to_ascii_lowercase().split_off(1);
         let kinds: &[&str] = match axis.is_moment() {
             false => &["f", "force"],
             true => &["m", "t", "moment", "torque"],
         };
-        kinds.iter().any(|kind| base.strip_prefix(kind) == Some(&letter))
+        kinds.iter().any(|kind| name.strip_prefix(kind) == Some(&letter))
     };
-    Some((Axis::ALL.into_iter().find(is_named)?, unit))
+    let axis = Axis::ALL.into_iter().find(is_named)?;
+    Some(Meaning::Load(axis, Scale::ONE))
 }
-
-/// Units of forces and moments that are read.
-const WRENCH_UNITS: [&str; 5] = ["n", "mn", "nm", "mnm", "nmm"];
-
-/// Units that others write after a name, and that are not read.
-const OTHER_UNITS: [&str; 16] = [
-    "lbf", "lb", "lbs", "ozf", "kgf", "gf", "kg", "g", "kn", "lbfin", "lbin", "inlb", "ftlb",
-    "lbft", "kgcm", "ncm",
-];
 
 /// The robot's telemetry counts µs; a time column that does not say is in s.
 pub(super) fn default_time_unit(format: LogFormat) -> TimeUnit {
@@ -147,11 +210,6 @@ pub(super) fn default_time_unit(format: LogFormat) -> TimeUnit {
         LogFormat::Telemetry | LogFormat::Console => TimeUnit::Microsecond,
         _ => TimeUnit::Second,
     }
-}
-
-/// Whether a name ends in a unit.
-pub(super) fn names_a_unit(name: &str) -> bool {
-    !split_unit(name).1.is_empty()
 }
 
 /// `Mx (mN·m)` into `mx` and `mnm`.

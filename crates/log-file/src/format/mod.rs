@@ -1,6 +1,9 @@
 //! Recognising a log: its format, its header, and the meaning of its columns.
 
+pub(crate) mod choice;
 pub(crate) mod columns;
+pub(crate) mod head;
+mod keys;
 pub(crate) mod layout;
 pub(crate) mod mapping;
 pub(crate) mod meaning;

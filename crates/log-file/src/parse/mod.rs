@@ -2,8 +2,10 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod columns;
 pub(crate) mod console;
 mod field_ends;
+pub(crate) mod form;
 mod instruction_set;
 mod nearest;
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]

@@ -91,17 +91,25 @@ pub(crate) fn parse_field(field: &[u8]) -> Result<f64, FieldProblem> {
         return Err(FieldProblem::Empty);
     }
     let text = std::str::from_utf8(field).map_err(|_| FieldProblem::NotANumber)?;
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(value),
-        Ok(_) => Err(FieldProblem::NotFinite),
-        Err(_) => Err(FieldProblem::NotANumber),
-    }
+    text.parse().map_err(|_| FieldProblem::NotANumber).and_then(finite)
 }
 
-/// The seconds since 1970 that the whole of `field` spells as a date and time.
+/// A number, if it is finite.
+pub(crate) fn finite(value: f64) -> Result<f64, FieldProblem> {
+    if value.is_finite() { Ok(value) } else { Err(FieldProblem::NotFinite) }
+}
+
+/// The seconds since 1970 that the whole of `field` spells as a date and time, or since midnight as a time of day.
 pub(crate) fn parse_date(field: &[u8]) -> Result<f64, FieldProblem> {
     let text = std::str::from_utf8(field).map_err(|_| FieldProblem::NotADate)?;
-    table_file::seconds_of_iso(text).ok_or(FieldProblem::NotADate)
+    let of_day = || match *text.trim().as_bytes() {
+        // A date that counts no seconds makes it a whole one.
+        [_, _, b':', _, _, b':', _, _, ..] => {
+            table_file::seconds_of_iso(&format!("1970-01-01T{}", text.trim()))
+        }
+        _ => None,
+    };
+    table_file::seconds_of_iso(text).or_else(of_day).ok_or(FieldProblem::NotADate)
 }
 
 /// The text with points for the commas between two digits, which are decimal ones in many languages where `;` stands

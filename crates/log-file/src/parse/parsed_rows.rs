@@ -1,12 +1,15 @@
 //! The result of parsing rows: columns of numbers, and texts in run-length encoding.
 
 use super::field_ends::FieldEnds;
+use super::rows::RowError;
 
 /// Rows, column by column.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct ParsedRows {
     pub(crate) rows: usize,
     pub(crate) skipped: u64,
+    /// The first of them: where it starts, and what is wrong with it.
+    pub(crate) first_skipped: Option<RowError>,
     /// Lines that are no rows: how many there are before which row.
     pub(crate) passed: Vec<(usize, u64)>,
     pub(crate) columns: Vec<Vec<f64>>,
@@ -19,7 +22,7 @@ pub(crate) struct ParsedRows {
 impl ParsedRows {
     /// Forgets all rows and makes room for `capacity` rows of `columns` columns.
     pub(crate) fn clear(&mut self, columns: usize, capacity: usize) {
-        (self.rows, self.skipped) = (0, 0);
+        (self.rows, self.skipped, self.first_skipped) = (0, 0, None);
         self.passed.clear();
         self.labels.iter_mut().for_each(Vec::clear);
         self.columns.resize_with(columns, Vec::new);

@@ -1,30 +1,38 @@
 //! Which columns are parsed, and the block in SI units that is made of them.
 
 use memchr::{memchr, memrchr};
+use table_file::{TablePart, WantedColumn};
 
 use super::console;
+use super::form::RowForm;
 use super::number::with_points;
 use super::parsed_rows::ParsedRows;
 use super::rows::{ColumnUse, Limit, RowError, RowPlan};
 use crate::error::RowProblem;
+use crate::format::choice::{PlacedCondition, keep_chosen};
 use crate::format::columns::Wanted;
 use crate::format::layout::FileLayout;
 use crate::format::mapping::LogFormat;
-use crate::stream::chunk::{Chunk, line_ends};
-use crate::stream::clock_turns;
+use crate::stream::chunk::line_ends;
+use crate::stream::clock_turns::ClockTurns;
+use crate::stream::piece::LogPiece;
 use shell_data::block::Block;
 use shell_data::instructions::arch;
+use shell_data::unit::Scale;
 
 /// How the rows of one log become blocks.
 #[derive(Debug)]
 pub(crate) struct ReadPlan {
     rows: RowSyntax,
     has_decimal_commas: bool,
+    form: RowForm,
+    /// The number of the first row's line and the rows per second, where these make the times.
+    rate: Option<(u64, f64)>,
     /// How many columns are parsed.
     numbers: usize,
     time: Option<OutputColumn>,
-    /// Whether the clock wraps around.
-    clock_turns: bool,
+    /// The clock, if it is one that wraps around.
+    clock: Option<ClockTurns>,
     readings: Vec<OutputColumn>,
     /// Empty, or one for each axis that there is.
     wrench: Vec<Option<OutputColumn>>,
@@ -32,6 +40,10 @@ pub(crate) struct ReadPlan {
     /// How many columns of text are wanted, that of groups among them.
     labels: usize,
     has_groups: bool,
+    /// How many of the columns of text are wanted for themselves.
+    texts: usize,
+    /// Conditions, whose columns follow these.
+    conditions: Vec<PlacedCondition>,
 }
 
 /// How rows are parsed.
@@ -42,11 +54,11 @@ enum RowSyntax {
     Console(Vec<usize>),
 }
 
-/// A column of the block: where it is among the parsed columns, and what its values are divided by.
+/// A column of the block: where it is among the parsed columns, and what makes its values ones in SI units.
 #[derive(Clone, Copy, Debug)]
 struct OutputColumn {
     slot: usize,
-    per_si_unit: f64,
+    scale: Scale,
 }
 
 /// The memory that a chunk is parsed into, to be used again for the next chunk.
@@ -57,23 +69,47 @@ pub(crate) struct BlockBuffer {
 }
 
 impl BlockBuffer {
-    /// Parses the lines of a chunk into the block.
+    /// Parses the lines of a chunk, or takes the rows of a table, into the block.
     ///
     /// # Errors
     /// The line of the first row that is wrong, and what is wrong with it.
     pub(crate) fn fill(
         &mut self,
         plan: &ReadPlan,
-        chunk: &Chunk,
+        piece: &mut LogPiece,
         skip_bad_rows: bool,
     ) -> Result<(), (u64, RowProblem)> {
-        let lines = chunk.lines();
-        let placed =
-            |error: RowError| (chunk.line + line_ends(&lines[..error.offset]), error.problem);
-        plan.parse(lines, skip_bad_rows, &mut self.parsed).map_err(placed)?;
-        plan.fill(&mut self.block, &mut self.parsed, &chunk.context, chunk.turns);
-        (self.block.offset, self.block.lines.first) = (chunk.offset, chunk.line);
+        let parsed = &mut self.parsed;
+        match piece {
+            LogPiece::Text(chunk) => {
+                let lines = chunk.lines();
+                let placed = |error: RowError| {
+                    (chunk.line + line_ends(&lines[..error.offset]), error.problem)
+                };
+                plan.parse(lines, skip_bad_rows, parsed).map_err(placed)?;
+                plan.fill(&mut self.block, parsed, chunk.turns);
+                self.block.readings_before = plan.last_readings(&chunk.context);
+                (self.block.offset, self.block.lines.first) = (chunk.offset, chunk.line);
+            }
+            LogPiece::Rows(rows) => {
+                let placed = |(row, problem)| (rows.line + row as u64, problem);
+                plan.parse_part(&mut rows.part, skip_bad_rows, parsed).map_err(placed)?;
+                plan.fill(&mut self.block, parsed, 0);
+                self.block.readings_before = plan.last_readings_of(&mut rows.before);
+                (self.block.offset, self.block.lines.first) = (rows.row, rows.line);
+            }
+        }
+        plan.fill_times(&mut self.block);
         Ok(())
+    }
+}
+
+impl BlockBuffer {
+    /// The line of the first row of a chunk that was skipped, and what is wrong with it.
+    pub(crate) fn first_skipped(&mut self, piece: &LogPiece) -> Option<(u64, RowProblem)> {
+        let LogPiece::Text(chunk) = piece else { return None };
+        let RowError { offset, problem } = self.parsed.first_skipped.take()?;
+        Some((chunk.line + line_ends(&chunk.lines()[..offset]), problem))
     }
 }
 
@@ -86,7 +122,7 @@ impl ReadPlan {
         positions.dedup();
         let output = |position: &usize| {
             let slot = positions.binary_search(position).expect("every wanted place is listed");
-            OutputColumn { slot, per_si_unit: layout.columns[*position].meaning.per_si_unit() }
+            OutputColumn { slot, scale: layout.columns[*position].meaning.scale() }
         };
         let outputs = |wanted: bool, positions: &[usize]| -> Vec<OutputColumn> {
             if wanted { positions.iter().map(output).collect() } else { Vec::new() }
@@ -106,12 +142,15 @@ impl ReadPlan {
             _ => ColumnUse::Number(limit(at)),
         };
         let group = roles.group.filter(|_| wanted.groups);
-        let labels: Vec<usize> = wanted.texts.iter().copied().chain(group).collect();
+        let decide = layout.conditions.iter().map(|of| of.column);
+        let labels: Vec<usize> = wanted.texts.iter().copied().chain(decide).chain(group).collect();
         Self {
             has_decimal_commas: layout.header.has_decimal_commas,
+            form: layout.header.form.clone(),
+            rate: layout.rate_hz.filter(|_| wanted.time).map(|rate| (layout.rows_line, rate)),
             numbers: positions.len(),
             time: roles.time.filter(|_| wanted.time).as_ref().map(output),
-            clock_turns: layout.clock().is_some(),
+            clock: layout.clock(),
             readings: outputs(wanted.readings, &roles.sensors),
             wrench: match wanted.wrench {
                 true => roles.wrench.iter().map(|position| position.as_ref().map(output)).collect(),
@@ -120,6 +159,8 @@ impl ReadPlan {
             others: outputs(true, &wanted.others),
             labels: labels.len(),
             has_groups: group.is_some(),
+            texts: wanted.texts.len(),
+            conditions: layout.conditions.clone(),
             rows: match layout.header.format {
                 LogFormat::Console => RowSyntax::Console(positions),
                 _ => RowSyntax::Separated(RowPlan {
@@ -141,6 +182,9 @@ impl ReadPlan {
     ) -> Result<(), RowError> {
         match &self.rows {
             RowSyntax::Separated(plan) => {
+                let made =
+                    (!self.form.is_plain()).then(|| self.form.separated(lines, plan.separator));
+                let lines = made.as_deref().unwrap_or(lines);
                 let points = self.has_decimal_commas.then(|| with_points(lines));
                 let (written, lines) = (lines, points.as_deref().unwrap_or(lines));
                 // Rows differ little in length; should they, the columns grow.
@@ -158,30 +202,45 @@ impl ReadPlan {
         }
     }
 
-    /// Makes a block of what was parsed; `context` holds the lines before it, and the clock, if it comes
-    /// round, has done so `turns` times. The columns change places with those that `block` had, which
-    /// can be used again.
-    pub(crate) fn fill(
+    /// The columns that are wanted of a table; none of text.
+    pub(crate) fn wanted_columns(&self) -> Vec<WantedColumn> {
+        match &self.rows {
+            RowSyntax::Separated(plan) => plan.wanted(),
+            RowSyntax::Console(_) => Vec::new(),
+        }
+    }
+
+    /// Moves rows of a table into `parsed`, which is cleared before.
+    fn parse_part(
         &self,
-        block: &mut Block,
+        part: &mut TablePart,
+        skip_bad_rows: bool,
         parsed: &mut ParsedRows,
-        context: &[u8],
-        turns: u32,
-    ) {
+    ) -> Result<(), (usize, RowProblem)> {
+        match &self.rows {
+            RowSyntax::Separated(plan) => plan.parse_part(part, skip_bad_rows, parsed),
+            // A console is never a table.
+            RowSyntax::Console(_) => Ok(()),
+        }
+    }
+
+    /// Makes a block of what was parsed; the clock, if it comes round, has done so `turns` times. The columns change
+    /// places with those that `block` had, which can be used again.
+    pub(crate) fn fill(&self, block: &mut Block, parsed: &mut ParsedRows, turns: u32) {
         block.rows = parsed.rows;
         // The others come first and may share a column; all else has its own.
         block.others.resize_with(self.others.len(), Vec::new);
         for (column, output) in block.others.iter_mut().zip(&self.others) {
             column.clone_from(&parsed.columns[output.slot]);
         }
-        if let (true, Some(output)) = (self.clock_turns, &self.time) {
-            clock_turns::unwrap(&mut parsed.columns[output.slot], turns);
+        if let (Some(clock), Some(output)) = (&self.clock, &self.time) {
+            clock.unwrap(&mut parsed.columns[output.slot], turns);
         }
         let rows = parsed.rows;
         let mut take = |column: &mut Vec<f64>, output: &OutputColumn| {
             std::mem::swap(column, &mut parsed.columns[output.slot]);
-            if output.per_si_unit != 1.0 {
-                column.iter_mut().for_each(|value| *value /= output.per_si_unit);
+            if output.scale != Scale::ONE {
+                column.iter_mut().for_each(|value| *value = output.scale.to_si(*value));
             }
         };
         if let Some(output) = &self.time {
@@ -205,7 +264,37 @@ impl ReadPlan {
         std::mem::swap(&mut block.texts, &mut parsed.labels);
         block.texts.resize_with(self.labels, Vec::new);
         block.groups = block.texts.pop_if(|_| self.has_groups).unwrap_or_default();
-        block.readings_before = self.last_readings(context);
+        if !self.conditions.is_empty() {
+            let values = block.texts.split_off(self.texts);
+            keep_chosen(block, &self.conditions, &values);
+        }
+        block.readings_before = None;
+    }
+
+    /// The readings of the last of some rows of a table that has them, `None` if there is none.
+    fn last_readings_of(&self, rows: &mut TablePart) -> Option<Vec<f64>> {
+        let mut parsed = ParsedRows::default();
+        if self.readings.is_empty()
+            || !self.conditions.is_empty()
+            || self.parse_part(rows, true, &mut parsed).is_err()
+        {
+            return None;
+        }
+        self.readings.iter().map(|o| parsed.columns[o.slot].last().copied()).collect()
+    }
+
+    /// Makes the times of rows from the numbers of their lines, where no column is a time.
+    pub(crate) fn fill_times(&self, block: &mut Block) {
+        let Some((first, rate_hz)) = self.rate else { return };
+        let lines = &block.lines;
+        let time = |row| lines.line(row).saturating_sub(first) as f64 / rate_hz;
+        block.time_s = (0..block.rows).map(time).collect();
+    }
+
+    /// Whether the first of some rows meets the conditions.
+    fn is_chosen(&self, parsed: &ParsedRows) -> bool {
+        let values = parsed.labels.iter().skip(self.texts).filter_map(|runs| runs.first());
+        self.conditions.iter().zip(values).all(|(condition, (value, _))| condition.is_met(value))
     }
 
     /// The readings of the last row in `lines` that has them, `None` if there is none.
@@ -214,7 +303,10 @@ impl ReadPlan {
         let mut parsed = ParsedRows::default();
         while end > 0 && !self.readings.is_empty() {
             let start = memrchr(b'\n', &lines[..end - 1]).map_or(0, |at| at + 1);
-            if self.parse(&lines[start..end], false, &mut parsed).is_ok() && parsed.rows > 0 {
+            if self.parse(&lines[start..end], false, &mut parsed).is_ok()
+                && parsed.rows > 0
+                && self.is_chosen(&parsed)
+            {
                 return Some(self.readings.iter().map(|o| parsed.columns[o.slot][0]).collect());
             }
             end = start;

@@ -17,7 +17,9 @@ use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 use super::neon::Neon;
-use super::number::{parse_date, parse_digits, parse_field, parse_long, signed, with_points};
+use super::number::{
+    finite, parse_date, parse_digits, parse_field, parse_long, signed, with_points,
+};
 use super::parsed_rows::ParsedRows;
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
@@ -59,6 +61,24 @@ impl Limit {
 
     fn check(self, value: f64) -> Result<f64, FieldProblem> {
         if value.abs() <= self.0 { Ok(value) } else { Err(FieldProblem::BeyondLimit(self.1)) }
+    }
+}
+
+impl ColumnUse {
+    /// The largest magnitude that is believed.
+    pub(super) fn most(self) -> f64 {
+        match self {
+            Self::Number(Some(Limit(most, _))) => most,
+            _ => f64::MAX,
+        }
+    }
+
+    /// Checks a number.
+    pub(super) fn check(self, value: f64) -> Result<f64, FieldProblem> {
+        match self {
+            Self::Number(Some(limit)) => finite(value).and_then(|value| limit.check(value)),
+            _ => finite(value),
+        }
     }
 }
 
@@ -147,6 +167,7 @@ impl RowPlan {
                 // The last row of a file whose writer was killed or lost power is cut off, and is no error.
                 Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
                     parsed.skipped += 1;
+                    parsed.first_skipped.get_or_insert(RowError { offset: at, problem });
                     parsed.pass_lines(1);
                 }
                 Some(Err(problem)) => return Err(RowError { offset: at, problem }),
@@ -288,7 +309,7 @@ impl RowPlan {
         }
     }
 
-    fn problem(&self, problem: FieldProblem, column: usize, field: &[u8]) -> RowProblem {
+    pub(super) fn problem(&self, problem: FieldProblem, column: usize, field: &[u8]) -> RowProblem {
         let name = self.names[column].clone();
         let mut found = String::from_utf8_lossy(field.trim_ascii()).into_owned();
         if let Some((at, _)) = found.char_indices().nth(40) {

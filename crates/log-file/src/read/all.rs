@@ -3,13 +3,13 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use crate::error::LogError;
+use crate::error::{LogError, RowProblem};
 use crate::format::columns::Wanted;
 use crate::log::Log;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
-use crate::stream::chunk::{Chunk, ChunkStream};
+use crate::stream::piece::{LogPiece, LogPieces};
 use crate::stream::pipeline::{self, Pieces};
-use crate::stream::source::{ByteStream, ReadMeter};
+use crate::stream::source::ReadMeter;
 use shell_data::ReadSummary;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
@@ -21,6 +21,8 @@ pub struct ReadOptions<'a> {
     pub threads: usize,
     /// Count rows that are wrong, and go on.
     pub skip_bad_rows: bool,
+    /// The largest share of wrong rows with which that is still believed; `None` for any.
+    pub largest_bad_share: Option<f64>,
     /// Compute the checksum of the file.
     pub checksum: bool,
     /// Called on the caller's thread with the number of bytes read of the file on disk.
@@ -112,18 +114,19 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     let logs = &logs[..];
     let threads = threads_for(logs, options);
     let (checksum, meter, checksums) = (options.checksum, ReadMeter::default(), Vec::new());
-    let mut chunks =
-        LogChunks { logs, checksum, threads, current: 0, chunks: None, meter, checksums };
-    let bytes_read = Arc::clone(&chunks.meter.bytes);
+    let mut pieces =
+        PiecesOfLogs { logs, plans: &plans, checksum, current: 0, pieces: None, meter, checksums };
+    let bytes_read = Arc::clone(&pieces.meter.bytes);
     let mut found = vec![ReadSummary::default(); logs.len()];
+    let mut first_skipped = vec![None; logs.len()];
     // How many logs have been read and have rows.
     let mut checked = 0;
     let workers = pipeline::run(
-        &mut chunks,
+        &mut pieces,
         threads,
         || (BlockBuffer::default(), init()),
-        |(buffer, state), (log, chunk)| {
-            let filled = buffer.fill(&plans[*log], chunk, options.skip_bad_rows);
+        |(buffer, state), (log, piece)| {
+            let filled = buffer.fill(&plans[*log], piece, options.skip_bad_rows);
             let parsed = filled.map(|()| {
                 let summary = ReadSummary {
                     rows: buffer.block.rows as u64,
@@ -132,13 +135,14 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
                     checksum: None,
                 };
                 let value = (summary.rows > 0).then(|| map(state, *log, &mut buffer.block));
-                (summary, value)
+                (summary, value, buffer.first_skipped(piece))
             });
             (*log, parsed)
         },
         |(log, parsed)| {
             let bad_row = |(line, problem)| E::from(logs[log].source.error_at(line, problem));
-            let (of_chunk, value) = parsed.map_err(bad_row)?;
+            let (of_chunk, value, skipped) = parsed.map_err(bad_row)?;
+            first_skipped[log] = first_skipped[log].take().or(skipped);
             check_rows(&logs[checked..log], &found[checked..log])?;
             checked = log;
             let summary = &mut found[log];
@@ -152,7 +156,10 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
         },
     )?;
     check_rows(&logs[checked..], &found[checked..])?;
-    for (summary, checksum) in found.iter_mut().zip(chunks.checksums) {
+    if let Some(share) = options.largest_bad_share {
+        check_skipped(logs, &found, first_skipped, share)?;
+    }
+    for (summary, checksum) in found.iter_mut().zip(pieces.checksums) {
         summary.checksum = checksum;
     }
     Ok((found, workers.into_iter().map(|(_, state)| state).collect()))
@@ -162,49 +169,73 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
 fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
     let is_empty = |summary: &ReadSummary| summary.rows == 0 && summary.skipped_rows == 0;
     match logs.iter().zip(found).find(|(_, found)| is_empty(found)) {
+        Some((log, _)) if !log.layout.conditions.is_empty() => {
+            Err(LogError::NoneChosen(log.path().to_owned()))
+        }
         Some((log, _)) => Err(LogError::NoRows(log.path().to_owned())),
         None => Ok(()),
     }
 }
 
-/// The chunks of several logs as one sequence, so that no thread waits at the end of a log.
-struct LogChunks<'a> {
+/// Checks that no more than this share of the rows of each log was skipped, of which the first wrong one is given.
+fn check_skipped(
+    logs: &[&Log],
+    found: &[ReadSummary],
+    first: Vec<Option<(u64, RowProblem)>>,
+    share: f64,
+) -> Result<(), LogError> {
+    for ((log, summary), first) in logs.iter().zip(found).zip(first) {
+        let (skipped, rows) = (summary.skipped_rows, summary.rows + summary.skipped_rows);
+        if let Some((line, problem)) = first
+            && skipped > 1
+            && skipped as f64 > share * rows as f64
+        {
+            let position = log.source.position(line);
+            let path = log.path().to_owned();
+            let problem = Box::new(problem);
+            return Err(LogError::ManyBadRows { path, skipped, rows, position, problem });
+        }
+    }
+    Ok(())
+}
+
+/// The pieces of several logs as one sequence, so that no thread waits at the end of a log.
+struct PiecesOfLogs<'a> {
     logs: &'a [&'a Log],
+    plans: &'a [ReadPlan],
     checksum: bool,
-    /// How many threads read a table.
-    threads: usize,
     /// The log that is being read, or read next.
     current: usize,
-    chunks: Option<ChunkStream<ByteStream>>,
+    pieces: Option<LogPieces<'a>>,
     meter: ReadMeter,
     /// Checksums of the logs that have been read.
     checksums: Vec<Option<String>>,
 }
 
-impl Pieces for LogChunks<'_> {
-    /// The number of a log, and a chunk of it.
-    type Piece = (usize, Chunk);
+impl Pieces for PiecesOfLogs<'_> {
+    /// The number of a log, and a piece of it.
+    type Piece = (usize, LogPiece);
     type Error = LogError;
 
     fn ended(&self) -> bool {
         self.current >= self.logs.len()
     }
 
-    fn next(&mut self, (number, chunk): &mut (usize, Chunk)) -> Result<bool, Self::Error> {
+    fn next(&mut self, (number, piece): &mut (usize, LogPiece)) -> Result<bool, Self::Error> {
         while let Some(log) = self.logs.get(self.current) {
             *number = self.current;
-            let chunks = match &mut self.chunks {
-                Some(chunks) => chunks,
+            let pieces = match &mut self.pieces {
+                Some(pieces) => pieces,
                 none => {
                     self.meter.begin(self.checksum);
-                    let stream = log.source.open_counting(self.threads, &self.meter)?;
-                    none.insert(log.chunks(stream, log.chunk_bytes))
+                    let wanted = self.plans[self.current].wanted_columns();
+                    none.insert(log.pieces(&wanted, log.chunk_bytes, &self.meter)?)
                 }
             };
-            let any = chunks.next(chunk).map_err(|error| log.source.error(error))?;
-            if chunks.ended() {
+            let any = pieces.next(log, piece)?;
+            if pieces.ended() {
                 self.checksums.push(self.meter.checksum());
-                self.chunks = None;
+                self.pieces = None;
                 self.current += 1;
             }
             if any {

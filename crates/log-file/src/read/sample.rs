@@ -11,7 +11,8 @@ use crate::format::mapping::LogFormat;
 use crate::log::Log;
 use crate::parse::number::parse_field;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
-use crate::stream::chunk::Chunk;
+use crate::stream::piece::LogPiece;
+use crate::stream::source::ReadMeter;
 use shell_data::block::Block;
 
 /// How many pieces of a file are read.
@@ -28,15 +29,22 @@ impl Log {
     pub fn sample(&self, wanted: &Wanted) -> Result<Block, LogError> {
         self.require(wanted)?;
         let plan = ReadPlan::new(&self.layout, wanted);
-        let lines = match !self.source.is_plain() || self.bytes_of_rows() <= PIECES * PIECE_BYTES {
-            true => self.first_lines()?,
-            false => self.spread_lines()?,
-        };
-        let BlockBuffer { mut parsed, mut block } = BlockBuffer::default();
-        plan.parse(&lines, true, &mut parsed)
-            .map_err(|error| self.source.error_at(0, error.problem))?;
-        plan.fill(&mut block, &mut parsed, &[], 0);
-        Ok(block)
+        let mut buffer = BlockBuffer::default();
+        if !self.source.is_plain() || self.bytes_of_rows() <= PIECES * PIECE_BYTES {
+            let bytes = (PIECES * PIECE_BYTES) as usize;
+            let mut pieces = self.pieces(&plan.wanted_columns(), bytes, &ReadMeter::default())?;
+            let mut piece = LogPiece::default();
+            if pieces.next(self, &mut piece)? {
+                let filled = buffer.fill(&plan, &mut piece, true);
+                filled.map_err(|(line, problem)| self.source.error_at(line, problem))?;
+            }
+        } else {
+            plan.parse(&self.spread_lines()?, true, &mut buffer.parsed)
+                .map_err(|error| self.source.error_at(0, error.problem))?;
+            plan.fill(&mut buffer.block, &mut buffer.parsed, 0);
+            plan.fill_times(&mut buffer.block);
+        }
+        Ok(buffer.block)
     }
 
     /// Which of some columns hold text rather than numbers: those with text in a [sample](Self::sample) of their
@@ -71,15 +79,6 @@ impl Log {
 
     fn bytes_of_rows(&self) -> u64 {
         self.source.bytes.saturating_sub(self.layout.header.rows_start as u64)
-    }
-
-    /// As many lines from the start as a sample has.
-    fn first_lines(&self) -> Result<Vec<u8>, LogError> {
-        let bytes = (PIECES * PIECE_BYTES) as usize;
-        let mut chunks = self.chunks(self.source.open()?, bytes);
-        let mut chunk = Chunk::default();
-        chunks.next(&mut chunk).map_err(|error| self.source.error(error))?;
-        Ok(chunk.lines().to_vec())
     }
 
     /// Lines from evenly spaced parts of the file.

@@ -1,14 +1,13 @@
 //! How often a clock of 32 bits has wrapped around before a chunk.
 //!
-//! The robot's clock counts µs in 32 bits, so it wraps around every 71.6 min. Chunks are handed out in
-//! the order of the file, and each is far shorter than that: the first time of one against the first of
-//! the one before tells.
+//! The robot's clock counts µs in 32 bits, so it wraps around every 71.6 min; that of another logger may count ms or ns.
+//! Chunks are handed out in the order of the file: the first time of one against the first and last times of the one before
+//! tells, as long as a chunk is shorter than half a turn.
 
-/// The clock wraps around after so many µs.
-pub(crate) const TURN_US: f64 = 4_294_967_296.0;
+use crate::parse::form::RowForm;
 
-/// How far a clock goes back where it has wrapped around, at least.
-const BACK_US: f64 = TURN_US / 2.0;
+/// The clock wraps around after so many units.
+pub(crate) const TURN: f64 = 4_294_967_296.0;
 
 /// Lines of a chunk that are looked at for a time.
 const LINES: usize = 8;
@@ -16,51 +15,76 @@ const LINES: usize = 8;
 /// Finds the turns before each of the chunks that it is shown.
 #[derive(Clone, Debug)]
 pub(crate) struct ClockTurns {
+    form: RowForm,
     separator: u8,
     column: usize,
-    before_us: Option<f64>,
+    /// A clock that wraps around does so from at least as much below a turn, to at most as much above 0.
+    margin: f64,
+    before: Option<f64>,
     turns: u32,
 }
 
 impl ClockTurns {
-    /// For a clock in that column.
-    pub(crate) fn new(separator: u8, column: usize) -> Self {
-        Self { separator, column, before_us: None, turns: 0 }
+    /// For the robot's clock in that column, which is known to wrap around.
+    pub(crate) fn new(form: RowForm, separator: u8, column: usize) -> Self {
+        Self { form, separator, column, margin: TURN / 2.0, before: None, turns: 0 }
+    }
+
+    /// Makes it one for a counter that may not wrap around: only a jump from just below a turn to just above 0 counts.
+    pub(crate) fn of_counter(self) -> Self {
+        Self { margin: TURN / 8.0, ..self }
     }
 
     /// Turns before the first row of the next chunk.
     pub(crate) fn before(&mut self, lines: &[u8]) -> u32 {
         let time = |line: &[u8]| {
+            let made = (!self.form.is_plain()).then(|| self.form.separated(line, self.separator));
+            let line = made.as_deref().unwrap_or(line);
             let field = line.split(|&byte| byte == self.separator).nth(self.column)?;
-            str::from_utf8(field.trim_ascii()).ok()?.parse::<f64>().ok()
+            let field = str::from_utf8(field).ok()?.trim_matches([' ', '\t', '\r', '"']);
+            field.parse::<f64>().ok()
         };
-        let first_us = lines.split(|&byte| byte == b'\n').take(LINES).find_map(time);
-        if let Some(first_us) = first_us {
-            self.turns +=
-                u32::from(self.before_us.is_some_and(|before| has_turned(before, first_us)));
-            self.before_us = Some(first_us);
+        let is_end = |byte: &u8| *byte == b'\n';
+        let first = lines.split(is_end).take(LINES).find_map(time);
+        let last = lines.rsplit(is_end).take(LINES).find_map(time);
+        let Some((first, last)) = first.zip(last) else { return self.turns };
+        self.turns += u32::from(self.before.is_some_and(|before| self.has_turned(before, first)));
+        let turns = self.turns;
+        // A time that goes on has not turned, or else more than half way; most chunks need no closer look.
+        if last < first {
+            let mut before = first;
+            for time in lines.split(is_end).filter_map(time) {
+                if self.has_turned(before, time) {
+                    self.turns += 1;
+                } else if self.turns > 0 && self.has_turned(time, before) {
+                    self.turns -= 1;
+                }
+                before = time;
+            }
         }
-        self.turns
+        self.before = Some(last);
+        turns
     }
-}
 
-fn has_turned(before_us: f64, after_us: f64) -> bool {
-    before_us < TURN_US && before_us - after_us > BACK_US
-}
+    fn has_turned(&self, before: f64, after: f64) -> bool {
+        let is_at_the_turn = before > TURN - self.margin && after < self.margin;
+        before < TURN && before - after > TURN / 2.0 && is_at_the_turn
+    }
 
-/// Adds the turns to times in µs, of which so many are before the first.
-pub(crate) fn unwrap(times_us: &mut [f64], turns: u32) {
-    let mut offset_us = f64::from(turns) * TURN_US;
-    let mut before_us = times_us.first().copied().unwrap_or(0.0);
-    for time_us in times_us {
-        if has_turned(before_us, *time_us) {
-            offset_us += TURN_US;
-        } else if offset_us > 0.0 && has_turned(*time_us, before_us) {
-            // A row that was overtaken.
-            offset_us -= TURN_US;
+    /// Adds the turns to times, of which so many are before the first.
+    pub(crate) fn unwrap(&self, times: &mut [f64], turns: u32) {
+        let mut offset = f64::from(turns) * TURN;
+        let mut before = times.first().copied().unwrap_or(0.0);
+        for time in times {
+            if self.has_turned(before, *time) {
+                offset += TURN;
+            } else if offset > 0.0 && self.has_turned(*time, before) {
+                // A row that was overtaken.
+                offset -= TURN;
+            }
+            before = *time;
+            *time += offset;
         }
-        before_us = *time_us;
-        *time_us += offset_us;
     }
 }
 
@@ -73,12 +97,13 @@ mod tests {
         let times: Vec<u32> = (0..2000_u32).map(|i| i.wrapping_mul(10_000_019)).collect();
         let expected: Vec<f64> = (0..2000).map(|i| f64::from(i) * 10_000_019.0).collect();
         for rows in [1, 7, 100, 2000] {
-            let mut clock = ClockTurns::new(b'|', 1);
+            let mut clock = ClockTurns::new(RowForm::default(), b'|', 1);
             let mut found = Vec::new();
             for chunk in times.chunks(rows) {
                 let lines: String = chunk.iter().map(|time| format!("x| {time} |y\n")).collect();
                 let mut values: Vec<f64> = chunk.iter().map(|&time| f64::from(time)).collect();
-                unwrap(&mut values, clock.before(lines.as_bytes()));
+                let turns = clock.before(lines.as_bytes());
+                clock.unwrap(&mut values, turns);
                 found.extend(values);
             }
             assert_eq!(found, expected, "{rows} rows a chunk");
@@ -87,8 +112,16 @@ mod tests {
 
     #[test]
     fn a_clock_that_was_set_back_has_not_come_round() {
-        let mut times = [5e9, 1e9, 2e9, 1e9];
-        unwrap(&mut times, 0);
-        assert_eq!(times, [5e9, 1e9, 2e9, 1e9]);
+        let robot = ClockTurns::new(RowForm::default(), b'|', 1);
+        let unwrapped = |clock: &ClockTurns, mut times: [f64; 4]| {
+            clock.unwrap(&mut times, 0);
+            times
+        };
+        assert_eq!(unwrapped(&robot, [5e9, 1e9, 2e9, 1e9]), [5e9, 1e9, 2e9, 1e9]);
+        // Recordings that were put together, of a clock that is not known to wrap around.
+        let counter = robot.clone().of_counter();
+        assert_eq!(unwrapped(&counter, [3e9, 3.1e9, 1e3, 2e3]), [3e9, 3.1e9, 1e3, 2e3]);
+        let turned = unwrapped(&counter, [4.29e9, 4.294e9, 1e3, 2e3]);
+        assert_eq!(turned, [4.29e9, 4.294e9, TURN + 1e3, TURN + 2e3]);
     }
 }

@@ -4,7 +4,7 @@
 
 use std::io::{self, BufRead, BufReader, Read};
 
-use table_file::TextStream;
+use super::text_stream::TextStream;
 
 /// The longest line.
 const LONGEST: u64 = 1 << 20;
@@ -95,7 +95,7 @@ impl Sides {
 }
 
 /// What separates the fields of a line, if it has several.
-fn separator(line: &[u8]) -> Option<u8> {
+pub(crate) fn separator(line: &[u8]) -> Option<u8> {
     // Commas may also be those of decimals.
     b";\t,".iter().copied().find(|separator| line.contains(separator))
 }

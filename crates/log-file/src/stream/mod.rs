@@ -3,7 +3,11 @@
 pub(crate) mod chunk;
 pub(crate) mod clock_turns;
 pub(crate) mod companion;
+pub(crate) mod piece;
 pub mod pipeline;
 pub(crate) mod source;
+pub(crate) mod table_rows;
+mod text_rows;
+mod text_stream;
 mod utf16;
 mod zstd;

@@ -1,9 +1,9 @@
-//! The bytes of a log as text: those of the file, unpacked if it is compressed, brought to UTF-8, or
-//! the rows of a table in a binary file as CSV.
+//! What a log is read from: a file of text, unpacked if it is compressed and brought to UTF-8, or a table in a binary
+//! file; and a file beside it.
 //!
 //! ```text
-//! file ─▶ gzip, zstd ─▶ UTF-16 ─┐
-//! file ─▶ table as CSV ─────────┴▶ text ─▶ with that of a file beside it, line by line
+//! file ─▶ gzip, zstd ─▶ UTF-16 ─▶ text ─▶ with that of a file beside it, line by line
+//! file ─▶ table ─▶ columns ─▶ with those of a file beside it
 //! ```
 //!
 //! What a file is, is known by its first bytes, not by its name.
@@ -20,6 +20,7 @@ use twox_hash::XxHash3_128;
 
 use super::chunk::{LINE_LIMIT, LongLine};
 use super::companion::{RowMismatch, Sides, joined};
+use super::text_rows::TextRows;
 use super::utf16::as_utf8;
 use super::zstd::{self, Zstd};
 use crate::checksum;
@@ -45,11 +46,30 @@ pub(crate) struct LogSource {
     pub(crate) sides: Sides,
 }
 
+/// Rows of a table that tell what its columns are.
+const HEAD_ROWS: usize = 256;
+
 /// A file with all of standard input: logs are read several times.
 fn spooled_stdin() -> io::Result<TempPath> {
     let mut file = tempfile::NamedTempFile::new()?;
     io::copy(&mut io::stdin().lock(), file.as_file_mut())?;
     Ok(file.into_temp_path())
+}
+
+/// The recording in the folder of a ROS 2 bag, which has one and a description of it.
+fn recording_in(folder: &Path) -> io::Result<PathBuf> {
+    let mut recordings = Vec::new();
+    for entry in std::fs::read_dir(folder)? {
+        let path = entry?.path();
+        recordings
+            .extend(Some(path).filter(|path| path.extension().is_some_and(|it| it == "mcap")));
+    }
+    match recordings.pop() {
+        Some(recording) if recordings.is_empty() && folder.join("metadata.yaml").is_file() => {
+            Ok(recording)
+        }
+        _ => Err(io::ErrorKind::IsADirectory.into()),
+    }
 }
 
 /// What the text of a log is in.
@@ -72,7 +92,9 @@ impl LogSource {
         // Before it is opened: whoever opens a pipe waits for its writer.
         let metadata = std::fs::metadata(file).map_err(failed)?;
         if metadata.is_dir() {
-            return Err(failed(io::ErrorKind::IsADirectory.into()));
+            let recording = recording_in(file).map_err(failed)?;
+            let recording = FileSource::Disk(recording);
+            return Self::plain(path, recording).recognise(part);
         }
         if !metadata.is_file() {
             return Err(failed(io::Error::other("not a regular file, which logs must be")));
@@ -111,7 +133,7 @@ impl LogSource {
         };
         let kind = match table_file::recognise(&text) {
             Recognised::Unknown => None,
-            _ if self.compression().is_some() => {
+            Recognised::Table(_) if self.compression().is_some() => {
                 let what = "a compressed file of something other than text";
                 let remedy = "unpack it first; compressed logs are text";
                 return Err(LogError::Foreign { path: self.path, what, remedy });
@@ -126,7 +148,7 @@ impl LogSource {
         }
         if let Some(kind) = kind {
             let table = Table::open(&self.file, kind, part);
-            self.container = Container::Table(table.map_err(|error| self.error(error))?);
+            self.container = Container::Table(table.map_err(|problem| self.table_error(problem))?);
             return Ok(self);
         }
         self.utf16 = match text.as_slice() {
@@ -139,10 +161,50 @@ impl LogSource {
 
     /// The same with the columns of another file, whose rows are those of this one.
     pub(crate) fn with_companion(self, companion: Self) -> Result<Self, LogError> {
-        let streams = [self.open()?, companion.open()?];
         let source = Self { companion: Some(Arc::new(companion)), ..self };
-        let sides = Sides::new(streams).map_err(|error| source.error(error))?;
+        let sides = match &source.companion {
+            Some(companion) if source.is_text() => {
+                Sides::new([source.open_alone()?, companion.open()?])
+            }
+            _ => {
+                let heads = source.heads()?;
+                Sides::new(heads.each_ref().map(Vec::as_slice))
+            }
+        };
+        let sides = sides.map_err(|error| source.error(error))?;
         Ok(Self { sides, ..source })
+    }
+
+    /// The first lines of this file and of the one beside it, of which one is a table.
+    fn heads(&self) -> Result<[Vec<u8>; 2], LogError> {
+        let head = |source: &Self| match source.as_table() {
+            Some(table) => {
+                let head = table.head(None, HEAD_ROWS, usize::MAX);
+                head.map_err(|problem| source.table_error(problem))
+            }
+            None => TextRows::new(source.open_alone()?).head(source, HEAD_ROWS + 1),
+        };
+        let companion = self.companion.as_deref().map(head).transpose()?;
+        Ok([head(self)?, companion.unwrap_or_default()])
+    }
+
+    /// The first bytes of its text, at most so many; of a table the first rows as one, of whose columns that have names
+    /// only `shown` are filled.
+    pub(crate) fn head(&self, shown: Option<&[usize]>, bytes: usize) -> Result<Vec<u8>, LogError> {
+        if let Some(table) = self.as_whole_table() {
+            let head = table.head(shown, HEAD_ROWS, bytes);
+            return head.map_err(|problem| self.table_error(problem));
+        }
+        let mut head = Vec::with_capacity(bytes);
+        let read = match self.is_text() {
+            true => self.open()?.take(bytes as u64).read_to_end(&mut head),
+            false => {
+                let heads = self.heads()?;
+                joined(heads.each_ref().map(Vec::as_slice), self.sides).read_to_end(&mut head)
+            }
+        };
+        read.map_err(|error| self.error(error))?;
+        Ok(head)
     }
 
     /// The first bytes of a stream.
@@ -159,44 +221,55 @@ impl LogSource {
 
     /// Opens the text at its start.
     pub(crate) fn open(&self) -> Result<ByteStream, LogError> {
-        self.open_counting(1, &ReadMeter::default())
+        self.open_counting(&ReadMeter::default())
     }
 
-    /// The same, by so many threads where a table is stored in parts; `meter` counts what is read of the file.
-    pub(crate) fn open_counting(
-        &self,
-        threads: usize,
-        meter: &ReadMeter,
-    ) -> Result<ByteStream, LogError> {
-        let file = |meter: &ReadMeter| {
+    /// The same; `meter` counts what is read of the file.
+    pub(crate) fn open_counting(&self, meter: &ReadMeter) -> Result<ByteStream, LogError> {
+        let text = self.open_alone_counting(meter)?;
+        let Some(companion) = &self.companion else { return Ok(text) };
+        Ok(Box::new(joined([text, companion.open()?], self.sides)))
+    }
+
+    /// Opens the text of this file alone.
+    pub(crate) fn open_alone(&self) -> Result<ByteStream, LogError> {
+        self.open_alone_counting(&ReadMeter::default())
+    }
+
+    fn open_alone_counting(&self, meter: &ReadMeter) -> Result<ByteStream, LogError> {
+        let file = || {
             let (stream, meter) = (self.open_file()?, meter.clone());
             Ok::<_, LogError>(CountedStream { stream, meter, left: self.bytes })
         };
-        let buffered = || Ok::<_, LogError>(BufReader::with_capacity(1 << 16, file(meter)?));
+        let buffered = || Ok::<_, LogError>(BufReader::with_capacity(1 << 16, file()?));
         let left = self.bytes.saturating_mul(UNPACKED_RATIO).saturating_add(64 << 20);
         let text: ByteStream = match &self.container {
-            Container::Plain => Box::new(file(meter)?),
+            Container::Plain | Container::Table(_) => Box::new(file()?),
             Container::Gzip => {
                 Box::new(Unpacked { decoder: MultiGzDecoder::new(buffered()?), left })
             }
             Container::Zstd => Box::new(Unpacked { decoder: Zstd::new(buffered()?), left }),
-            Container::Table(table) => {
-                // Tables are not read from start to end, checksums are.
-                if meter.checksum.is_some() {
-                    let mut whole = file(&ReadMeter { bytes: Arc::default(), ..meter.clone() })?;
-                    io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
-                }
-                let stream = table.text(threads).map_err(|error| self.error(error))?;
-                let meter = ReadMeter { checksum: None, ..meter.clone() };
-                Box::new(CountedStream { stream, meter, left: self.bytes })
-            }
         };
-        let text = match self.utf16 {
+        Ok(match self.utf16 {
             None => text,
             Some(high_first) => Box::new(as_utf8(text, high_first)),
-        };
-        let Some(companion) = &self.companion else { return Ok(text) };
-        Ok(Box::new(joined([text, companion.open()?], self.sides)))
+        })
+    }
+
+    /// Reads the whole file for its checksum, where `meter` is asked for it: tables are not read from start to end.
+    pub(crate) fn read_for_checksum(&self, meter: &ReadMeter) -> Result<(), LogError> {
+        if meter.checksum.is_some() {
+            let meter = ReadMeter { bytes: Arc::default(), ..meter.clone() };
+            let mut whole = CountedStream { stream: self.open_file()?, meter, left: self.bytes };
+            io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
+        }
+        Ok(())
+    }
+
+    /// Whether it is text, and so is the file beside it.
+    pub(crate) fn is_text(&self) -> bool {
+        self.as_table().is_none()
+            && self.companion.as_ref().is_none_or(|companion| companion.is_text())
     }
 
     /// Whether the bytes of the file are those of the text.
@@ -230,7 +303,7 @@ impl LogSource {
 
     /// What a line of the text, from 1, is in the file.
     pub(crate) fn position(&self, line: u64) -> LogPosition {
-        match (self.as_table().map(|table| &table.names), line) {
+        match (self.as_table().map(|table| &table.columns), line) {
             (None, line) => LogPosition::Line(line),
             (Some(Some(_)), 0 | 1) => LogPosition::Names,
             (Some(Some(_)), line) => LogPosition::Row(line - 1),
@@ -244,7 +317,22 @@ impl LogSource {
         LogError::At { path, position, problem: problem.into() }
     }
 
-    /// The error of a failed read.
+    /// The error of a table that cannot be read.
+    pub(crate) fn table_error(&self, problem: TableError) -> LogError {
+        match problem {
+            TableError::Io(source) => LogError::Io { path: self.path.clone(), source },
+            problem => LogError::Table { path: self.path.clone(), problem },
+        }
+    }
+
+    /// The error of rows that are not those of the file beside it.
+    pub(crate) fn mismatch(&self, problem: RowMismatch) -> LogError {
+        let companion = self.companion.as_ref().map(|companion| companion.path.clone());
+        let companion = companion.unwrap_or_default();
+        LogError::RowMismatch { path: self.path.clone(), companion, problem }
+    }
+
+    /// The error of a failed read of text.
     pub(crate) fn error(&self, source: impl Into<io::Error>) -> LogError {
         use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
         let path = self.path.clone();
@@ -252,16 +340,8 @@ impl LogSource {
             Ok(long) => return self.error_at(long.0, PlacedProblem::LineTooLong(LINE_LIMIT)),
             Err(source) => source,
         };
-        let source = match source.downcast::<TableError>() {
-            Ok(problem) => return LogError::Table { path, problem },
-            Err(source) => source,
-        };
         let source = match source.downcast::<RowMismatch>() {
-            Ok(problem) => {
-                let companion = self.companion.as_ref().map(|companion| companion.path.clone());
-                let companion = companion.unwrap_or_default();
-                return LogError::RowMismatch { path, companion, problem };
-            }
+            Ok(problem) => return self.mismatch(problem),
             Err(source) => source,
         };
         match (self.compression(), source.kind()) {
@@ -316,13 +396,18 @@ impl ReadMeter {
         self.checksum = checksum.then(Arc::default);
     }
 
+    /// Counts bytes that have been read.
+    pub(crate) fn count(&self, bytes: u64) {
+        self.bytes.fetch_add(bytes, Ordering::Relaxed);
+    }
+
     /// The checksum of a file that has been read to its end.
     pub(crate) fn checksum(&self) -> Option<String> {
         self.checksum.as_ref().map(|checksum| checksum::text(&lock(checksum)))
     }
 }
 
-/// A file, or a table as text, whose bytes count as those that have been read of the file.
+/// A file whose bytes are counted.
 struct CountedStream<R> {
     stream: R,
     meter: ReadMeter,
@@ -335,7 +420,7 @@ impl<R: Read> Read for CountedStream<R> {
         let read = self.stream.read(buffer)?;
         let counted = if read == 0 { self.left } else { self.left.min(read as u64) };
         self.left -= counted;
-        self.meter.bytes.fetch_add(counted, Ordering::Relaxed);
+        self.meter.count(counted);
         if let Some(checksum) = &self.meter.checksum {
             lock(checksum).write(&buffer[..read]);
         }

@@ -2,7 +2,7 @@
 
 use std::io::Read;
 
-use table_file::TextStream;
+use super::text_stream::TextStream;
 
 /// The text of a stream of UTF-16, without its byte-order mark. What is no character becomes U+FFFD.
 pub(crate) fn as_utf8(mut stream: impl Read, high_first: bool) -> impl Read {

@@ -7,11 +7,16 @@ use super::super::markup::{Column, escape, facts_table, page, reproduction, tabl
 use super::super::sections::calibration::{facts, sources_table};
 use super::super::units::{AxisUnits, ColumnUnit};
 use super::loads;
+use calibration::quality::significant;
+use calibration::uncertainty::student_quantile;
 use calibration_file::CalibrationFile;
 use serde::Serialize;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// The coverage factor: 95 % of normal errors.
+/// The share of values that an expanded uncertainty is to hold.
+const LEVEL: f64 = 0.95;
+
+/// The coverage factor where no degrees of freedom are known: 95 % of normal errors.
 const COVERAGE: f64 = 2.0;
 
 /// What a certificate says. N and N·m.
@@ -31,6 +36,8 @@ pub struct Certificate<'a> {
     pub intervals: &'a str,
     /// Known weights beside what the sensor said of them.
     pub weights: &'a [CheckedLoad],
+    /// Weights, and axes of them, that were to be compared and could not.
+    pub not_compared: &'a [String],
 }
 
 /// A line of an uncertainty budget.
@@ -44,8 +51,18 @@ pub struct Contribution {
     pub basis: String,
     /// The standard uncertainty of each axis, if it is known.
     pub standard: Option<PerAxis<f64>>,
+    /// Its degrees of freedom (GUM, G.3.3): how many observations tell it. `None` where it is taken as exact.
+    pub degrees_of_freedom: Option<f64>,
     /// Whether another line has it already.
     pub is_part: bool,
+}
+
+/// Degrees of freedom with as many digits as matter.
+fn digits(degrees: f64) -> String {
+    match degrees.is_finite() {
+        true => significant(degrees, usize::max(2, degrees.log10() as usize + 1)),
+        false => "∞".to_owned(),
+    }
 }
 
 /// A known weight beside what the sensor says.
@@ -63,6 +80,12 @@ pub struct CheckedLoad {
     pub allowed: PerAxis<f64>,
     /// The calibrated axes that differ by more.
     pub off: Axes,
+    /// Whether it is so light that no weight at all would pass as well.
+    pub cannot_tell: bool,
+    /// The angle between the force that was measured and the stated one, degrees, where they are as large and it is more
+    /// than may be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turned_deg: Option<f64>,
 }
 
 impl Certificate<'_> {
@@ -73,9 +96,32 @@ impl Certificate<'_> {
         std::array::from_fn(|axis| squares(axis).fold(0.0, |sum, square| sum + square).sqrt())
     }
 
-    /// The expanded uncertainty of each axis: that times the coverage factor 2 (GUM, 6.2.1).
+    /// The effective degrees of freedom of each axis by the formula of Welch and Satterthwaite (GUM, G.4.1); infinite where
+    /// all uncertainties are taken as exact.
+    pub fn degrees_of_freedom(&self) -> PerAxis<f64> {
+        let combined = self.combined();
+        let parts = self.budget.iter().filter(|of| !of.is_part);
+        let parts = parts.filter_map(|of| Some((of.standard?, of.degrees_of_freedom?)));
+        std::array::from_fn(|axis| {
+            let share = |(standard, degrees): (PerAxis<f64>, f64)| standard[axis].powi(4) / degrees;
+            let sum: f64 = parts.clone().map(share).sum();
+            if sum > 0.0 { combined[axis].powi(4) / sum } else { f64::INFINITY }
+        })
+    }
+
+    /// The coverage factor of each axis: that of 95 % of Student's t (GUM, G.6.4), 2 where nothing limits the degrees of
+    /// freedom.
+    pub fn coverage(&self) -> PerAxis<f64> {
+        self.degrees_of_freedom().map(|degrees| match degrees.is_finite() {
+            true => student_quantile(LEVEL, degrees),
+            false => COVERAGE,
+        })
+    }
+
+    /// The expanded uncertainty of each axis: the combined one times the coverage factor (GUM, 6.2.1).
     pub fn expanded(&self) -> PerAxis<f64> {
-        self.combined().map(|u| COVERAGE * u)
+        let (combined, coverage) = (self.combined(), self.coverage());
+        std::array::from_fn(|axis| coverage[axis] * combined[axis])
     }
 
     /// The certificate as the content of an HTML file.
@@ -113,8 +159,8 @@ impl Certificate<'_> {
         }
         let sum = "combined standard uncertainty".to_owned();
         lines.push((sum, "", Some(combined), "root of the sum of the squares"));
-        let whole = "expanded uncertainty, k = 2".to_owned();
-        lines.push((whole, "", Some(expanded), "95 % of normal errors"));
+        let (whole, basis) = self.coverage_words();
+        lines.push((whole, "", Some(expanded), &basis));
         let mut columns = vec![
             Column::text("standard uncertainty", lines.iter().map(|line| &line.0)),
             Column::text("type", lines.iter().map(|line| line.1)),
@@ -124,6 +170,9 @@ impl Certificate<'_> {
             let values = lines.iter().map(|line| unit.value(line.2.map(|all| all[axis.index()])));
             Column::numbers(&unit.name(axis.name()), values)
         }));
+        let degrees = self.budget.iter().map(|of| of.degrees_of_freedom.map_or("∞".into(), digits));
+        let none = std::iter::repeat_n(String::new(), 2);
+        columns.push(Column::text("ν", degrees.chain(none)));
         columns.push(Column::long("from", lines.iter().map(|line| line.3)));
         let mut html = table("Uncertainty budget of a single frame", &columns);
         let unknown: Vec<&str> =
@@ -138,6 +187,26 @@ impl Certificate<'_> {
         }
         let _ = writeln!(html, "<p>{}</p>", escape(self.intervals));
         html
+    }
+
+    /// What the line of the expanded uncertainty is called, and where it comes from.
+    fn coverage_words(&self) -> (String, String) {
+        let (coverage, degrees) = (self.coverage(), self.degrees_of_freedom());
+        let axes = || self.file.calibration.axes.iter().map(|axis| axis.index());
+        if axes().all(|axis| !degrees[axis].is_finite()) {
+            return ("expanded uncertainty, k = 2".into(), "95 % of normal errors".into());
+        }
+        let shown: Vec<String> = axes().map(|axis| format!("{:.2}", coverage[axis])).collect();
+        let degrees: Vec<String> = axes().map(|axis| digits(degrees[axis])).collect();
+        let all = |texts: &[String]| match texts.iter().all(|text| *text == texts[0]) {
+            true => texts[0].clone(),
+            false => texts.join(", "),
+        };
+        let basis = format!(
+            "95 % of Student's t with {} effective degrees of freedom (GUM, G.4.1)",
+            all(&degrees)
+        );
+        (format!("expanded uncertainty, k = {}", all(&shown)), basis)
     }
 
     fn checked(&self) -> String {
@@ -162,10 +231,15 @@ impl Certificate<'_> {
             let values = rows.iter().map(|(.., values, scale)| scale.value(Some(values[at])));
             columns.push(Column::numbers(name, values));
         }
-        let result = |of: &CheckedLoad, axis| if of.off.contains(axis) { "off" } else { "passes" };
+        let result = |of: &CheckedLoad, axis| match of.off.contains(axis) {
+            true => "off",
+            false if of.cannot_tell => "cannot tell",
+            false => "passes",
+        };
         columns.push(Column::text("unit", rows.iter().map(|(.., scale)| &scale.unit)));
         columns.push(Column::text("result", rows.iter().map(|&(of, axis, ..)| result(of, axis))));
-        table("Known weights on the calibrated sensor", &columns)
+        let missing = self.not_compared.iter().map(|what| format!("<p>{}</p>\n", escape(what)));
+        table("Known weights on the calibrated sensor", &columns) + &missing.collect::<String>()
     }
 
     fn origin(&self) -> String {

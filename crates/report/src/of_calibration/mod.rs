@@ -116,10 +116,18 @@ fn list(sentences: &[String]) -> String {
     if items.is_empty() { items } else { format!("<ul>\n{items}</ul>\n") }
 }
 
-/// What it is worth, and the errors behind that.
+/// The verdict, and the errors behind it.
 fn answer(report: &CalibrationReport<'_>) -> String {
     let CalibrationReport { fit, file, .. } = report;
-    let mut html = list(&fit.verdict().lines());
+    let screen = fit.verdict().screen(report.name);
+    let mut html = format!("<p><strong>{}</strong></p>\n", escape(&screen.headline));
+    let columns = screen.header.iter().enumerate().map(|(at, name)| {
+        let cells = screen.rows.iter().map(|row| &row[at]);
+        if at == 0 { Column::text(name, cells) } else { Column::numbers(name, cells) }
+    });
+    html += &table("On each axis", &columns.collect::<Vec<_>>());
+    let notes = screen.notes.iter().map(|(label, text)| format!("{label}: {text}"));
+    html += &list(&notes.collect::<Vec<_>>());
     let better = fit.solution().zip(fit.advice.as_ref());
     let axes = file.calibration.axes;
     if let Some(warning) = better.and_then(|(of, advice)| advice.better_words(of.model.basis, axes))
@@ -265,8 +273,8 @@ fn model(report: &CalibrationReport<'_>) -> String {
     let CalibrationReport { fit, file, name, .. } = report;
     let mut html = facts_table("The calibration", &facts(name, file));
     let advice = fit.advice.as_ref().map(|advice| advice.words(file.calibration.axes));
-    let comparison = fit.comparison.as_ref().and_then(|found| found.as_ref().ok());
-    let reasons = advice.into_iter().chain(comparison.map(ToString::to_string));
+    let comparison = fit.comparison.found().map(ToString::to_string);
+    let reasons = advice.into_iter().chain(comparison);
     html += &list(&reasons.collect::<Vec<_>>());
     if let Some(selection) = &fit.selection {
         html += &folded("Models that were compared", &compared(selection));

@@ -62,28 +62,40 @@ impl FieldKind {
 
 /// Force and torque, after a header or not.
 fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
+    let (order, data) = if is_ros1 { (&[0, 1][..], data) } else { data.split_at_checked(4)? };
+    // CDR begins with the order of bytes and its version: doubles stand at multiples of eight bytes, in the second
+    // version of four.
+    let (is_little, step) = match order {
+        [0, 0, ..] => (false, 8),
+        [0, 1, ..] => (true, 8),
+        [0, 6, ..] => (false, 4),
+        [0, 7, ..] => (true, 4),
+        _ => return None,
+    };
     let mut bytes = ByteReader::new(data);
-    // CDR begins with the order of bytes; all that ROS runs on has the lowest first.
-    if !is_ros1 && !matches!(bytes.take(4)?, [0, 1, _, _]) {
-        return None;
-    }
-    let before = bytes.rest.len();
+    let word = |bytes: &mut ByteReader<'_>| {
+        let word = bytes.u32()?;
+        Some(if is_little { word } else { word.swap_bytes() })
+    };
     let mut stamp_ns = None;
     if is_stamped {
         if is_ros1 {
             bytes.u32()?;
         }
-        let (seconds, nanoseconds) = (bytes.u32()?, bytes.u32()?);
+        let (seconds, nanoseconds) = (word(&mut bytes)?, word(&mut bytes)?);
         stamp_ns = Some(u64::from(seconds) * 1_000_000_000 + u64::from(nanoseconds));
-        let length = usize::try_from(bytes.u32()?).ok()?;
+        let length = usize::try_from(word(&mut bytes)?).ok()?;
         bytes.take(length)?;
         if !is_ros1 {
-            // Doubles stand at multiples of eight bytes.
-            let read = before - bytes.rest.len();
-            bytes.take(read.next_multiple_of(8) - read)?;
+            let read = data.len() - bytes.rest.len();
+            bytes.take(read.next_multiple_of(step) - read)?;
         }
     }
-    let columns = AXES.iter().map(|&name| Some((name.to_owned(), Cell::Real(bytes.f64()?))));
+    let number = |bytes: &mut ByteReader<'_>| {
+        let bits = bytes.u64()?;
+        Some(f64::from_bits(if is_little { bits } else { bits.swap_bytes() }))
+    };
+    let columns = AXES.iter().map(|&name| Some((name.to_owned(), Cell::Real(number(&mut bytes)?))));
     Some(Message { stamp_ns, columns: columns.collect::<Option<_>>()? })
 }
 

@@ -8,13 +8,15 @@ mod message;
 mod records;
 
 use std::collections::{BTreeMap, BTreeSet, HashMap};
-use std::ops::Range;
 use std::sync::Arc;
 
 use self::message::{FieldKind, Message};
 use self::records::{McapRecord, Records};
-use crate::budget::{self, Unpacked};
-use crate::format::{Cell, FileSource, NamedRows, RowSource, RowStream, batch_rows};
+use crate::budget;
+use crate::calendar::seconds_of;
+use crate::format::{
+    Cell, FileSource, FoundTable, RowSource, RowStream, TableColumn, WantedColumn, columns_of_cells,
+};
 use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Mcap;
@@ -30,6 +32,10 @@ struct McapRecording {
     columns: usize,
     /// Whether time is that in the messages, not when they were logged.
     by_stamp: bool,
+    /// Whether the time when they were logged is a column of its own, at the end.
+    has_log_time: bool,
+    /// Whether messages are in the order in which they were logged.
+    is_sorted: bool,
 }
 
 /// A topic whose messages are read.
@@ -43,12 +49,12 @@ struct Topic {
     columns: Vec<String>,
 }
 
-pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, TableError> {
-    let mut records = Records::open(file, Unpacked::default())?;
+pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
+    let mut records = Records::open(file)?;
     let mut schemas = HashMap::new();
     let mut topics: Vec<Topic> = Vec::new();
     let mut others = BTreeSet::new();
-    let mut by_stamp = false;
+    let (mut stamps, mut is_sorted, mut before) = (Stamps::default(), true, 0);
     while let Some(record) = records.next()? {
         match record {
             McapRecord::Schema { id, name } => drop(schemas.insert(id, name)),
@@ -73,12 +79,19 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
             }
             McapRecord::Message { channel, log_time, data } => {
                 let topic = topics.iter_mut().find(|topic| topic.channels.contains(&channel));
-                let Some(topic) = topic.filter(|topic| topic.columns.is_empty()) else { continue };
+                let Some(topic) = topic.filter(|it| part.is_none_or(|part| it.name == part)) else {
+                    continue;
+                };
+                is_sorted &= log_time >= before;
+                before = log_time;
+                if topic.kind == FieldKind::Json && !topic.columns.is_empty() {
+                    continue;
+                }
                 let message =
                     topic.kind.decode(&data).map_err(|what| wrong(topic, log_time, &what))?;
+                stamps.add(message.stamp_ns);
                 topic.columns = message.columns.into_iter().map(|(name, _)| name).collect();
                 budget::check_columns(KIND, topic.columns.len())?;
-                by_stamp |= message.stamp_ns.is_some_and(|stamp| stamp > 0);
             }
         }
     }
@@ -100,6 +113,10 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
     }
     let mut names = vec!["t_s".to_owned()];
     names.extend(topics.iter().flat_map(|topic| topic.columns.iter().cloned()));
+    let has_log_time = stamps.count > 0 && topics.iter().all(|topic| topic.kind != FieldKind::Json);
+    if has_log_time {
+        names.push("log".to_owned());
+    }
     budget::check_columns(KIND, names.len())?;
     let is_time = |name: &String| {
         ["t", "time", "timestamp", "t_s", "time_s", "t_us", "time_us"]
@@ -109,8 +126,45 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<NamedRows, T
         "log_time".clone_into(&mut names[0]);
     }
     let columns = names.len();
-    let recording = McapRecording { file: file.clone(), topics, columns, by_stamp };
-    Ok((Some(names), Arc::new(recording)))
+    let (file, by_stamp) = (file.clone(), stamps.are_times());
+    let recording = McapRecording { file, topics, columns, by_stamp, has_log_time, is_sorted };
+    let columns = names.into_iter().map(TableColumn::from).collect();
+    let mut found = FoundTable::new(Some(columns), recording);
+    if stamps.count > 0 && !by_stamp {
+        found.notes.push(
+            "the stamps of its messages do not move: times are when they were logged".to_owned(),
+        );
+    }
+    if !is_sorted {
+        found
+            .notes
+            .push("its messages are out of order, and sorted by when they were logged".to_owned());
+    }
+    Ok(found)
+}
+
+/// The stamps of messages.
+#[derive(Default)]
+struct Stamps {
+    count: u64,
+    first: u64,
+    have_moved: bool,
+}
+
+impl Stamps {
+    fn add(&mut self, stamp: Option<u64>) {
+        let Some(stamp) = stamp else { return };
+        if self.count == 0 {
+            self.first = stamp;
+        }
+        self.count += 1;
+        self.have_moved |= stamp != self.first;
+    }
+
+    /// Whether they are those of a clock.
+    fn are_times(&self) -> bool {
+        self.have_moved || self.count == 1 && self.first > 0
+    }
 }
 
 fn wrong(topic: &Topic, log_time: u64, what: &str) -> TableError {
@@ -123,21 +177,21 @@ fn seconds(ns: u64) -> String {
 }
 
 impl RowSource for McapRecording {
-    fn rows(self: Arc<Self>, _: Range<usize>, unpacked: Unpacked) -> Result<RowStream, TableError> {
-        let mut records = Records::open(&self.file, unpacked)?;
+    fn columns(&self) -> usize {
+        self.columns
+    }
+
+    fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
+        let mut records = Records::open(&self.file)?;
         // The messages of rows that some topics have not given one for, by log time and topic.
         let mut waiting: BTreeMap<u64, Vec<Option<Message>>> = BTreeMap::new();
-        Ok(Box::new(move |batch| {
+        let is_sorted = self.is_sorted;
+        let mut next = move || {
             let topics = &self.topics;
-            batch.resize_with(self.columns, Vec::new);
-            batch.iter_mut().for_each(Vec::clear);
-            while batch[0].len() < batch_rows(self.columns) {
+            loop {
                 let Some(record) = records.next()? else {
                     // A recording may end between two messages of a row.
-                    if waiting.len() > 1 {
-                        return Err(self.apart());
-                    }
-                    return Ok(!batch[0].is_empty());
+                    return if waiting.len() > 1 { Err(self.apart()) } else { Ok(None) };
                 };
                 let McapRecord::Message { channel, log_time, data } = record else { continue };
                 let at = topics.iter().position(|topic| topic.channels.contains(&channel));
@@ -157,28 +211,43 @@ impl RowSource for McapRecording {
                 {
                     let mut stamps = row.iter().flatten().filter_map(|message| message.stamp_ns);
                     let stamp = stamps.next_back().filter(|_| self.by_stamp);
-                    let mut time_and_values = batch.iter_mut();
-                    if let Some(times) = time_and_values.next() {
-                        times.push(Cell::Text(seconds(stamp.unwrap_or(log_time))));
-                    }
+                    let ns = i64::try_from(stamp.unwrap_or(log_time)).unwrap_or(i64::MAX);
+                    let mut cells = vec![time(ns)];
                     for (topic, message) in topics.iter().zip(row.into_iter().flatten()) {
-                        topic.push(message, &mut time_and_values);
+                        topic.push(message, &mut cells);
                     }
+                    let logged = i64::try_from(log_time).unwrap_or(i64::MAX);
+                    cells.extend(self.has_log_time.then(|| time(logged)));
+                    return Ok(Some((log_time, cells)));
                 }
                 if waiting.len() > WAITING {
                     return Err(self.apart());
                 }
             }
-            Ok(true)
-        }))
+        };
+        if is_sorted {
+            let next = move || Ok(next()?.map(|(_, cells)| cells));
+            return Ok(columns_of_cells(Box::new(next), wanted, |_| false));
+        }
+        let mut rows = Vec::new();
+        while let Some(row) = next()? {
+            rows.push(row);
+        }
+        rows.sort_by_key(|(log_time, _)| *log_time);
+        let mut rows = rows.into_iter().map(|(_, cells)| cells);
+        Ok(columns_of_cells(Box::new(move || Ok(rows.next())), wanted, |_| false))
     }
 }
 
+fn time(ns: i64) -> Cell {
+    Cell::Real(seconds_of(ns, 1_000_000_000))
+}
+
 impl Topic {
-    /// Adds the values of a message to its columns, which are next of `columns`.
-    fn push<'a>(&self, message: Message, columns: &mut impl Iterator<Item = &'a mut Vec<Cell>>) {
+    /// Adds the values of a message to a row.
+    fn push(&self, message: Message, row: &mut Vec<Cell>) {
         let mut values = message.columns;
-        for (position, (name, column)) in self.columns.iter().zip(columns).enumerate() {
+        for (position, name) in self.columns.iter().enumerate() {
             // As a rule in the same order.
             let is_same = |entry: &(String, Cell)| entry.0 == *name;
             let found = match values.get(position).is_some_and(is_same) {
@@ -186,7 +255,7 @@ impl Topic {
                 false => values.iter().position(is_same),
             };
             let cell = found.map(|found| std::mem::take(&mut values[found].1));
-            column.push(cell.unwrap_or_default());
+            row.push(cell.unwrap_or_default());
         }
     }
 }

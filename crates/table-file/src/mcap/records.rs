@@ -34,10 +34,10 @@ pub(super) struct Records {
 }
 
 impl Records {
-    pub(super) fn open(file: &FileSource, unpacked: Unpacked) -> Result<Self, TableError> {
+    pub(super) fn open(file: &FileSource) -> Result<Self, TableError> {
         let length = file.length()?;
         let file = BufReader::with_capacity(1 << 16, file.open()?);
-        let records = Vec::new();
+        let (records, unpacked) = (Vec::new(), Unpacked::default());
         let mut records = Self { file, at: 0, length, records, next: 0, unpacked, ended: false };
         let mut magic = [0; 8];
         records.read(&mut magic)?;

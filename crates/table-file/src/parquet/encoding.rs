@@ -3,33 +3,55 @@
 
 use crate::bytes::ByteReader;
 
-/// Integers of a fixed width: runs of one value, and values packed bit by bit; `None` if there is no such width.
-pub(crate) fn integers(bytes: Vec<u8>, width: u32) -> Option<impl Iterator<Item = u64> + Send> {
-    if width > 32 {
-        return None;
+/// Integers of a fixed width: runs of one value, and values packed bit by bit.
+pub(crate) struct Integers {
+    bytes: Vec<u8>,
+    /// Where the next run begins.
+    at: usize,
+    width: u32,
+    run: EncodedRun,
+}
+
+impl Integers {
+    /// `None` if there is no such width.
+    pub(crate) fn new(bytes: Vec<u8>, width: u32) -> Option<Self> {
+        (width <= 32).then_some(Self { bytes, at: 0, width, run: EncodedRun::Same(0, 0) })
     }
-    let (mut at, mut run) = (0, EncodedRun::Same(0, 0));
-    Some(std::iter::from_fn(move || {
+
+    /// Single bits, packed without a head.
+    pub(super) fn of_bits(bytes: Vec<u8>) -> Self {
+        let (at, run) = (bytes.len(), EncodedRun::Packed(8 * bytes.len() as u64, 0));
+        Self { bytes, at, width: 1, run }
+    }
+
+    /// Adds the next values, of which there are at most `most`, to some; `None` if there are no more.
+    pub(crate) fn read(&mut self, most: usize, values: &mut Vec<u64>) -> Option<()> {
         loop {
-            match &mut run {
+            match &mut self.run {
                 EncodedRun::Same(0, _) | EncodedRun::Packed(0, _) => {
-                    let mut rest = ByteReader::new(bytes.get(at..)?);
-                    run = next_run(&bytes, &mut rest, width)?;
-                    at = bytes.len() - rest.rest.len();
+                    let mut rest = ByteReader::new(self.bytes.get(self.at..)?);
+                    self.run = next_run(&self.bytes, &mut rest, self.width)?;
+                    self.at = self.bytes.len() - rest.rest.len();
                 }
                 EncodedRun::Same(left, value) => {
-                    *left -= 1;
-                    return Some(*value);
+                    let count = most.min(usize::try_from(*left).unwrap_or(usize::MAX));
+                    *left -= count as u64;
+                    values.resize(values.len() + count, *value);
+                    return Some(());
                 }
                 EncodedRun::Packed(left, bit) => {
-                    *left -= 1;
-                    let start = *bit;
-                    *bit += width as usize;
-                    return Some(bits(&bytes, start, width));
+                    let count = most.min(usize::try_from(*left).unwrap_or(usize::MAX));
+                    *left -= count as u64;
+                    let (start, width) = (*bit, self.width);
+                    *bit += count * width as usize;
+                    let packed =
+                        (0..count).map(|at| bits(&self.bytes, start + at * width as usize, width));
+                    values.extend(packed);
+                    return Some(());
                 }
             }
         }
-    }))
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -61,14 +83,15 @@ fn next_run(bytes: &[u8], rest: &mut ByteReader<'_>, width: u32) -> Option<Encod
     Some(EncodedRun::Packed(there, 8 * start))
 }
 
-/// Single bits, packed without a head.
-pub(super) fn single_bits(bytes: Vec<u8>) -> impl Iterator<Item = u64> + Send {
-    (0..8 * bytes.len()).map(move |bit| bits(&bytes, bit, 1))
-}
-
 /// `width` bits from a bit on, the lowest first; zeros where there are none.
+#[inline]
 fn bits(bytes: &[u8], start: usize, width: u32) -> u64 {
     let first = start / 8;
+    if width <= 56
+        && let Some(word) = bytes.get(first..).and_then(<[u8]>::first_chunk)
+    {
+        return u64::from_le_bytes(*word) >> (start % 8) & ((1 << width) - 1);
+    }
     let mut word = [0; 16];
     for (to, from) in word.iter_mut().zip(bytes.get(first..).unwrap_or_default()) {
         *to = *from;
@@ -127,10 +150,15 @@ mod tests {
     #[test]
     fn runs_and_packed_values_are_those_of_the_specification() {
         let packed = vec![0b0000_0011, 0b1000_1000, 0b1100_0110, 0b1111_1010];
-        let values: Vec<_> = integers(packed, 3).unwrap().collect();
-        assert_eq!(values, [0, 1, 2, 3, 4, 5, 6, 7]);
-        let run = integers(vec![10 << 1, 9], 4).unwrap();
-        assert_eq!(run.collect::<Vec<_>>(), [9; 10]);
+        let values = |bytes, width, most| {
+            let (mut integers, mut values) = (Integers::new(bytes, width).unwrap(), Vec::new());
+            while integers.read(most, &mut values).is_some() {}
+            values
+        };
+        for most in [1, 3, 100] {
+            assert_eq!(values(packed.clone(), 3, most), [0, 1, 2, 3, 4, 5, 6, 7]);
+            assert_eq!(values(vec![10 << 1, 9], 4, most), [9; 10]);
+        }
     }
 
     #[test]

@@ -11,15 +11,16 @@ mod page;
 mod schema;
 
 use std::io::{Read, Seek, SeekFrom};
-use std::ops::Range;
 use std::sync::Arc;
 
 use self::page::ColumnReader;
-use self::schema::Leaf;
+use self::schema::{Leaf, LeafType};
 use crate::budget::{self, Unpacked};
 use crate::bytes::ByteReader;
 use crate::codec::Codec;
-use crate::format::{Cell, FileSource, NamedRows, OpenFile, RowSource, RowStream, batch_rows};
+use crate::format::{
+    ColumnPart, FileSource, FoundTable, OpenFile, RowSource, RowStream, TableColumn, WantedColumn,
+};
 use crate::kind::{FileKind, TableError};
 use crate::thrift::{self, Value};
 
@@ -36,6 +37,8 @@ const VALUES_PER_BYTE: u64 = 2048;
 struct ParquetTable {
     file: FileSource,
     leaves: Vec<Leaf>,
+    /// Of each column its leaf, and which element of a list it is.
+    columns: Vec<(usize, usize)>,
     groups: Vec<RowGroup>,
 }
 
@@ -54,11 +57,11 @@ struct ColumnChunk {
     end: u64,
 }
 
-pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
+pub(crate) fn open(source: &FileSource) -> Result<FoundTable, TableError> {
     let mut file = source.open()?;
     let length = source.length()?;
     let footer = footer(&mut file, length)?;
-    let leaves = schema::leaves(&footer)?;
+    let mut leaves = schema::leaves(&footer)?;
     let groups = footer.list(4).ok_or_else(|| KIND.damaged("its footer lists no row groups"))?;
     let groups = (1..).zip(groups).map(|(number, group)| row_group(group, number, &leaves, length));
     let groups = groups.collect::<Result<Vec<_>, _>>()?;
@@ -71,8 +74,33 @@ pub(crate) fn open(source: &FileSource) -> Result<NamedRows, TableError> {
     if rows > 0 && !leaves.iter().any(|leaf| leaf.kind.opaque().is_none()) {
         return Err(KIND.unsupported("no column of numbers or texts"));
     }
-    let names = leaves.iter().map(|leaf| leaf.name.clone()).collect();
-    Ok((Some(names), Arc::new(ParquetTable { file: source.clone(), leaves, groups })))
+    let mut pages = ParquetSource { file, length, held: 0, unpacked: Unpacked::default() };
+    for (at, leaf) in leaves.iter_mut().enumerate().filter(|(_, leaf)| leaf.list.is_some()) {
+        let chunk = groups.iter().find(|group| group.rows > 0).and_then(|it| it.chunks.get(at));
+        let length = match chunk {
+            Some(chunk) if leaf.kind.opaque().is_none() => {
+                ColumnReader::new(*chunk).list_length(&mut pages, leaf)?
+            }
+            _ => None,
+        };
+        match (length, &mut leaf.list) {
+            (Some(length), Some(list)) => list.length = length,
+            _ => {
+                leaf.list = None;
+                leaf.kind = LeafType::Opaque(leaf.kind.opaque().unwrap_or("list"));
+            }
+        }
+    }
+    let (mut columns, mut names) = (Vec::new(), Vec::new());
+    for (at, leaf) in leaves.iter().enumerate() {
+        for (element, name) in leaf.columns().into_iter().enumerate() {
+            columns.push((at, element));
+            names.push(TableColumn::from(name));
+        }
+    }
+    budget::check_columns(KIND, columns.len())?;
+    let file = source.clone();
+    Ok(FoundTable::new(Some(names), ParquetTable { file, leaves, columns, groups }))
 }
 
 fn footer(file: &mut OpenFile, length: u64) -> Result<Value, TableError> {
@@ -139,50 +167,81 @@ fn row_group(
     Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
 }
 
+/// A leaf that is read, and the columns that are wanted of it: where they are in a part, and which elements they are.
+struct WantedLeaf {
+    at: usize,
+    is_text: bool,
+    places: Vec<(usize, usize)>,
+}
+
 impl RowSource for ParquetTable {
     fn unread(&self, column: usize) -> Option<&'static str> {
-        self.leaves.get(column)?.kind.opaque()
+        self.leaves.get(self.columns.get(column)?.0)?.kind.opaque()
     }
 
-    fn parts(&self) -> usize {
-        self.groups.len()
+    fn columns(&self) -> usize {
+        self.columns.len()
     }
 
-    fn rows(
-        self: Arc<Self>,
-        mut parts: Range<usize>,
-        unpacked: Unpacked,
-    ) -> Result<RowStream, TableError> {
+    fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
         let (file, length) = (self.file.open()?, self.file.length()?);
-        let mut source = ParquetSource { file, length, held: 0, unpacked };
-        // Of the current row group.
-        let (mut rows_left, mut columns): (u64, Vec<ColumnReader>) = (0, Vec::new());
-        Ok(Box::new(move |batch| {
-            while rows_left == 0 {
-                let Some(group) = parts.next().and_then(|part| self.groups.get(part)) else {
-                    return Ok(false);
-                };
-                rows_left = group.rows;
-                columns = group.chunks.iter().map(|chunk| ColumnReader::new(*chunk)).collect();
-            }
-            let leaves = &self.leaves;
-            let rows = (batch_rows(leaves.len()) as u64).min(rows_left);
-            batch.resize_with(leaves.len(), Vec::new);
-            // What the pages of all columns hold at a time.
-            source.held = columns.iter().map(ColumnReader::held).sum();
-            for ((cells, leaf), column) in batch.iter_mut().zip(leaves).zip(&mut columns) {
-                cells.clear();
-                match leaf.kind.opaque() {
-                    Some(_) => cells.resize(rows as usize, Cell::Missing),
-                    None => {
-                        source.held -= column.held();
-                        column.read(&mut source, leaf, rows as usize, cells)?;
-                        source.held += column.held();
-                    }
+        let mut source = ParquetSource { file, length, held: 0, unpacked: Unpacked::default() };
+        let mut leaves: Vec<WantedLeaf> = Vec::new();
+        for (place, column) in wanted.iter().enumerate() {
+            let Some(&(at, element)) = self.columns.get(column.at) else { continue };
+            let is_list = self.leaves[at].list.is_some();
+            let same =
+                |leaf: &&mut WantedLeaf| is_list && leaf.at == at && leaf.is_text == column.is_text;
+            match leaves.iter_mut().find(same) {
+                Some(leaf) => leaf.places.push((place, element)),
+                None => {
+                    let places = vec![(place, element)];
+                    leaves.push(WantedLeaf { at, is_text: column.is_text, places });
                 }
             }
-            rows_left -= rows;
-            Ok(true)
+        }
+        let mut groups = 0..self.groups.len();
+        // Of the current row group.
+        let (mut rows_left, mut readers): (u64, Vec<ColumnReader>) = (0, Vec::new());
+        Ok(Box::new(move |rows, part| {
+            while part.rows < rows {
+                if rows_left == 0 {
+                    let Some(group) = groups.next().and_then(|at| self.groups.get(at)) else {
+                        return Ok(());
+                    };
+                    rows_left = group.rows;
+                    let chunks = leaves.iter().filter_map(|leaf| group.chunks.get(leaf.at));
+                    readers = chunks.map(|chunk| ColumnReader::new(*chunk)).collect();
+                }
+                let count =
+                    (rows - part.rows).min(usize::try_from(rows_left).unwrap_or(usize::MAX));
+                // What the pages of all columns hold at a time.
+                source.held = readers.iter().map(ColumnReader::held).sum();
+                for (wanted, reader) in leaves.iter().zip(&mut readers) {
+                    source.held -= reader.held();
+                    let leaf = &self.leaves[wanted.at];
+                    match (&leaf.list, wanted.places.as_slice()) {
+                        (None, [(place, _)]) => {
+                            reader.read(&mut source, leaf, count, &mut part.columns[*place])?;
+                        }
+                        (Some(list), places) => {
+                            let mut all = ColumnPart::default();
+                            if wanted.is_text {
+                                all.cells();
+                            }
+                            reader.read_lists(&mut source, leaf, list, count, &mut all)?;
+                            for &(place, element) in places {
+                                part.columns[place].extend_by_step(&all, element, list.length);
+                            }
+                        }
+                        _ => {}
+                    }
+                    source.held += reader.held();
+                }
+                part.rows += count;
+                rows_left -= count as u64;
+            }
+            Ok(())
         }))
     }
 }

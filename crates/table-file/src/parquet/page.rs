@@ -1,17 +1,15 @@
 //! The pages of one column, one at a time.
 
 use std::io::{Read, Seek, SeekFrom};
-use std::sync::Arc;
 
-use super::encoding::{deltas, integers, single_bits};
-use super::schema::{Leaf, LeafType};
+use super::encoding::{Integers, deltas};
+use super::schema::{Leaf, LeafType, ListLeaf};
 use super::{ColumnChunk, KIND, ParquetSource};
 use crate::budget;
 use crate::bytes::ByteReader;
-use crate::calendar::iso_of;
 use crate::codec::{Codec, unpack};
-use crate::element::Element;
-use crate::format::{Cell, OpenFile};
+use crate::element::{Element, Strided};
+use crate::format::{Cell, ColumnPart, OpenFile};
 use crate::kind::TableError;
 use crate::thrift::{self, Value};
 
@@ -22,20 +20,38 @@ const HEAD: u64 = 1 << 20;
 pub(super) struct ColumnReader {
     /// What has not been read.
     chunk: ColumnChunk,
-    dictionary: Arc<Vec<Cell>>,
+    dictionary: ColumnPart,
     dictionary_bytes: u64,
     page: Option<Page>,
+    /// How many elements of the list of a row have been read.
+    elements: usize,
 }
 
 /// A page that is being read.
 struct Page {
     left: u64,
-    cells: PageCells,
+    /// Of lists: zero where the next row begins.
+    repeats: Option<Integers>,
+    /// Where values may be missing: their definition levels.
+    levels: Option<Integers>,
+    values: PageValues,
     bytes: u64,
 }
 
-/// The cells of a page, or those of them that are there.
-type PageCells = Box<dyn Iterator<Item = Cell> + Send>;
+/// The values of a page that are there.
+enum PageValues {
+    /// One after the other, from a position on.
+    Plain(Vec<u8>, usize),
+    /// Positions in the dictionary.
+    Indices(Integers),
+    /// Zeros and ones.
+    Truths(Integers),
+    /// Integers.
+    Deltas(Box<dyn Iterator<Item = i64> + Send>),
+}
+
+/// How many elements of lists are looked at for their lengths.
+const LOOKED_AT: u64 = 1 << 14;
 
 const DATA: i64 = 0;
 const DICTIONARY: i64 = 2;
@@ -43,7 +59,8 @@ const DATA_2: i64 = 3;
 
 impl ColumnReader {
     pub(super) fn new(chunk: ColumnChunk) -> Self {
-        Self { chunk, dictionary: Arc::default(), dictionary_bytes: 0, page: None }
+        let dictionary = ColumnPart::default();
+        Self { chunk, dictionary, dictionary_bytes: 0, page: None, elements: 0 }
     }
 
     /// How much memory its page and dictionary take.
@@ -51,27 +68,122 @@ impl ColumnReader {
         self.dictionary_bytes + self.page.as_ref().map_or(0, |page| page.bytes)
     }
 
-    /// Adds the next cells.
+    /// Adds the next values.
     pub(super) fn read(
         &mut self,
         source: &mut ParquetSource,
         leaf: &Leaf,
         count: usize,
-        cells: &mut Vec<Cell>,
+        part: &mut ColumnPart,
     ) -> Result<(), TableError> {
-        let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
-        while cells.len() < count {
+        let (mut left, mut levels) = (count, Vec::new());
+        while left > 0 {
             let Some(page) = self.page.as_mut().filter(|page| page.left > 0) else {
-                self.next_page(source, leaf)?;
+                let is_text = matches!(part, ColumnPart::Cells(_));
+                self.next_page(source, leaf, is_text)?;
                 continue;
             };
-            page.left -= 1;
-            cells.push(page.cells.next().ok_or_else(wrong)?);
+            let mut count = left.min(usize::try_from(page.left).unwrap_or(usize::MAX));
+            let read = match &mut page.levels {
+                None => page.values.read(count, leaf.kind, &self.dictionary, part),
+                Some(integers) => {
+                    levels.clear();
+                    let read = integers.read(count, &mut levels);
+                    count = levels.len();
+                    let is_there = |level: &u64| *level == u64::from(leaf.levels);
+                    let mut runs = levels.chunk_by(|a, b| is_there(a) == is_there(b));
+                    read.and_then(|()| {
+                        runs.try_for_each(|run| match is_there(&run[0]) {
+                            true => page.values.read(run.len(), leaf.kind, &self.dictionary, part),
+                            false => {
+                                run.iter().for_each(|_| part.push(Cell::Missing));
+                                Some(())
+                            }
+                        })
+                    })
+                }
+            };
+            let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
+            read.ok_or_else(wrong)?;
+            page.left -= count as u64;
+            left -= count;
         }
         Ok(())
     }
 
-    fn next_page(&mut self, source: &mut ParquetSource, leaf: &Leaf) -> Result<(), TableError> {
+    /// Adds the elements of the lists of the next rows, row by row.
+    pub(super) fn read_lists(
+        &mut self,
+        source: &mut ParquetSource,
+        leaf: &Leaf,
+        list: &ListLeaf,
+        rows: usize,
+        part: &mut ColumnPart,
+    ) -> Result<(), TableError> {
+        let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
+        let (mut row, mut levels) = (0, Vec::new());
+        while row < rows {
+            let Some(page) = self.page.as_mut().filter(|page| page.left > 0) else {
+                let is_text = matches!(part, ColumnPart::Cells(_));
+                self.next_page(source, leaf, is_text)?;
+                continue;
+            };
+            levels.clear();
+            let repeats = page.repeats.as_mut().ok_or_else(wrong)?;
+            repeats.read(1, &mut levels).ok_or_else(wrong)?;
+            page.levels.as_mut().ok_or_else(wrong)?.read(1, &mut levels).ok_or_else(wrong)?;
+            page.left -= 1;
+            let (begins, level) = (levels[0] == 0, levels[1]);
+            let has_element = level >= u64::from(list.level);
+            if begins != (self.elements == 0) || !begins && !has_element {
+                let what = "lists of different lengths";
+                return Err(KIND.unsupported(format!("column `{}` holds {what}", leaf.name)));
+            }
+            let count = if has_element { 1 } else { list.length };
+            if level == u64::from(leaf.levels) {
+                let read = page.values.read(1, leaf.kind, &self.dictionary, part);
+                read.ok_or_else(wrong)?;
+            } else {
+                (0..count).for_each(|_| part.push(Cell::Missing));
+            }
+            self.elements = (self.elements + count) % list.length.max(1);
+            row += usize::from(self.elements == 0);
+        }
+        Ok(())
+    }
+
+    /// How many elements the lists of all rows in the first page have; `None` if they differ.
+    pub(super) fn list_length(
+        &mut self,
+        source: &mut ParquetSource,
+        leaf: &Leaf,
+    ) -> Result<Option<usize>, TableError> {
+        while self.page.is_none() {
+            self.next_page(source, leaf, true)?;
+        }
+        let Some(Page { left, repeats: Some(repeats), .. }) = &mut self.page else {
+            return Ok(None);
+        };
+        // As many as a row of a table may have, and more.
+        let most = (*left).min(LOOKED_AT) as usize;
+        let mut levels = Vec::new();
+        while levels.len() < most && repeats.read(most - levels.len(), &mut levels).is_some() {}
+        let starts: Vec<usize> =
+            levels.iter().enumerate().filter(|(_, level)| **level == 0).map(|(at, _)| at).collect();
+        let lengths: Vec<usize> = starts.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        let only = match lengths.first() {
+            Some(&first) => lengths.iter().all(|length| *length == first).then_some(first),
+            None => Some(levels.len()),
+        };
+        Ok(only.filter(|length| (1..=budget::COLUMNS).contains(length)))
+    }
+
+    fn next_page(
+        &mut self,
+        source: &mut ParquetSource,
+        leaf: &Leaf,
+        is_text: bool,
+    ) -> Result<(), TableError> {
         self.page = None;
         let name = &leaf.name;
         let ParquetSource { file, length: stored, held: others, unpacked } = source;
@@ -107,7 +219,7 @@ impl ColumnReader {
             unpack(codec, packed, size as usize)
                 .map_err(|what| KIND.damaged(format!("column `{name}`, a compressed page: {what}")))
         };
-        let (bytes, levels, encoding) = match kind {
+        let (bytes, repeats, levels, encoding) = match kind {
             DICTIONARY => {
                 let bytes = unpack(&packed, self.chunk.codec, page_bytes)?;
                 let values = count(1).ok_or_else(wrong)?;
@@ -115,24 +227,32 @@ impl ColumnReader {
                     page_bytes + values.saturating_mul(size_of::<Cell>() as u64);
                 let held = others + self.dictionary_bytes;
                 budget::check(KIND, format_args!("column `{name}`"), held, stored)?;
-                let mut plain = plain(bytes, leaf.kind);
-                let cells = (0..values).map(|_| plain.next().ok_or_else(wrong));
-                self.dictionary = Arc::new(cells.collect::<Result<_, _>>()?);
+                let mut dictionary = ColumnPart::default();
+                if is_text {
+                    dictionary.cells();
+                }
+                PageValues::Plain(bytes, 0)
+                    .read(values as usize, leaf.kind, &self.dictionary, &mut dictionary)
+                    .ok_or_else(wrong)?;
+                self.dictionary = dictionary;
                 return Ok(());
             }
             DATA => {
-                let mut bytes = unpack(&packed, self.chunk.codec, page_bytes)?;
-                let mut levels = Vec::new();
-                if leaf.levels > 0 {
-                    if whole(3) != Some(3) {
+                let bytes = unpack(&packed, self.chunk.codec, page_bytes)?;
+                let mut rest = ByteReader::new(&bytes);
+                let mut levels = |is_there: bool, encoding: i16| {
+                    if !is_there {
+                        return Ok(Vec::new());
+                    }
+                    if whole(encoding) != Some(3) {
                         return Err(KIND.unsupported(format!("column `{name}`: levels as bits")));
                     }
-                    let mut rest = ByteReader::new(&bytes);
                     let level_bytes = rest.u32().and_then(|length| rest.take(length as usize));
-                    levels.extend_from_slice(level_bytes.ok_or_else(wrong)?);
-                    bytes.drain(..4 + levels.len());
-                }
-                (bytes, levels, whole(2))
+                    level_bytes.map(<[u8]>::to_vec).ok_or_else(wrong)
+                };
+                let repeats = levels(leaf.list.is_some(), 4)?;
+                let levels = levels(leaf.levels > 0, 3)?;
+                (rest.rest.to_vec(), repeats, levels, whole(2))
             }
             _ => {
                 let size = |number| count(number).and_then(|size| usize::try_from(size).ok());
@@ -146,22 +266,18 @@ impl ColumnReader {
                     true => Vec::new(),
                     false => unpack(values, codec, unpacked)?,
                 };
-                (values, levels[repetition..].to_vec(), whole(4))
+                let (repeats, levels) = levels.split_at(repetition);
+                (values, repeats.to_vec(), levels.to_vec(), whole(4))
             }
         };
         let left = count(1).ok_or_else(wrong)?;
-        let mut cells = self.values(bytes, encoding, leaf)?;
-        let most = leaf.levels;
-        if most > 0 {
-            // As many bits as the highest has.
-            let levels = integers(levels, u8::BITS - most.leading_zeros());
-            let (mut levels, mut values) = (levels.ok_or_else(wrong)?, cells);
-            cells = Box::new(std::iter::from_fn(move || match levels.next()? {
-                level if level == u64::from(most) => values.next(),
-                _ => Some(Cell::Missing),
-            }));
-        }
-        self.page = Some(Page { left, cells, bytes: page_bytes });
+        let values = values(bytes, encoding, leaf)?;
+        // As many bits as the highest has.
+        let width = u8::BITS - leaf.levels.leading_zeros();
+        let levels = (leaf.levels > 0).then(|| Integers::new(levels, width).ok_or_else(wrong));
+        let levels = levels.transpose()?;
+        let repeats = leaf.list.as_ref().and_then(|_| Integers::new(repeats, 1));
+        self.page = Some(Page { left, repeats, levels, values, bytes: page_bytes });
         Ok(())
     }
 
@@ -183,96 +299,146 @@ impl ColumnReader {
         }
         Err(KIND.damaged(format!("column `{name}`: the head of a page")))
     }
-
-    fn values(
-        &self,
-        bytes: Vec<u8>,
-        encoding: Option<i64>,
-        leaf: &Leaf,
-    ) -> Result<PageCells, TableError> {
-        let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
-        let kind = leaf.kind;
-        let is_truth = kind == LeafType::Number(Element::Truth);
-        let is_whole = matches!(
-            kind,
-            LeafType::Number(Element::Signed(_) | Element::Unsigned(_) | Element::Time { .. })
-        );
-        Ok(match (encoding, kind.size()) {
-            (Some(0), _) if is_truth => truths(single_bits(bytes)),
-            (Some(0), _) => plain(bytes, kind),
-            (Some(2 | 8), _) => match bytes.split_first() {
-                // A page without values.
-                None => Box::new(std::iter::empty()),
-                Some((&width, rest)) => {
-                    let indices = integers(rest.to_vec(), width.into()).ok_or_else(wrong)?;
-                    let dictionary = Arc::clone(&self.dictionary);
-                    let value =
-                        move |index: u64| dictionary.get(usize::try_from(index).ok()?).cloned();
-                    Box::new(indices.map_while(value))
-                }
-            },
-            (Some(3), _) if is_truth => {
-                let runs = bytes.get(4..).ok_or_else(wrong)?.to_vec();
-                truths(integers(runs, 1).ok_or_else(wrong)?)
-            }
-            (Some(5), Some(size)) if is_whole => {
-                let values = deltas(bytes).ok_or_else(wrong)?;
-                // The lowest bytes of the difference are those of shorter numbers.
-                Box::new(values.map(move |value| cell(&value.to_le_bytes()[..size], kind)))
-            }
-            // The first bytes of all values, then the second, ….
-            (Some(9), Some(size)) => {
-                let count = bytes.len() / size;
-                let value = move |at: usize| -> Vec<u8> {
-                    (0..size).map(|byte: usize| bytes[byte * count + at]).collect()
-                };
-                Box::new((0..count).map(move |at| cell(&value(at), kind)))
-            }
-            (other, _) => {
-                let name = match other {
-                    Some(6) => "DELTA_LENGTH_BYTE_ARRAY".to_owned(),
-                    Some(7) => "DELTA_BYTE_ARRAY".to_owned(),
-                    other => other.unwrap_or(-1).to_string(),
-                };
-                let what = format!("column `{}` has the encoding {name}", leaf.name);
-                return Err(KIND.unsupported(what));
-            }
-        })
-    }
 }
 
-fn truths(bits: impl Iterator<Item = u64> + Send + 'static) -> PageCells {
-    Box::new(bits.map(|bit| Cell::Whole(i64::from(bit != 0))))
-}
-
-/// Values one after the other, texts with their lengths before them.
-fn plain(bytes: Vec<u8>, kind: LeafType) -> PageCells {
-    let mut at = 0;
-    Box::new(std::iter::from_fn(move || {
-        let mut rest = ByteReader::new(bytes.get(at..)?);
-        let size = match kind.size() {
-            Some(size) => size,
-            None => usize::try_from(rest.u32()?).ok()?,
-        };
-        let value = rest.take(size)?;
-        at = bytes.len() - rest.rest.len();
-        Some(cell(value, kind))
-    }))
-}
-
-/// The value in some bytes, of which there are as many as its type has.
-fn cell(bytes: &[u8], kind: LeafType) -> Cell {
-    match kind {
-        LeafType::Number(element) => element.cell(bytes, true),
-        LeafType::Text => Cell::Text(String::from_utf8_lossy(bytes).into_owned()),
-        LeafType::DayAndTime => {
-            // Nanoseconds of the day, and the Julian day, of which 2,440,588 began in 1970.
-            let mut rest = ByteReader::new(bytes);
-            let (of_day, day) = (rest.i64().unwrap_or(0), rest.i32().unwrap_or(0));
-            let seconds = (i64::from(day) - 2_440_588) * 86_400;
-            let at = seconds.saturating_mul(1_000_000_000).saturating_add(of_day);
-            Cell::Text(iso_of(at, 1_000_000_000))
+/// The values of a page by their encoding.
+fn values(bytes: Vec<u8>, encoding: Option<i64>, leaf: &Leaf) -> Result<PageValues, TableError> {
+    let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
+    let kind = leaf.kind;
+    let is_truth = kind == LeafType::Number(Element::Truth);
+    let is_whole = matches!(
+        kind,
+        LeafType::Number(Element::Signed(_) | Element::Unsigned(_) | Element::Time { .. })
+    );
+    Ok(match (encoding, kind.size()) {
+        (Some(0), _) if is_truth => PageValues::Truths(Integers::of_bits(bytes)),
+        (Some(0), _) => PageValues::Plain(bytes, 0),
+        (Some(2 | 8), _) => match bytes.split_first() {
+            // A page without values.
+            None => PageValues::Plain(Vec::new(), 0),
+            Some((&width, rest)) => {
+                let indices = Integers::new(rest.to_vec(), width.into());
+                PageValues::Indices(indices.ok_or_else(wrong)?)
+            }
+        },
+        (Some(3), _) if is_truth => {
+            let runs = bytes.get(4..).ok_or_else(wrong)?.to_vec();
+            PageValues::Truths(Integers::new(runs, 1).ok_or_else(wrong)?)
         }
-        LeafType::Opaque(_) => Cell::Missing,
+        (Some(5), Some(_)) if is_whole => {
+            PageValues::Deltas(Box::new(deltas(bytes).ok_or_else(wrong)?))
+        }
+        // The first bytes of all values, then the second, ….
+        (Some(9), Some(size)) => {
+            let count = bytes.len() / size;
+            let in_order = |at: usize| bytes[at % size * count + at / size];
+            PageValues::Plain((0..count * size).map(in_order).collect(), 0)
+        }
+        (other, _) => {
+            let name = match other {
+                Some(6) => "DELTA_LENGTH_BYTE_ARRAY".to_owned(),
+                Some(7) => "DELTA_BYTE_ARRAY".to_owned(),
+                other => other.unwrap_or(-1).to_string(),
+            };
+            let what = format!("column `{}` has the encoding {name}", leaf.name);
+            return Err(KIND.unsupported(what));
+        }
+    })
+}
+
+impl PageValues {
+    /// Adds the next values; `None` if there are not so many.
+    fn read(
+        &mut self,
+        count: usize,
+        kind: LeafType,
+        dictionary: &ColumnPart,
+        part: &mut ColumnPart,
+    ) -> Option<()> {
+        match self {
+            Self::Plain(bytes, at) => {
+                let mut rest = ByteReader::new(bytes.get(*at..)?);
+                match kind {
+                    LeafType::Number(element) => {
+                        let size = element.size();
+                        let bytes = rest.take(count.checked_mul(size)?)?;
+                        let from = Strided { bytes, stride: size, rows: count };
+                        element.read(from, true, part);
+                    }
+                    LeafType::DayAndTime => {
+                        for _ in 0..count {
+                            part.push(day_and_time(&mut rest)?);
+                        }
+                    }
+                    LeafType::Text | LeafType::Opaque(_) => {
+                        let cells = part.cells();
+                        for _ in 0..count {
+                            let length = usize::try_from(rest.u32()?).ok()?;
+                            let text = String::from_utf8_lossy(rest.take(length)?);
+                            cells.push(Cell::Text(text.into_owned()));
+                        }
+                    }
+                }
+                *at = bytes.len() - rest.rest.len();
+            }
+            Self::Indices(indices) => {
+                let indices = exactly(indices, count)?;
+                let indices = indices.into_iter().map(|index| usize::try_from(index).ok());
+                match (dictionary, part) {
+                    (
+                        ColumnPart::Numbers { values: known, missing },
+                        ColumnPart::Numbers { values, .. },
+                    ) if missing.is_empty() => {
+                        for at in indices {
+                            values.push(*known.get(at?)?);
+                        }
+                    }
+                    (ColumnPart::Numbers { values: known, missing }, part) => {
+                        for at in indices {
+                            let at = at?;
+                            let value = Cell::Real(*known.get(at)?);
+                            let is_missing = missing.contains(&at);
+                            part.push(if is_missing { Cell::Missing } else { value });
+                        }
+                    }
+                    (ColumnPart::Cells(known), part) => {
+                        let cells = part.cells();
+                        for at in indices {
+                            cells.push(known.get(at?)?.clone());
+                        }
+                    }
+                }
+            }
+            Self::Truths(bits) => {
+                let bits = exactly(bits, count)?.into_iter();
+                bits.for_each(|bit| part.push(Cell::Whole(i64::from(bit != 0))));
+            }
+            Self::Deltas(values) => {
+                let LeafType::Number(element) = kind else { return None };
+                for _ in 0..count {
+                    // The lowest bytes of the difference are those of shorter numbers.
+                    let bytes = values.next()?.to_le_bytes();
+                    part.push(element.cell(&bytes[..element.size()], true));
+                }
+            }
+        }
+        Some(())
     }
+}
+
+/// So many integers; `None` if there are fewer.
+fn exactly(integers: &mut Integers, count: usize) -> Option<Vec<u64>> {
+    let mut values = Vec::new();
+    while values.len() < count {
+        integers.read(count - values.len(), &mut values)?;
+    }
+    Some(values)
+}
+
+/// Nanoseconds of the day, and the Julian day, of which 2,440,588 began in 1970.
+fn day_and_time(bytes: &mut ByteReader<'_>) -> Option<Cell> {
+    let (of_day, day) = (bytes.i64()?, bytes.i32()?);
+    let seconds = (i64::from(day) - 2_440_588) * 86_400;
+    let units = seconds.saturating_mul(1_000_000_000).saturating_add(of_day);
+    Some(Cell::Time { units, per_second: 1_000_000_000 })
 }

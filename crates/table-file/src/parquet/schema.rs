@@ -14,6 +14,29 @@ pub(super) struct Leaf {
     pub(super) kind: LeafType,
     /// Its definition level where there is a value: how many of its path may be absent.
     pub(super) levels: u8,
+    /// What it is a list of values in, if it is one.
+    pub(super) list: Option<ListLeaf>,
+}
+
+/// A list whose values are the columns of a table.
+#[derive(Clone, Debug)]
+pub(super) struct ListLeaf {
+    /// The path of the list in the tree.
+    name: String,
+    /// The definition level where the list has an element.
+    pub(super) level: u8,
+    /// How many elements it has in every row.
+    pub(super) length: usize,
+}
+
+impl Leaf {
+    /// The names of its columns.
+    pub(super) fn columns(&self) -> Vec<String> {
+        match &self.list {
+            None => vec![self.name.clone()],
+            Some(list) => (1..=list.length).map(|at| format!("{}{at}", list.name)).collect(),
+        }
+    }
 }
 
 /// What the values of a column mean, and how they are stored.
@@ -56,7 +79,9 @@ const REPEATED: i64 = 2;
 struct Above {
     path: String,
     levels: u8,
-    is_repeated: bool,
+    /// How many elements of the path are repeated, and the innermost of them.
+    repeated: u8,
+    list: Option<ListLeaf>,
     depth: u8,
 }
 
@@ -66,7 +91,7 @@ pub(super) fn leaves(footer: &Value) -> Result<Vec<Leaf>, TableError> {
     let mut elements = elements.iter();
     let root = elements.next().ok_or_else(|| KIND.damaged("its footer has no schema"))?;
     let mut leaves = Vec::new();
-    let above = Above { path: String::new(), levels: 0, is_repeated: false, depth: 0 };
+    let above = Above { path: String::new(), levels: 0, repeated: 0, list: None, depth: 0 };
     for _ in 0..root.whole(5).unwrap_or(0) {
         add(&mut elements, &above, &mut leaves)?;
     }
@@ -81,10 +106,17 @@ fn add<'a>(
     let element = elements.next().ok_or_else(|| KIND.damaged("its schema is cut off"))?;
     let name = element.text(4).unwrap_or_default();
     let repetition = element.whole(3).unwrap_or(0);
+    let path = if above.path.is_empty() { name } else { format!("{}.{name}", above.path) };
+    let (is_repeated, is_optional) = (repetition == REPEATED, repetition == OPTIONAL);
+    let level = above.levels + u8::from(is_optional || is_repeated);
+    let is_own = above.path.is_empty();
+    let list =
+        ListLeaf { name: if is_own { path.clone() } else { above.path.clone() }, level, length: 0 };
     let here = Above {
-        path: if above.path.is_empty() { name } else { format!("{}.{name}", above.path) },
-        levels: above.levels + u8::from(repetition == OPTIONAL),
-        is_repeated: above.is_repeated || repetition == REPEATED,
+        path,
+        levels: level,
+        repeated: above.repeated + u8::from(is_repeated),
+        list: if is_repeated { Some(list) } else { above.list.clone() },
         depth: above.depth + 1,
     };
     if here.depth > DEPTH {
@@ -96,8 +128,8 @@ fn add<'a>(
     }
     budget::check_columns(KIND, leaves.len() + 1)?;
     let kind = kind(element, &here.path)?;
-    let kind = if here.is_repeated { LeafType::Opaque("list") } else { kind };
-    leaves.push(Leaf { name: here.path, kind, levels: here.levels });
+    let kind = if here.repeated > 1 { LeafType::Opaque("list of lists") } else { kind };
+    leaves.push(Leaf { name: here.path, kind, levels: here.levels, list: here.list });
     Ok(())
 }
 

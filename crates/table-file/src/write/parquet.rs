@@ -216,7 +216,7 @@ fn levels<T>(bytes: &mut Vec<u8>, values: &[Option<T>]) -> io::Result<i64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parquet::encoding::integers;
+    use crate::parquet::encoding::Integers;
 
     #[test]
     fn levels_read_back_as_the_values_that_are_there() {
@@ -228,9 +228,11 @@ mod tests {
             assert_eq!(missing, count.div_ceil(3) as i64);
             let (length, bits) = bytes.split_first_chunk().unwrap();
             assert_eq!(u32::from_le_bytes(*length) as usize, bits.len());
-            let mut reader = integers(bits.to_vec(), 1).unwrap();
-            let found: Vec<_> = values.iter().map(|_| reader.next().unwrap() == 1).collect();
-            assert_eq!(found, values.iter().map(Option::is_some).collect::<Vec<_>>());
+            let (mut reader, mut found) = (Integers::new(bits.to_vec(), 1).unwrap(), Vec::new());
+            while found.len() < values.len() {
+                reader.read(values.len() - found.len(), &mut found).unwrap();
+            }
+            assert!(found.iter().zip(&values).all(|(bit, value)| (*bit == 1) == value.is_some()));
         }
     }
 }

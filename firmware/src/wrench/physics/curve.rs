@@ -1,4 +1,4 @@
-//! What one sensor answers to a displacement (`crates/calibration/src/physics/response.rs`), in single
+//! What one sensor answers to a displacement (`crates/sensor-physics/src/response.rs`), in single
 //! precision.
 
 use core::f32::consts::LOG2_E;

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! by Gauss's and Newton's steps with `v` from the step before, as the host does
-//! (`crates/calibration/src/physics/inversion`), in single precision and in at most [`STEPS`] steps. A sensor on a
+//! (`crates/sensor-physics/src/inversion`), in single precision and in at most [`STEPS`] steps. A sensor on a
 //! plateau of its curve drops out by itself, for its slope is nothing; one that the converter cut off is
 //! left out. Nothing is carried from frame to frame.
 //!

@@ -34,7 +34,19 @@ pub(crate) struct ConfigArgs {
 const KEYS: [(Option<&str>, &[&str]); 4] = [
     (
         Some("Reading logs"),
-        &["format", "table", "sensors", "wrench", "time", "time-unit", "group", "moment-unit"],
+        &[
+            "format",
+            "table",
+            "sensors",
+            "wrench",
+            "time",
+            "time-unit",
+            "group",
+            "moment-unit",
+            "unit",
+            "header-line",
+            "skip-lines",
+        ],
     ),
     (Some("Taring"), &["tare", "tare-time", "no-tare"]),
     (Some("Filtering"), &["lowpass", "no-lowpass", "order", "causal", "rate"]),
@@ -42,8 +54,7 @@ const KEYS: [(Option<&str>, &[&str]); 4] = [
 ];
 
 /// Options that say the same thing: if the command line has one, no other is taken from the file.
-const ALTERNATIVES: [&[&str]; 3] =
-    [&["tare", "tare-time", "no-tare"], &["lowpass", "no-lowpass"], &["causal", "zero-phase"]];
+const ALTERNATIVES: [&[&str]; 2] = [&["tare", "tare-time", "no-tare"], &["lowpass", "no-lowpass"]];
 
 /// The settings of a file, by key: the line, and the option as on a command line.
 type Settings = BTreeMap<String, (usize, OsString)>;
@@ -144,7 +155,8 @@ fn beside_data(command: &Command, matches: &ArgMatches) -> anyhow::Result<Option
     for positional in of_command.get_positionals() {
         for path in given.get_raw(positional.get_id().as_str()).into_iter().flatten() {
             let beside = Path::new(path).with_file_name(FILE);
-            if beside.is_file() && !found.contains(&beside) {
+            // Whatever has the name: what is no file is refused when it is read.
+            if beside.symlink_metadata().is_ok() && !found.contains(&beside) {
                 found.push(beside);
             }
         }

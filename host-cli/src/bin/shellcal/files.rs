@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use calibration_file::input;
 use clap::ArgMatches;
+use frame_stream::Destination;
 use output_file::{OutputError, Outputs};
 use serde::{Serialize, Serializer};
 
@@ -95,6 +96,11 @@ pub(crate) fn collect(mut matches: &ArgMatches, outputs: &Outputs) -> Result<(),
         inputs.try_for_each(|path| outputs.protect(path))?;
         let mut files = values::<OutputPath>(matches).filter(|path| !is_standard(path));
         files.try_for_each(|path| outputs.announce(path))?;
+        for destination in values::<Destination>(matches) {
+            if let Destination::File(path) = destination {
+                outputs.announce(path)?;
+            }
+        }
         match matches.subcommand() {
             Some((_, subcommand)) => matches = subcommand,
             None => return Ok(()),

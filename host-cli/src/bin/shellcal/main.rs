@@ -6,6 +6,8 @@ mod document;
 mod cmd;
 mod config;
 mod files;
+#[cfg(test)]
+mod manual;
 mod printer;
 mod signals;
 mod tables;
@@ -15,6 +17,7 @@ use std::ffi::OsString;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
+use clap::error::{ContextKind, ContextValue};
 use clap::{ArgMatches, ColorChoice, CommandFactory, FromArgMatches, Parser};
 use shell_data::{escape, instructions};
 
@@ -75,7 +78,7 @@ fn main() -> ExitCode {
     let outcome = run(&mut command, &said.config, matches, &printer);
     match outcome.and_then(|outcome| printer.printed().map(|()| outcome)) {
         Ok(outcome) => ExitCode::from(outcome as u8),
-        Err(error) if printer::is_closed_pipe(&error) => ExitCode::SUCCESS,
+        Err(error) if printer::is_closed_pipe(&error) => ExitCode::from(printer.decided() as u8),
         Err(error) => {
             printer.error(&error);
             ExitCode::from(2)
@@ -90,13 +93,29 @@ fn parsed(command: &mut clap::Command, matches: &ArgMatches) -> Args {
 
 /// Prints help, or what is wrong with the command line, and ends the program. Arguments may hold anything.
 fn refuse(error: &clap::Error) -> ! {
-    let text = error.render().to_string();
-    let lines: Vec<_> = text.lines().map(escape::terminal).collect();
-    if error.use_stderr() && lines.iter().any(|line| matches!(line, Cow::Owned(_))) {
+    if let Some(ContextValue::String(name)) = error.get(ContextKind::InvalidSubcommand)
+        && let Some((name, instead)) = cmd::MOVED.iter().find(|(old, _)| old == name)
+    {
+        let _ =
+            writeln!(io::stderr(), "error: there is no command `{name}` any more\nhint: {instead}");
+        std::process::exit(2);
+    }
+    let steers =
+        |word: OsString| matches!(escape::terminal(&word.to_string_lossy()), Cow::Owned(_));
+    if error.use_stderr() && std::env::args_os().any(steers) {
+        // Without colours, which are escapes, too.
+        let text = error.render().to_string();
+        let lines: Vec<_> = text.lines().map(escape::terminal).collect();
         let _ = writeln!(io::stderr(), "{}", lines.join("\n"));
         std::process::exit(error.exit_code());
     }
-    error.exit()
+    match error.print().and_then(|()| io::stdout().flush()) {
+        Err(failure) if failure.kind() != io::ErrorKind::BrokenPipe => {
+            let _ = writeln!(io::stderr(), "error: cannot write standard output: {failure}");
+            std::process::exit(2);
+        }
+        _ => std::process::exit(error.exit_code()),
+    }
 }
 
 /// Runs a command, with the settings of its data.
@@ -118,11 +137,13 @@ fn run(
         printer.files.protect(file)?;
     }
     configured.explain(command, printer);
-    args.command.run(printer, Args::command)
+    args.command.run(printer)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use clap::CommandFactory;
 
     #[test]
@@ -137,5 +158,29 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         super::Args::command().debug_assert();
+    }
+
+    /// A command or an option that is added has to be worth another that goes. Options that commands share are
+    /// declared once, with one text, and count once.
+    #[test]
+    fn commands_and_options_are_few() {
+        fn options(command: &clap::Command, found: &mut BTreeSet<(String, String)>) {
+            for argument in command.get_arguments().filter(|argument| !argument.is_hide_set()) {
+                let Some(name) = argument.get_long() else { continue };
+                if !["help", "version"].contains(&name) {
+                    let help = argument.get_help().map(ToString::to_string).unwrap_or_default();
+                    found.insert((name.to_owned(), help));
+                }
+            }
+            command.get_subcommands().for_each(|command| options(command, found));
+        }
+        let mut command = super::Args::command();
+        command.build();
+        let commands = command.get_subcommands().filter(|command| command.get_name() != "help");
+        let (commands, mut found) = (commands.count(), BTreeSet::new());
+        options(&command, &mut found);
+        println!("{commands} commands, {} options", found.len());
+        assert!(commands <= 24, "{commands} commands");
+        assert!(found.len() <= 214, "{} options: {found:#?}", found.len());
     }
 }

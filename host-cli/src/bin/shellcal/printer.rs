@@ -18,12 +18,15 @@ use shell_data::escape;
 use shell_data::hint::Hint;
 use shell_data::lock::lock;
 use shellcal::workflow;
+use shellcal::workflow::gates::Gate;
 use shellcal::workflow::remark::Remark;
 
 use crate::files::{OutputPath, is_standard};
 use crate::tables::{self, TableForm};
 
-/// How a command that could run has ended, and the exit code for it.
+/// How a command that could run has ended, and the exit code for it. [`Printer::judge`] and [`Printer::decide`] make
+/// one, before anything is printed: a reader that goes away changes nothing.
+#[must_use]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
     /// Done.
@@ -84,6 +87,8 @@ pub(crate) struct Printer {
     has_table: Arc<AtomicBool>,
     /// Whether the standard output has taken all that was printed.
     printed: Arc<Mutex<io::Result<()>>>,
+    /// Whether a check has failed.
+    has_failed: Arc<AtomicBool>,
     /// The files that the command reads and writes.
     pub(crate) files: Arc<Outputs>,
 }
@@ -91,7 +96,8 @@ pub(crate) struct Printer {
 impl Printer {
     pub(crate) fn new(options: OutputArgs) -> Self {
         let printed = Arc::new(Mutex::new(Ok(())));
-        Self { options, has_table: Arc::default(), printed, files: Arc::default() }
+        let (has_table, has_failed) = Default::default();
+        Self { options, has_table, printed, has_failed, files: Arc::default() }
     }
 
     /// Whether the user asked for one JSON document in place of tables.
@@ -111,6 +117,26 @@ impl Printer {
     /// Whether what goes to the standard output is coloured.
     pub(crate) fn is_colored(&self) -> bool {
         self.is_painted(console::colors_enabled())
+    }
+
+    /// Decides by a gate how the command ends, and says what fails.
+    pub(crate) fn judge(&self, gate: &Gate) -> Outcome {
+        gate.failures().iter().for_each(|failure| self.warning(failure.to_string()));
+        self.decide(gate.passes())
+    }
+
+    /// Decides how the command ends.
+    pub(crate) fn decide(&self, passes: bool) -> Outcome {
+        self.has_failed.store(!passes, Ordering::Relaxed);
+        self.decided()
+    }
+
+    /// The decision, also where the command could not print its result.
+    pub(crate) fn decided(&self) -> Outcome {
+        match self.has_failed.load(Ordering::Relaxed) {
+            true => Outcome::CheckFailed,
+            false => Outcome::Done,
+        }
     }
 
     /// Prints the result of a command as one JSON document, every figure at full precision.

@@ -1,5 +1,6 @@
 //! Tables as text, as Markdown or as CSV.
 
+use calibration::quality::fixed;
 use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyle};
 use shell_data::escape::csv_field;
 use shell_data::wrench::Axis;
@@ -32,7 +33,7 @@ pub(crate) fn axis_row(axis: Axis, values: [f64; 3]) -> Vec<String> {
 
 /// A row with a label, then values with so many decimals.
 pub(crate) fn number_row(label: String, values: [f64; 3], decimals: usize) -> Vec<String> {
-    [label].into_iter().chain(values.map(|value| format!("{value:.decimals$}"))).collect()
+    [label].into_iter().chain(values.map(|value| fixed(value, decimals))).collect()
 }
 
 /// The lines of a table: the first column is a label, the others are numbers.

@@ -3,7 +3,9 @@
 use super::options::ConvertOptions;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
+use calibration::dynamics::ReferenceLag;
 use forces::ForcePipeline;
+use shell_data::Converter;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
@@ -51,6 +53,8 @@ pub(super) struct FrameConverter<'a> {
     /// What is taken off besides the load at each row.
     pub(super) zero: PerAxis<f64>,
     pub(super) options: &'a ConvertOptions,
+    /// The lag of the reference, where the time stamps of forces make up for it.
+    pub(super) stamp_lag: Option<ReferenceLag>,
     /// Whether frames keep their readings.
     pub(super) keeps_readings: bool,
     /// Whether rows that repeat a frame are frames, where the zero is watched; else `None`.
@@ -66,9 +70,9 @@ impl ConvertedFrames {
 
 impl FrameConverter<'_> {
     pub(super) fn convert(&self, block: &mut Block) -> ConvertedRows {
-        match self.pipeline.low_pass {
-            None => self.convert_used(block),
-            Some(_) => self.convert_all(block),
+        match self.pipeline.looks_around() {
+            false => self.convert_used(block),
+            true => self.convert_all(block),
         }
     }
 
@@ -81,6 +85,7 @@ impl FrameConverter<'_> {
         let watched = self.watched(block, is_fresh.as_deref());
         let mut wrench = self.pipeline.wrench(self.calibration, &block.time_s, &block.readings);
         let without_motion = self.take_off_load(&block.time_s, &mut wrench);
+        self.options.frame.iter().for_each(|change| change.apply(&mut wrench));
         let frames = ConvertedFrames { wrench, ..self.frames(block) };
         ConvertedRows { frames, without_motion, watched, ..ConvertedRows::default() }
     }
@@ -91,24 +96,22 @@ impl FrameConverter<'_> {
         let time_s = block.time_s.clone();
         let mut is_new = fresh.clone();
         is_new.first_mut().into_iter().for_each(|first| *first = true);
-        let mut by_frame = PerAxis::default();
-        self.calibration.wrench(&block.kept(&is_new).readings, &mut by_frame);
-        let mut wrench = by_frame.map(|frames| {
-            let (mut frames, mut last) = (frames.into_iter(), f64::NAN);
-            let of_row = |is_new: &bool| {
-                last = if *is_new { frames.next().unwrap_or(last) } else { last };
-                last
-            };
-            is_new.iter().map(of_row).collect::<Vec<f64>>()
-        });
-        self.pipeline.tare_off(&time_s, &mut wrench);
+        let mut frames = 0;
+        let number = |is_new: &bool| {
+            frames += usize::from(*is_new);
+            frames - 1
+        };
+        let frame_of_row: Vec<usize> = is_new.iter().map(number).collect();
+        let frames = (&*block.kept(&is_new).readings, &*frame_of_row);
+        let mut wrench = self.pipeline.wrench_of_rows(self.calibration, &time_s, frames);
         let without_motion = self.take_off_load(&time_s, &mut wrench);
+        self.options.frame.iter().for_each(|change| change.apply(&mut wrench));
         let watched = self.watched(block, (self.watch == Some(false)).then_some(&fresh));
         self.options.rows.select(block);
         let frames = self.frames(block);
         let written = match self.options.rows {
             RowFilter::Fresh => fresh,
-            RowFilter::All => vec![true; time_s.len()],
+            RowFilter::All => vec![true; fresh.len()],
         };
         ConvertedRows { time_s, wrench, written, frames, without_motion, watched }
     }
@@ -127,13 +130,21 @@ impl FrameConverter<'_> {
         load.map_or(0, |load| load.subtract(times_s, &self.zero, wrench))
     }
 
+    /// The times of forces by those of their rows, s.
+    fn moved(&self, mut times_s: Vec<f64>) -> Vec<f64> {
+        if let Some(lag) = self.stamp_lag {
+            times_s.iter_mut().for_each(|time_s| *time_s = lag.moved_s(*time_s));
+        }
+        times_s
+    }
+
     /// All but the wrenches.
     fn frames(&self, block: &mut Block) -> ConvertedFrames {
         let Self { calibration, pipeline, options, .. } = self;
         let repeated = |(text, rows): &(String, usize)| std::iter::repeat_n(text.clone(), *rows);
         let spelled_out = |runs: &Vec<_>| runs.iter().flat_map(repeated).collect();
         let mut frames = ConvertedFrames {
-            time_s: std::mem::take(&mut block.time_s),
+            time_s: self.moved(std::mem::take(&mut block.time_s)),
             kept: std::mem::take(&mut block.others),
             texts: block.texts.iter().map(spelled_out).collect(),
             ..ConvertedFrames::default()
@@ -141,9 +152,13 @@ impl FrameConverter<'_> {
         let errors = options.columns.need_errors();
         let trust = calibration.trust(&block.readings, pipeline.tare.as_ref(), errors);
         frames.standard_errors = trust.standard_errors;
+        if !frames.standard_errors[0].is_empty() {
+            let errors = &mut frames.standard_errors;
+            options.frame.iter().for_each(|change| change.apply_to_errors(errors));
+        }
         // Flagged frames are counted, whether or not the flags are written.
-        let mut saturated = match options.full_scale {
-            Some(full_scale) => saturated_at(block.channels(), full_scale),
+        let mut saturated = match options.converter {
+            Some(converter) => saturated_at(block.channels(), converter),
             None => vec![0; block.rows],
         };
         saturated.iter_mut().zip(trust.saturated).for_each(|(flags, plateau)| *flags |= plateau);
@@ -157,12 +172,12 @@ impl FrameConverter<'_> {
 }
 
 /// For every row, the channels at either end of what the converter can give.
-fn saturated_at(readings: &[Vec<f64>], full_scale: f64) -> Vec<u64> {
+fn saturated_at(readings: &[Vec<f64>], converter: Converter) -> Vec<u64> {
     let mut flags = vec![0; readings.first().map_or(0, Vec::len)];
     for (channel, column) in readings.iter().enumerate() {
         let bit = 1 << channel.min(63);
         for (flags, &reading) in flags.iter_mut().zip(column) {
-            *flags |= if reading > 0.0 && reading < full_scale { 0 } else { bit };
+            *flags |= if converter.is_at_end(reading) { bit } else { 0 };
         }
     }
     flags
@@ -175,6 +190,6 @@ mod tests {
     #[test]
     fn a_reading_at_either_end_of_the_converter_is_saturated() {
         let readings = [vec![0.0, 1.0, 4095.0, 5000.0], vec![7.0, 7.0, 0.0, 7.0]];
-        assert_eq!(saturated_at(&readings, 4095.0), [0b01, 0, 0b11, 0b01]);
+        assert_eq!(saturated_at(&readings, Converter::new(4095.0)), [0b01, 0, 0b11, 0b01]);
     }
 }

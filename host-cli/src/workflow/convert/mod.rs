@@ -24,17 +24,20 @@ pub use options::{
     RecordingFrame, TableColumns, table_name,
 };
 use summary::Totals;
-pub use summary::{AxisSummary, ConvertSummary, LoadSummary};
+pub use summary::{AxisSummary, ConvertSummary, LagMadeUp, LagRule, LoadSummary};
 
 use super::selection::{RowFilter, fresh_rows, passed, read_with_memory};
 use super::{WorkflowError, check_channels};
+use calibration::dynamics::ReferenceLag;
+use calibration::memory::TimeBase;
 use calibration::uncertainty::NoIntervals;
 use calibration::{Calibration, Kind};
 use encode::{EncodedOutput, Encoder};
 use figures::WrenchTrace;
+use forces::payload::Inertia;
 use forces::sampling::Sampling;
 use forces::stationary::ZeroWatch;
-use forces::{FirstRows, ForceError, ForcePipeline, PipelineSetup, TareRule};
+use forces::{FirstRows, ForceError, ForcePipeline, FrameChange, PipelineSetup, TareRule};
 use frames::FrameConverter;
 use log_file::Wanted;
 use shell_data::wrench::{Axis, PerAxis};
@@ -89,15 +92,25 @@ pub fn convert(
         let message = format!("the calibration gives {}, not {absent}", calibration.axes);
         return Err(WorkflowError::refused(message, None));
     }
+    if !options.frame.is_empty() && !FrameChange::is_known_from(calibration.axes) {
+        let message =
+            format!("another frame needs all six axes, the calibration gives {}", calibration.axes);
+        return Err(WorkflowError::refused(message, None));
+    }
     if options.columns.need_errors() && !calibration.has_standard_errors() {
         return Err(WorkflowError::NoCovariance);
     }
-    let (pipeline, zero) = survey(conversion)?;
+    let (mut pipeline, zero) = survey(conversion)?;
+    let lag = calibration.lag.filter(|lag| lag.time_base == TimeBase::Rows || log.has_time());
+    // Readings keep their time stamps, so forces beside them move instead; so they do where no stamp is.
+    let moves_stamps = lag.is_some_and(|lag| lag.time_base == TimeBase::Seconds) && !keeps_readings;
+    pipeline.lag = lag.filter(|_| !moves_stamps);
+    let stamp_lag = lag.filter(|_| moves_stamps);
     let time = options.columns.time
         || calibration.needs_time()
         || options.forces.tare.follows_rests()
         || trace.is_some()
-        || pipeline.low_pass.is_some()
+        || pipeline.looks_around() && log.has_time()
         || options.load.is_some();
     let OutputPlan { format, keep, keep_texts } = plan;
     let (others, texts) = (keep.clone(), keep_texts.clone());
@@ -114,8 +127,9 @@ pub fn convert(
     let encoder = Encoder { table, format };
     let repeats_are_frames = !log.repeats_are_stale() && options.rows == RowFilter::All;
     let watch = (time && options.load.is_none()).then_some(repeats_are_frames);
+    let pipeline = &pipeline;
     let converter =
-        FrameConverter { calibration, pipeline: &pipeline, zero, options, keeps_readings, watch };
+        FrameConverter { calibration, pipeline, zero, options, stamp_lag, keeps_readings, watch };
     let mut zero_watch = ZeroWatch::default();
     let scatter = options.load.as_ref().map(|_| PerAxis::default());
     let mut writer = Writer {
@@ -140,7 +154,7 @@ pub fn convert(
         |block| {
             let rows = converter.convert(block);
             // What is not filtered is encoded by the workers.
-            let encoded = pipeline.low_pass.is_none().then(|| encoder.encode(&rows.frames));
+            let encoded = (!pipeline.looks_around()).then(|| encoder.encode(&rows.frames));
             (rows, encoded)
         },
         |(rows, encoded)| {
@@ -169,19 +183,36 @@ pub fn convert(
         tare: pipeline.tare_result.clone(),
         low_pass: pipeline.low_pass,
         sampling,
+        clock: clock(calibration, lag, moves_stamps),
         out_of_range_frames,
         saturated_frames,
         left_out_frames,
         axes: calibration.axes.values(&totals.axes()),
         zero: zero_watch.finish(calibration),
         load: options.load.as_ref().map(|load| LoadSummary {
-            has_inertia: load.has_inertia,
+            has_inertia: load.inertia != Inertia::Nothing,
+            turning_n: (load.inertia == Inertia::WithoutTurning).then(|| load.payload.turning_n()),
+            rescaled: load.rescaled,
             lag: load.lag,
             lag_taken_s: load.lag.map(|lag| lag.taken_s()),
             rows_without_motion,
             standard_deviation: calibration.axes.values(&totals.standard_deviation()),
         }),
     })
+}
+
+/// What was done about the lag of the reference.
+fn clock(
+    calibration: &Calibration,
+    made_up_for: Option<ReferenceLag>,
+    moves_stamps: bool,
+) -> Option<LagMadeUp> {
+    let how = match made_up_for {
+        None => LagRule::NotMadeUp,
+        Some(_) if moves_stamps => LagRule::Stamps,
+        Some(_) => LagRule::BetweenRows,
+    };
+    calibration.lag.map(|lag| LagMadeUp { lag, how })
 }
 
 /// Reads as much of the log as tare and clock need. Also returns what is to be taken off besides the load at

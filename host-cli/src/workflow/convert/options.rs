@@ -6,9 +6,10 @@ use std::str::FromStr;
 use crate::workflow::WorkflowError;
 use crate::workflow::selection::RowFilter;
 use calibration::Calibration;
-use forces::ForceOptions;
 use forces::payload::CarriedLoad;
+use forces::{ForceOptions, FrameChange};
 use log_file::{Log, ReadOptions};
+use shell_data::Converter;
 use shell_data::wrench::Axes;
 
 /// What is done to the readings of a log.
@@ -20,23 +21,22 @@ pub struct ConvertOptions {
     pub forces: ForceOptions,
     /// What the sensor carries, which is taken off before tare and low-pass.
     pub load: Option<CarriedLoad>,
+    /// Changes of the frame of reference, one after the other.
+    pub frame: Vec<FrameChange>,
     /// What is written of every frame.
     pub columns: TableColumns,
-    /// The highest reading that the converter can give, in counts: a reading there, or at zero, is
-    /// saturated. `None` to leave saturation unflagged.
-    pub full_scale: Option<f64>,
+    /// The ends of the converter, at which a reading is saturated. `None` to leave saturation unflagged.
+    pub converter: Option<Converter>,
 }
 
 impl ConvertOptions {
     /// Everything that log and calibration have to give, as `shellcal convert` does by default.
     pub fn new(log: &Log, calibration: &Calibration) -> Self {
-        // The end of a 12-bit converter, or of a 16-bit one if the calibration has seen more than that.
-        let mut ranges = calibration.valid_range.iter().flatten();
-        let is_wide = ranges.any(|range| range.max > 4095.0);
         Self {
             rows: if log.repeats_are_stale() { RowFilter::Fresh } else { RowFilter::All },
             forces: ForceOptions::default(),
             load: None,
+            frame: Vec::new(),
             columns: TableColumns {
                 time: log.has_time(),
                 axes: calibration.axes,
@@ -44,7 +44,7 @@ impl ConvertOptions {
                 interval: None,
                 flags: true,
             },
-            full_scale: Some(if is_wide { 65535.0 } else { 4095.0 }),
+            converter: calibration.converter(None),
         }
     }
 }

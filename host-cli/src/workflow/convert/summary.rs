@@ -1,10 +1,12 @@
-//! What a conversion has done, and what is to be known of it.
+//! Summary of a conversion, with its remarks.
 
+use std::fmt;
 use std::path::Path;
 
 use super::frames::ConvertedFrames;
 use crate::workflow::remark::{Remark, used_rows};
 use crate::workflow::selection::RowFilter;
+use calibration::dynamics::ReferenceLag;
 use calibration_file::Diagnostics;
 use forces::payload::Lag;
 use forces::sampling::Rate;
@@ -13,12 +15,12 @@ use forces::{AppliedLowPass, TareResult, by_column};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 
-/// What a conversion has done.
+/// Summary of a conversion.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ConvertSummary {
     /// Rows in the log.
     pub rows: u64,
-    /// Those whose readings equal those of the row before.
+    /// Rows whose readings equal the row before.
     pub repeated_rows: u64,
     /// Rows that were wrong and left out.
     pub skipped_rows: u64,
@@ -26,12 +28,15 @@ pub struct ConvertSummary {
     pub frames: u64,
     /// Which rows these were.
     pub rows_used: RowFilter,
-    /// What was taken as unloaded.
+    /// The frames of the tare.
     pub tare: Option<TareResult>,
     /// The filter, and the rate of its grid.
     pub low_pass: Option<AppliedLowPass>,
     /// How the frames written follow one another, where they were filtered.
     pub sampling: Option<Rate>,
+    /// Correction of the lag of the calibration's reference, if it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub clock: Option<LagMadeUp>,
     /// Frames with a reading outside the range of the training data.
     pub out_of_range_frames: u64,
     /// Frames with a saturated reading.
@@ -46,13 +51,13 @@ pub struct ConvertSummary {
     /// rest twice, without a load that is taken off.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero: Option<ZeroMove>,
-    /// What the load that the sensor carries has left, where one was taken off.
+    /// The rest after the carried load was taken off, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadSummary>,
 }
 
 impl ConvertSummary {
-    /// What was done to the log at `path`, and what may be wrong with it.
+    /// Remarks on the log at `path`.
     pub fn remarks(&self, path: &Path) -> Vec<Remark> {
         let Self { rows, repeated_rows, skipped_rows, frames, .. } = *self;
         let counts = [rows, repeated_rows, skipped_rows];
@@ -64,8 +69,14 @@ impl ConvertSummary {
                 format!("low-pass: {low_pass}, at {rate_hz:.2} rows per second")
             }
         }));
+        if let Some(clock) = self.clock.filter(|clock| clock.how != LagRule::NotMadeUp) {
+            remarks.push(Remark::Note(clock.to_string()));
+        }
         let path = path.display();
         let mut warn = |text: String| remarks.push(Remark::Warning(format!("`{path}`: {text}")));
+        if let Some(clock) = self.clock.filter(|clock| clock.how == LagRule::NotMadeUp) {
+            warn(clock.to_string());
+        }
         if let Some(rate) = self.sampling {
             if rate.gaps > 0 {
                 warn(format!("{} gaps between frames", rate.gaps));
@@ -91,7 +102,7 @@ impl ConvertSummary {
         remarks
     }
 
-    /// What speaks against the tare, by the training data of the calibration.
+    /// Doubt about the tare, by the training data of the calibration.
     pub fn tare_doubt(&self, path: &Path, trained: Option<&Diagnostics>) -> Option<String> {
         let trained = trained?;
         let doubt = self.tare.as_ref()?.doubt(&trained.train, trained.excitation.as_ref()?)?;
@@ -103,26 +114,84 @@ impl ConvertSummary {
             return "tare: none, zero is that of the calibration".to_owned();
         };
         let when = match (tare.start_s, tare.end_s) {
-            (Some(start), Some(end)) => format!(", {start} s to {end} s"),
+            (Some(start), Some(end)) => format!(", {} s to {} s", short(start), short(end)),
             _ => String::new(),
         };
         match (tare.rests, tare.last_rest_s) {
             (Some(rests), Some(last_s)) => format!(
-                "tare: follows {rests} stretches at rest, the first{when}, the last until {last_s} s"
+                "tare: follows {rests} stretches at rest, the first{when}, the last until {} s",
+                short(last_s)
             ),
             _ => format!("tare: mean of {} frames{when}", tare.frames),
         }
     }
 }
 
-/// What taking off a load has left.
+/// The lag of a calibration's reference, and how forces make up for it.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct LagMadeUp {
+    /// The lag.
+    #[serde(flatten)]
+    pub lag: ReferenceLag,
+    /// The correction.
+    pub how: LagRule,
+}
+
+/// How forces make up for the lag of the reference.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LagRule {
+    /// The time stamps move.
+    Stamps,
+    /// Forces are interpolated between rows; stamps stay those of the readings.
+    BetweenRows,
+    /// None: the log has no time.
+    NotMadeUp,
+}
+
+impl fmt::Display for LagMadeUp {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let lag = self.lag;
+        match self.how {
+            LagRule::Stamps => {
+                let sign = if self.lag.by < 0.0 { '-' } else { '+' };
+                write!(
+                    f,
+                    "clock: t_s is that of the readings {sign} {lag}, the lag of the reference"
+                )
+            }
+            LagRule::BetweenRows => {
+                write!(
+                    f,
+                    "clock: forces are moved by {lag}, the lag of the reference, to their rows"
+                )
+            }
+            LagRule::NotMadeUp => {
+                write!(f, "it has no time, so forces are off by the lag of the reference, {lag}")
+            }
+        }
+    }
+}
+
+/// A time without what rounding has left beyond a microsecond, s.
+fn short(time_s: f64) -> f64 {
+    (time_s * 1e6).round() / 1e6
+}
+
+/// The rest after a load was taken off.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LoadSummary {
-    /// Whether inertia was taken off, too.
+    /// True if inertia was taken off, too.
     pub has_inertia: bool,
+    /// The force of turning by 1 rad/s, N, where that is not taken off; it grows with the square.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub turning_n: Option<f64>,
+    /// Factor on the accelerations, where their unit was not that of the poses.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rescaled: Option<f64>,
     /// How late the clock of the motion was found to be, taken or not.
     pub lag: Option<Lag>,
-    /// What of that was taken, s.
+    /// The part of that lag that was applied, s.
     pub lag_taken_s: Option<f64>,
     /// Rows so far from any sample of the motion that the load there is not known.
     pub rows_without_motion: u64,

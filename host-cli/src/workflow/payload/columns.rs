@@ -1,32 +1,41 @@
 //! The columns of a log that say how a sensor lies and moves.
 
-use forces::payload::{STANDARD_GRAVITY_M_S2, Vector, norm};
-use log_file::{ColumnRef, Log, Wanted};
-use shell_data::statistics::upper_median;
-
+use super::orientation::{Attitude, Orientation};
 use crate::workflow::WorkflowError;
-
-/// How far an orientation may be from one, as a share: logs have few digits.
-const ROUGH: f64 = 0.02;
+use forces::payload::{STANDARD_GRAVITY_M_S2, Vector};
+use log_file::{ColumnRef, Log, Wanted};
 
 const NAME_COLUMNS: &str = "name the columns with `--orientation` or `--accelerations`, in a run those of another log \
                             with `--motion`";
 
-/// What the user says of the columns of orientation and acceleration.
+/// Columns of orientation, acceleration and angular velocity, as the user names them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionColumns {
-    /// Three columns of gravity, four of a quaternion (x y z w) or nine of a rotation matrix, row by row; from
-    /// the sensor's frame to one whose z is up. `None` for those with usual names.
+    /// Columns of orientation. `None` for those with usual names.
     pub orientation: Option<Vec<ColumnRef>>,
+    /// Their kind. `None` to tell by their names and number: three of gravity, four of a quaternion (x y z w), nine
+    /// of a rotation matrix, row by row.
+    pub orientation_as: Option<Orientation>,
+    /// True if rotations are to the sensor's frame, not from it.
+    pub is_inverse: bool,
     /// Accelerations along x, y, z. `None` for those with usual names.
     pub accelerations: Option<Vec<ColumnRef>>,
+    /// Angular velocity about x, y, z. `None` for those with usual names.
+    pub angular_velocity: Option<Vec<ColumnRef>>,
     /// Gravity, m/s².
     pub gravity_m_s2: f64,
 }
 
 impl Default for MotionColumns {
     fn default() -> Self {
-        Self { orientation: None, accelerations: None, gravity_m_s2: STANDARD_GRAVITY_M_S2 }
+        Self {
+            orientation: None,
+            orientation_as: None,
+            is_inverse: false,
+            accelerations: None,
+            angular_velocity: None,
+            gravity_m_s2: STANDARD_GRAVITY_M_S2,
+        }
     }
 }
 
@@ -35,25 +44,18 @@ impl Default for MotionColumns {
 pub(super) struct FoundColumns {
     /// In the order in which they are tried.
     orientations: Vec<(Orientation, Vec<usize>)>,
-    /// Whether the user named them.
+    /// True if the user named them.
     is_named: bool,
     accelerations: Option<Vec<usize>>,
-}
-
-/// What tells how a sensor lies.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Orientation {
-    /// Gravity in the sensor's frame, in m/s² or multiples of g.
-    Gravity,
-    /// The rotation from the sensor's frame to one whose z is up: the last row of its matrix.
-    LastRow,
-    /// The same as a quaternion x y z w.
-    Quaternion,
+    angular_velocity: Option<Vec<usize>>,
+    /// Unit of the angular velocities, rad/s.
+    rate_unit: f64,
 }
 
 /// Usual names of columns, for each kind in the order in which they are looked for.
-const USUAL_ORIENTATIONS: [(Orientation, &[&[&str]]); 3] = [
+const USUAL_ORIENTATIONS: [(Orientation, &[&[&str]]); 6] = [
     (Orientation::Gravity, &[&["gx", "gy", "gz"], &["gravity_x", "gravity_y", "gravity_z"]]),
+    (Orientation::Matrix, &[&["r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"]]),
     (Orientation::LastRow, &[&["r31", "r32", "r33"]]),
     (
         Orientation::Quaternion,
@@ -62,6 +64,8 @@ const USUAL_ORIENTATIONS: [(Orientation, &[&[&str]]); 3] = [
             &["orientation.x", "orientation.y", "orientation.z", "orientation.w"],
         ],
     ),
+    (Orientation::RotationVector, &[&["rx", "ry", "rz"], &["rotvec_x", "rotvec_y", "rotvec_z"]]),
+    (Orientation::RollPitchYaw, &[&["roll", "pitch", "yaw"]]),
 ];
 const USUAL_ACCELERATIONS: [&[&str]; 4] = [
     &["ax", "ay", "az"],
@@ -69,49 +73,81 @@ const USUAL_ACCELERATIONS: [&[&str]; 4] = [
     &["accel_x", "accel_y", "accel_z"],
     &["linear_acceleration.x", "linear_acceleration.y", "linear_acceleration.z"],
 ];
+const USUAL_RATES: [&[&str]; 5] = [
+    &["wx", "wy", "wz"],
+    &["gyro_x", "gyro_y", "gyro_z"],
+    &["gyr_x", "gyr_y", "gyr_z"],
+    &["omega_x", "omega_y", "omega_z"],
+    &["angular_velocity.x", "angular_velocity.y", "angular_velocity.z"],
+];
+/// Units after a name, without punctuation.
+const UNITS: [&str; 9] = ["", "ms2", "g", "rad", "deg", "degrees", "rads", "degs", "dps"];
 
 impl MotionColumns {
     /// The columns of a log.
     pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, WorkflowError> {
         let by_name = |names: &[&[&str]]| names.iter().find_map(|names| positions(log, names));
-        let orientations = match &self.orientation {
+        let mut orientations: Vec<(Orientation, Vec<usize>)> = match &self.orientation {
             Some(references) => {
                 let at = log.column_positions(references)?;
-                vec![match at.len() {
-                    3 => (Orientation::Gravity, at),
-                    4 => (Orientation::Quaternion, at),
-                    9 => (Orientation::LastRow, at[6..].to_vec()),
-                    found => {
-                        let message = format!(
-                            "`{found}` columns of orientation, expected 3 (gravity), 4 (quaternion x y z w) or 9 \
-                             (rotation matrix, row by row)"
-                        );
-                        return Err(WorkflowError::refused(message, NAME_COLUMNS));
-                    }
-                }]
+                vec![(self.kind(log, &at)?, at)]
             }
             None => {
                 let found = |(of, names)| Some((of, by_name(names)?));
-                USUAL_ORIENTATIONS.into_iter().filter_map(found).collect()
+                let wanted =
+                    |(of, _): &(Orientation, _)| self.orientation_as.is_none_or(|it| it == *of);
+                USUAL_ORIENTATIONS.into_iter().filter_map(found).filter(wanted).collect()
             }
         };
-        let accelerations = match &self.accelerations {
-            Some(references) => match log.column_positions(references)? {
-                at if at.len() == 3 => Some(at),
+        for (of, at) in &mut orientations {
+            if *of == Orientation::RollPitchYaw && unit(log, at) == Some(DEGREE) {
+                *of = Orientation::RollPitchYawDegrees;
+            }
+        }
+        let three = |references: &Option<Vec<ColumnRef>>, usual: &[&[&str]], what: &str| {
+            let Some(references) = references else { return Ok(by_name(usual)) };
+            match log.column_positions(references)? {
+                at if at.len() == 3 => Ok(Some(at)),
                 at => {
-                    let message = format!("`{}` columns of acceleration, expected 3", at.len());
-                    return Err(WorkflowError::refused(message, NAME_COLUMNS));
+                    let message = format!("`{}` columns of {what}, expected 3", at.len());
+                    Err(WorkflowError::refused(message, NAME_COLUMNS))
                 }
-            },
-            None => by_name(&USUAL_ACCELERATIONS),
+            }
         };
+        let accelerations = three(&self.accelerations, &USUAL_ACCELERATIONS, "acceleration")?;
+        let angular_velocity = three(&self.angular_velocity, &USUAL_RATES, "angular velocity")?;
+        let rate_unit = angular_velocity.as_ref().and_then(|at| unit(log, at)).unwrap_or(1.0);
         let is_named = self.orientation.is_some();
-        let found = FoundColumns { orientations, is_named, accelerations };
+        let found =
+            FoundColumns { orientations, is_named, accelerations, angular_velocity, rate_unit };
         if found.orientations.is_empty() && found.accelerations.is_none() {
             return Err(no_motion(log));
         }
         log.require(&Wanted { others: found.positions(), ..Wanted::default() })?;
         Ok(found)
+    }
+
+    /// The kind of the columns that the user names as orientation.
+    fn kind(&self, log: &Log, at: &[usize]) -> Result<Orientation, WorkflowError> {
+        let is_named = |(_, names): &(Orientation, &[&[&str]])| {
+            names.iter().any(|names| positions(log, names).as_deref() == Some(at))
+        };
+        let by_name = || USUAL_ORIENTATIONS.iter().find(|of| is_named(of)).map(|(of, _)| *of);
+        let by_number = || match at.len() {
+            3 => Some(Orientation::Gravity),
+            4 => Some(Orientation::Quaternion),
+            9 => Some(Orientation::Matrix),
+            _ => None,
+        };
+        let kind = self.orientation_as.or_else(by_name).or_else(by_number);
+        kind.filter(|kind| kind.columns() == at.len()).ok_or_else(|| {
+            let message = format!(
+                "`{}` columns of orientation, expected 3 (gravity), 4 (quaternion x y z w) or 9 (rotation matrix, row \
+                 by row)",
+                at.len()
+            );
+            WorkflowError::refused(message, NAME_COLUMNS)
+        })
     }
 }
 
@@ -119,91 +155,79 @@ impl FoundColumns {
     /// All positions, to be [read](Wanted::others); and what is then at which position of a row.
     pub(super) fn positions(&self) -> Vec<usize> {
         let orientations = self.orientations.iter().map(|(_, at)| at);
-        orientations.chain(&self.accelerations).flatten().copied().collect()
+        let all = orientations.chain(&self.accelerations).chain(&self.angular_velocity);
+        all.flatten().copied().collect()
     }
 
-    /// Gravity in the sensor's frame of every row, m/s², from the first of the columns that hold it; `None`
-    /// where there are none. `columns` are those of [`Self::positions`].
-    pub(super) fn gravity(
+    /// How the sensor lies in every row, from the first of the columns that say so; `None` where there are none.
+    /// `columns` are those of [`Self::positions`]. A `way` is another reading of them: to the other frame, and of
+    /// quaternions with the scalar at the other end.
+    pub(super) fn attitudes(
         &self,
         log: &Log,
         columns: &[Vec<f64>],
-        gravity_m_s2: f64,
-    ) -> Result<Option<Vec<Vector>>, WorkflowError> {
+        rule: &MotionColumns,
+        (is_turned, is_reordered): (bool, bool),
+    ) -> Result<Option<Vec<Attitude>>, WorkflowError> {
         let mut first = 0;
-        for (orientation, at) in &self.orientations {
+        for &(mut of, ref at) in &self.orientations {
             let columns = &columns[first..first + at.len()];
             first += at.len();
-            match orientation.gravity(columns, gravity_m_s2) {
-                Ok(gravity) => return Ok(Some(gravity)),
+            if is_reordered {
+                let Some(other) = of.other_order() else { return Ok(None) };
+                of = other;
+            }
+            let angles = || columns.iter().flatten().map(|angle| angle.abs()).fold(0.0, f64::max);
+            if of == Orientation::RollPitchYaw
+                && rule.orientation_as.is_none()
+                && unit(log, at).is_none()
+            {
+                // Beyond a turn they are no radians; below they may be either.
+                if angles() <= std::f64::consts::TAU {
+                    let message = format!(
+                        "`{}`: roll, pitch and yaw have no unit in their names",
+                        log.path().display()
+                    );
+                    let hint = "say `--orientation-as rpy-deg` or `--orientation-as rpy-rad`";
+                    return Err(WorkflowError::refused(message, hint));
+                }
+                of = Orientation::RollPitchYawDegrees;
+            }
+            match of.attitudes(columns, rule.gravity_m_s2, rule.is_inverse != is_turned) {
+                Ok(attitudes) => return Ok(Some(attitudes)),
                 // Rates of turn go by the names of gravity, too.
-                Err(_) if *orientation == Orientation::Gravity && !self.is_named => {}
+                Err(_) if of == Orientation::Gravity && !self.is_named => {}
                 Err((row, what)) => return Err(no_orientation(log, row, &what)),
             }
         }
         Ok(None)
     }
 
-    /// Accelerations of every row as they stand, likewise.
+    /// Accelerations of every row as they stand, from the columns of [`Self::positions`].
     pub(super) fn accelerations(&self, columns: &[Vec<f64>]) -> Option<Vec<Vector>> {
         self.accelerations.as_ref()?;
-        let [x, y, z] = columns.last_chunk::<3>()?;
-        Some(x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z]).collect())
+        let rates = self.angular_velocity.as_ref().map_or(0, Vec::len);
+        vectors(&columns[..columns.len() - rates], 1.0)
+    }
+
+    /// Angular velocity of every row, rad/s, from the same columns.
+    pub(super) fn angular_velocity(&self, columns: &[Vec<f64>]) -> Option<Vec<Vector>> {
+        self.angular_velocity.as_ref()?;
+        vectors(columns, self.rate_unit)
     }
 }
 
-impl Orientation {
-    /// Gravity of every row, m/s²; or the first row that is no orientation, from 0, and why.
-    fn gravity(
-        self,
-        columns: &[Vec<f64>],
-        gravity_m_s2: f64,
-    ) -> Result<Vec<Vector>, (usize, String)> {
-        let rows = columns[0].len();
-        // Few digits turn a direction a little, and must not make gravity weaker.
-        let down = |up: Vector| {
-            let size = norm(up);
-            up.map(|value| -value * gravity_m_s2 / size)
-        };
-        let vector = |row: usize| -> Vector { std::array::from_fn(|axis| columns[axis][row]) };
-        let (mut expected, mut unit) = (1.0, gravity_m_s2);
-        if self == Self::Gravity {
-            let mut sizes: Vec<f64> = (0..rows).map(|row| norm(vector(row))).collect();
-            let median = upper_median(&mut sizes).unwrap_or_default();
-            if (9.6..9.95).contains(&median) {
-                (expected, unit) = (median, 1.0);
-            }
-        }
-        let gravity = |row: usize| {
-            let (what, size, gravity) = match self {
-                Self::Gravity => {
-                    ("gravity is", norm(vector(row)), vector(row).map(|value| value * unit))
-                }
-                Self::LastRow => {
-                    let what = "the last row of the rotation matrix is";
-                    (what, norm(vector(row)), down(vector(row)))
-                }
-                Self::Quaternion => {
-                    let [x, y, z, w]: [f64; 4] = std::array::from_fn(|i| columns[i][row]);
-                    let square = x * x + y * y + z * z + w * w;
-                    let (x_up, y_up) = (2.0 * (x * z - w * y), 2.0 * (y * z + w * x));
-                    let up = [x_up, y_up, square - 2.0 * (x * x + y * y)];
-                    ("the quaternion is", square.sqrt(), down(up))
-                }
-            };
-            let is_near = (size / expected - 1.0).abs() <= ROUGH;
-            let text = || format!("{what} `{size:.4}` long, expected {expected:.4}");
-            if is_near { Ok(gravity) } else { Err((row, text())) }
-        };
-        (0..rows).map(gravity).collect()
-    }
+/// The last three columns, row by row.
+fn vectors(columns: &[Vec<f64>], unit: f64) -> Option<Vec<Vector>> {
+    let [x, y, z] = columns.last_chunk::<3>()?;
+    Some(x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z].map(|v| unit * v)).collect())
 }
 
 /// A log that does not say how the sensor lies.
 pub(super) fn no_motion(log: &Log) -> WorkflowError {
     let message = format!(
-        "`{}` has no columns of orientation (`gx gy gz` of gravity, `r11` … `r33`, `qx qy qz qw`) or acceleration \
-         (`ax ay az`)",
+        "`{}` has no columns of orientation (`gx gy gz` of gravity, `r11` … `r33`, `qx qy qz qw`, `rx ry rz`) or \
+         acceleration (`ax ay az`)",
         log.path().display()
     );
     WorkflowError::refused(message, NAME_COLUMNS)
@@ -212,8 +236,26 @@ pub(super) fn no_motion(log: &Log) -> WorkflowError {
 /// A row, counted from 0, whose values are no rotation or direction.
 pub(super) fn no_orientation(log: &Log, row: usize, what: &str) -> WorkflowError {
     let message = format!("`{}`, data row {}: {what}", log.path().display(), row + 1);
-    let hint = "correct the row, or name the right columns with `--orientation`";
+    let hint = "correct the row, name the right columns with `--orientation`, or say what they are with \
+                `--orientation-as`";
     WorkflowError::refused(message, hint)
+}
+
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+/// Unit of the angles in these columns, rad, if all names say it.
+fn unit(log: &Log, at: &[usize]) -> Option<f64> {
+    let of = |at: &usize| {
+        let name = log.columns()[*at].name.to_lowercase();
+        let has = |words: &[&str]| words.iter().any(|word| name.contains(word));
+        match (has(&["deg", "°", "dps"]), has(&["rad"])) {
+            (true, false) => Some(DEGREE),
+            (false, true) => Some(1.0),
+            _ => None,
+        }
+    };
+    let first = of(at.first()?)?;
+    at.iter().all(|at| of(at) == Some(first)).then_some(first)
 }
 
 /// The positions of columns with these names, without regard to case, spaces and punctuation, and with a unit
@@ -227,49 +269,8 @@ fn positions(log: &Log, names: &[&str]) -> Option<Vec<usize>> {
     let position = |name: &&str| {
         let name = plain(name);
         columns.iter().position(|column| {
-            column.strip_prefix(name.as_str()).is_some_and(|rest| ["", "ms2", "g"].contains(&rest))
+            column.strip_prefix(name.as_str()).is_some_and(|rest| UNITS.contains(&rest))
         })
     };
     names.iter().map(position).collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn column(values: &[f64]) -> Vec<f64> {
-        values.to_vec()
-    }
-
-    #[test]
-    fn a_matrix_and_a_quaternion_say_the_same() {
-        // Turned by 40° about x: gravity gets a part along −y of the sensor.
-        let (s, c) = 40_f64.to_radians().sin_cos();
-        let matrix = Orientation::LastRow;
-        let matrix = matrix.gravity(&[column(&[0.0]), column(&[s]), column(&[c])], 9.8).unwrap();
-        let (hs, hc) = 20_f64.to_radians().sin_cos();
-        let quaternion = [hs, 0.0, 0.0, hc].map(|value| vec![value]);
-        let quaternion = Orientation::Quaternion.gravity(&quaternion, 9.8).unwrap();
-        for axis in 0..3 {
-            let expected = [0.0, -9.8 * s, -9.8 * c][axis];
-            assert!((matrix[0][axis] - expected).abs() < 1e-14);
-            assert!((quaternion[0][axis] - expected).abs() < 1e-14);
-        }
-    }
-
-    #[test]
-    fn rates_of_turn_are_no_gravity() {
-        let gravity = Orientation::Gravity;
-        let of = |rows: [[f64; 3]; 3]| {
-            let columns: [Vec<f64>; 3] =
-                std::array::from_fn(|axis| rows.map(|row| row[axis]).to_vec());
-            gravity.gravity(&columns, 9.81)
-        };
-        let turning = of([[0.1, 0.0, 0.0], [3.0, 1.0, 0.0], [-2.0, 0.5, 0.5]]);
-        assert!(turning.is_err());
-        let in_g = of([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]).unwrap();
-        assert_eq!(in_g[0], [0.0, 0.0, 9.81]);
-        let local = of([[0.0, 0.0, 9.82], [0.0, 9.82, 0.0], [-9.82, 0.0, 0.0]]).unwrap();
-        assert_eq!(local[2], [-9.82, 0.0, 0.0]);
-    }
 }

@@ -3,25 +3,35 @@
 use std::collections::HashMap;
 
 use super::columns::{MotionColumns, no_motion};
+use super::orientation::Attitude;
 use crate::workflow::WorkflowError;
+use forces::payload::rotation::transposed;
 use forces::payload::{
-    Accelerometer, PayloadFit, PayloadPose, STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces,
-    norm,
+    Accelerometer, LeftOver, MomentDoubt, PayloadError, PayloadFit, PayloadPose,
+    STANDARD_GRAVITY_M_S2, Vector, fit, frame_from_forces, moment_doubt, norm, times,
 };
 use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// What poses told.
+/// A payload found from poses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedPayload {
-    /// What the sensor carries.
+    /// The payload.
     pub fit: PayloadFit,
     /// How its accelerometer sits.
     pub accelerometer: Option<Accelerometer>,
-    /// What said how the sensor lies.
+    /// Source of the orientations.
     pub gravity_from: GravityFrom,
-    /// Whether rows of a pose were put together by labels.
+    /// True if accelerations at rest point along gravity, and not against it.
+    pub is_reaction: bool,
+    /// Residuals of the forces.
+    pub forces_left: LeftOver,
+    /// Doubt about the moments.
+    pub moment_doubt: Option<MomentDoubt>,
+    /// Residual of the moments, N·m, as moments in the frame whose z is up, where that fits better.
+    pub moments_upright_nm: Option<f64>,
+    /// True if rows of a pose were put together by labels.
     pub is_grouped: bool,
     /// Rows of each log.
     pub rows: Vec<u64>,
@@ -29,7 +39,7 @@ pub struct FittedPayload {
     pub skipped_rows: u64,
 }
 
-/// What said how the sensor lies.
+/// Source of the orientations.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GravityFrom {
@@ -44,18 +54,36 @@ pub enum GravityFrom {
 struct Sum {
     rows: f64,
     wrench: PerAxis<f64>,
-    gravity: Vector,
     acceleration: Vector,
+    /// Gravity by each of [`WAYS`].
+    gravity: [Vector; WAYS.len()],
+    /// Moments from the frame whose z is up into that of the sensor.
+    turned: Vector,
 }
 
+/// Other readings of columns of orientation ([`FoundColumns::attitudes`](super::columns::FoundColumns)), in words and as
+/// an option: the first is the one that was asked for.
+const WAYS: [((bool, bool), &str, &str); 4] = [
+    ((false, false), "", ""),
+    ((true, false), "the inverse rotation", "`--inverse-orientation`"),
+    ((false, true), "the quaternion with w at the other end", "`--orientation-as`"),
+    (
+        (true, true),
+        "the inverse of the quaternion with w at the other end",
+        "`--orientation-as` and `--inverse-orientation`",
+    ),
+];
+
 impl Sum {
-    fn add(&mut self, wrench: PerAxis<f64>, gravity: Vector, acceleration: Vector) {
+    fn add(&mut self, row: Self) {
         // A running mean keeps what is common out of the rounding.
         self.rows += 1.0;
         let share = 1.0 / self.rows;
-        let pairs = self.wrench.iter_mut().zip(wrench);
-        let pairs = pairs.chain(self.gravity.iter_mut().zip(gravity));
-        let pairs = pairs.chain(self.acceleration.iter_mut().zip(acceleration));
+        let pairs = self.wrench.iter_mut().zip(row.wrench);
+        let pairs =
+            pairs.chain(self.gravity.as_flattened_mut().iter_mut().zip(row.gravity.concat()));
+        let pairs = pairs.chain(self.acceleration.iter_mut().zip(row.acceleration));
+        let pairs = pairs.chain(self.turned.iter_mut().zip(row.turned));
         pairs.for_each(|(mean, value)| *mean += (value - *mean) * share);
     }
 }
@@ -74,7 +102,8 @@ pub fn fit_payload(
     let is_grouped = logs.iter().all(Log::has_groups);
     // Poses in the order in which they begin.
     let (mut sums, mut by_label) = (Vec::<Sum>::new(), HashMap::new());
-    let (mut all_have_gravity, mut all_have_accelerations) = (true, true);
+    let (mut ways, mut all_have_accelerations) = ([true; WAYS.len()], true);
+    let mut all_turn = true;
     let (mut rows, mut skipped_rows) = (Vec::new(), 0);
     for log in logs {
         let found = columns.find(log)?;
@@ -88,28 +117,41 @@ pub fn fit_payload(
         let (block, summary) = log.read_whole(&wanted, read)?;
         rows.push(summary.rows);
         skipped_rows += summary.skipped_rows;
-        let gravity = found.gravity(log, &block.others, columns.gravity_m_s2)?;
+        let by_way = |way| found.attitudes(log, &block.others, columns, way);
+        let attitudes: Vec<Option<Vec<Attitude>>> =
+            WAYS.iter().map(|(way, ..)| by_way(*way)).collect::<Result<_, _>>()?;
         let accelerations = found.accelerations(&block.others);
-        if gravity.is_none() && accelerations.is_none() {
+        if attitudes[0].is_none() && accelerations.is_none() {
             return Err(no_motion(log));
         }
-        all_have_gravity &= gravity.is_some();
+        ways.iter_mut().zip(&attitudes).for_each(|(all, of)| *all &= of.is_some());
         all_have_accelerations &= accelerations.is_some();
         let labels = block.groups.iter();
         let labels = labels.flat_map(|(label, rows)| std::iter::repeat_n(Some(label), *rows));
         for (row, label) in (0..block.rows).zip(labels.chain(std::iter::repeat(None))) {
-            let at =
-                |column: &Option<Vec<Vector>>| column.as_ref().map_or([0.0; 3], |all| all[row]);
-            let wrench = std::array::from_fn(|axis| block.wrench[axis][row]);
+            let attitude = |way: usize| attitudes[way].as_ref().map(|all| all[row]);
+            let wrench: PerAxis<f64> = std::array::from_fn(|axis| block.wrench[axis][row]);
+            let rotation = attitude(0).and_then(|of| of.rotation);
+            all_turn &= rotation.is_some();
+            let moments = [wrench[3], wrench[4], wrench[5]];
+            let of_row = Sum {
+                rows: 1.0,
+                wrench,
+                acceleration: accelerations.as_ref().map_or([0.0; 3], |all| all[row]),
+                gravity: std::array::from_fn(|way| attitude(way).map_or([0.0; 3], |of| of.gravity)),
+                turned: rotation.map_or(moments, |of| times(&transposed(&of), moments)),
+            };
             let next = sums.len();
             let pose = label.map_or(next, |label| *by_label.entry(label.clone()).or_insert(next));
             sums.resize(next.max(pose + 1), Sum::default());
-            sums[pose].add(wrench, at(&gravity), at(&accelerations));
+            sums[pose].add(of_row);
         }
     }
     let accelerations: Vec<Vector> = sums.iter().map(|sum| sum.acceleration).collect();
-    let (gravity, accelerometer, gravity_from) = if all_have_gravity {
-        let gravity: Vec<Vector> = sums.iter().map(|sum| sum.gravity).collect();
+    let mut is_reaction = false;
+    let (gravity, accelerometer, gravity_from) = if ways[0] {
+        check_way(first, &sums, ways)?;
+        let gravity: Vec<Vector> = sums.iter().map(|sum| sum.gravity[0]).collect();
         let accelerometer =
             all_have_accelerations.then(|| Accelerometer::fit(&accelerations, &gravity)).flatten();
         (gravity, accelerometer, GravityFrom::Orientation)
@@ -117,19 +159,90 @@ pub fn fit_payload(
         let forces: Vec<Vector> =
             sums.iter().map(|sum| [sum.wrench[0], sum.wrench[1], sum.wrench[2]]).collect();
         let unit = unit_m_s2(first, &accelerations, columns.gravity_m_s2)?;
-        let found = frame_from_forces(&accelerations, &forces, unit)?;
-        let gravity = accelerations.iter().map(|a| found.gravity(*a)).collect();
+        // Some write the reaction to gravity, which an accelerometer measures, with the other sign.
+        let by_sign = |unit: f64| -> Result<_, PayloadError> {
+            let found = frame_from_forces(&accelerations, &forces, unit)?;
+            let gravity: Vec<Vector> = accelerations.iter().map(|a| found.gravity(*a)).collect();
+            let poses = poses_in(&sums, gravity.iter().copied());
+            let left = fit(&poses).map_or(f64::INFINITY, |fit| fit.residual_rms_n);
+            Ok((left, gravity, found))
+        };
+        let (usual, other) = (by_sign(unit)?, by_sign(-unit)?);
+        is_reaction = other.0 < HALF * usual.0;
+        let (_, gravity, found) = if is_reaction { other } else { usual };
         (gravity, Some(found), GravityFrom::Accelerations)
     } else {
         return Err(no_motion(first));
     };
-    let pose =
-        |(sum, gravity_m_s2): (&Sum, Vector)| PayloadPose { wrench: sum.wrench, gravity_m_s2 };
-    let fit = fit(&sums.iter().zip(gravity).map(pose).collect::<Vec<_>>())?;
-    Ok(FittedPayload { fit, accelerometer, gravity_from, is_grouped, rows, skipped_rows })
+    let poses = poses_in(&sums, gravity.into_iter());
+    let found = fit(&poses)?;
+    let moment_doubt = moment_doubt(&found, &poses);
+    let moments_upright_nm = moment_doubt.filter(|_| all_turn && ways[0]).and_then(|doubt| {
+        let turned = |(pose, sum): (&PayloadPose, &Sum)| {
+            let mut wrench = pose.wrench;
+            wrench[3..].copy_from_slice(&sum.turned);
+            PayloadPose { wrench, ..*pose }
+        };
+        let turned: Vec<PayloadPose> = poses.iter().zip(&sums).map(turned).collect();
+        let left = fit(&turned).ok()?.residual_rms_nm;
+        doubt.left.is_cured_by(left).then_some(left)
+    });
+    let forces_left = LeftOver::of_forces(&found, &poses);
+    Ok(FittedPayload {
+        fit: found,
+        accelerometer,
+        gravity_from,
+        is_reaction,
+        forces_left,
+        moment_doubt,
+        moments_upright_nm,
+        is_grouped,
+        rows,
+        skipped_rows,
+    })
 }
 
-/// What one of the accelerations at rest is, by their size.
+/// One sign of the accelerations is taken rather than the other if it leaves less than this share.
+const HALF: f64 = 0.5;
+
+fn poses_in(sums: &[Sum], gravity: impl Iterator<Item = Vector>) -> Vec<PayloadPose> {
+    let pose =
+        |(sum, gravity_m_s2): (&Sum, Vector)| PayloadPose { wrench: sum.wrench, gravity_m_s2 };
+    sums.iter().zip(gravity).map(pose).collect()
+}
+
+/// Refuses orientations of which another reading lets the forces follow gravity far better.
+fn check_way(log: &Log, sums: &[Sum], known: [bool; WAYS.len()]) -> Result<(), WorkflowError> {
+    let poses = |way: usize| poses_in(sums, sums.iter().map(|sum| sum.gravity[way]));
+    let asked = fit(&poses(0));
+    let (scatter, left) = match &asked {
+        Ok(fit) => (fit.payload.mass_kg * fit.gravity_m_s2, LeftOver::of_forces(fit, &poses(0))),
+        Err(PayloadError::NoMass { .. }) => (0.0, LeftOver { rms: f64::INFINITY, scatter: 1.0 }),
+        Err(_) => return Ok(()),
+    };
+    if !left.is_suspected() {
+        return Ok(());
+    }
+    let of = |way: usize| Some((way, fit(&poses(way)).ok()?.residual_rms_n));
+    let others = (1..WAYS.len()).filter(|&way| known[way]).filter_map(of);
+    let Some((way, rms)) = others.min_by(|(_, a), (_, b)| a.total_cmp(b)) else { return Ok(()) };
+    if !left.is_cured_by(rms) {
+        return Ok(());
+    }
+    let path = log.path().display();
+    let message = match asked {
+        Ok(_) => format!(
+            "`{path}`: forces do not follow gravity: {:.4} N (RMS) of a weight of {scatter:.4} N are left over",
+            left.rms
+        ),
+        Err(_) => format!("`{path}`: forces do not follow gravity"),
+    };
+    let (_, words, option) = WAYS[way];
+    let hint = format!("{words} leaves {rms:.4} N: say so with {option}");
+    Err(WorkflowError::refused(message, &*hint))
+}
+
+/// Unit of accelerations at rest, found from their size.
 fn unit_m_s2(log: &Log, accelerations: &[Vector], gravity_m_s2: f64) -> Result<f64, WorkflowError> {
     let mut sizes: Vec<f64> = accelerations.iter().map(|a| norm(*a)).collect();
     let size = upper_median(&mut sizes).unwrap_or_default();

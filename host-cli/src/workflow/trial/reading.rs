@@ -45,7 +45,11 @@ impl RecordedTrial {
         let calibration = job.instrument.calibration;
         let zero = reading.watch.as_ref().zip(calibration).and_then(|(watch, of)| watch.finish(of));
         let pipeline = reading.setup.map(|(calibration, setup)| setup.finish(calibration));
-        let pipeline = pipeline.transpose().map_err(TrialError::from)?;
+        let mut pipeline = pipeline.transpose().map_err(TrialError::from)?;
+        // Legs and power stay where they are in time; forces move to them.
+        if let (Some(pipeline), Some(calibration)) = (&mut pipeline, calibration) {
+            pipeline.lag = calibration.lag;
+        }
         Ok(Self { times, rows: reading.trial_rows, pipeline, zero, summary })
     }
 

@@ -1,6 +1,6 @@
 //! Families of problems made to be hard, each in its own way.
 
-use calibration::least_squares::{LeastSquaresError, SolverKind};
+use calibration::methods::{LeastSquaresError, SolverKind};
 use faer::Mat;
 use num_rational::BigRational;
 use system_tests::random::Random;

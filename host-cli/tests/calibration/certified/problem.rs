@@ -1,8 +1,8 @@
 //! A problem, its exact answer, and how many digits of it a method gets.
 
-use calibration::least_squares::{
-    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, Rows, Shape, SolverKind,
-    solve,
+use calibration::methods::{
+    LeastSquares, LeastSquaresError, Method, Reduction, Ridge, RowChunk, RowSource, Shape,
+    SolverKind, solve,
 };
 use faer::Mat;
 use num_rational::BigRational;
@@ -10,7 +10,7 @@ use num_rational::BigRational;
 use self::dense::{Dense, solve_dense};
 use super::exact;
 
-#[path = "../../../../crates/calibration/src/least_squares/tests/dense.rs"]
+#[path = "../../../../crates/least-squares/src/methods/tests/dense.rs"]
 mod dense;
 
 /// The methods that minimise the sum of squares, and what the tables call them.
@@ -94,7 +94,7 @@ pub(crate) fn error(solved: &Mat<f64>, truth: &[Vec<BigRational>], norms: &[f64]
 }
 
 /// The relative error that theory allows a method, up to a constant; see the table in
-/// [`calibration::least_squares`].
+/// [`calibration::methods`].
 ///
 /// `solved` is the answer of the widest method.
 pub(crate) fn theory(method: SolverKind, problem: &Problem, solved: &LeastSquares) -> f64 {

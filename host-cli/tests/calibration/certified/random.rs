@@ -1,7 +1,7 @@
 //! Ten thousand problems at random, with condition numbers from 1 to 10¹⁴ and planted losses of
 //! rank.
 
-use calibration::least_squares::{LeastSquaresError, SolverKind};
+use calibration::methods::{LeastSquaresError, SolverKind};
 use faer::Mat;
 use system_tests::random::Random;
 

@@ -1,7 +1,7 @@
 //! The eleven linear regressions of NIST's Statistical Reference Datasets.
 
 use calibration::double_double::DoubleDouble;
-use calibration::least_squares::SolverKind;
+use calibration::methods::SolverKind;
 use faer::Mat;
 use num_rational::BigRational;
 

@@ -63,13 +63,20 @@ fn inputs_are_never_replaced() {
         "merge partial.json --partial partial.json",
         "import matrix.csv -o matrix.csv",
         "trial trials/3cm-1.txt --calibration cal.json --trace trials/3cm-1.txt",
-        "trial trials/3cm-1.txt --calibration cal.json --strides cal.json",
+        "trial trials/3cm-1.txt --calibration cal.json --trace cal.json",
         "report trials/manifest.csv --calibration cal.json -o trials/manifest.csv",
         "report trials/manifest.csv --calibration cal.json -o trials/free-1.txt",
         "report trials/manifest.csv --calibration cal.json -o cal.json",
         "batch trials/trials.csv --calibration cal.json --csv trials",
         "record --replay train.csv -o train.csv --overwrite",
         "align train.csv test.csv -o train.csv",
+        "stream train.csv -o train.csv --overwrite",
+        "stream train.csv -o ./train.csv --overwrite",
+        "stream train.csv -o same.svg --overwrite",
+        "stream train.csv -o x.jsonl -o file:trials/../train.csv --overwrite",
+        "stream train.csv --calibration cal.json -o cal.json --overwrite",
+        "record --replay train.csv --stream train.csv",
+        "record --replay train.csv --calibration cal.json -o x.csv --stream same.svg",
     ] {
         let said = says(&dir, command, 2);
         assert!(said.contains("would replace the input"), "{command}: {said}");
@@ -89,6 +96,8 @@ fn two_outputs_are_never_one_file() {
         "fit --model cubic train.csv -o x.json --export-matrix ./x.json",
         "synth pair x.csv x.csv",
         "record --replay test.csv -o x --raw x",
+        "stream test.csv -o x.csv -o ./x.csv",
+        "record --replay test.csv -o x.csv --stream x.csv",
     ] {
         let said = says(&dir, command, 2);
         assert!(said.contains("two outputs would be written to one file"), "{command}: {said}");
@@ -106,16 +115,7 @@ fn signals_leave_no_temporary_files() {
         // them too: this one is not to, whatever starts the test.
         let mut child = std::process::Command::new("env")
             .args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_shellcal")])
-            .args([
-                "synth",
-                "train",
-                "--rows",
-                "30000000",
-                "--max-rows",
-                "30000000",
-                "-o",
-                "big.csv",
-            ])
+            .args(["synth", "train", "--rows", "10000000", "-o", "big.csv"])
             .current_dir(dir.path())
             .spawn()
             .unwrap();
@@ -160,7 +160,7 @@ fn a_penalised_fit_is_the_same_in_any_order_of_rows() {
     let mut rows: Vec<&str> = rows.lines().collect();
     rows.sort_by_key(|row| row.chars().rev().collect::<String>());
     write(&dir, "sorted.csv", format!("{header}\n{}\n", rows.join("\n")));
-    for solver in ["tsqr", "refined-tsqr", "wide-tsqr", "gram", "pivoted-qr", "svd"] {
+    for solver in ["tsqr", "svd"] {
         let rms = |file: &str| {
             let command = format!(
                 "fit --model cubic {file} --test test.csv --solver {solver} --ridge 1e-2 --json"

@@ -20,6 +20,9 @@ pub(super) const SEEDS: [&str; 9] = [
     "results/strides.csv",
 ];
 
+/// The labels of rows at rest that `weights.csv` has, 50 of each.
+pub(super) const LABELS: [&str; 4] = ["zero", "a", "b", "c"];
+
 /// Makes them in a folder.
 pub(super) fn make(dir: &Path) {
     for arguments in [
@@ -33,6 +36,24 @@ pub(super) fn make(dir: &Path) {
     ] {
         program::succeed(dir, arguments);
     }
+    let zero = fs::read_to_string(dir.join("zero.csv")).unwrap();
+    let label = |(at, line): (usize, &str)| match at.checked_sub(1) {
+        None => format!("{line},group\n"),
+        Some(row) => format!("{line},{}\n", LABELS[row / 50]),
+    };
+    let weights: String = zero.lines().enumerate().map(label).collect();
+    fs::write(dir.join("weights.csv"), weights).unwrap();
+    fs::write(dir.join("loads.csv"), loads(&LABELS)).unwrap();
+}
+
+/// A table of loads with these labels: nothing, and a tenth of a gram.
+pub(super) fn loads(labels: &[&str]) -> String {
+    let header = "group,mass_g,x_mm,y_mm,z_mm,azimuth_deg,elevation_deg\n".to_owned();
+    let line = |label: &&str| match label.starts_with("zero") {
+        true => format!("{label},0,,,,,\n"),
+        false => format!("{label},0.1,0,0,40,0,-90\n"),
+    };
+    header + &labels.iter().map(line).collect::<String>()
 }
 
 /// Logs in binary files, of other programs: nulls, lists and decimals in the first.

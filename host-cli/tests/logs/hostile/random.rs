@@ -11,13 +11,13 @@ use system_tests::program;
 use system_tests::random::Random;
 
 use super::files;
-use super::run::{Blow, run};
+use super::run::{Blow, Trouble, run, unread};
 
 /// How many are drawn among the other tests.
 const AMONG_TESTS: u64 = 300;
 
 /// Commands; capitals are files of that kind, `O.x` an output, `?` any number.
-const COMMANDS: [&str; 56] = [
+const COMMANDS: [&str; 63] = [
     "info T",
     "info R Z",
     "doctor T R C",
@@ -25,7 +25,7 @@ const COMMANDS: [&str; 56] = [
     "fit --model cubic T -o O.json",
     "fit --model cubic T --test E -o O.json --export-matrix O.csv",
     "fit T E --cv=file --model quadratic",
-    "fit --model cubic T --cv=? --cv-seed ? --json",
+    "fit --model cubic T --cv=? --json",
     "fit T --model auto -o O.json --covariance groups",
     "fit --model cubic T --solver tsqr --ridge ? -o O.json",
     "fit --model cubic T --solver svd --truncate ? --plot O.svg",
@@ -45,13 +45,12 @@ const COMMANDS: [&str; 56] = [
     "convert C Z R --output-dir out/tables --no-tare",
     "convert C E --tare ? --full-scale ? --skip-bad-rows -o O.csv",
     "convert C Z --plot O.svg --columns t,fx,flags",
-    "noise C Z --json",
-    "trial R --calibration C --trace O.csv --strides O.csv",
+    "info Z --noise --calibration C --json",
+    "trial R --calibration C --trace O.csv",
     "trial R --enter ? --exit ? --calibration C --json",
-    "trial R --calibration C --mass ? --velocity ?",
     "batch M --calibration C --csv out/tables",
     "batch M --calibration C --traces out/traces --json",
-    "window R --calibration C",
+    "trial R --find-window --calibration C",
     "plot drag R --calibration C -o O.svg",
     "report M --calibration C -o O.html",
     "stats S",
@@ -61,7 +60,7 @@ const COMMANDS: [&str; 56] = [
     "import C -o O.json",
     "align T Z -o O.csv",
     "synth train --rows ? --rate ? --seed ? -o O.csv",
-    "synth zero --rows ? --adc-bits ? --noise-scale ? -o O.csv",
+    "synth zero --rows ? --noise-scale ? -o O.csv",
     "record --replay Z -o O.csv --calibration C",
     "record --replay P --raw O.raw --framing cobs",
     "info B --json",
@@ -73,7 +72,15 @@ const COMMANDS: [&str; 56] = [
     "convert C B --keep all -o O.npy",
     "eval C B --edited",
     "export C O.py --edited",
-    "synth pair O.csv O.csv --duration ? --rate ? --margin ? --max-rows 1000",
+    "stream G -o O.csv --speed 1000",
+    "stream G -o O.csv -o O.jsonl --speed 1000 --overwrite",
+    "stream G --calibration C -o O.jsonl --rate ? --speed 1000 --overwrite",
+    "check C L W --group group",
+    "compare C C --test E T",
+    "fit W --loads L --group group -o O.json",
+    "fit W --loads L --from C --group group -o O.json",
+    "report C --certificate --unloaded Z --weights L --weights-log W --group group -o O.html",
+    "synth pair O.csv O.csv --duration 2 --rate ?",
 ];
 
 const NUMBERS: [&str; 14] =
@@ -121,9 +128,17 @@ fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
             "P" => Some(("partial.json", ".json")),
             "X" => Some(("matrix.csv", ".csv")),
             "S" => Some(("results/strides.csv", ".csv")),
+            "L" => Some(("loads.csv", ".csv")),
+            "W" => Some(("weights.csv", ".csv")),
             _ => None,
         };
-        if word == "B" {
+        if word == "G" {
+            // Whole: a log with a wrong time would be played for as long.
+            let name = name(random, ".csv");
+            fs::copy(seeds.join("train.csv"), dir.join(&name)).unwrap();
+            inputs.push(name.clone());
+            arguments.push(name);
+        } else if word == "B" {
             let extension = pick(&["", ".parquet", ".csv"], random);
             let name = name(random, extension);
             fs::write(dir.join(&name), files::binary(random)).unwrap();
@@ -150,6 +165,13 @@ fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
         }
     }
     arguments
+}
+
+fn trouble(random: &mut Random) -> Trouble {
+    let blow = blow(random);
+    let disk = [1, 8, 40][random.below(3) as usize];
+    let disk = random.percent(10).then_some(disk);
+    Trouble { blow, disk, reader_leaves: random.percent(5) }
 }
 
 fn blow(random: &mut Random) -> Option<Blow> {
@@ -194,7 +216,8 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     }
     let line: Vec<_> = arguments.iter().map(|word| word.to_string_lossy()).collect();
     let line = line.join(" ");
-    let passed = program::output(dir, &line).status.code() == Some(0);
+    let is_left = random.percent(30);
+    let passed = passes(dir, &line, is_left);
     let are_compared = calibrated.contain(asked) && measured.iter().all(|axes| axes.contain(asked));
     let is_within = limit == "1e9" || !asked.iter().any(is_limited);
     // Where nothing is left to compare the run ends before any gate.
@@ -210,16 +233,67 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     }
 }
 
+/// Whether a command ends with 0, where its reader may have left.
+fn passes(dir: &Path, line: &str, reader_leaves: bool) -> bool {
+    let mut run = program::command(dir);
+    run.args(line.split_whitespace());
+    if reader_leaves {
+        run.stdout(unread());
+    }
+    run.output().unwrap().status.code() == Some(0)
+}
+
+/// A table of loads of which some were not weighed, which must not pass.
+fn weighing(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
+    fs::copy(seeds.join("cal.json"), dir.join("cal.json")).unwrap();
+    let text = fs::read_to_string(seeds.join("weights.csv")).unwrap();
+    // Some loads have no rows, others wrong ones.
+    let [gone, bad] = [10, 10].map(|percent| files::LABELS.map(|_| random.percent(percent)));
+    let mut log = String::new();
+    for (at, line) in text.lines().enumerate() {
+        let label = line.rsplit(',').next().unwrap_or_default();
+        match files::LABELS.iter().position(|known| *known == label).filter(|_| at > 0) {
+            Some(load) if gone[load] => {}
+            Some(load) if bad[load] => log += &format!("x{line}\n"),
+            _ => log += &format!("{line}\n"),
+        }
+    }
+    fs::write(dir.join("log.csv"), log).unwrap();
+    let mut asked = files::LABELS.to_vec();
+    let has_more = random.percent(20);
+    if has_more {
+        asked.push(pick(&["d", "zero-2"], random));
+    }
+    fs::write(dir.join("loads.csv"), files::loads(&asked)).unwrap();
+    let command = pick(
+        &[
+            "check cal.json loads.csv log.csv",
+            "fit log.csv --loads loads.csv --from cal.json",
+            "report cal.json --certificate --weights loads.csv --weights-log log.csv -o cal.html",
+        ],
+        random,
+    );
+    let line = format!("{command} --group group --skip-bad-rows");
+    let is_left = random.percent(30);
+    let are_weighed = !has_more && !gone.contains(&true) && !bad.contains(&true);
+    match passes(dir, &line, is_left) && !are_weighed {
+        true => Err(format!("{line}: passed; gone {gone:?}, bad {bad:?}, asked {asked:?}")),
+        false => Ok(()),
+    }
+}
+
 /// What goes wrong with one seed.
 fn violation(seeds: &Path, seed: u64) -> Option<String> {
     let mut random = Random(seed);
     let dir = tempfile::tempdir().unwrap();
-    if random.percent(4) {
+    let gates = [gate, weighing];
+    if random.percent(6) {
+        let gate = gates[random.below(2) as usize];
         let problem = gate(seeds, dir.path(), &mut random).err()?;
         return Some(format!("seed {seed}: a gate: {problem}"));
     }
     let arguments = draw(seeds, dir.path(), &mut random);
-    let problem = run(dir.path(), &arguments, blow(&mut random)).err()?;
+    let problem = run(dir.path(), &arguments, trouble(&mut random)).err()?;
     Some(format!("seed {seed}: {arguments:?}: {problem}"))
 }
 

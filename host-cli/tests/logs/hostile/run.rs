@@ -28,13 +28,24 @@ pub(super) struct Blow {
     pub(super) after: Duration,
 }
 
+/// What befalls a command.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Trouble {
+    pub(super) blow: Option<Blow>,
+    /// The size that no file grows beyond, in blocks of 512 bytes, as on a disk that is full then.
+    pub(super) disk: Option<u64>,
+    /// Nobody reads the standard output.
+    pub(super) reader_leaves: bool,
+}
+
 /// Runs the program with some arguments.
 ///
 /// # Errors
 /// What must not happen.
-pub(super) fn run(dir: &Path, arguments: &[OsString], blow: Option<Blow>) -> Result<(), String> {
-    let before = contents(dir);
-    let limit = format!("ulimit -d {MEMORY}; ulimit -t {PROCESSOR_S}; exec \"$0\" \"$@\"");
+pub(super) fn run(dir: &Path, arguments: &[OsString], trouble: Trouble) -> Result<(), String> {
+    let (before, blow) = (contents(dir), trouble.blow);
+    let disk = trouble.disk.map_or(String::new(), |of| format!("trap '' XFSZ; ulimit -f {of}; "));
+    let limit = format!("{disk}ulimit -d {MEMORY}; ulimit -t {PROCESSOR_S}; exec \"$0\" \"$@\"");
     let mut command = Command::new("sh");
     command
         .args(["-c", &limit])
@@ -44,6 +55,9 @@ pub(super) fn run(dir: &Path, arguments: &[OsString], blow: Option<Blow>) -> Res
     let (stdout, stderr) = (dir.join(".stdout"), dir.join(".stderr"));
     let create = |path: &PathBuf| fs::File::create(path).map_err(|error| error.to_string());
     command.stdin(Stdio::null()).stdout(create(&stdout)?).stderr(create(&stderr)?);
+    if trouble.reader_leaves {
+        command.stdout(unread());
+    }
     let mut child = command.spawn().map_err(|error| error.to_string())?;
     let status = wait(&mut child, blow)?;
     let take = |path: &PathBuf| {
@@ -68,7 +82,15 @@ pub(super) fn run(dir: &Path, arguments: &[OsString], blow: Option<Blow>) -> Res
     if stderr.contains("panicked at") {
         return Err(format!("it panicked: {stderr}"));
     }
-    check(&before, &contents(dir), status.success())
+    let grows = arguments.first().is_some_and(|word| word == "stream");
+    check(&before, &contents(dir), [status.success(), grows && blow.is_none()])
+}
+
+/// A standard output that nobody reads.
+pub(super) fn unread() -> Stdio {
+    let (reader, writer) = std::io::pipe().expect("a pipe");
+    drop(reader);
+    writer.into()
 }
 
 fn wait(child: &mut Child, blow: Option<Blow>) -> Result<std::process::ExitStatus, String> {
@@ -111,11 +133,11 @@ fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// Whether what was there is as it was, and what is new is whole.
+/// Whether what was there is as it was, and what is new is whole; of a file that grows, its rows.
 fn check(
     before: &BTreeMap<PathBuf, Vec<u8>>,
     after: &BTreeMap<PathBuf, Vec<u8>>,
-    succeeded: bool,
+    [succeeded, grows]: [bool; 2],
 ) -> Result<(), String> {
     // Outputs are called so by who draws the commands; all else is input.
     let is_output = |path: &Path| path.components().any(|part| part.as_os_str() == "out");
@@ -131,6 +153,9 @@ fn check(
         }
         if !is_output(path) {
             return Err(format!("`{}` was not asked for", path.display()));
+        }
+        if grows && !bytes.is_empty() && !bytes.ends_with(b"\n") {
+            return Err(format!("`{name}` ends within a row"));
         }
         if succeeded {
             is_believable(&name, bytes)?;

@@ -74,16 +74,19 @@ impl AlignArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         // Each flag to the file that has such columns.
         let all = self.mapping.mapping();
+        let (of_time, of_wrench) = all.units.iter().cloned().partition(|(key, _)| key == "time");
         let reference = Mapping {
             format: self.reference_format,
             wrench: all.wrench.clone(),
             moment_unit: all.moment_unit,
+            units: of_wrench,
             time: self.reference_time.clone(),
             time_unit: self.reference_time_unit,
             ..Mapping::default()
         };
         let reference = Log::open(&self.reference, &reference)?;
-        let mapping = Mapping { wrench: None, moment_unit: None, group: None, ..all };
+        let mapping =
+            Mapping { wrench: None, moment_unit: None, group: None, units: of_time, ..all };
         let log = Log::open(&self.log, &mapping)?;
         let mut output = printer.create_or_stdout(self.output.as_ref())?;
         let plot = self.figure.create(printer)?;
@@ -98,7 +101,7 @@ impl AlignArgs {
         let (aligned, [reference_read, log_read]) = match logs {
             Err(error) if error.is_refusal() => {
                 printer.error(&error.into());
-                return Ok(Outcome::CheckFailed);
+                return Ok(printer.decide(false));
             }
             logs => logs?,
         };

@@ -4,13 +4,12 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
-use board_link::recording::PROTOCOLS;
 use board_link::{
-    Client, Connection, LinkError, PortOptions, Uplink, board_text, for_board, judge, serial_text,
+    Client, Connection, LinkError, PortOptions, board_text, for_board, judge, serial_text,
 };
 use clap::Subcommand;
 use serde_json::json;
-use shared_proto::{BoardId, CHANNELS, Command, Protocol, ResetCause, Stream};
+use shared_proto::{BoardId, CHANNELS, Command, ResetCause, Stream};
 
 use super::choices::{number_within, one_of};
 use super::mapping::EditedArg;
@@ -20,17 +19,13 @@ use crate::printer::{Outcome, Printer};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct BoardArgs {
-    /// Serial port; `shellcal ports` lists them
-    #[arg(value_name = "PORT", required_unless_present = "simulate")]
+    /// Serial port [default: the ports of this computer are listed]
+    #[arg(value_name = "PORT")]
     port: Option<String>,
 
     /// Be a board until Ctrl-C
-    #[arg(long, conflicts_with = "port")]
+    #[arg(long, conflicts_with_all = ["port", "framing", "baud", "flow_control", "to"])]
     simulate: bool,
-
-    /// How the base station frames bytes
-    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS), default_value = "cobs")]
-    framing: Protocol,
 
     /// Serial number of the board, as `identify` prints it, where several hear
     #[arg(long, value_name = "SERIAL", value_parser = parse_serial, conflicts_with = "simulate")]
@@ -113,11 +108,18 @@ impl BoardArgs {
         let Some(port) = &self.port else {
             anyhow::ensure!(
                 self.action.is_none(),
-                "a board is simulated by `shellcal board --simulate`, without an action; other commands name its port \
-                 then"
+                "no port is named: `shellcal board PORT ACTION`; `shellcal board` lists the ports"
             );
-            return self.simulation.run(printer).map(Outcome::from);
+            return match self.simulate {
+                true => self.simulation.run(printer),
+                false => super::ports::list(printer),
+            }
+            .map(Outcome::from);
         };
+        anyhow::ensure!(
+            !self.simulation.is_given(),
+            "`--seed`, `--unit-seed`, `--noise-scale` and `--until-eof` are for `--simulate`"
+        );
         let action = self.action.as_ref().context(
             "nothing to do: `shellcal board PORT identify`, `status`, `start`, `stop`, `rate`, `sampling`, `mode`, \
              `zero`, `upload`, `self-test`, `baud` or `bootloader`",
@@ -201,11 +203,10 @@ impl BoardArgs {
         baud: u32,
         board: Option<BoardId>,
     ) -> anyhow::Result<BoardClient> {
-        let framing = self.framing.framing().context(
+        let uplink = self.serial.uplink().context(
             "the original board has no commands that this program sends; `record` reads it",
         )?;
         let port = PortOptions { baud, ..self.serial.port(name) }.open()?;
-        let uplink = Uplink { framing, to: self.serial.to };
         let mut client = Client::new(port, name, uplink, first_number());
         client.board = board;
         Ok(client)
@@ -214,12 +215,14 @@ impl BoardArgs {
 
 /// Lights the emitters one by one and says what they do.
 fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {
-    let mut faults = Vec::new();
-    let mut rises = Vec::new();
+    let (mut faults, mut rises) = (Vec::new(), Vec::new());
     for emitter in 0..CHANNELS {
         let rise = client.self_test(emitter as u8)?;
         let (number, steps) = (emitter + 1, rise[emitter]);
         let fault = judge(emitter, &rise).err();
+        if fault.is_some() {
+            let _ = printer.decide(false);
+        }
         if !printer.json() {
             let passes = || {
                 format!("emitter {number} raises channel {number} by {steps} steps and no other")
@@ -232,7 +235,7 @@ fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outc
     if printer.json() {
         printer.document(&json!({ "rise": rises, "faults": faults }))?;
     }
-    Ok(if faults.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
+    Ok(printer.decide(faults.is_empty()))
 }
 
 fn identify(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {

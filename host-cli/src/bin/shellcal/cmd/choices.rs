@@ -1,6 +1,6 @@
 //! Models, solvers and the like as values of options, by the names that the library gives them.
 
-use std::ops::{Bound, RangeBounds};
+use std::ops::RangeBounds;
 
 use calibration::Basis;
 use calibration::fit::{CovarianceRule, ModelRule};
@@ -27,10 +27,6 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     })
 }
 
-/// Numbers above 0 that are finite.
-pub(super) const POSITIVE: (Bound<f64>, Bound<f64>) =
-    (Bound::Excluded(0.0), Bound::Included(f64::MAX));
-
 /// Reads a number of a range; what is expected is said of any other.
 pub(super) fn number_in(
     range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
@@ -56,14 +52,22 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
 
-/// A family of features.
-pub(super) fn basis() -> impl TypedValueParser<Value = Basis> {
-    one_of(&Basis::ALL.map(|basis| (basis.name(), basis.description(), basis)))
-}
-
-/// A solver.
+/// A solver that is offered; of any other the one to take in its place is said.
 pub(super) fn solver() -> impl TypedValueParser<Value = SolverKind> {
-    one_of(&SolverKind::ALL.map(|solver| (solver.name(), solver.description(), solver)))
+    let names = SolverKind::ALL.map(|solver| {
+        let name = PossibleValue::new(solver.name()).help(solver.description());
+        name.hide(solver.instead().is_some())
+    });
+    PossibleValuesParser::new(names).try_map(|name| {
+        let known = SolverKind::ALL.into_iter().find(|solver| solver.name() == name);
+        let solver = known.ok_or_else(|| "no such solver".to_owned())?;
+        match solver.instead() {
+            None => Ok(solver),
+            Some(instead) => {
+                Err(format!("it only judges others in tests: use `{}`", instead.name()))
+            }
+        }
+    })
 }
 
 /// A family of features, the physics model, or the best of them.

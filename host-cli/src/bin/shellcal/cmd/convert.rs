@@ -8,9 +8,10 @@ use calibration::uncertainty::HIGHEST_LEVEL;
 use calibration_file::payload_file::PayloadFile;
 use clap::builder::TypedValueParser;
 use figures::{WrenchTrace, trace_figure};
-use forces::RowRule;
+use forces::{FrameChange, NoFrameChange, RowRule};
 use log_file::{ColumnRef, Log, Meaning, parse_columns};
 use output_file::AtomicFile;
+use shell_data::hint::Hint;
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::{
     Conversion, ConvertOptions, DEFAULT_FRAME_ID, FrameMount, OutputFormat, OutputPlan,
@@ -58,6 +59,11 @@ pub(crate) struct ConvertArgs {
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     keep: Option<ColumnList>,
 
+    /// Give wrenches in another frame: its origin in m and turns in degrees about its own x, then y, then z (ATI's tool
+    /// transform), or the old axes that are its x, y and z; several are applied one after the other
+    #[arg(long, value_name = "X,Y,Z,RX,RY,RZ|AXES", value_parser = frame_change, allow_hyphen_values = true)]
+    frame: Vec<FrameChange>,
+
     /// The frame of reference that recordings in MCAP name
     #[arg(long, value_name = "NAME", default_value = DEFAULT_FRAME_ID)]
     frame_id: String,
@@ -100,8 +106,8 @@ pub(crate) struct ConvertArgs {
     #[command(flatten)]
     frames: FrameArgs,
 
-    /// The highest reading the converter can give, to flag saturation [default: 4095, or 65535 for
-    /// a calibration beyond that]
+    /// The highest reading the converter can give, to flag saturation [default: the end of the smallest usual
+    /// converter, of 12 bits or more, that gives the calibration's readings]
     #[arg(long, value_name = "COUNTS")]
     full_scale: Option<f64>,
 
@@ -136,10 +142,11 @@ impl ConvertArgs {
             let usual = ConvertOptions::new(log, &calibration);
             let options = ConvertOptions {
                 load,
+                frame: self.frame.clone(),
                 rows: self.frames.rows(log),
                 forces: self.forces.options(RowRule::Time),
                 columns: self.columns(usual.columns),
-                full_scale: self.full_scale.or(usual.full_scale),
+                converter: calibration.converter(self.full_scale),
             };
             let mut plan = OutputPlan::default();
             (plan.keep_texts, plan.keep) = self.kept(log)?;
@@ -252,6 +259,13 @@ impl ConvertArgs {
             }
         }
     }
+}
+
+/// A change of frame, with what is expected in the error.
+fn frame_change(text: &str) -> Result<FrameChange, String> {
+    text.parse().map_err(|error: NoFrameChange| {
+        format!("{error}: expected {}", error.hint().unwrap_or_default())
+    })
 }
 
 /// A percentage to a share.

@@ -6,7 +6,6 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, ensure};
-use board_link::recording::PROTOCOLS;
 use board_link::{HandshakeOptions, PortOptions, PortState, Uplink, handshake, ports};
 use calibration_file::CalibrationFile;
 use console::Color;
@@ -19,8 +18,7 @@ use serde::Serialize;
 use shared_proto::{Framing, Protocol};
 use table_file::seconds_of_iso;
 
-use super::choices::one_of;
-use super::mapping::MappingArgs;
+use super::mapping::{CompanionArgs, MappingArgs};
 use super::outputs;
 use super::ports::{SerialArgs, first_number, is_port, parse_duration};
 use crate::files::InputPath;
@@ -42,13 +40,8 @@ pub(crate) struct DoctorArgs {
     #[arg(long, value_name = "CAL")]
     calibration: Option<InputPath>,
 
-    /// Take the wrench from these files, one for each log, row by row
-    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
-    wrench_from: Vec<InputPath>,
-
-    /// How the base station should frame bytes
-    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS), default_value = "cobs")]
-    framing: Protocol,
+    #[command(flatten)]
+    companions: CompanionArgs,
 
     /// For how long a board's stream is listened to
     #[arg(long, value_name = "S", default_value = "2", value_parser = parse_duration)]
@@ -73,7 +66,7 @@ impl DoctorArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let calibration =
             self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
-        let (mut examined, mut wrenches) = (Vec::new(), self.wrench_from.iter());
+        let (mut examined, mut wrenches) = (Vec::new(), self.companions.wrench_from.iter());
         for path in &self.names {
             let name = path.display().to_string();
             examined.push(if is_port(path) {
@@ -105,6 +98,7 @@ impl DoctorArgs {
         };
         let (faults, warnings) = (count(FindingSeverity::Fault), count(FindingSeverity::Warning));
         let is_sound = faults + warnings == 0;
+        let outcome = printer.decide(faults == 0);
         let report =
             document! { sound: is_sound, faults: faults, warnings: warnings, examined: &examined };
         printer.finish(&report, |printer| {
@@ -116,7 +110,7 @@ impl DoctorArgs {
                 }
             })
         })?;
-        Ok(if faults > 0 { Outcome::CheckFailed } else { Outcome::Done })
+        Ok(outcome)
     }
 
     /// Findings about a port and, if it can be opened, those of `ask` about its board.
@@ -140,11 +134,14 @@ impl DoctorArgs {
         calibration: Option<&CalibrationFile>,
     ) -> anyhow::Result<Vec<Finding>> {
         let stop = signals::stop_flag()?;
-        let framing = self.framing.framing().unwrap_or(Framing::Cobs);
+        let protocol = self.serial.framing.unwrap_or(Protocol::Packets(Framing::Cobs));
         let baud = port.baud;
         let options = HandshakeOptions {
             port,
-            uplink: Uplink { framing, to: self.serial.to },
+            uplink: Uplink {
+                framing: protocol.framing().unwrap_or(Framing::Cobs),
+                to: self.serial.to,
+            },
             listen: self.listen,
             number: first_number(),
         };
@@ -153,7 +150,7 @@ impl DoctorArgs {
         Ok(check_board(&BoardObservations {
             handshake: &handshake,
             baud,
-            protocol: self.framing,
+            protocol,
             calibration: calibration.map(|file| (&file.calibration, label)),
             firmware: firmware::VERSION,
         }))
@@ -193,6 +190,9 @@ impl Examination {
 /// Whether a file is a document in JSON, as calibrations are.
 fn is_document(path: &Path) -> anyhow::Result<bool> {
     let cannot = || format!("cannot read `{}`", path.display());
+    // Before it is opened: whoever opens a pipe waits for its writer.
+    let kind = std::fs::metadata(path).with_context(cannot)?.file_type();
+    ensure!(kind.is_file() || kind.is_dir(), "{}: it is not a regular file", cannot());
     let mut head = Vec::new();
     let file = File::open(path).with_context(cannot)?;
     file.take(256).read_to_end(&mut head).with_context(cannot)?;

@@ -6,16 +6,16 @@ use calibration::quality::{AxisQuality, significant};
 use calibration_file::{CalibrationFile, Role, SourceFile};
 use clap::builder::TypedValueParser;
 use figures::{FitPlot, fit_figure};
-use log_file::{ReadOptions, Wanted, read_dataset};
+use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use report::add_to_plot;
 use serde::Serialize;
 use shell_data::dataset::{Dataset, RowSet};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 use shellcal::workflow::check_channels;
-use shellcal::workflow::gates::{ComparedAxes, GateFailure, Gates};
+use shellcal::workflow::gates::{ErrorLimits, Gate, GateFailure};
 
 use super::choices::{number_in, one_of};
-use super::mapping::{EditedArg, MappingArgs};
+use super::mapping::{CompanionArgs, EditedArg, MappingArgs};
 use super::outputs::FigureArgs;
 use super::quality::table_row;
 use crate::files::InputPath;
@@ -37,16 +37,14 @@ pub(crate) struct EvalArgs {
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
 
-    /// Take the wrench from these files, one for each log, row by row
-    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
-    wrench_from: Vec<InputPath>,
+    #[command(flatten)]
+    companions: CompanionArgs,
 
     #[command(flatten)]
     limits: RmsLimits,
 
-    /// Compare these axes and no others, such as `fx,fz`; fail when a log does not have one of them
-    #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = axis())]
-    axes: Vec<Axis>,
+    #[command(flatten)]
+    axes: AxesArg,
 
     /// Leave out rows that repeat the readings of the row before
     #[arg(long = "skip-repeats", alias = "fresh")]
@@ -57,6 +55,21 @@ pub(crate) struct EvalArgs {
 
     #[command(flatten)]
     mapping: MappingArgs,
+}
+
+/// The axes of a gate.
+#[derive(Debug, clap::Args)]
+pub(super) struct AxesArg {
+    /// Compare these axes and no others, such as `fx,fz`; fail when one of them cannot be compared
+    #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = axis())]
+    axes: Vec<Axis>,
+}
+
+impl AxesArg {
+    /// Those that were named.
+    pub(super) fn named(&self) -> Option<Axes> {
+        (!self.axes.is_empty()).then(|| self.axes.iter().copied().collect())
+    }
 }
 
 /// An axis by its short name.
@@ -77,21 +90,21 @@ impl EvalArgs {
         let file = self.edited.read(&self.calibration)?;
         self.check_logs()?;
         let from = Some((&self.calibration, &file));
-        let mut logs = self.mapping.open(&self.logs, &self.wrench_from, from, printer)?;
+        let mut logs =
+            self.mapping.open(&self.logs, &self.companions.wrench_from, from, printer)?;
         let (mut calibration, sources) = (file.calibration, file.origin.sources);
-        let axes = (!self.axes.is_empty()).then(|| self.axes.iter().copied().collect());
-        let gates = self.limits.gates(axes);
-        let compared = gates.compare(calibration.axes, &mut logs)?;
-        let axes = compared.axes;
-        note_axes(printer, &compared, gates.asked());
+        let limits = self.limits.of(self.axes.named());
+        let measured: Vec<Axes> = logs.iter().map(Log::axes).collect();
+        let axes = limits.compared(calibration.axes, &mut logs)?;
+        note_axes(printer, (&logs, &measured), calibration.axes, &limits);
         calibration.axes = axes;
         let figure = self.figure.create(printer)?;
         let mut plot = figure.is_some().then(FitPlot::default);
 
         let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
-        let mut all = Evaluation::default();
+        let (mut all, mut gate) = (Evaluation::default(), Gate::default());
         let mut reports = Vec::new();
-        for log in &logs {
+        for (log, measured) in logs.iter().zip(measured) {
             check_channels(log, calibration.channels())?;
             let time = calibration.needs_time() || log.has_time() && calibration.lag.is_some();
             let wanted = Wanted { readings: true, wrench: true, time, ..Wanted::default() };
@@ -107,42 +120,38 @@ impl EvalArgs {
             }
             let evaluation = Evaluation::total(&evaluate(&calibration, &rows, workers)?);
             all.merge(&evaluation);
+            let counts = [evaluation.rows, evaluation.rows + evaluation.skipped_rows];
+            limits.ask_log(&mut gate, log.path(), measured, counts);
             if let Some(plot) = &mut plot {
                 add_to_plot(plot, &calibration, &rows);
             }
             let name = Some(log.path().display().to_string());
             reports.push(LogEvaluation::new(name, evaluation, axes)?);
         }
+        let all = LogEvaluation::new(None, all, axes)?;
+        limits.ask_errors(&mut gate, axes, "", &all.quality.map(|axis| axis.rms));
+        let outcome = printer.judge(&gate);
         if let (Some(figure), Some(plot)) = (figure, &plot) {
             let title = format!("Evaluation of {}", self.calibration.display());
             figure.draw(|size| fit_figure(size, &title, axes, plot, None))?;
         }
-
-        let all = LogEvaluation::new(None, all, axes)?;
-        let failures = gates.failures(&compared, &all.quality.map(|axis| axis.rms));
-        let (mut above_limit, mut not_compared) = (Vec::new(), Axes::NONE);
-        for failure in &failures {
-            match failure {
-                GateFailure::Above { axis, .. } => above_limit.push(axis.column()),
-                GateFailure::NotCompared { axes, .. } => {
-                    not_compared = not_compared.iter().chain(axes.iter()).collect();
-                }
-            }
-        }
+        let above_limit = gate.failures().into_iter().filter_map(|failure| match failure {
+            GateFailure::Above { axis, .. } => Some(axis.column()),
+            _ => None,
+        });
         let document = document! {
             axes: axes.columns(),
             logs: reports.iter().map(|of| of.document(axes)).collect::<Vec<_>>(),
             all: all.document(axes),
-            above_limit,
-            // Axes that were asked for and are not in all logs.
-            not_compared: not_compared.columns(),
+            above_limit: above_limit.collect::<Vec<_>>(),
+            // Axes that were asked for and are not in all logs, or in too few rows.
+            not_compared: gate.not_compared().columns(),
         };
         printer.finish(&document, |printer| {
             let all = (reports.len() > 1).then_some(&all);
             reports.iter().chain(all).for_each(|of| of.print(printer, axes))
         })?;
-        failures.iter().for_each(|failure| printer.warning(failure.to_string()));
-        Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
+        Ok(outcome)
     }
 
     /// Whether a log is another calibration, as where two are to be compared.
@@ -171,16 +180,22 @@ fn is_trained_on(rows: &Dataset, sources: &[SourceFile]) -> bool {
     sources.iter().any(is_of)
 }
 
-/// Says what is not compared; what was `asked` for fails later.
-fn note_axes(printer: &Printer, compared: &ComparedAxes, asked: Axes) {
-    for (path, absent) in &compared.missing {
-        let (path, absent) = (path.display(), absent.without(asked));
+/// Says what is not compared; what was asked for fails later.
+fn note_axes(
+    printer: &Printer,
+    (logs, measured): (&[Log], &[Axes]),
+    calibrated: Axes,
+    limits: &ErrorLimits,
+) {
+    let wanted = limits.axes.unwrap_or(calibrated).without(limits.asked());
+    for (log, measured) in logs.iter().zip(measured) {
+        let (path, absent) = (log.path().display(), wanted.without(*measured));
         if !absent.is_empty() {
             printer.note(format!("not compared: {absent}, which `{path}` does not have"));
         }
     }
-    if !compared.uncalibrated.is_empty() {
-        let others = compared.uncalibrated;
+    let others = measured.iter().fold(Axes::ALL, |all, axes| all.and(*axes)).without(calibrated);
+    if !others.is_empty() {
         printer.note(format!("not compared: {others}, which the calibration does not give"));
     }
 }
@@ -236,8 +251,8 @@ pub(super) struct RmsLimits {
 }
 
 impl RmsLimits {
-    /// The gates that they are, for these axes and no others.
-    pub(super) fn gates(&self, axes: Option<Axes>) -> Gates {
-        Gates { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
+    /// The limits, for these axes and no others.
+    pub(super) fn of(&self, axes: Option<Axes>) -> ErrorLimits {
+        ErrorLimits { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
     }
 }

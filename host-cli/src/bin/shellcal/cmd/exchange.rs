@@ -21,7 +21,7 @@ use crate::printer::Printer;
   shellcal import N_matrix.csv -o calibration.json --serial shell-7")]
 pub(crate) struct ImportArgs {
     /// The matrix
-    #[arg(value_name = "FILE.csv|mat")]
+    #[arg(value_name = "FILE.csv|mat|cal")]
     matrix: InputPath,
 
     /// Write the calibration (JSON)

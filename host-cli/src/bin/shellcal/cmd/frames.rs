@@ -10,64 +10,83 @@ use super::mapping::EditedArg;
 use crate::files::InputPath;
 use crate::printer::Printer;
 
+/// Headings in help.
+const TARING: &str = "Taring";
+const FILTERING: &str = "Filtering";
+
+/// What is subtracted from forces as zero.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(crate) struct TareArgs {
+    /// Subtract the mean wrench of the first N frames [default: 50], where rows that repeat a frame do
+    /// not count; or, with `rests`, a zero that runs straight from one stretch at rest to the next, and while frames
+    /// arrive that of the last
+    #[arg(long, value_name = "N|rests", group = "tares", value_parser = parse_tare)]
+    tare: Option<TareRule>,
+
+    /// Subtract nothing
+    #[arg(long, group = "tares")]
+    no_tare: bool,
+}
+
+/// The low-pass over forces.
+#[derive(Clone, Copy, Debug, Default, clap::Args)]
+pub(crate) struct LowPassArgs {
+    /// Cutoff of the Butterworth low-pass, in Hz, which is causal while frames arrive [default: 10, where the rate
+    /// is above 20 Hz]
+    #[arg(long, value_name = "HZ")]
+    lowpass: Option<f64>,
+
+    /// Do not filter
+    #[arg(long, conflicts_with = "lowpass")]
+    no_lowpass: bool,
+
+    /// Number of poles of the low-pass [default: 4]
+    #[arg(long, value_name = "N")]
+    order: Option<usize>,
+}
+
 /// How readings become forces.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct ForceArgs {
-    /// Subtract the mean wrench of the first N frames [default: 50], where rows that repeat a frame do
-    /// not count; or, with `rests`, a zero that runs straight from one stretch at rest to the next
-    #[arg(long, value_name = "N|rests", group = "tares", help_heading = "Taring", value_parser = parse_tare)]
-    pub(super) tare: Option<TareRule>,
+    #[command(flatten, next_help_heading = TARING)]
+    zero: TareArgs,
 
     /// Subtract the mean wrench between two times, in s on the log's clock
-    #[arg(long, value_name = "START:END", group = "tares", help_heading = "Taring", value_parser = parse_window)]
-    pub(super) tare_time: Option<TimeWindow>,
+    #[arg(long, value_name = "START:END", group = "tares", help_heading = TARING, value_parser = parse_window)]
+    tare_time: Option<TimeWindow>,
 
-    /// Subtract nothing
-    #[arg(long, group = "tares", help_heading = "Taring")]
-    pub(super) no_tare: bool,
-
-    /// Cutoff of the Butterworth low-pass, in Hz [default: 10, where the log's rate is above 20 Hz]
-    #[arg(long, value_name = "HZ", help_heading = "Filtering")]
-    pub(super) lowpass: Option<f64>,
-
-    /// Do not filter
-    #[arg(long, conflicts_with = "lowpass", help_heading = "Filtering")]
-    pub(super) no_lowpass: bool,
-
-    /// Number of poles of the low-pass
-    #[arg(long, value_name = "N", default_value_t = 4, help_heading = "Filtering")]
-    pub(super) order: usize,
+    #[command(flatten, next_help_heading = FILTERING)]
+    low_pass: LowPassArgs,
 
     /// Filter forward only: forces lag behind, some 40 ms at 10 Hz [default: forward and backward,
     /// without delay, -6 dB at the cutoff]
-    #[arg(long, help_heading = "Filtering")]
-    pub(super) causal: bool,
-
-    /// Filter forward and backward, which is the default
-    #[arg(long, conflicts_with = "causal", hide = true)]
-    pub(super) zero_phase: bool,
+    #[arg(long, help_heading = FILTERING)]
+    causal: bool,
 
     /// Rows per second, for the low-pass [default: one over the median period of the first 50 rows]
-    #[arg(long, value_name = "HZ", help_heading = "Filtering")]
-    pub(super) rate: Option<f64>,
+    #[arg(long, value_name = "HZ", help_heading = FILTERING)]
+    rate: Option<f64>,
 }
 
 impl ForceArgs {
     /// The options, by row as the lab's notebooks did or by time.
     pub(crate) fn options(&self, rule: RowRule) -> ForceOptions {
+        let TareArgs { tare, no_tare } = self.zero;
+        let LowPassArgs { lowpass, no_lowpass, order } = self.low_pass;
+        let usual = LowPass::default();
         let low_pass = LowPass {
-            cutoff_hz: self.lowpass.unwrap_or(LowPass::default().cutoff_hz),
-            order: self.order,
+            cutoff_hz: lowpass.unwrap_or(usual.cutoff_hz),
+            order: order.unwrap_or(usual.order),
             zero_phase: !self.causal && rule == RowRule::Time,
         };
         let options = ForceOptions {
-            tare: match (self.tare_time, self.tare) {
-                _ if self.no_tare => TareRule::Untared,
+            tare: match (self.tare_time, tare) {
+                _ if no_tare => TareRule::Untared,
                 (Some(window), _) => TareRule::Between(window.start_s, window.end_s),
                 (None, tare) => tare.unwrap_or(TareRule::First(DEFAULT_TARE_FRAMES)),
             },
-            low_pass: (!self.no_lowpass).then_some(low_pass),
-            low_pass_is_optional: self.lowpass.is_none(),
+            low_pass: (!no_lowpass).then_some(low_pass),
+            low_pass_is_optional: lowpass.is_none(),
             rate_hz: self.rate,
             rule,
         };
@@ -77,7 +96,7 @@ impl ForceArgs {
     /// The same, of a sensor whose zero is known: nothing is subtracted unless that is asked for.
     pub(crate) fn options_without_tare(&self, rule: RowRule) -> ForceOptions {
         let options = self.options(rule);
-        match (self.tare, self.tare_time) {
+        match (self.zero.tare, self.tare_time) {
             (None, None) => ForceOptions { tare: TareRule::Untared, ..options },
             _ => options,
         }
@@ -103,6 +122,11 @@ pub(crate) struct FrameArgs {
 }
 
 impl FrameArgs {
+    /// Whether anything was said of repeats.
+    pub(crate) fn is_given(&self) -> bool {
+        self.all_rows || self.fresh
+    }
+
     pub(crate) fn rows(&self, log: &Log) -> RowFilter {
         match (self.all_rows, self.fresh) {
             (true, _) => RowFilter::All,
@@ -145,27 +169,11 @@ pub(crate) struct LiveForceArgs {
     #[arg(long, value_name = "CAL")]
     calibration: Option<InputPath>,
 
-    /// Subtract the mean wrench of the first N frames from the forces after them [default: 50]; or,
-    /// with `rests`, that of the last stretch at rest
-    #[arg(long, value_name = "N|rests", requires = "calibration", value_parser = parse_tare)]
-    tare: Option<TareRule>,
+    #[command(flatten)]
+    zero: TareArgs,
 
-    /// Subtract nothing
-    #[arg(long, requires = "calibration", conflicts_with = "tare")]
-    no_tare: bool,
-
-    /// Cutoff of the Butterworth low-pass over the forces, in Hz; causal, as nothing later is known
-    /// [default: 10, where the rate is above 20 Hz]
-    #[arg(long, value_name = "HZ", requires = "calibration")]
-    lowpass: Option<f64>,
-
-    /// Do not filter the forces
-    #[arg(long, requires = "calibration", conflicts_with = "lowpass")]
-    no_lowpass: bool,
-
-    /// Number of poles of the low-pass
-    #[arg(long, value_name = "N", requires = "calibration", default_value_t = 4)]
-    order: usize,
+    #[command(flatten)]
+    low_pass: LowPassArgs,
 
     #[command(flatten)]
     edited: EditedArg,
@@ -179,14 +187,19 @@ impl LiveForceArgs {
 
     /// The calibration with its options, which are noted; `None` if there is none.
     pub(crate) fn read(&self, printer: &Printer) -> anyhow::Result<Option<LiveForces>> {
-        let Some(path) = &self.calibration else { return Ok(None) };
+        let Some(path) = &self.calibration else {
+            let (TareArgs { tare, no_tare }, low_pass) = (self.zero, self.low_pass);
+            let LowPassArgs { lowpass, no_lowpass, order } = low_pass;
+            anyhow::ensure!(
+                tare.is_none() && lowpass.is_none() && order.is_none() && !no_tare && !no_lowpass,
+                "tare and low-pass are of forces: name a calibration with `--calibration`"
+            );
+            return Ok(None);
+        };
         let calibration = self.edited.read(path)?.calibration;
         let forces = ForceArgs {
-            tare: self.tare,
-            no_tare: self.no_tare,
-            lowpass: self.lowpass,
-            no_lowpass: self.no_lowpass,
-            order: self.order,
+            zero: self.zero,
+            low_pass: self.low_pass,
             causal: true,
             ..ForceArgs::default()
         };

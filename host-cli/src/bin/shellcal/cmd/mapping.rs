@@ -6,8 +6,8 @@ use std::path::Path;
 
 use calibration_file::{CalibrationFile, CalibrationFileError, PartialFit, PartialStream};
 use log_file::{
-    ColumnRef, FORMATS, Log, LogFormat, Mapping, MomentUnit, ReadOptions, TIME_UNITS, TimeUnit,
-    parse_column, parse_columns, parse_wrench,
+    ColumnRef, FORMATS, Log, LogFormat, Mapping, MomentUnit, ReadOptions, RowCondition, TIME_UNITS,
+    TimeUnit, parse_column, parse_columns, parse_condition, parse_units, parse_wrench,
 };
 use shell_data::ColumnNames;
 use shell_data::wrench::PerAxis;
@@ -28,6 +28,14 @@ pub(crate) struct MappingArgs {
     /// [default: the longest matrices, the first sheet, all topics]
     #[arg(long, value_name = "NAME")]
     pub(crate) table: Option<String>,
+
+    /// The line of a text that names the columns [default: found]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub(crate) header_line: Option<u64>,
+
+    /// Pass so many lines at the start of a text [default: found]
+    #[arg(long, value_name = "N")]
+    pub(crate) skip_lines: Option<u64>,
 
     /// Sensor columns in channel order: names or positions, `a,b,c` or `2-9`, or the name of a matrix
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
@@ -50,13 +58,26 @@ pub(crate) struct MappingArgs {
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     pub(crate) group: Option<ColumnRef>,
 
+    /// Read only rows with this value of a column: `name=A`, `name!=A`, `load<2`, `load>2`; several must all hold
+    #[arg(long = "where", value_name = "COLUMN=VALUE", value_parser = parse_condition)]
+    pub(crate) conditions: Vec<RowCondition>,
+
+    /// Leave out the rows of a group
+    #[arg(long, value_name = "GROUP")]
+    pub(crate) exclude_group: Vec<String>,
+
     /// The unit of the moment columns, whatever their names say
     #[arg(long, value_name = "UNIT", value_parser = one_of(&MOMENT_UNITS))]
     pub(crate) moment_unit: Option<MomentUnit>,
 
-    /// Leave out rows that are wrong, and say how many
-    #[arg(long)]
-    pub(crate) skip_bad_rows: bool,
+    /// Units of columns, whatever the log says: `fx=lbf`, `force=kN,moment=N·mm`, `time=min`
+    #[arg(long, value_name = "COLUMN=UNIT", value_parser = parse_units)]
+    pub(crate) unit: Option<UnitList>,
+
+    /// Leave out rows that are wrong, and say how many: up to a tenth of a log, or `all`
+    #[arg(long, value_name = "all", num_args = 0..=1, require_equals = true, default_missing_value = "few",
+        value_parser = ["few", "all"], hide_possible_values = true)]
+    pub(crate) skip_bad_rows: Option<String>,
 
     /// How many threads to use [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -69,13 +90,18 @@ impl MappingArgs {
         Mapping {
             table: self.table.clone(),
             format: self.format,
+            header_line: self.header_line,
+            skip_lines: self.skip_lines,
             sensors: self.sensors.clone(),
             wrench: self.wrench.clone(),
             time: self.time.clone(),
             time_unit: self.time_unit,
             group: self.group.clone(),
             moment_unit: self.moment_unit,
-            usual: None,
+            units: self.unit.clone().unwrap_or_default(),
+            rows: self.conditions.clone(),
+            excluded_groups: self.exclude_group.clone(),
+            ..Mapping::default()
         }
     }
 
@@ -96,6 +122,7 @@ impl MappingArgs {
     ) -> anyhow::Result<Vec<Log>> {
         let mapping = self.mapping_for(calibration.map(|(_, file)| file));
         let logs = open_logs(logs, ("--wrench-from", wrenches), &mapping)?;
+        logs.iter().filter_map(interleaving).for_each(|said| printer.warning(said));
         let Some((from, _)) = calibration else { return Ok(logs) };
         for log in &logs {
             let (taken, log, from) = (log.usual_columns(&mapping), log.path(), from.display());
@@ -118,10 +145,20 @@ impl MappingArgs {
     pub(crate) fn read_options(&self) -> ReadOptions<'static> {
         ReadOptions {
             threads: self.threads.map_or(0, usize::from),
-            skip_bad_rows: self.skip_bad_rows,
+            skip_bad_rows: self.skip_bad_rows.is_some(),
+            largest_bad_share: (self.skip_bad_rows.as_deref() != Some("all")).then_some(MOST_BAD),
             ..ReadOptions::default()
         }
     }
+}
+
+/// Files beside logs that have their wrench.
+#[derive(Clone, Debug, clap::Args)]
+#[command(next_help_heading = "Reading logs")]
+pub(crate) struct CompanionArgs {
+    /// Take the wrench from these files, one for each log to fit to or to compare, row by row
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    pub(crate) wrench_from: Vec<InputPath>,
 }
 
 /// `--edited`, of every command that uses a calibration or partial fits.
@@ -150,6 +187,17 @@ impl EditedArg {
     }
 }
 
+/// What is to be known of a log that holds several sensors whose rows alternate.
+pub(crate) fn interleaving(log: &Log) -> Option<String> {
+    let found = log.interleaving()?;
+    let (column, values) = (&found.column, found.values.join("`, `"));
+    Some(format!(
+        "`{}`: rows of several sensors alternate, by `{column}`: `{values}`; choose one with `--where '{column}={}'`",
+        log.path().display(),
+        found.values.first()?
+    ))
+}
+
 /// Opens logs, each with the file of its wrench where `option` names such files.
 pub(crate) fn open_logs(
     logs: &[InputPath],
@@ -170,11 +218,17 @@ pub(crate) fn open_logs(
     Ok(logs.iter().zip(wrenches).map(open).collect::<Result<_, _>>()?)
 }
 
+/// The share of wrong rows above which skipping them needs a word more.
+const MOST_BAD: f64 = 0.1;
+
 /// The columns of the wrench, by axis.
 type WrenchColumns = PerAxis<Option<ColumnRef>>;
 
 /// A list of columns, which is one value of an option.
 pub(crate) type ColumnList = Vec<ColumnRef>;
+
+/// Units and what they are of, which is one value of an option.
+type UnitList = Vec<(String, String)>;
 
 /// Units of moments.
 pub(super) const MOMENT_UNITS: [(&str, &str, MomentUnit); 2] = [

@@ -12,7 +12,7 @@ use shellcal::workflow::partial::{fit_merged, merged_file};
 
 use super::choices::{self, COVARIANCES, one_of};
 use super::mapping::EditedArg;
-use super::outputs;
+use super::outputs::{self, CalibrationOutput};
 use super::quality::{print_cross_validation, print_errors, print_selection};
 use crate::files::{InputPath, OutputPath, is_standard};
 use crate::printer::Printer;
@@ -24,13 +24,12 @@ pub(crate) struct MergeArgs {
     #[arg(required = true, value_name = "PARTIAL")]
     partials: Vec<InputPath>,
 
-    /// Write the calibration (JSON)
-    #[arg(long, short, value_name = "CAL.json")]
-    output: Option<OutputPath>,
+    #[command(flatten)]
+    written: CalibrationOutput,
 
     /// Write what has been merged as one partial fit, and fit nothing (`-` for the standard output)
     #[arg(long, value_name = "FILE.json",
-        conflicts_with_all = ["output", "ridge", "model", "cv", "covariance", "no_covariance"])]
+        conflicts_with_all = ["output", "ridge", "model", "cv", "covariance"])]
     partial: Option<OutputPath>,
 
     /// Leave out partial fits whose files have all been counted already, and say so: for queues that
@@ -54,16 +53,8 @@ pub(crate) struct MergeArgs {
     ridge: f64,
 
     /// Which rows have errors of their own, for the standard errors and intervals of `convert`
-    #[arg(long, value_name = "OF", value_parser = one_of(&COVARIANCES), default_value = "auto", conflicts_with = "no_covariance")]
+    #[arg(long, value_name = "OF", value_parser = one_of(&COVARIANCES), default_value = "auto")]
     covariance: CovarianceRule,
-
-    /// Leave the covariance out of the calibration: smaller, but without standard errors
-    #[arg(long)]
-    no_covariance: bool,
-
-    /// The label of the sensor, for the calibration file
-    #[arg(long, value_name = "SERIAL")]
-    serial: Option<String>,
 
     #[command(flatten)]
     edited: EditedArg,
@@ -89,7 +80,7 @@ struct Merged {
 
 impl MergeArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let output = printer.create(self.output.as_ref())?;
+        let output = printer.create(self.written.output.as_ref())?;
         let partial = self.partial.as_ref();
         let destination = partial.map(|path| printer.create_or_stdout(Some(path)));
         let destination = destination.transpose()?;
@@ -104,11 +95,10 @@ impl MergeArgs {
             self.model != Some(ModelRule::Physics),
             "`physics` is fitted to rows, and partial fits have none"
         );
-        let covariance = if self.no_covariance { CovarianceRule::Nothing } else { self.covariance };
         let options = FitOptions {
             ridge: self.ridge,
             cross_validation: self.cv,
-            covariance,
+            covariance: self.covariance,
             ..FitOptions::default()
         };
         let fitted = fit_merged(sum, self.model, &options)?;
@@ -154,11 +144,11 @@ impl MergeArgs {
         sum.put_in_order();
         sum.made_by = shellcal::PROGRAM.to_owned();
         sum.date = outputs::date()?;
-        let known = sum.sensor_serial.as_ref().filter(|_| self.serial.is_some());
-        if let Some(serial) = known.filter(|known| Some(*known) != self.serial.as_ref()) {
+        let known = sum.sensor_serial.as_ref().filter(|_| self.written.serial.is_some());
+        if let Some(serial) = known.filter(|known| Some(*known) != self.written.serial.as_ref()) {
             anyhow::bail!("the partial fits are of the sensor `{serial}`: leave out `--serial`");
         }
-        sum.sensor_serial = sum.sensor_serial.take().or_else(|| self.serial.clone());
+        sum.sensor_serial = sum.sensor_serial.take().or_else(|| self.written.serial.clone());
         Ok(Merged { sum, read, skipped })
     }
 

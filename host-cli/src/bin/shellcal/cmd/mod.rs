@@ -1,11 +1,10 @@
 //! The subcommands: each is a set of arguments with a `run`, those of one subject in one file.
 
-mod about;
 mod align;
-mod bench;
 mod board;
 mod check;
 mod choices;
+mod compare;
 mod convert;
 mod doctor;
 mod eval;
@@ -29,19 +28,18 @@ mod stream;
 mod synth;
 mod synth_trial;
 mod trials;
-mod zero;
 
 use clap::builder::Resettable;
 use clap::{ArgMatches, Args, Error, FromArgMatches, Subcommand};
 
 use crate::printer::{Outcome, Printer};
 
-/// Defines the subcommands by what help says of them, their arguments, which have a `run`, and what that takes beside
-/// the printer; `if` is followed by the feature that a command needs.
+/// Defines the subcommands by what help says of them and their arguments, which have a `run`; `if` is followed by the
+/// feature that a command needs.
 macro_rules! commands {
-    (run($printer:ident, $whole:ident): $(
+    ($(
         $(#[$about:meta])*
-        $name:ident($args:ty $(, $more:expr)?) $(if $feature:literal)?,
+        $name:ident($args:ty) $(if $feature:literal)?,
     )+) => {
         #[derive(Debug, Subcommand)]
         pub(crate) enum Command {$(
@@ -51,15 +49,11 @@ macro_rules! commands {
         )+}
 
         impl Command {
-            /// Runs it; the whole command line is what it is one of.
-            pub(crate) fn run(
-                &self,
-                $printer: &Printer,
-                $whole: fn() -> clap::Command,
-            ) -> anyhow::Result<Outcome> {
+            /// Runs it.
+            pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
                 match self {$(
                     $(#[cfg(feature = $feature)])?
-                    Self::$name(args) => args.0.run($printer $(, $more)?).map(Outcome::from),
+                    Self::$name(args) => args.0.run(printer).map(Outcome::from),
                 )+}
             }
         }
@@ -67,14 +61,9 @@ macro_rules! commands {
 }
 
 commands! {
-    run(printer, whole):
-
-    /// List the serial ports of this computer
-    Ports(ports::PortsArgs),
-
-    /// Ask a board what it is and how it does, and set it up; or be one
+    /// Ask a board what it is and how it does, and set it up; list the ports; or be a board
     ///
-    /// With `--simulate` the program is a board itself, on a port of its own that it prints: the
+    /// Without a port the serial ports of this computer are listed. With `--simulate` the program is a board itself, on a port of its own that it prints: the
     /// firmware's library over the sensor model, for who has no board.
     Board(board::BoardArgs),
 
@@ -112,7 +101,11 @@ commands! {
     /// a name the ports of this computer are looked at.
     Doctor(doctor::DoctorArgs),
 
-    /// Say what a log is: format, columns, rows, timing, repeats, saturated or constant channels
+    /// Say what a log is: format, columns, rows, timing, repeats, saturated or constant channels; how a sensor at
+    /// rest behaves
+    ///
+    /// With `--noise` or `--drift` the log is one of an unloaded sensor: its scatter, or how its zero moves. `--plot`
+    /// draws the zeros of the stretches at rest over time.
     Info(info::InfoArgs),
 
     /// Line up a reference sensor's recording with a board log from another clock
@@ -161,7 +154,7 @@ commands! {
     ///
     /// Prints the errors of both, their paired difference with a 95 % interval over groups of rows (the group column,
     /// files, poses that are found), and which errs less on each axis.
-    Compare(check::CompareArgs),
+    Compare(compare::CompareArgs),
 
     /// Convert logs of readings to forces and moments
     ///
@@ -172,30 +165,17 @@ commands! {
     /// Find what a sensor carries, and take its weight and inertia off a wrench
     Payload(payload::PayloadArgs),
 
-    /// Measure the noise of an unloaded sensor: RMS about the mean, per axis and channel
-    Noise(zero::NoiseArgs),
-
-    /// Tell how the zero of an unloaded sensor moves: trend against time and temperature, wander
-    ///
-    /// Looks at the stretches of a log in which the sensor is at rest and unloaded, and says whether a
-    /// tare at the start holds to the end. `--plot` draws the zeros at these stretches over time.
-    Drift(zero::DriftArgs),
-
     /// Evaluate one trial: drag, lift, energies and specific resistance, and those of its strides
     ///
-    /// Without `--enter` and `--exit` the window is looked for in the drag.
+    /// Without `--enter` and `--exit` the window is looked for in the drag; with `--find-window` it is proposed and
+    /// nothing else is done, and `--plot` draws the drag of one log and what was found in it. A manifest can say
+    /// `auto` in place of times, and gets the same.
     Trial(trials::trial::TrialArgs),
 
     /// Evaluate all trials of a manifest: per trial, per stride, and by condition
     ///
     /// One bad trial does not hold up the others: it is named and left out, and the exit code is 1.
     Batch(trials::batch::BatchArgs),
-
-    /// Propose entry into the channel and exit from it: onset and end of sustained drag
-    ///
-    /// A manifest can say `auto` in place of times, and gets the same. `--plot` draws the drag of one log, and what was
-    /// found in it.
-    Window(trials::trial::WindowArgs),
 
     /// Draw one figure of a trial or of a manifest's trials, as SVG, PDF or PNG
     Plot(trials::plot::PlotArgs),
@@ -212,28 +192,16 @@ commands! {
     /// whiskers Tukey's, intervals BCa bootstrap intervals of the mean.
     Stats(trials::stats::StatsArgs),
 
-    /// Print the built-in robot profile, with the source of every constant
-    ///
-    /// To evaluate trials of another robot, keep it in a file, change it there, and name that file with
-    /// `--profile`.
-    Profile(trials::evaluation::ProfileArgs),
-
     /// Make a calibration from a coefficient matrix for raw readings
     ///
     /// CSV with a header `feature,Fx_N,…,Mz_mNm` and rows `s1^1,…`; bare numbers, features by axes or
     /// axes by features (8 channels; linear, cubic, quadratic or poly3, one feature more with an
-    /// intercept); or a MATLAB 5 file with such a matrix.
+    /// intercept); a MATLAB 5 file with such a matrix; or the calibration of an ATI sensor, `.cal`, for
+    /// volts of its gauges.
     Import(exchange::ImportArgs),
 
     /// Write a calibration as a function in Python or MATLAB, or as a matrix
     Export(exchange::ExportArgs),
-
-    /// Compare solvers on your data: run time against error
-    ///
-    /// Rows are read into memory first; then every solver fits every model on one thread. Errors are
-    /// relative to an answer in twice the precision. `--plot` draws run time against the error of coefficients, and
-    /// beside it, with `-prediction` added to its name, against that of predictions.
-    Bench(bench::BenchArgs),
 
     /// Make a synthetic recording from a physical model of the sensor
     ///
@@ -248,16 +216,23 @@ commands! {
     /// and the energy of a crossing. Lengths take mm, cm or m, and are in m without a unit; positions
     /// are those of the body's middle past the first beam. `--plot` draws drag over position and contact counts.
     Simulate(simulate::SimulateArgs),
-
-    /// Print what bash, zsh, fish, PowerShell or elvish needs to complete command lines
-    Completions(about::CompletionsArgs, whole()),
-
-    /// Write the manual: a page for each command
-    Man(about::ManArgs, whole()),
-
-    /// List the packages that the program is made of, with their licences
-    Licences(about::LicencesArgs),
 }
+
+/// Commands of earlier releases, and where what they did has gone.
+pub(crate) const MOVED: [(&str, &str); 9] = [
+    ("bench", "`cargo bench -p shellcal --bench solvers` measures solvers"),
+    (
+        "completions",
+        "a release has the scripts of the shells; `cargo xtask manual DIR` writes them",
+    ),
+    ("drift", "use `shellcal info LOG --drift`"),
+    ("licences", "a release lists the packages in THIRD-PARTY.txt"),
+    ("man", "a release has the pages; `cargo xtask manual DIR` writes them"),
+    ("noise", "use `shellcal info LOG --noise --calibration CAL`"),
+    ("ports", "use `shellcal board`, without a port"),
+    ("profile", "use `shellcal info --robot`"),
+    ("window", "use `shellcal trial LOG --find-window`"),
+];
 
 /// The arguments of one subcommand among many: to set up those of all of them would take half of
 /// the time that it takes to start.

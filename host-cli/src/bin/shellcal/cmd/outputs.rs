@@ -12,12 +12,32 @@ use super::choices::one_of;
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 
+/// Permission to replace files, for commands that write them as data arrive.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct ReplacingArgs {
+    /// Replace files that are there
+    #[arg(long)]
+    pub(super) overwrite: bool,
+}
+
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct FigureSize {
     /// How wide the figure is: screen, or single or double for columns of a paper (89 and 183 mm, letters of 5
     /// to 7 pt)
     #[arg(long, value_name = "WIDTH", value_parser = one_of(&SIZES), default_value = "screen", hide_possible_values = true)]
     pub(super) size: Size,
+}
+
+/// A calibration that a command writes.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct CalibrationOutput {
+    /// Write the calibration (JSON)
+    #[arg(long, short, value_name = "CAL.json")]
+    pub(super) output: Option<OutputPath>,
+
+    /// The label of the sensor, for the calibration file
+    #[arg(long, value_name = "SERIAL")]
+    pub(super) serial: Option<String>,
 }
 
 /// A figure beside the results of a command.
@@ -102,7 +122,7 @@ pub(in crate::cmd) fn date() -> anyhow::Result<String> {
     Ok(iso_of_seconds(seconds))
 }
 
-/// What the command was called with, so that a shell takes it again.
+/// The command line, quoted so that a shell takes it again.
 pub(in crate::cmd) fn command_line() -> String {
     let quoted = |word: String| {
         let is_plain = |c: char| c.is_alphanumeric() || "_-./:=,+@%".contains(c);

@@ -1,4 +1,4 @@
-//! Serial ports: `shellcal ports` lists them; which names on the command line are those of ports, and how one is opened.
+//! Serial ports: a list of those of this computer, their names on the command line, and the options for opening one.
 
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -11,28 +11,23 @@ use shared_proto::{Framing, Protocol};
 use super::choices::one_of;
 use crate::printer::Printer;
 
-#[derive(Debug, clap::Args)]
-pub(crate) struct PortsArgs {}
-
-impl PortsArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let ports = ports()?;
-        printer.finish(&ports, |printer| {
-            if ports.is_empty() {
-                printer.note("no serial ports; is the adapter plugged in?");
-            }
-            ports.iter().for_each(|port| {
-                let serial = port.serial.as_deref().map(|serial| format!("serial {serial}"));
-                let description = (!port.description.is_empty()).then(|| port.description.clone());
-                let parts =
-                    [Some(port.port.clone()), Some(port.kind.to_owned()), description, serial];
-                printer.line(parts.into_iter().flatten().collect::<Vec<_>>().join("  "));
-            });
-        })
-    }
+/// Lists the serial ports of this computer.
+pub(super) fn list(printer: &Printer) -> anyhow::Result<()> {
+    let ports = ports()?;
+    printer.finish(&ports, |printer| {
+        if ports.is_empty() {
+            printer.note("no serial ports; is the adapter plugged in?");
+        }
+        ports.iter().for_each(|port| {
+            let serial = port.serial.as_deref().map(|serial| format!("serial {serial}"));
+            let description = (!port.description.is_empty()).then(|| port.description.clone());
+            let parts = [Some(port.port.clone()), Some(port.kind.to_owned()), description, serial];
+            printer.line(parts.into_iter().flatten().collect::<Vec<_>>().join("  "));
+        });
+    })
 }
 
-/// Whether a name is that of a port, there or not.
+/// Whether a name is a port's, existing or not.
 pub(super) fn is_port(path: &Path) -> bool {
     if let Ok(metadata) = std::fs::metadata(path) {
         return is_device(&metadata);
@@ -60,16 +55,20 @@ pub(crate) struct SerialArgs {
     #[arg(long, value_name = "BAUD", default_value_t = 57_600, value_parser = clap::value_parser!(u32).range(50..))]
     pub(crate) baud: u32,
 
-    /// Who may hold up whom
+    /// The handshake that lets one end hold up the other
     #[arg(long, value_name = "KIND", value_parser = one_of(&FLOWS), default_value = "none")]
     pub(crate) flow_control: FlowControl,
+
+    /// How the base station frames bytes [default: recognised; for commands: cobs]
+    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
+    pub(crate) framing: Option<Protocol>,
 
     /// Address of the board's XBee, for a base station in API mode
     #[arg(long, value_name = "ADDRESS", default_value = "0xFFFF", value_parser = parse_address)]
     pub(crate) to: u16,
 }
 
-/// Who may hold up whom.
+/// Kinds of handshake.
 const FLOWS: [(&str, &str, FlowControl); 3] = [
     ("none", "None", FlowControl::None),
     ("hardware", "RTS/CTS", FlowControl::Hardware),
@@ -80,9 +79,15 @@ impl SerialArgs {
     pub(crate) fn port(&self, port: &str) -> PortOptions {
         PortOptions { port: port.to_owned(), baud: self.baud, flow_control: self.flow_control }
     }
+
+    /// How commands reach a board; `None` for the original board, which takes none from this program.
+    pub(crate) fn uplink(&self) -> Option<Uplink> {
+        let framing = self.framing.map_or(Some(Framing::Cobs), Protocol::framing)?;
+        Some(Uplink { framing, to: self.to })
+    }
 }
 
-/// What is recorded from a port, and how
+/// A recording from a port
 #[derive(Debug, clap::Args)]
 pub(crate) struct SourceArgs {
     /// Tell the board to start streaming, and to stop at the end
@@ -93,23 +98,15 @@ pub(crate) struct SourceArgs {
     #[arg(long, value_name = "S", value_parser = parse_duration)]
     pub(crate) duration: Option<Duration>,
 
-    /// How the bytes are framed; recognised unless given
-    #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
-    framing: Option<Protocol>,
-
     #[command(flatten)]
     pub(crate) serial: SerialArgs,
 }
 
 impl SourceArgs {
     pub(crate) fn options(&self) -> anyhow::Result<RecordOptions> {
-        let uplink = || {
-            let framing = self.framing.map_or(Some(Framing::Cobs), Protocol::framing);
-            let framing = framing.context("`--start` is not for the original board")?;
-            anyhow::Ok(Uplink { framing, to: self.serial.to })
-        };
+        let uplink = || self.serial.uplink().context("`--start` is not for the original board");
         Ok(RecordOptions {
-            protocol: self.framing,
+            protocol: self.serial.framing,
             duration: self.duration,
             start: self.start.then(uplink).transpose()?,
             ..RecordOptions::default()

@@ -10,16 +10,17 @@ use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
 
 use super::frames::LiveForceArgs;
+use super::outputs::ReplacingArgs;
 use super::ports::SourceArgs;
 use super::quality::by_unit;
-use super::stream::{self, StreamToArgs};
+use super::stream::{self, StreamToArgs, WaitingArgs};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 use crate::signals;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct RecordArgs {
-    /// Serial port; `shellcal ports` lists them
+    /// Serial port; `shellcal board` lists them
     #[arg(value_name = "PORT", required_unless_present = "replay")]
     port: Option<String>,
 
@@ -36,9 +37,8 @@ pub(crate) struct RecordArgs {
     #[arg(long, value_name = "RAW")]
     raw: Option<OutputPath>,
 
-    /// Replace files that are there
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    replacing: ReplacingArgs,
 
     #[command(flatten)]
     forces: LiveForceArgs,
@@ -51,9 +51,8 @@ pub(crate) struct RecordArgs {
     #[arg(long)]
     as_sampled: bool,
 
-    /// Wait for a port that goes away, and go on when it is back
-    #[arg(long)]
-    reconnect: bool,
+    #[command(flatten)]
+    waiting: WaitingArgs,
 
     #[command(flatten)]
     source: SourceArgs,
@@ -72,12 +71,12 @@ impl RecordArgs {
         };
         let stop = signals::stop_flag()?;
         let mut source = match (&self.port, &self.replay) {
-            (Some(port), _) => Source::port(self.source.serial.port(port), self.reconnect)?,
+            (Some(port), _) => Source::port(self.source.serial.port(port), self.waiting.reconnect)?,
             (None, Some(path)) => Source::replay(path)?,
             (None, None) => anyhow::bail!("neither a port nor a file to replay"),
         };
         let writer = |path: &OutputPath| {
-            AppendWriter::create(path, self.overwrite)
+            AppendWriter::create(path, self.replacing.overwrite)
                 .map(|file| Box::new(file) as Box<dyn LogSink>)
         };
         let forces = options.forces.clone();
@@ -104,8 +103,16 @@ impl RecordArgs {
         };
         let recorded = record(&mut source, sinks, &options, &stop, &mut show);
         status.finish_and_clear();
-        stream::finish(printer, streamed.as_ref())?;
-        report(&recorded?, printer)
+        // The log is told of whatever has become of the stream.
+        let streamed = stream::finish(printer, streamed.as_ref());
+        let recorded = recorded?;
+        if recorded.boards.len() > 1 && self.forces.is_given() {
+            printer.warning(
+                "a calibration is of one sensor: only the first board's log has forces; convert the others with their own",
+            );
+        }
+        report(&recorded, printer)?;
+        streamed.map(drop)
     }
 }
 

@@ -16,8 +16,9 @@ use simulation::radio::{Books, Faults};
 use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
-use super::choices::{number_in, number_within, numbers};
-use super::stream::each_line;
+use super::choices::{number_in, numbers};
+use super::stream::{EndingArgs, each_line};
+use super::synth::{NoiseArgs, SeedArgs};
 use crate::files::{InputPath, OutputLocation, is_standard};
 use crate::printer::Printer;
 use crate::signals;
@@ -32,45 +33,20 @@ pub(crate) struct SimulationArgs {
     #[arg(long, conflicts_with = "port", value_name = "LOG|-")]
     load: Option<InputPath>,
 
-    /// Which recording: its noise, light, hands, and the faults of the radio
-    #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u64).range(..1 << 60))]
-    seed: u64,
+    #[command(flatten)]
+    seeds: SeedArgs,
 
-    /// Which instrument; 1 is that of the shipped data
-    #[arg(long, conflicts_with = "port", value_name = "N", default_value_t = 1)]
-    unit_seed: u64,
-
-    /// Factor on all random noise; 0 for none
-    #[arg(long, conflicts_with = "port", value_name = "FACTOR", default_value_t = 1.0)]
-    noise_scale: f64,
+    #[command(flatten)]
+    noise: NoiseArgs,
 
     /// Times after the start at which the sync input rises, s: 2,30.5
     #[arg(long, conflicts_with = "port", value_name = "S,…", value_delimiter = ',', value_parser = number_in(0.0..=1e9, "a time in s after the board's start"))]
     sync: Vec<f64>,
 
-    /// Share of packets that the radio loses
-    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
-    loss: f64,
-
-    /// Share of packets that begin a burst of losses, and its mean length in packets
-    #[arg(long, conflicts_with = "port", value_name = "SHARE:PACKETS", value_parser = parse_bursts)]
-    bursts: Option<(f64, f64)>,
-
-    /// Share of packets that arrive twice
-    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
-    duplication: f64,
-
-    /// Share of packets that arrive late, by up to 80 ms
-    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
-    reordering: f64,
-
-    /// Share of bytes that arrive as others
-    #[arg(long, conflicts_with = "port", value_name = "SHARE", default_value_t = 0.0)]
-    corruption: f64,
-
-    /// Time that every packet takes, ms
-    #[arg(long, conflicts_with = "port", value_name = "MS", default_value_t = 0.0, value_parser = number_within(0.0..=10_000.0, ["a time in ms", "a time from 0 to 10000 ms"]))]
-    delay: f64,
+    /// Faults of the radio: shares of packets in `loss`, `duplication`, `reordering` (late by up to 80 ms) and
+    /// `bursts=SHARE:PACKETS` of losses, of bytes in `corruption`, and the `delay` of every packet in ms
+    #[arg(long, conflicts_with = "port", value_name = "FAULT=VALUE,…", value_parser = parse_faults)]
+    radio: Option<Faults>,
 
     /// Be reached over TCP at this address, by one program at a time, as `tcp://HOST:PORT`; port 0 is one that
     /// is free
@@ -85,15 +61,19 @@ pub(crate) struct SimulationArgs {
     #[arg(long, conflicts_with = "port", value_name = "S", value_parser = super::ports::parse_duration)]
     duration: Option<Duration>,
 
-    /// End when the standard input ends, for a program that runs this one
-    #[arg(long, conflicts_with = "port")]
-    until_eof: bool,
+    #[command(flatten)]
+    ending: EndingArgs,
 }
 
 /// For how long the radio holds packets back, at most, in µs.
 const HOLD_US: u64 = 80_000;
 
 impl SimulationArgs {
+    /// Whether an option of simulated boards alone is given.
+    pub(crate) fn is_given(&self) -> bool {
+        self.seeds.is_given() || self.noise.is_given() || self.ending.until_eof
+    }
+
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let stop = signals::stop_flag()?;
         // Set by lines of the standard input, which may end the board, too.
@@ -101,32 +81,22 @@ impl SimulationArgs {
         let load = match &self.load {
             Some(path) if is_standard(path) => Load::Commanded(Arc::clone(&commanded)),
             Some(path) => Load::Table(read_load(path)?),
-            None => Load::hands(self.seed),
+            None => Load::hands(self.seeds.seed()),
         };
-        if self.until_eof || matches!(load, Load::Commanded(_)) {
-            let at_end = self.until_eof.then(|| Arc::clone(&stop));
+        if self.ending.until_eof || matches!(load, Load::Commanded(_)) {
+            let at_end = self.ending.until_eof.then(|| Arc::clone(&stop));
             each_line("load", printer, at_end, move |line| {
                 let wrong = || format!("`{line}` is no load: FX,FY,FZ,MX,MY,MZ in N and N·m");
                 *lock(&commanded) = numbers(line).ok_or_else(wrong)?;
                 Ok(true)
             })?;
         }
-        let (bursts, burst_packets) = self.bursts.unwrap_or_default();
         let settings = BoardSettings {
             load,
-            seed: self.seed,
-            unit_seed: self.unit_seed,
-            noise_scale: self.noise_scale,
-            faults: Faults {
-                loss: self.loss,
-                bursts,
-                burst_packets,
-                duplication: self.duplication,
-                reordering: self.reordering,
-                hold_us: HOLD_US,
-                corruption: self.corruption,
-                delay_us: (self.delay * 1e3) as u64,
-            },
+            seed: self.seeds.seed(),
+            unit_seed: self.seeds.unit_seed(),
+            noise_scale: self.noise.scale(),
+            faults: self.radio.unwrap_or_default(),
             sync_s: self.sync.clone(),
         };
         let board = match self.listen {
@@ -223,9 +193,28 @@ impl Drop for Symlink {
     }
 }
 
-fn parse_bursts(text: &str) -> Result<(f64, f64), String> {
-    let parse = |part: &str| part.parse::<f64>().ok();
-    text.split_once(':')
-        .and_then(|(share, packets)| Some((parse(share)?, parse(packets)?)))
-        .ok_or_else(|| "a share and a number of packets, such as 0.002:10".to_owned())
+/// `loss=0.02,bursts=0.002:10,delay=5`.
+fn parse_faults(text: &str) -> Result<Faults, String> {
+    let mut faults = Faults { hold_us: HOLD_US, ..Faults::default() };
+    for part in text.split(',') {
+        let expected = || format!("`{part}` is no fault with its value, such as `loss=0.02`");
+        let (name, value) = part.split_once('=').ok_or_else(expected)?;
+        let (value, packets) = value.split_once(':').map_or((value, None), |(a, b)| (a, Some(b)));
+        let number = |text: &str| text.parse::<f64>().ok().filter(|number| number.is_finite());
+        let value = number(value).ok_or_else(expected)?;
+        match (name, packets.map(number)) {
+            ("loss", None) => faults.loss = value,
+            ("duplication", None) => faults.duplication = value,
+            ("reordering", None) => faults.reordering = value,
+            ("corruption", None) => faults.corruption = value,
+            ("delay", None) if (0.0..=10_000.0).contains(&value) => {
+                faults.delay_us = (value * 1e3) as u64;
+            }
+            ("bursts", Some(Some(packets))) => {
+                (faults.bursts, faults.burst_packets) = (value, packets);
+            }
+            _ => return Err(expected()),
+        }
+    }
+    Ok(faults)
 }

@@ -1,25 +1,25 @@
 //! `shellcal stream`: frames to other programs, as they arrive; and what `record --stream` and `live --stream` have in
 //! common with it.
 
-use std::io::{self, BufRead};
+use std::io::{self, BufRead, Read};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use board_link::{Sinks, Source, Watcher, record};
-use clap::builder::TypedValueParser;
 use frame_stream::{
-    Destination, FrameStream, Readers, StreamCommand, StreamFormat, StreamHandle, StreamOptions,
-    StreamSummary, StreamWatcher,
+    Destination, FrameStream, LEAST_RATE_HZ, Readers, StreamCommand, StreamFormat, StreamHandle,
+    StreamOptions, StreamSummary, StreamWatcher,
 };
 use log_file::Log;
 use shellcal::workflow::live::play;
 
-use super::choices::{POSITIVE, number_in, number_within, one_of};
+use super::choices::{number_in, number_within, one_of};
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
+use super::outputs::ReplacingArgs;
 use super::ports::{SourceArgs, is_port};
 use crate::files::InputPath;
 use crate::printer::Printer;
@@ -31,7 +31,7 @@ use crate::signals;
   shellcal stream /dev/ttyUSB0 --start --calibration calibration.json -o udp:127.0.0.1:9870
   shellcal stream run3.csv --calibration calibration.json -o tcp:9000 -o run3.jsonl --rate 50")]
 pub(crate) struct StreamArgs {
-    /// Serial port, or a log to play; `shellcal ports` lists the ports
+    /// Serial port, or a log to play; `shellcal board` lists the ports
     #[arg(value_name = "PORT|LOG")]
     name: InputPath,
 
@@ -40,36 +40,32 @@ pub(crate) struct StreamArgs {
     #[arg(long, short, value_name = "DEST", default_value = "-")]
     output: Vec<Destination>,
 
-    /// How rows are written
-    #[arg(long, value_name = "ENCODING", value_parser = one_of(&ENCODINGS), default_value = "json")]
-    encoding: StreamFormat,
+    /// How rows are written [default: csv to a file `.csv`, json otherwise]
+    #[arg(long, value_name = "ENCODING", value_parser = one_of(&ENCODINGS))]
+    encoding: Option<StreamFormat>,
 
-    /// Replace files that are there
-    #[arg(long)]
-    overwrite: bool,
+    #[command(flatten)]
+    replacing: ReplacingArgs,
 
     #[command(flatten)]
     forces: LiveForceArgs,
 
     /// Rows per second, where frames are more: filtered against aliasing, which delays them by some 1/HZ
-    #[arg(long, value_name = "HZ", value_parser = number_in(POSITIVE, "a rate in Hz above 0, such as 50"))]
+    #[arg(long, value_name = "HZ", value_parser = number_in(LEAST_RATE_HZ..=f64::MAX, "a rate in Hz from 0.1, such as 50"))]
     rate: Option<f64>,
 
     /// Bring the channels of a frame to one time, as `record` does; each frame waits for three after it
     #[arg(long)]
     one_time: bool,
 
-    /// Wait for a port that goes away, and go on when it is back
-    #[arg(long)]
-    reconnect: bool,
+    #[command(flatten)]
+    waiting: WaitingArgs,
 
-    /// End when the standard input ends, for a program that runs this one
-    #[arg(long)]
-    until_eof: bool,
+    #[command(flatten)]
+    ending: EndingArgs,
 
-    /// How many times as fast a log is played
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed())]
-    speed: f64,
+    #[command(flatten)]
+    playing: PlayingArgs,
 
     /// Say at the end how late rows were: median and 99th percentile of the time from the board's clock to the
     /// reader, beyond that of the fastest row of every ten seconds
@@ -81,6 +77,32 @@ pub(crate) struct StreamArgs {
 
     #[command(flatten)]
     mapping: MappingArgs,
+}
+
+/// The option of logs that are played.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct PlayingArgs {
+    /// How many times as fast a log is played
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = number_within(0.001..=1000.0, SPEED))]
+    pub(super) speed: f64,
+}
+
+const SPEED: [&str; 2] = ["a factor, such as 4", "a factor from 0.001 to 1000"];
+
+/// The option of recordings whose port may go away.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct WaitingArgs {
+    /// Wait for a port that goes away, and go on when it is back
+    #[arg(long)]
+    pub(super) reconnect: bool,
+}
+
+/// The option of programs that serve others.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct EndingArgs {
+    /// End when the standard input ends, for a program that runs this one
+    #[arg(long)]
+    pub(super) until_eof: bool,
 }
 
 /// How rows are written.
@@ -100,17 +122,16 @@ impl StreamArgs {
         let log = from_log.then(|| Log::open(&self.name, &self.mapping.mapping())).transpose()?;
         let stop = signals::stop_flag()?;
         let port = self.source.serial.port(&self.name.to_string_lossy());
-        let source = (!from_log).then(|| Source::port(port, self.reconnect)).transpose()?;
-        let at_end = self.until_eof.then(|| Arc::clone(&stop));
+        let source = (!from_log).then(|| Source::port(port, self.waiting.reconnect)).transpose()?;
+        let at_end = self.ending.until_eof.then(|| Arc::clone(&stop));
         let options = StreamOptions {
             forces,
             from_log,
             one_time: self.one_time,
-            format: self.encoding,
             rate_hz: self.rate,
             commands: Some(commands(printer, at_end)?),
         };
-        let readers = open(printer, &self.output, self.overwrite)?;
+        let readers = open(printer, &self.output, self.encoding, self.replacing.overwrite)?;
         let stream = FrameStream::new(options, readers)?;
         let (watcher, handle) = StreamWatcher::new(stream, None, Some(Arc::clone(&stop)));
         let ended = match (source, &log) {
@@ -147,19 +168,15 @@ impl StreamArgs {
                 stop.store(true, Ordering::Relaxed);
             }
         };
-        Ok(play(log, &read, readings, self.speed, &|| false, stop, &mut see)?)
+        Ok(play(log, &read, readings, self.playing.speed, &|| false, stop, &mut see)?)
     }
 }
 
 /// A factor on the pace of a log.
-pub(super) fn speed() -> impl TypedValueParser<Value = f64> {
-    number_within(0.001..=1000.0, ["a factor, such as 4", "a factor from 0.001 to 1000"])
-}
-
 /// The watcher of a recording, and the handle of its stream if there is one.
 type WatchedStream = (Option<Box<dyn Watcher>>, Option<StreamHandle>);
 
-/// Where rows go beside a log or a view, as JSON lines
+/// Where rows go beside a log or a view, as JSON lines, or CSV to a file `.csv`
 #[derive(Debug, clap::Args)]
 pub(crate) struct StreamToArgs {
     /// Pass rows on as they arrive, as `shellcal stream` does: to `udp:HOST:PORT`, `tcp:PORT` or a file; may be
@@ -187,7 +204,7 @@ impl StreamToArgs {
             !self.stream.contains(&Destination::Stdout),
             "only `shellcal stream` writes rows to the standard output"
         );
-        let readers = open(printer, &self.stream, false)?;
+        let readers = open(printer, &self.stream, None, false)?;
         let stream = FrameStream::new(options, readers)?;
         let (watcher, handle) = StreamWatcher::new(stream, beside, None);
         Ok((Some(Box::new(watcher)), Some(handle)))
@@ -195,8 +212,13 @@ impl StreamToArgs {
 }
 
 /// Opens all destinations, and says where readers can come to.
-fn open(printer: &Printer, to: &[Destination], overwrite: bool) -> anyhow::Result<Readers> {
-    let readers = Readers::open(to, overwrite)?;
+fn open(
+    printer: &Printer,
+    to: &[Destination],
+    format: Option<StreamFormat>,
+    overwrite: bool,
+) -> anyhow::Result<Readers> {
+    let readers = Readers::open(to, format, overwrite)?;
     for address in readers.addresses() {
         printer.note(format!("readers over TCP: {address}"));
         if !address.ip().is_loopback() {
@@ -208,18 +230,32 @@ fn open(printer: &Printer, to: &[Destination], overwrite: bool) -> anyhow::Resul
     Ok(readers)
 }
 
+/// Commands that are obeyed within a second; those after them wait, and hold up who writes them.
+const MOST_COMMANDS: u32 = 100;
+
 /// Commands from the standard input, a line each. `at_end` is set when there are no more.
 pub(crate) fn commands(
     printer: &Printer,
     at_end: Option<Arc<AtomicBool>>,
 ) -> io::Result<Receiver<StreamCommand>> {
     let (sender, commands) = channel();
+    let mut second = (Instant::now(), 0);
     each_line("commands", printer, at_end, move |line| {
+        if second.1 == MOST_COMMANDS {
+            thread::sleep(Duration::from_secs(1).saturating_sub(second.0.elapsed()));
+        }
+        if second.0.elapsed() >= Duration::from_secs(1) {
+            second = (Instant::now(), 0);
+        }
+        second.1 += 1;
         let command: StreamCommand = line.parse().map_err(|unknown| format!("{unknown}"))?;
         Ok(sender.send(command).is_ok())
     })?;
     Ok(commands)
 }
+
+/// The most bytes of a line of the standard input.
+const LONGEST_LINE: u64 = 4096;
 
 /// Reads the standard input on a thread of this name. `take` says of each line whether it wants more, or what is wrong
 /// with it. `at_end` is set when there are no more.
@@ -231,12 +267,16 @@ pub(crate) fn each_line(
 ) -> io::Result<()> {
     let printer = printer.clone();
     let listen = move || {
-        for line in io::stdin().lock().lines().map_while(Result::ok) {
-            match take(&line) {
+        let mut input = io::stdin().lock();
+        let mut line = Vec::new();
+        // The rest of a line that is longer is taken for another.
+        while input.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut line).is_ok_and(|n| n > 0) {
+            match take(String::from_utf8_lossy(&line).trim_end_matches(['\r', '\n'])) {
                 Ok(true) => {}
                 Ok(false) => return,
                 Err(wrong) => printer.warning(wrong),
             }
+            line.clear();
         }
         if let Some(at_end) = at_end {
             at_end.store(true, Ordering::Relaxed);
@@ -253,15 +293,20 @@ pub(crate) fn finish(
     let Some(summary) = handle.map(StreamHandle::finish).transpose()?.flatten() else {
         return Ok(None);
     };
+    let mut broken = None;
     for reader in &summary.readers {
         let lost = match reader.lost {
             0 => "none lost".to_owned(),
             lost => format!("{lost} lost"),
         };
-        printer.note(format!("{}: {} rows, {lost}", reader.name, reader.rows));
-        if let Some(problem) = &reader.problem {
-            printer.warning(format!("{}: {problem}", reader.name));
+        let said = format!("{}: {} rows, {lost}", reader.name, reader.rows);
+        match &reader.problem {
+            Some(problem) if reader.is_broken => {
+                broken.get_or_insert(format!("cannot write {said}: {problem}"));
+            }
+            Some(problem) => printer.warning(format!("{said}: {problem}")),
+            None => printer.note(said),
         }
     }
-    Ok(Some(summary))
+    broken.map_or(Ok(Some(summary)), |broken| Err(anyhow::Error::msg(broken)))
 }

@@ -44,41 +44,37 @@ struct RecordingArgs {
     #[arg(long, value_name = "HZ", default_value_t = 100.0, allow_negative_numbers = true)]
     rate: f64,
 
-    /// Which recording: its loads, noise, light and mounting
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    seeds: SeedArgs,
 
-    /// Which unit: its springs, reflectors and gains
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    unit_seed: u64,
-
-    /// Time of the first row
-    #[arg(long, value_name = "S", default_value_t = 0.0, allow_negative_numbers = true)]
-    start_time: f64,
-
-    /// Factor on all random noise; 0 for none
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, allow_negative_numbers = true)]
-    noise_scale: f64,
-
-    /// Resolution of the board's converter, 8 to 16
-    #[arg(long, value_name = "BITS", default_value_t = 12)]
-    adc_bits: u32,
+    #[command(flatten)]
+    noise: NoiseArgs,
 
     /// Springs without creep and hysteresis: a calibration can follow them exactly
     #[arg(long)]
     elastic: bool,
 
-    #[command(flatten)]
-    limit: RowLimit,
-
     /// Columns and their names
     #[arg(long, value_parser = one_of(&LAYOUTS), default_value = "shellcal")]
     layout: SyntheticLayout,
 
-    /// File to write (default: standard output)
-    #[arg(long, short, value_name = "FILE")]
-    output: Option<OutputPath>,
+    #[command(flatten)]
+    written: WrittenArg,
 }
+
+/// The file of a recording.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct WrittenArg {
+    /// File to write [default: standard output]
+    #[arg(long, short, value_name = "FILE")]
+    pub(super) output: Option<OutputPath>,
+}
+
+/// Resolution of the board's converter.
+const ADC_BITS: u32 = 12;
+
+/// The reference of a pair starts as much earlier than the board and stops as much later, s.
+const MARGIN_S: f64 = 5.0;
 
 /// Layouts of recordings.
 const LAYOUTS: [(&str, &str, SyntheticLayout); 3] = [
@@ -108,18 +104,18 @@ impl SynthArgs {
 impl RecordingArgs {
     fn run(&self, kind: RecordingKind, default_rows: u64, printer: &Printer) -> anyhow::Result<()> {
         let rows = self.rows.unwrap_or(default_rows);
-        self.limit.check(rows as f64)?;
+        check_rows(rows as f64)?;
         let recording = SensorRecording::new(RecordingSettings {
             kind,
             rate_hz: self.rate,
-            start_time_s: self.start_time,
-            seed: self.seed,
-            unit_seed: self.unit_seed,
-            noise_scale: self.noise_scale,
-            adc_bits: self.adc_bits,
+            start_time_s: 0.0,
+            seed: self.seeds.seed(),
+            unit_seed: self.seeds.unit_seed(),
+            noise_scale: self.noise.scale(),
+            adc_bits: ADC_BITS,
             elastic: self.elastic,
         })?;
-        let mut out = printer.create_or_stdout(self.output.as_ref())?;
+        let mut out = printer.create_or_stdout(self.written.output.as_ref())?;
         let layout = self.layout;
         let progress = printer.count("making rows", rows);
         let mut text = layout.header(kind).into_bytes();
@@ -134,11 +130,12 @@ impl RecordingArgs {
         }
         progress.finish_and_clear();
         out.commit()?;
-        let Some(path) = &self.output else { return Ok(()) };
+        let Some(path) = &self.written.output else { return Ok(()) };
         let summary = document! {
             file: path,
             rows, bytes, rows_saturated,
-            self.{seed, unit_seed},
+            seed: self.seeds.seed(),
+            unit_seed: self.seeds.unit_seed(),
         };
         printer.finish(&summary, |printer| {
             printer.note(format!("{rows} synthetic rows in `{}`", path.display()));
@@ -157,7 +154,7 @@ pub(crate) struct PairArgs {
     #[arg(value_name = "LOG")]
     log: OutputPath,
 
-    /// What the reference's clock shows when the board's shows 0
+    /// The reading of the reference's clock when the board's is 0
     #[arg(long, value_name = "S", default_value_t = 12.3456789, allow_negative_numbers = true)]
     offset: f64,
 
@@ -168,10 +165,6 @@ pub(crate) struct PairArgs {
     /// How long the board records
     #[arg(long, value_name = "S", default_value_t = 60.0)]
     duration: f64,
-
-    /// The reference starts as much earlier and stops as much later
-    #[arg(long, value_name = "S", default_value_t = 5.0, allow_negative_numbers = true)]
-    margin: f64,
 
     /// Rows per second of the reference
     #[arg(long, value_name = "HZ", default_value_t = 10_000.0)]
@@ -185,24 +178,15 @@ pub(crate) struct PairArgs {
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     loss: f64,
 
-    /// Nothing touches the shell
+    /// Leave the shell unloaded
     #[arg(long)]
     no_load: bool,
 
-    /// Which session: its loads, noise, light and mounting
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
-
-    /// Which unit: its springs, reflectors and gains
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    unit_seed: u64,
-
-    /// Factor on all random noise; 0 for none
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
-    noise_scale: f64,
+    #[command(flatten)]
+    seeds: SeedArgs,
 
     #[command(flatten)]
-    limit: RowLimit,
+    noise: NoiseArgs,
 
     /// Write offset, skew and all else that is known, as JSON
     #[arg(long, value_name = "FILE")]
@@ -212,21 +196,21 @@ pub(crate) struct PairArgs {
 impl PairArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let settings = PairSettings {
-            seed: self.seed,
-            unit_seed: self.unit_seed,
+            seed: self.seeds.seed(),
+            unit_seed: self.seeds.unit_seed(),
             loaded: !self.no_load,
             duration_s: self.duration,
-            margin_s: self.margin,
+            margin_s: MARGIN_S,
             reference_rate_hz: self.reference_rate,
             board_rate_hz: self.rate,
             offset_s: self.offset,
             skew: 1e-6 * self.skew,
             loss: self.loss,
-            noise_scale: self.noise_scale,
+            noise_scale: self.noise.scale(),
         };
         let pair = Pair::new(settings)?;
         let board = self.duration * self.rate;
-        self.limit.check(board.max((self.duration + 2.0 * self.margin) * self.reference_rate))?;
+        check_rows(board.max((self.duration + 2.0 * MARGIN_S) * self.reference_rate))?;
         let (mut reference, mut log) =
             (printer.files.create(&self.reference)?, printer.files.create(&self.log)?);
         let (mut reference_rows, mut log_rows) = (0_u64, 0_u64);
@@ -267,22 +251,58 @@ impl PairArgs {
     }
 }
 
-/// How many rows are made at most: a slip of the finger must not fill the disk.
-#[derive(Clone, Copy, Debug, clap::Args)]
-pub(super) struct RowLimit {
-    /// Make no more rows than this: ten million take about one GB
-    #[arg(long, value_name = "N", default_value_t = 10_000_000)]
-    max_rows: u64,
+/// Rows that are made at most, some GB: a slip of the finger must not fill the disk.
+const MOST_ROWS: f64 = 1e7;
+
+/// Checks a number of rows, which may be anything.
+pub(super) fn check_rows(rows: f64) -> anyhow::Result<()> {
+    anyhow::ensure!(
+        rows <= MOST_ROWS,
+        "{rows:e} rows were asked for, at most {MOST_ROWS:e} are made"
+    );
+    Ok(())
 }
 
-impl RowLimit {
-    /// Checks a number of rows, which may be anything.
-    pub(super) fn check(self, rows: f64) -> anyhow::Result<()> {
-        anyhow::ensure!(
-            rows <= self.max_rows as f64,
-            "{rows:e} rows were asked for, at most {} are made; if you mean it, raise `--max-rows`",
-            self.max_rows
-        );
-        Ok(())
+/// The unit that is simulated, and one of its recordings.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct SeedArgs {
+    /// Which recording: its loads, noise, light, mounting and scatter [default: 1]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..1 << 60))]
+    seed: Option<u64>,
+
+    /// Which unit: its springs, reflectors and gains; 1 is that of the shipped data [default: 1]
+    #[arg(long, value_name = "N")]
+    unit_seed: Option<u64>,
+}
+
+impl SeedArgs {
+    pub(super) fn seed(&self) -> u64 {
+        self.seed.unwrap_or(1)
+    }
+
+    pub(super) fn unit_seed(&self) -> u64 {
+        self.unit_seed.unwrap_or(1)
+    }
+
+    pub(super) fn is_given(&self) -> bool {
+        self.seed.is_some() || self.unit_seed.is_some()
+    }
+}
+
+/// The noise of a simulated sensor.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct NoiseArgs {
+    /// Factor on all random noise; 0 for none [default: 1]
+    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
+    noise_scale: Option<f64>,
+}
+
+impl NoiseArgs {
+    pub(super) fn scale(&self) -> f64 {
+        self.noise_scale.unwrap_or(1.0)
+    }
+
+    pub(super) fn is_given(&self) -> bool {
+        self.noise_scale.is_some()
     }
 }

@@ -2,52 +2,33 @@
 
 use shellcal::workflow::synthetic_trials::{MANIFEST, truth_json, write_log, write_set};
 use simulation::synthetic_log::TrialLayout;
-use simulation::virtual_robot::{ChannelForces, Counter, TrialSettings, VirtualTrial};
+use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 
 use super::choices::one_of;
+use super::synth::{SeedArgs, WrittenArg};
 use crate::files::{OutputLocation, OutputPath};
 use crate::printer::Printer;
 
 /// One trial of a virtual robot in the channel, with known truth
 ///
 /// Leg motion, drag and lift of the condition, the legs' shaking, battery and motors; telemetry at
-/// 1 kHz in the lab's format, with sensors fresh at 100 Hz. The calibration of the same unit is that
-/// of `synth train`.
+/// 1 kHz in the lab's format, with sensors fresh at 100 Hz. `synth train` makes the training log of
+/// the same unit.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   shellcal synth trial --condition '3 cm' --output run.txt --truth run.truth.json
-  shellcal synth trial --stride-frequency 1 --missing 0.1 --stall --output run.txt")]
+  shellcal synth trial --stride-frequency 1 --missing 0.1 --output run.txt")]
 pub(super) struct SynthTrialArgs {
     /// What the robot runs through: the channel's largest deflection
     #[arg(long, value_parser = one_of(&ChannelForces::PAPER.map(|of| (of.name, "", of))), value_name = "NAME", default_value = "3 cm")]
     condition: ChannelForces,
 
-    /// Mean drag in the channel, in place of the condition's
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    drag: Option<f64>,
-
-    /// Mean lift in the channel, in place of the condition's; negative presses down
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    lift: Option<f64>,
-
     #[command(flatten)]
     common: CommonArgs,
-
-    /// How the encoders count
-    #[arg(long, value_parser = one_of(&COUNTERS), default_value = "long")]
-    counter: Counter,
 
     /// Share of the rows that are missing, from 0 to 1
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     missing: f64,
-
-    /// The legs stall for 0.4 s in the channel
-    #[arg(long)]
-    stall: bool,
-
-    /// The right encoder counts down
-    #[arg(long)]
-    reversed: bool,
 
     /// Leave out the sensors' columns
     #[arg(long, conflicts_with = "no_telemetry")]
@@ -61,9 +42,8 @@ pub(super) struct SynthTrialArgs {
     #[arg(long, value_name = "FILE")]
     truth: Option<OutputPath>,
 
-    /// File to write (default: standard output)
-    #[arg(long, short, value_name = "FILE")]
-    output: Option<OutputPath>,
+    #[command(flatten)]
+    written: WrittenArg,
 }
 
 /// An example set: trials in all five conditions, their truth, and a manifest for `shellcal batch`
@@ -92,62 +72,25 @@ struct CommonArgs {
     #[arg(long, value_name = "HZ", default_value_t = 13.0)]
     stride_frequency: f64,
 
-    /// How long the robot stands before it starts
-    #[arg(long, value_name = "S", default_value_t = 1.0)]
-    lead_in: f64,
-
-    /// Noise of the encoders (standard deviation)
-    #[arg(long, value_name = "COUNTS", default_value_t = 4.0)]
-    encoder_noise: f64,
-
-    /// Which trial: its noise, light, phases and scatter
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
-
-    /// Which unit: its springs, reflectors and gains
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    unit_seed: u64,
-
-    /// Factor on the noise of sensors and telemetry; 1.7 makes the paper's zero-load noise
-    #[arg(long, value_name = "FACTOR", default_value_t = TrialSettings::PAPER_NOISE)]
-    noise_scale: f64,
-
-    /// Springs without creep and hysteresis: a calibration can follow them exactly
-    #[arg(long)]
-    elastic: bool,
+    #[command(flatten)]
+    seeds: SeedArgs,
 }
-
-/// Ways to count.
-const COUNTERS: [(&str, &str, Counter); 3] = [
-    ("long", "In 32 bits, on and on: the lab's format", Counter::Long),
-    ("long-wrapping", "In 32 bits, and wraps round after two seconds", Counter::LongWrapping),
-    ("turn", "From 0 to 65535 in each turn", Counter::Turn),
-];
 
 impl CommonArgs {
     fn settings(&self, condition: ChannelForces) -> TrialSettings {
         TrialSettings {
-            unit_seed: self.unit_seed,
+            unit_seed: self.seeds.unit_seed(),
             stride_hz: self.stride_frequency,
-            lead_in_s: self.lead_in,
-            noise_scale: self.noise_scale,
-            encoder_noise: self.encoder_noise,
-            elastic: self.elastic,
-            ..TrialSettings::new(condition, self.seed)
+            ..TrialSettings::new(condition, self.seeds.seed())
         }
     }
 }
 
 impl SynthTrialArgs {
     pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        let mut condition = self.condition;
-        condition.drag_n = self.drag.unwrap_or(condition.drag_n);
-        condition.lift_n = self.lift.unwrap_or(condition.lift_n);
+        let condition = self.condition;
         let trial = VirtualTrial::new(TrialSettings {
-            counter: self.counter,
             missing: self.missing,
-            stall: self.stall,
-            reversed: self.reversed,
             ..self.common.settings(condition)
         })?;
         let layout = match (self.no_sensors, self.no_telemetry) {
@@ -159,10 +102,10 @@ impl SynthTrialArgs {
         if let Some(path) = &self.truth {
             printer.files.write(path, &truth_json(&truth))?;
         }
-        let mut out = printer.create_or_stdout(self.output.as_ref())?;
+        let mut out = printer.create_or_stdout(self.written.output.as_ref())?;
         let rows = write_log(&mut out, &trial, layout)?;
         out.commit()?;
-        let Some(path) = &self.output else { return Ok(()) };
+        let Some(path) = &self.written.output else { return Ok(()) };
         let made = document! { file: path, rows: rows, truth: &truth };
         printer.finish(&made, |printer| {
             printer.line(format!(

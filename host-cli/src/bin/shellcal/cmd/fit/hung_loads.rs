@@ -89,9 +89,6 @@ pub(super) fn tell(hung: &HungReference, printer: &Printer) {
             printer.note(format!("the {name} of loads scatters by {times} times the stated error"));
         }
     }
-    if !hung.unread.is_empty() {
-        printer.note(format!("loads without readings: {}", hung.unread.join(", ")));
-    }
     if hung.unloaded_rows > 0 {
         printer.note(format!("left out {} rows at no load of the table", hung.unloaded_rows));
     }

@@ -1,23 +1,25 @@
 //! `shellcal fit`: from training logs to a calibration; with `--partial` to sums for `shellcal merge`, and no fit.
 
 mod hung_loads;
-mod plan;
 mod recalibration;
 mod report;
+mod run;
 
 use calibration::Basis;
-use calibration::fit::{CovarianceRule, Fit, HeldOut, ModelRule, OutlierRule};
+use calibration::fit::{
+    CovarianceRule, Fit, FitOptions, HeldOut, ModelRule, OutlierRule, UnseenErrors, UnseenRows,
+};
 use calibration::solver::SolverKind;
 use calibration::validation::grouped::GroupKind;
 use calibration_file::Sums;
 use shell_data::wrench::Axes;
-use shellcal::workflow::gates::ComparedAxes;
+use shellcal::workflow::gates::{ErrorLimits, Gate};
 use shellcal::workflow::partial::{self, KeptGroups, PartialOptions};
 use shellcal::workflow::remark::absent_axes;
 
 use super::choices::{self, COVARIANCES, number_in, one_of};
 use super::eval::RmsLimits;
-use super::mapping::{MappingArgs, open_logs};
+use super::mapping::{CompanionArgs, MappingArgs, open_logs};
 use super::outputs::{self, FigureArgs};
 use crate::files::{InputPath, OutputPath, is_standard};
 use crate::printer::{Outcome, Printer};
@@ -32,7 +34,6 @@ use crate::tables::counted;
   shellcal fit train.csv --model cubic -o calibration.json
   shellcal fit log.txt --sensors S1,S2,S3,S4 --wrench 10-15 --moment-unit mNm")]
 #[group(skip)]
-#[command(group = clap::ArgGroup::new("held_out").args(["cv", "groups"]).multiple(true))]
 pub(crate) struct FitArgs {
     /// Logs to fit to
     #[arg(required = true, value_name = "TRAIN")]
@@ -91,13 +92,12 @@ pub(crate) struct FitArgs {
         default_missing_value = "auto", value_parser = clap::value_parser!(HeldOut), help_heading = "Validation")]
     cv: Option<HeldOut>,
 
-    /// Seed of the random split that errors on held-out groups are compared with
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "held_out")]
-    #[arg(help_heading = "Validation", hide_short_help = true)]
-    cv_seed: u64,
-
     #[command(flatten, next_help_heading = "Validation")]
     limits: RmsLimits,
+
+    /// Fail unless the first line is OK: errors on new poses are known, and test and data have passed
+    #[arg(long, help_heading = "Validation")]
+    strict: bool,
 
     /// What standard errors and intervals of `convert` come from
     #[arg(long, value_name = "OF", value_parser = one_of(&COVARIANCES), default_value = "auto",
@@ -137,13 +137,12 @@ pub(crate) struct FitArgs {
     /// has changed of zeros, gains, lever and turn, and leaves all else as it is. The loads are held still
     #[arg(long, value_name = "CAL.json", help_heading = "Model",
         conflicts_with_all = ["test", "report", "plot", "model", "no_intercept", "ridge", "solver", "truncate", "lag",
-            "memory_terms", "cv", "covariance", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range",
+            "memory_terms", "cv", "covariance", "strict", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range",
             "dropped", "means", "partial", "export_matrix"])]
     from: Option<InputPath>,
 
-    /// Take the wrench from these files, one for each training log, row by row
-    #[arg(long, value_name = "FILE", num_args = 1.., help_heading = "Reading logs")]
-    wrench_from: Vec<InputPath>,
+    #[command(flatten)]
+    companions: CompanionArgs,
 
     /// The same for each log to test on
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "test", help_heading = "Reading logs")]
@@ -152,7 +151,7 @@ pub(crate) struct FitArgs {
     /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON; `-` for the standard
     /// output)
     #[arg(long, value_name = "FILE.json",
-        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "max_rms", "max_rms_moment", "lag", "memory_terms"],
+        conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "strict", "max_rms", "max_rms_moment", "lag", "memory_terms"],
         help_heading = "Partial fits", hide_short_help = true)]
     partial: Option<OutputPath>,
 
@@ -210,24 +209,27 @@ impl FitArgs {
         self.fit(printer)
     }
 
-    /// Whether the errors on rows that were not used are within their limits.
-    fn outcome(&self, fitted: &Fit, printer: &Printer) -> Outcome {
-        let gates = self.limits.gates(None);
-        if gates.asked().is_empty() {
-            return Outcome::Done;
+    /// Asks for the errors on all rows that were not used: those that were held out, and those of the test logs.
+    fn ask_errors(&self, fitted: &Fit, gate: &mut Gate) {
+        let (limits, axes) = (self.limits.of(None), fitted.calibration.axes);
+        let train = format!("`{}`", self.train[0].display());
+        gate.ask("the calibration", limits.asked().without(axes))
+            .lacks(Axes::ALL, |axes| format!("{axes}, which {train} does not have"));
+        match fitted.verdict().unseen {
+            None => gate.ask("", limits.asked()).lacks(Axes::ALL, |axes| {
+                format!("{axes}, since the error on new loads is not known")
+            }),
+            Some(UnseenErrors { on: UnseenRows::Test(_), .. }) => {}
+            Some(of) => limits.ask_errors(gate, axes, " on rows that were held out", &of.rms),
         }
-        let Some(unseen) = fitted.verdict().unseen else {
-            printer.warning("the error on new loads is not known, so it is not within the limit");
-            return Outcome::CheckFailed;
-        };
-        let axes = fitted.calibration.axes;
-        let absent = gates.asked().without(axes);
-        let missing = self.train.iter().take(usize::from(!absent.is_empty()));
-        let missing = missing.map(|log| (log.to_path_buf(), absent)).collect();
-        let compared = ComparedAxes { axes, missing, uncalibrated: Axes::NONE };
-        let failures = gates.failures(&compared, &unseen.rms);
-        failures.iter().for_each(|failure| printer.warning(failure.to_string()));
-        if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed }
+        let limits = ErrorLimits { axes: Some(limits.asked().and(axes)), ..limits };
+        for (path, of) in self.test.iter().zip(&fitted.tests) {
+            limits.ask_log(gate, path, axes, [of.rows, of.rows + of.skipped_rows]);
+        }
+        if let Some(quality) = fitted.test().quality() {
+            let rms = quality.map(|axis| axis.rms);
+            limits.ask_errors(gate, axes, " on the test logs", &rms);
+        }
     }
 }
 
@@ -265,7 +267,7 @@ fn parse_range(text: &str) -> Result<[f64; 2], &'static str> {
 
 impl FitArgs {
     fn write_partial(&self, path: &OutputPath, printer: &Printer) -> anyhow::Result<()> {
-        let wrenches = ("--wrench-from", self.wrench_from.as_slice());
+        let wrenches = ("--wrench-from", self.companions.wrench_from.as_slice());
         let mapping = self.mapping.mapping();
         let mut train = open_logs(&self.train, wrenches, &mapping)?;
         self.check_dropped()?;
@@ -294,7 +296,7 @@ impl FitArgs {
             basis,
             intercept: !self.no_intercept,
             groups: self.groups,
-            seed: self.cv_seed,
+            seed: FitOptions::default().seed,
             r_factors,
             fresh: self.fresh,
             mapping: &mapping,

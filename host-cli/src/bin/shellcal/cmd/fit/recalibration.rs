@@ -4,7 +4,7 @@ use std::path::Path;
 
 use calibration::quality::significant;
 use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
-use calibration_file::{CalibrationFile, Role, SourceFile};
+use calibration_file::{CalibrationFile, Origin, Role, SourceFile};
 use log_file::{ReadOptions, checksum};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -34,11 +34,15 @@ impl FitArgs {
     ) -> anyhow::Result<Outcome> {
         let before = CalibrationFile::read(path)?;
         let from = Some((path, &before));
-        let logs = self.mapping.open(&self.train, &self.wrench_from, from, printer)?;
+        let logs = self.mapping.open(&self.train, &self.companions.wrench_from, from, printer)?;
         let table = self.loads.as_ref().map(read_table).transpose()?;
         let output = printer.create(self.output.as_ref())?;
         let read = ReadOptions { checksum: self.keeps(), ..self.mapping.read_options() };
         let recalibrated = recalibrate(&before, &logs, table.as_ref(), &read)?;
+        let mut outcome = printer.judge(&recalibrated.gate);
+        if recalibrated.found.is_contradicted() {
+            outcome = printer.decide(false);
+        }
         if let Some(output) = output {
             let was = SourceFile {
                 role: Role::Calibration,
@@ -51,12 +55,11 @@ impl FitArgs {
             let rows: Vec<u64> = read.iter().map(|log| log.summary.rows).collect();
             let mut sources = log_sources(Role::Train, &logs, read, &rows)?;
             sources.insert(0, was);
-            let origin = self.origin(sources, &logs)?;
+            let origin = Origin { sources, ..self.origin(&logs)? };
             output.commit_with(recalibrated.file(&before, origin).to_json().as_bytes())?;
         }
         report(printer, path, &recalibrated)?;
-        let fails = recalibrated.found.is_contradicted();
-        Ok(if fails { Outcome::CheckFailed } else { Outcome::Done })
+        Ok(outcome)
     }
 }
 

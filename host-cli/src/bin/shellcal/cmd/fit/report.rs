@@ -2,16 +2,17 @@
 
 use calibration::Kind;
 use calibration::dynamics::{Dynamics, NotSearched};
-use calibration::fit::{Fit, FitMethod, ModelComparison, UnseenRows, Verdict};
+use calibration::fit::{Fit, FitMethod, ModelComparison, Outcome, UnseenRows, Verdict};
 use calibration::physics::{COVERAGE_LEVEL, FactorTrial, PhysicsValidation};
 use calibration::quality::significant;
 use calibration::uncertainty::{CoefficientCovariance, Covariance};
 use calibration::validation::comparison::FoldMean;
 use calibration::validation::selection::Advice;
-use calibration_file::{CalibrationFile, Diagnostics};
+use calibration_file::Diagnostics;
 use serde::Serialize;
 use shell_data::by_axis::Among;
 use shell_data::wrench::{Axes, PerAxis};
+use shellcal::workflow::fit::FittedLogs;
 use shellcal::workflow::hung_loads::HungReference;
 use shellcal::workflow::outliers::NamedOutliers;
 
@@ -21,23 +22,30 @@ use super::super::quality::{
 use super::hung_loads;
 use crate::printer::Printer;
 
-/// Rows of a fit with their files and lines.
-pub(super) struct NamedRows {
-    /// Outliers that were used, where some were looked for.
-    pub(super) used: Option<NamedOutliers>,
-    /// Rows that were left out.
-    pub(super) dropped: Option<NamedOutliers>,
-}
-
 /// What `--json` prints of a verdict.
 fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
     let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref());
     let interval = verdict.interval.as_ref().ok();
+    let test = verdict.examination().and_then(|of| of.test);
     document! {
         // The same in words.
-        text: verdict.lines(),
+        text: verdict.screen("").lines(),
+        // Whether errors are known, and all that was looked at has passed.
+        ok: verdict.is_ok(),
+        // Why not, most important first.
+        reasons: verdict.reasons(),
+        // What is wrong with test or training rows.
+        faults: verdict.examination().map(|of| of.faults.clone()).unwrap_or_default(),
+        // How many times the promised error that on the test is, on the axis where it is largest for that.
+        test_ratio?: test.map(|of| document! {
+            axis: of.axis.column(),
+            of.{ratio},
+            interval_95: of.interval.map(|bound| bound.is_finite().then_some(bound)),
+        }),
         // Errors on rows that were not used, N and N·m.
         unseen_rms?: unseen.map(|of| axes.of(&of.rms)),
+        // How many times as large they may be in a new file, from the scatter between files.
+        unseen_spread?: unseen.and_then(|of| of.spread).map(|spread| axes.of(&spread)),
         // The same over the range of the training loads.
         unseen_share_of_range?: unseen.map(|of| axes.of(&of.share_of_range)),
         unseen_rows?: unseen.map(|of| match of.on {
@@ -49,18 +57,17 @@ fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
         interval_95?: interval.map(|of| axes.of(&of.half_width)),
         // The share of held-out rows within it, where they were counted.
         interval_95_held?: interval.and_then(|of| of.held).map(|held| axes.of(&held)),
-        usable: verdict.is_usable(),
         // Axes whose error is about as large as the loads.
         useless_axes: verdict.useless.columns(),
     }
 }
 
 /// What `--json` says of lag and memory: what was found, or why nothing was searched for.
-fn dynamics(of: &Result<Dynamics, NotSearched>, axes: Axes) -> impl Serialize {
-    let found = of.as_ref().ok();
+fn dynamics(asked: &Outcome<Dynamics, NotSearched>, axes: Axes) -> Option<impl Serialize> {
+    let found = asked.found();
     let memory = found.and_then(|found| found.memory.as_ref());
-    document! {
-        not_searched?: of.as_ref().err().map(ToString::to_string),
+    let answer = document! {
+        not_searched?: asked.reason().map(ToString::to_string),
         // `s` or `rows`.
         time_base?: found.map(|found| found.time_base.unit()),
         // Of the reference, in units of the time base; 0 for none.
@@ -74,7 +81,8 @@ fn dynamics(of: &Result<Dynamics, NotSearched>, axes: Axes) -> impl Serialize {
             with_lag: axes.of(&gain.with_lag),
             with_lag_and_memory: axes.of(&gain.with_all),
         }),
-    }
+    };
+    (!matches!(asked, Outcome::NotAsked)).then_some(answer)
 }
 
 /// What held-out errors say to do, for `--json`.
@@ -114,7 +122,7 @@ fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
 
 /// The physics model beside the polynomial, where they were compared.
 fn compared(fitted: &Fit) -> Option<&ModelComparison> {
-    fitted.comparison.as_ref().and_then(|found| found.as_ref().ok())
+    fitted.comparison.found()
 }
 
 /// What `--json` prints of a comparison of physics and a polynomial.
@@ -152,12 +160,12 @@ fn ridge(ridge: f64, intercept: bool) -> String {
 /// What was fitted: the figures of all fits, and those of a polynomial or of the physics model.
 pub(super) fn report(
     printer: &Printer,
-    fitted: &Fit,
+    logs: &FittedLogs,
     hung: Option<&HungReference>,
-    file: &CalibrationFile,
-    named: &NamedRows,
+    lists_dropped: bool,
     seconds: f64,
 ) -> anyhow::Result<()> {
+    let FittedLogs { fit: fitted, file, used, dropped, .. } = logs;
     let Some(diagnostics) = &file.origin.diagnostics else { return Ok(()) };
     let axes = fitted.calibration.axes;
     let polynomial = file.origin.solver.zip(fitted.solution());
@@ -176,8 +184,8 @@ pub(super) fn report(
                 features: model.term_count(),
                 diagnostics.{rank, condition},
                 advice?: fitted.advice.as_ref().map(|found| advice(found, axes)),
-                outliers?: named.used.as_ref().map(NamedOutliers::report),
-                dropped?: named.dropped.as_ref().map(NamedOutliers::report),
+                outliers?: used.as_ref().map(NamedOutliers::report),
+                dropped?: lists_dropped.then(|| dropped.report()),
                 covariance?: fitted.calibration.covariance.as_ref().map(|of| covariance(of, axes)),
             }
         });
@@ -222,7 +230,7 @@ pub(super) fn report(
             test: of.test.as_ref().map(|test| axes.of(test)),
             cross_validation?: of.cross_validation.as_ref().map(|of| Among(axes, of)),
             selection?: of.selection.as_ref().map(|of| Among(axes, of)),
-            dynamics?: fitted.dynamics.as_ref().map(|found| dynamics(found, axes)),
+            dynamics?: dynamics(&fitted.dynamics, axes),
             weighing?: compared(fitted).map(comparison),
             groups_found?: fitted.found_groups.map(|of| document! {
                 found: of.kind.name(),

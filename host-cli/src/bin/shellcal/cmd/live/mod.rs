@@ -28,9 +28,10 @@ use shellcal::workflow::live::{Feed, LiveSession, LogSeries, guide_through, play
 
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
+use super::outputs::ReplacingArgs;
 use super::plan::read_table;
 use super::ports::{SourceArgs, is_port};
-use super::stream::{self, StreamToArgs, speed};
+use super::stream::{self, PlayingArgs, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
 use crate::printer::Printer;
 use crate::signals;
@@ -48,7 +49,7 @@ r starts and ends a recording, n goes on to the next planned load, b goes back, 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub(crate) struct LiveArgs {
-    /// Serial port, or a log to play; `shellcal ports` lists the ports
+    /// Serial port, or a log to play; `shellcal board` lists the ports
     #[arg(value_name = "PORT|LOG")]
     name: InputPath,
 
@@ -62,9 +63,8 @@ pub(crate) struct LiveArgs {
     #[arg(long, short, value_name = "LOG")]
     output: Option<OutputPath>,
 
-    /// Replace the log if it is there
-    #[arg(long, requires = "output")]
-    overwrite: bool,
+    #[command(flatten)]
+    replacing: ReplacingArgs,
 
     /// Guide through the loads of a table, as `shellcal plan --output` writes it: the next load in large type, whether
     /// it is held still; rows of a load that was held for 2 s get its label in a column `group` of the log
@@ -75,19 +75,14 @@ pub(crate) struct LiveArgs {
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     window: f64,
 
-    /// How many times as fast a log is played
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = speed())]
-    speed: f64,
+    #[command(flatten)]
+    playing: PlayingArgs,
 
     /// Show it in a browser, not in the terminal, at the address that is printed; at 127.0.0.1 unless told
     /// otherwise, on a free port where that is 0
     #[arg(long, value_name = "IP:PORT", num_args = 0..=1)]
     #[arg(require_equals = true, default_missing_value = view::LOOPBACK)]
     serve: Option<SocketAddr>,
-
-    /// Draw with ASCII [default: where the locale is not UTF-8]
-    #[arg(long, conflicts_with = "serve")]
-    ascii: bool,
 
     #[command(flatten)]
     source: SourceArgs,
@@ -111,7 +106,7 @@ impl LiveArgs {
             "`--plan` labels the rows of a log: name one with `--output`"
         );
         let path = self.output.as_ref().map(|path| path.to_path_buf());
-        let overwrite = self.overwrite;
+        let overwrite = self.replacing.overwrite;
         let next_log = move |made| next_log(path.as_deref(), overwrite, made);
         let mut logs = is_port.then(|| LogSeries::new(Box::new(next_log)));
         let table = self.plan.as_ref().map(read_table).transpose()?;
@@ -157,20 +152,17 @@ impl LiveArgs {
         let shown = match browser {
             Some((server, address)) => announce(printer, server.address(), &address)
                 .and_then(|()| view::run_in_browser(&mut session, server, &advance)),
-            None => {
-                let is_ascii = self.ascii || !view::is_utf8();
-                view::run(&mut session, is_ascii, printer.is_colored(), &advance)
-            }
+            None => view::run(&mut session, !view::is_utf8(), printer.is_colored(), &advance),
         };
         done.store(true, Ordering::Relaxed);
         let ended =
             source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
         shown?;
-        stream::finish(printer, streamed.as_ref())?;
+        let streamed = stream::finish(printer, streamed.as_ref());
         for line in session.report() {
             if printer.json() { printer.note(line) } else { printer.line(line) }
         }
-        ended
+        ended.and(streamed.map(drop))
     }
 
     /// Records a board, whatever the view does.
@@ -202,7 +194,7 @@ impl LiveArgs {
     ) -> anyhow::Result<(FrameSource, Axes)> {
         let log = Log::open(&self.name, &self.mapping.mapping())?;
         let (wants_readings, axes) = (self.forces.is_given(), log.axes());
-        let (read, speed) = (self.mapping.read_options(), self.speed);
+        let (read, speed) = (self.mapping.read_options(), self.playing.speed);
         let source: FrameSource = Box::new(move |done| {
             let is_held = || feed.state().is_held;
             let mut see = |frames: &_| watcher.iter_mut().for_each(|it| it.see(frames));

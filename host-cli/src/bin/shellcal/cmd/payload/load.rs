@@ -2,13 +2,16 @@
 
 use calibration::Calibration;
 use calibration_file::payload_file::PayloadFile;
+use clap::builder::TypedValueParser;
 use forces::payload::{CarriedLoad, Lag};
 use log_file::{Log, Mapping, ReadOptions, TimeUnit, parse_columns};
 use shell_data::wrench::Axis;
 use shellcal::workflow::convert::ConvertSummary;
-use shellcal::workflow::payload::{MotionColumns, find_motion_lag, read_motion};
+use shellcal::workflow::payload::{
+    MotionColumns, Orientation, RunMotion, find_motion_lag, read_motion,
+};
 
-use crate::cmd::choices::number_in;
+use crate::cmd::choices::{number_in, one_of};
 use crate::cmd::mapping::ColumnList;
 use crate::cmd::quality::by_unit;
 use crate::files::InputPath;
@@ -23,13 +26,38 @@ pub(in crate::cmd) struct MotionColumnArgs {
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     orientation: Option<ColumnList>,
 
+    /// What the columns of orientation are [default: by their names and number]
+    #[arg(long, value_name = "KIND", value_parser = orientation())]
+    orientation_as: Option<Orientation>,
+
+    /// Rotations are from the frame whose z is up to the sensor's
+    #[arg(long)]
+    inverse_orientation: bool,
+
     /// Columns of acceleration along x, y, z [default: by their names]
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     accelerations: Option<ColumnList>,
 
+    /// Columns of angular velocity about x, y, z, rad/s unless their names say degrees [default: by their names]
+    #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
+    angular_velocity: Option<ColumnList>,
+
     /// Gravity, m/s², where columns do not say it [default: that of the payload file, else 9.80665]
     #[arg(long, value_name = "M/S²", value_parser = number_in(0.1..=30.0, "expected m/s², from 0.1 to 30"))]
     gravity: Option<f64>,
+}
+
+/// A kind of orientation by its name.
+fn orientation() -> impl TypedValueParser<Value = Orientation> {
+    one_of(&[
+        ("gravity", "gravity in the sensor's frame", Orientation::Gravity),
+        ("matrix", "rotation matrix, row by row", Orientation::Matrix),
+        ("quaternion-xyzw", "quaternion x y z w", Orientation::Quaternion),
+        ("quaternion-wxyz", "quaternion w x y z", Orientation::QuaternionWxyz),
+        ("rotation-vector", "axis times angle, rad", Orientation::RotationVector),
+        ("rpy-rad", "roll, pitch, yaw, rad: Rz(yaw)·Ry(pitch)·Rx(roll)", Orientation::RollPitchYaw),
+        ("rpy-deg", "the same in degrees", Orientation::RollPitchYawDegrees),
+    ])
 }
 
 /// How a sensor moved in a run.
@@ -53,7 +81,10 @@ impl MotionColumnArgs {
     pub(super) fn columns(&self, gravity_m_s2: f64) -> MotionColumns {
         MotionColumns {
             orientation: self.orientation.clone(),
+            orientation_as: self.orientation_as,
+            is_inverse: self.inverse_orientation,
             accelerations: self.accelerations.clone(),
+            angular_velocity: self.angular_velocity.clone(),
             gravity_m_s2: self.gravity.unwrap_or(gravity_m_s2),
         }
     }
@@ -62,8 +93,9 @@ impl MotionColumnArgs {
 impl MotionArgs {
     /// Whether anything is said of a motion.
     pub(in crate::cmd) fn is_given(&self) -> bool {
-        let MotionColumnArgs { orientation, accelerations, .. } = &self.columns;
-        self.motion.is_some() || orientation.is_some() || accelerations.is_some()
+        let of = &self.columns;
+        let columns = [&of.orientation, &of.accelerations, &of.angular_velocity];
+        self.motion.is_some() || columns.iter().any(|of| of.is_some())
     }
 
     /// What the sensor carried while `log` was recorded.
@@ -77,20 +109,21 @@ impl MotionArgs {
     ) -> anyhow::Result<CarriedLoad> {
         let PayloadFile { fit, accelerometer, .. } = file;
         let (payload, columns) = (fit.payload, self.columns.columns(fit.gravity_m_s2));
+        let body = (&payload, accelerometer.as_ref());
         let Some(path) = &self.motion else {
-            let (motion, has_inertia) = read_motion(log, &columns, accelerometer.as_ref(), read)?;
-            return Ok(CarriedLoad { payload, motion, has_inertia, lag: None });
+            let RunMotion { motion, inertia, rescaled } = read_motion(log, &columns, body, read)?;
+            return Ok(CarriedLoad { payload, motion, inertia, rescaled, lag: None });
         };
         // What is said of the log's columns does not hold for another file, but for the clock.
         let other = Log::open(path, &Mapping { time_unit, ..Mapping::default() })?;
-        let (motion, has_inertia) = read_motion(&other, &columns, accelerometer.as_ref(), read)?;
+        let RunMotion { motion, inertia, rescaled } = read_motion(&other, &columns, body, read)?;
         let lag = match self.motion_lag {
             Some(_) => None,
             None => find_motion_lag(log, calibration, &payload, &motion, read)?,
         };
         let lag_s = self.motion_lag.or(lag.map(|lag| lag.taken_s())).unwrap_or(0.0);
         anyhow::ensure!(lag_s.is_finite(), "`--motion-lag` is `{lag_s}`, expected seconds");
-        Ok(CarriedLoad { payload, motion: motion.earlier_by(lag_s), has_inertia, lag })
+        Ok(CarriedLoad { payload, motion: motion.earlier_by(lag_s), inertia, rescaled, lag })
     }
 
     /// Says what was taken off.
@@ -101,6 +134,21 @@ impl MotionArgs {
             true => "payload: weight and inertia taken off",
             false => "payload: weight taken off; inertia needs accelerations",
         });
+        if let Some(force) = load.turning_n {
+            printer.warning(format!(
+                "`{path}`: what turning adds at the payload's centre is not taken off: {:.3} N at 1 rad/s, {:.2} N at 5; \
+                 give angular velocity (`gyro_x`, `gyro_y`, `gyro_z`) or orientations besides",
+                force,
+                25.0 * force
+            ));
+        }
+        if let Some(factor) = load.rescaled {
+            printer.warning(format!(
+                "`{path}`: by the length of gravity its accelerations are in {}, unlike those of the poses: multiplied \
+                 by {factor:.5}",
+                if factor > 1.0 { "multiples of g" } else { "m/s²" }
+            ));
+        }
         let lag = |lag: Lag| {
             let [lag, error] = [lag.lag_s, lag.standard_error_s].map(|seconds| 1e3 * seconds);
             format!("its clock is {lag:.2} ms late (standard error {error:.2} ms)")

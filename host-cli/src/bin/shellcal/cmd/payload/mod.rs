@@ -2,6 +2,7 @@
 
 pub(in crate::cmd) mod load;
 
+use calibration::quality::fixed;
 use calibration::scaling::Scaling;
 use calibration::{Basis, Calibration, Model};
 use calibration_file::payload_file::{PayloadFile, PayloadSource};
@@ -108,7 +109,7 @@ impl PayloadFitArgs {
 fn print(printer: &Printer, fit: &PayloadFit) {
     let (payload, errors) = (&fit.payload, &fit.standard_errors);
     let row = |name: String, value: f64, error: f64, decimals: usize| {
-        vec![name, format!("{value:.decimals$}"), format!("{error:.decimals$}")]
+        vec![name, fixed(value, decimals), fixed(error, decimals)]
     };
     let mut rows = vec![row("mass (kg)".to_owned(), payload.mass_kg, errors.mass_kg, 6)];
     let vectors = [
@@ -132,6 +133,29 @@ fn print(printer: &Printer, fit: &PayloadFit) {
 /// How it was found, and where that may not suffice.
 fn say(printer: &Printer, found: &FittedPayload) {
     let FittedPayload { fit, accelerometer, gravity_from, is_grouped, skipped_rows, .. } = found;
+    let (forces, weight_n) = (found.forces_left, fit.payload.mass_kg * fit.gravity_m_s2);
+    if forces.is_doubtful() {
+        printer.warning(format!(
+            "most of the forces do not follow gravity: {:.4} N (RMS) of a weight of {weight_n:.4} N are left over",
+            forces.rms
+        ));
+    }
+    if let Some(doubt) = &found.moment_doubt {
+        let left = format!(
+            "moments do not follow gravity: {:.5} of {:.5} N·m (RMS) are left over",
+            doubt.left.rms, doubt.left.scatter
+        );
+        printer.warning(match (found.moments_upright_nm, &doubt.cure) {
+            (Some(rms), _) => {
+                format!("{left}; turned from the upright frame to the sensor's, {rms:.5}")
+            }
+            (None, Some((exchange, rms))) => format!("{left}; {exchange} leaves {rms:.5}"),
+            (None, None) => format!("{left}: the centre is not to be believed"),
+        });
+    }
+    if found.is_reaction {
+        printer.note("accelerations at rest point along gravity: taken with the other sign");
+    }
     if *skipped_rows > 0 {
         printer.note(format!("{skipped_rows} bad rows left out"));
     }
@@ -213,6 +237,7 @@ impl SubtractArgs {
             rows: RowFilter::All,
             forces: self.forces.options_without_tare(RowRule::Time),
             load: Some(load),
+            frame: Vec::new(),
             columns: TableColumns {
                 time: true,
                 axes: Axes::ALL,
@@ -220,7 +245,7 @@ impl SubtractArgs {
                 interval: None,
                 flags: false,
             },
-            full_scale: None,
+            converter: None,
         };
         let plan = OutputPlan { format, ..OutputPlan::default() };
         let mut out = printer.create_or_stdout(self.output.as_ref())?;
@@ -242,8 +267,8 @@ fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibr
     log.require_axes(Axes::ALL)?;
     let mut columns: PerAxis<(usize, f64)> = Default::default();
     for (position, column) in log.columns().iter().enumerate() {
-        if let Meaning::Load(axis, is_milli) = column.meaning {
-            columns[axis.index()] = (position, if is_milli { 1e-3 } else { 1.0 });
+        if let Meaning::Load(axis, scale) = column.meaning {
+            columns[axis.index()] = (position, scale.to_si(1.0));
         }
     }
     let sensors = columns.map(|(position, _)| ColumnRef::Position(position + 1)).to_vec();

@@ -1,9 +1,6 @@
 //! `shellcal plan`: which load to hang next.
 
-mod replay;
 mod report;
-
-use std::num::NonZeroU64;
 
 use anyhow::Context;
 use calibration::Kind;
@@ -15,7 +12,6 @@ use load_table::{HungLoad, HungLoads, WrenchBox, combinations};
 use shell_data::wrench::PerAxis;
 use shellcal::workflow::plan::RecordedSession;
 
-use super::choices::one_of;
 use super::mapping::{MappingArgs, open_logs};
 use super::outputs::FigureArgs;
 use crate::cmd::choices::numbers;
@@ -24,7 +20,6 @@ use crate::printer::Printer;
 
 /// Headings in help.
 const RIG: &str = "What the rig can do";
-const REPLAY: &str = "A session in other orders";
 
 /// Loads of a plan that is given no end.
 const USUAL_COUNT: usize = 16;
@@ -36,11 +31,10 @@ const MOST_COUNT: usize = 200;
 #[command(after_help = "Examples:
   shellcal plan --masses 0.2kg,0.5kg --point 0,0,40 --point 30,0,40 --directions +x,-x,+y,-y,down -o plan.csv
   shellcal plan --box fx=-5..5,fy=-5..5,fz=-10..0,mx=-0.2..0.2,my=-0.2..0.2,mz=-0.1..0.1
-  shellcal plan session1.csv --rig loads.csv --until 0.5N
-  shellcal plan session1.csv --replay 20 --held-out 8 --plot orders.svg")]
+  shellcal plan session1.csv --rig loads.csv --until 0.5N")]
 #[group(skip)]
 pub(crate) struct PlanArgs {
-    /// What was recorded so far: logs with readings and a measured wrench, or a calibration of the physics model
+    /// The session so far: logs with readings and a measured wrench, or a calibration of the physics model
     #[arg(value_name = "LOG|CAL.json")]
     recorded: Vec<InputPath>,
 
@@ -64,11 +58,6 @@ pub(crate) struct PlanArgs {
     #[arg(long = "box", value_name = "RANGES", value_parser = WrenchBox::parse, conflicts_with = "masses", help_heading = RIG)]
     wrench_box: Option<WrenchBox>,
 
-    /// What the next load is chosen by: `gain` of information, average variance over the range of loads (`alc`), or
-    /// `d-optimal` on 1, w and w·w, which needs no model of the sensors [default: gain where there is a model]
-    #[arg(long, value_name = "CRITERION", value_parser = one_of(&CRITERIA), hide_possible_values = true)]
-    by: Option<Order>,
-
     /// How many loads to plan [default: 16; with `--until` as many as it takes, at most 200]
     #[arg(long, short = 'n', value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20_000))]
     count: Option<u32>,
@@ -79,38 +68,15 @@ pub(crate) struct PlanArgs {
     until: Option<PlanLimits>,
 
     /// Write the loads in their order, for `live --plan` (CSV)
-    #[arg(long, short, value_name = "PLAN.csv", conflicts_with = "replay")]
+    #[arg(long, short, value_name = "PLAN.csv")]
     output: Option<OutputPath>,
 
     #[command(flatten)]
     figure: FigureArgs,
 
-    /// Plan nothing: take the poses of the logs in random and in planned orders, in so many random splits, and
-    /// compare the errors on poses that were held out
-    #[arg(long, value_name = "SPLITS", value_parser = clap::value_parser!(u64).range(1..=10_000), requires = "recorded", help_heading = REPLAY)]
-    replay: Option<u64>,
-
-    /// Poses that are held out in each split
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..), requires = "replay", hide_default_value = false, help_heading = REPLAY)]
-    held_out: u32,
-
-    /// Poses at random that every order begins with
-    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..), requires = "replay", help_heading = REPLAY)]
-    start: u32,
-
-    /// Which way they are drawn
-    #[arg(long, value_name = "N", default_value_t = 1, requires = "replay", help_heading = REPLAY)]
-    seed: u64,
-
     #[command(flatten)]
     mapping: MappingArgs,
 }
-
-const CRITERIA: [(&str, &str, Order); 3] = [
-    ("gain", "", Order::Gain),
-    ("alc", "", Order::AverageVariance),
-    ("d-optimal", "", Order::DOptimal),
-];
 
 /// When a plan is long enough: the error of forces in N and of moments in N·m.
 type PlanLimits = [Option<f64>; 2];
@@ -130,9 +96,6 @@ struct LoadPlan {
 impl PlanArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let figure = self.figure.create(printer)?;
-        if let Some(splits) = self.replay.and_then(NonZeroU64::new) {
-            return self.run_replay(splits, figure, printer);
-        }
         let table = self.table()?;
         let output = printer.create(self.output.as_ref())?;
         let plan = self.plan(table, printer)?;
@@ -144,27 +107,23 @@ impl PlanArgs {
     fn plan(&self, table: HungLoads, printer: &Printer) -> anyhow::Result<LoadPlan> {
         let candidates: Vec<PerAxis<f64>> = table.loads().iter().map(HungLoad::wrench).collect();
         let session = self.session()?;
-        let sensors = match (session.sensors, self.by) {
-            (Ok(sensors), by) if by != Some(Order::DOptimal) => Some(sensors),
-            (Err(reason), _) if self.until.is_some() => {
+        let sensors = match session.sensors {
+            Ok(sensors) => Some(sensors),
+            Err(reason) if self.until.is_some() => {
                 anyhow::bail!("`--until` takes a model of the sensors, and there is none: {reason}")
             }
-            (sensors, _) => {
-                if let Err(reason) = sensors
-                    && !self.recorded.is_empty()
-                {
+            Err(reason) => {
+                if !self.recorded.is_empty() {
                     printer.note(format!("the plan takes no model of the sensors: {reason}"));
                 }
                 None
             }
         };
-        let by = self.by.unwrap_or(Order::Gain);
-        let mut planner = Planner::new(sensors, by, &session.loads, &candidates);
+        let mut planner = Planner::new(sensors, Order::Gain, &session.loads, &candidates);
         let before = planner.error();
-        let criterion = match (before, by) {
-            (_, Order::AverageVariance) => by.name(),
-            (PredictedError::Wrench(_), _) => "information gain",
-            (PredictedError::Relative(_), _) => "D-optimal on 1, w and w·w",
+        let criterion = match before {
+            PredictedError::Wrench(_) => "information gain",
+            PredictedError::Relative(_) => "D-optimal on 1, w and w·w",
         };
         let count = match (self.count, self.until) {
             (Some(count), _) => count as usize,
@@ -185,7 +144,7 @@ impl PlanArgs {
         Ok(LoadPlan { table, recorded, criterion, before, order, limits, couplings })
     }
 
-    /// What was recorded.
+    /// The session so far.
     fn session(&self) -> anyhow::Result<RecordedSession> {
         let without_loads = |sensors| RecordedSession { loads: Vec::new(), sensors };
         match self.recorded.as_slice() {

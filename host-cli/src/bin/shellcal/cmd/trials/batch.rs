@@ -1,19 +1,17 @@
 //! `shellcal batch`: all trials of a manifest, and where their tables and figures go.
 
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
-use anyhow::ensure;
 use figures::Format;
 use output_file::OutputError;
-use shellcal::workflow::batch::{Batch, BatchOptions, FileStamp, stamp};
+use shellcal::workflow::batch::{Batch, BatchOptions};
 use shellcal::workflow::figures::{FigureFolder, reduce_trace};
 use table_file::write::NamedTable;
 use trial::manifest::{CellPosition, Shard};
 use trial::tables::{conditions_table, strides_table, trace_table, trials_table};
 use trial::{ConditionRow, Profile, TraceExtent, TrialResult};
 
-use super::evaluation::{self, Equipment, EvaluationArgs, stem};
+use super::evaluation::{self, BOOTSTRAP_SEED, Equipment, EvaluationArgs, ReferenceArg, stem};
 use super::show;
 use crate::cmd::choices::one_of;
 use crate::cmd::outputs::FigureSize;
@@ -35,26 +33,13 @@ pub(crate) struct BatchArgs {
     #[arg(value_name = "MANIFEST")]
     manifest: InputPath,
 
-    /// The condition that the others are compared with
-    #[arg(long, value_name = "NAME")]
-    reference: Option<String>,
-
-    /// All the conditions that there may be; any other is an error
-    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
-    conditions: Option<Vec<String>>,
-
-    /// What the bootstrap draws its samples from
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    compared: ReferenceArg,
 
     /// Evaluate one of N equal shares of the trials, and write `trials/part-K-of-N` and `strides/part-K-of-N`
     /// into the directories of `--csv` and `--parquet`: all shares together are the results of the whole
-    #[arg(long, value_name = "K/N", value_parser = parse_shard, conflicts_with = "watch")]
+    #[arg(long, value_name = "K/N", value_parser = parse_shard)]
     shard: Option<Shard>,
-
-    /// Keep running, and evaluate again what changes: manifest, logs, calibration or profile
-    #[arg(long)]
-    watch: bool,
 
     #[command(flatten)]
     output: ResultArgs,
@@ -63,71 +48,14 @@ pub(crate) struct BatchArgs {
     evaluation: EvaluationArgs,
 }
 
-/// How often files are looked at. A look costs a system call a file.
-const EVERY: Duration = Duration::from_millis(300);
-
 impl BatchArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         self.output.prepare(printer, self.shard)?;
-        if !self.watch {
-            return self.once(printer, None).map(|(_, outcome)| outcome);
-        }
-        ensure!(!printer.json(), "`--watch` prints tables again and again, `--json` one document");
-        let stamps = |files: &[PathBuf]| -> Vec<FileStamp> {
-            files.iter().map(PathBuf::as_path).map(stamp).collect()
-        };
-        let mut before: Option<(Vec<FileStamp>, Batch)> = None;
-        loop {
-            // Looked at before the job: what changes meanwhile has changed.
-            let files = self.watched();
-            let seen = stamps(&files);
-            printer.files.renew();
-            let equipment: Vec<FileStamp> =
-                self.evaluation.files_by_role().map(|(_, path)| stamp(path)).collect();
-            // Under another calibration or profile all results are others.
-            let kept = before.take().filter(|(files, _)| *files == equipment);
-            match self.once(printer, kept.as_ref().map(|(_, batch)| batch)) {
-                Ok((batch, _)) => before = Some((equipment, batch)),
-                Err(error) => printer.error(&error),
-            }
-            printer.note(format!("watching {} files; Ctrl-C ends", files.len()));
-            while stamps(&files) == seen {
-                std::thread::sleep(EVERY);
-            }
-            let mut changed = files.iter().zip(&seen).filter(|(file, seen)| stamp(file) != **seen);
-            if let Some((first, _)) = changed.next() {
-                let more = match changed.count() {
-                    0 => String::new(),
-                    more => format!(" and {more} more"),
-                };
-                printer.note(format!("`{}`{more} changed", first.display()));
-            }
-        }
-    }
-
-    /// The files that the results depend on.
-    fn watched(&self) -> Vec<PathBuf> {
-        let folder = evaluation::folder(&self.manifest);
-        let logs = evaluation::parse(&self.manifest).map(|manifest| {
-            let entries = manifest.rows.into_iter().flatten();
-            entries.map(|entry| folder.join(entry.trial.file)).collect::<Vec<_>>()
-        });
-        let own = self.evaluation.files_by_role().map(|(_, path)| path.to_path_buf());
-        let own = own.chain([self.manifest.to_path_buf()]);
-        own.chain(logs.unwrap_or_default()).collect()
-    }
-
-    fn once(&self, printer: &Printer, before: Option<&Batch>) -> anyhow::Result<(Batch, Outcome)> {
         let equipment = self.evaluation.equipment(self.output.trace_extent())?;
         let manifest = evaluation::read(&self.manifest, printer)?;
-        evaluation::check_reference(&manifest, self.reference.as_deref())?;
+        evaluation::check_reference(&manifest, self.compared.reference.as_deref())?;
         let figures = self.output.figure_folder(printer)?;
-        let options = BatchOptions {
-            conditions: self.conditions.as_deref(),
-            before,
-            shard: self.shard,
-            ..equipment.batch_options()
-        };
+        let options = BatchOptions { shard: self.shard, ..equipment.batch_options() };
         let (path, profile) = (&self.manifest, &equipment.profile);
         let keep = |position, result: &mut _| {
             self.output.write_trial(printer, position, result, figures.as_ref(), profile)
@@ -136,8 +64,9 @@ impl BatchArgs {
         let conditions = match self.shard {
             // Statistics are of all trials.
             Some(_) => Vec::new(),
-            None => batch.statistics(self.reference.as_deref(), self.seed),
+            None => batch.statistics(self.compared.reference.as_deref(), BOOTSTRAP_SEED),
         };
+        let outcome = printer.decide(batch.failures.is_empty());
         self.output.write_tables(printer, &batch, &conditions, self.shard)?;
         if let Some(figures) = &figures {
             if self.shard.is_none() {
@@ -149,11 +78,10 @@ impl BatchArgs {
         }
         // What is likely wrong with the manifest.
         let path = path.display();
-        let suspicious = manifest.suspicious().into_iter().filter(|_| self.conditions.is_none());
+        let suspicious = manifest.suspicious().into_iter();
         let warnings: Vec<_> = suspicious.map(|problem| format!("{path}:{problem}")).collect();
         self.show(printer, &equipment, &batch, &conditions, &warnings)?;
-        let is_whole = batch.failures.is_empty();
-        Ok((batch, if is_whole { Outcome::Done } else { Outcome::CheckFailed }))
+        Ok(outcome)
     }
 
     fn show(
@@ -232,7 +160,7 @@ fn table_files(directory: &Path, shard: Option<Shard>, extension: &str) -> Vec<P
     TABLES[..2].iter().map(|table| directory.join(table).join(&name)).collect()
 }
 
-/// What is written, and where.
+/// Files of results.
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Results as files")]
 struct ResultArgs {
@@ -247,10 +175,6 @@ struct ResultArgs {
     /// Write what happened in each window, row by row, into a directory: `LOG.LINE.csv`
     #[arg(long, value_name = "DIR")]
     traces: Option<OutputLocation>,
-
-    /// Let traces run over the whole log
-    #[arg(long, requires = "traces")]
-    whole_logs: bool,
 
     /// Draw every figure into a directory: `boxes`, `phase`, and of each trial `LOG.LINE.drag` and
     /// `LOG.LINE.telemetry`
@@ -300,7 +224,7 @@ impl ResultArgs {
     /// What has to be kept of a log for the outputs.
     fn trace_extent(&self) -> TraceExtent {
         match &self.traces {
-            _ if self.whole_logs || self.figures.is_some() => TraceExtent::Log,
+            _ if self.figures.is_some() => TraceExtent::Log,
             Some(_) => TraceExtent::Window,
             None => TraceExtent::Nothing,
         }
@@ -320,10 +244,7 @@ impl ResultArgs {
         }
         if let (Some(directory), Some(trace)) = (&self.traces, &result.trace) {
             let path = directory.join(format!("{}.csv", stem(position, result)));
-            let table = match self.whole_logs {
-                true => trace_table(trace),
-                false => trace_table(&trace.within(result.row.t_enter_s, result.row.t_exit_s)),
-            };
+            let table = trace_table(&trace.within(result.row.t_enter_s, result.row.t_exit_s));
             printer.files.write(path, &table.to_csv())?;
         }
         match figures {

@@ -1,5 +1,4 @@
-//! The flags of every command that evaluates trials, a manifest from its file, and the evaluation of all of its trials;
-//! `shellcal profile`.
+//! The flags of every command that evaluates trials, a manifest from its file, and the evaluation of all of its trials.
 
 use std::path::Path;
 
@@ -12,12 +11,31 @@ use shell_data::hint::did_you_mean;
 use shellcal::workflow::batch::{self, Batch, BatchOptions, FailedRow};
 use shellcal::workflow::trial::TrialJob;
 use trial::manifest::{CellPosition, Manifest};
-use trial::{Instrument, Profile, TraceExtent, TrialOptions, TrialResult, VELOCIROACH};
+use trial::{Instrument, Profile, TraceExtent, TrialOptions, TrialResult};
 
 use crate::cmd::frames::{ForceArgs, describe_forces};
 use crate::cmd::mapping::{EditedArg, MappingArgs};
 use crate::files::{InputPath, read_text};
 use crate::printer::Printer;
+
+/// The condition of comparisons.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct ReferenceArg {
+    /// The condition that the others are compared with
+    #[arg(long, value_name = "NAME")]
+    pub(super) reference: Option<String>,
+}
+
+/// The title of a figure or a report.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct TitleArg {
+    /// Title [default: the file's name, or what is drawn]
+    #[arg(long, value_name = "TEXT")]
+    pub(super) title: Option<String>,
+}
+
+/// The seed of bootstraps: the same in every run, so that intervals can be made again.
+pub(super) const BOOTSTRAP_SEED: u64 = 1;
 
 /// How trials are evaluated.
 #[derive(Debug, clap::Args)]
@@ -29,7 +47,7 @@ pub(crate) struct EvaluationArgs {
     #[command(flatten)]
     pub(super) edited: EditedArg,
 
-    /// Robot profile, in TOML [default: the built-in `velociroach`; see `shellcal profile`]
+    /// Robot profile, in TOML [default: the built-in `velociroach`; see `shellcal info --robot`]
     #[arg(long, value_name = "FILE")]
     profile: Option<InputPath>,
 
@@ -41,9 +59,9 @@ pub(crate) struct EvaluationArgs {
     #[command(flatten)]
     forces: ForceArgs,
 
-    /// The highest reading the converter can give, to tell saturation
-    #[arg(long, value_name = "COUNTS", default_value_t = 4095.0)]
-    full_scale: f64,
+    /// The highest reading the converter can give, to tell saturation [default: as `convert`]
+    #[arg(long, value_name = "COUNTS")]
+    full_scale: Option<f64>,
 
     #[command(flatten)]
     pub(super) mapping: MappingArgs,
@@ -68,11 +86,14 @@ impl EvaluationArgs {
             Some(path) => Profile::parse(&read_text(path)?)
                 .map_err(|problem| anyhow::anyhow!("{}:{problem}", path.display()))?,
         };
+        let usual = TrialOptions::default();
+        let converter =
+            calibration.as_ref().and_then(|file| file.calibration.converter(self.full_scale));
         let rule = if self.by_row { RowRule::Rows } else { RowRule::Time };
         let options = TrialOptions {
             forces: self.forces.options(rule),
             trace,
-            full_scale: self.full_scale,
+            full_scale: converter.map_or(usual.full_scale, |of| of.high),
             unexplained: calibration.as_ref().and_then(CalibrationFile::unexplained),
         };
         let mapping = self.mapping.mapping_for(calibration.as_ref());
@@ -111,8 +132,6 @@ impl Equipment {
             trial: self.options,
             mapping: &self.mapping,
             read: self.read,
-            conditions: None,
-            before: None,
             shard: None,
             progress: None,
         }
@@ -211,14 +230,4 @@ pub(super) fn tell_failures(
         (file.clone(), format!("{path}:{position}: {message}"))
     };
     batch.failures.iter().map(of).collect()
-}
-
-#[derive(Debug, clap::Args)]
-#[command(after_help = "Example:\n  shellcal profile > robot.toml")]
-pub(crate) struct ProfileArgs {}
-
-impl ProfileArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
-        printer.finish(&Profile::velociroach(), |printer| printer.line(VELOCIROACH.trim_end()))
-    }
 }

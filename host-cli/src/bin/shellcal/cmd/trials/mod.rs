@@ -7,3 +7,4 @@ pub(crate) mod report;
 mod show;
 pub(crate) mod stats;
 pub(crate) mod trial;
+mod window;

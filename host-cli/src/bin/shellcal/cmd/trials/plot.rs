@@ -9,7 +9,8 @@ use shellcal::workflow::selection::TimeWindow;
 use shellcal::workflow::trial::evaluate_in_window;
 use trial::{TraceExtent, Trial, TrialRow};
 
-use super::evaluation::{self, EvaluationArgs};
+use super::evaluation::{self, EvaluationArgs, TitleArg};
+use super::trial::WindowTimes;
 use crate::cmd::frames::parse_window;
 use crate::cmd::outputs::{FigureFile, FigureSize};
 use crate::files::{InputPath, OutputPath};
@@ -45,22 +46,13 @@ struct OneArgs {
     #[arg(value_name = "LOG")]
     log: InputPath,
 
-    /// When the robot enters the channel, on the log's clock [default: found in the drag]
-    #[arg(long, value_name = "S", requires = "exit", allow_negative_numbers = true)]
-    enter: Option<f64>,
-
-    /// When it leaves
-    #[arg(long, value_name = "S", requires = "enter", allow_negative_numbers = true)]
-    exit: Option<f64>,
+    #[command(flatten)]
+    times: WindowTimes,
 
     /// Show what lies between two times, in s on the log's clock [default: the whole log, or of
     /// telemetry ten strides]
     #[arg(long, value_name = "START:END", value_parser = parse_window)]
     between: Option<TimeWindow>,
-
-    /// Title of the figure [default: the log's name]
-    #[arg(long, value_name = "TEXT")]
-    title: Option<String>,
 
     #[command(flatten)]
     drawing: DrawingArgs,
@@ -72,17 +64,16 @@ struct ManyArgs {
     #[arg(value_name = "MANIFEST")]
     manifest: InputPath,
 
-    /// Title of the figure
-    #[arg(long, value_name = "TEXT")]
-    title: Option<String>,
-
     #[command(flatten)]
     drawing: DrawingArgs,
 }
 
-/// What is drawn on, and how trials are evaluated for it.
+/// The figure, and the evaluation of trials for it.
 #[derive(Debug, clap::Args)]
 struct DrawingArgs {
+    #[command(flatten)]
+    titled: TitleArg,
+
     /// File to write: `.svg`, `.pdf` or `.png`
     #[arg(long, short, value_name = "FILE")]
     output: OutputPath,
@@ -107,17 +98,16 @@ impl PlotArgs {
 
 impl OneArgs {
     fn run(&self, printer: &Printer, telemetry: bool) -> anyhow::Result<()> {
-        let DrawingArgs { output, figure_size, evaluation: args } = &self.drawing;
+        let DrawingArgs { output, figure_size, evaluation: args, titled } = &self.drawing;
         let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
         let equipment = args.equipment(TraceExtent::Log)?;
         let log = Log::open(&self.log, &equipment.mapping)?;
         let name = self.log.display().to_string();
         let trial = Trial::from_window(name, (f64::NAN, f64::NAN));
-        let result =
-            evaluate_in_window(&equipment.job(&log), trial, (self.enter, self.exit))?.result;
+        let result = evaluate_in_window(&equipment.job(&log), trial, self.times.ends())?.result;
         equipment.note_forces(printer);
         let (row, trace) = (&result.row, result.trace.unwrap_or_default());
-        let title = self.title.clone().unwrap_or_else(|| title(row));
+        let title = titled.title.clone().unwrap_or_else(|| title(row));
         let passage = passage(row, &equipment.profile);
         let between = self.between.map(|window| [window.start_s, window.end_s]);
         let figure = match telemetry {
@@ -143,7 +133,7 @@ impl OneArgs {
 
 impl ManyArgs {
     fn run(&self, printer: &Printer, phase: bool) -> anyhow::Result<Outcome> {
-        let DrawingArgs { output, figure_size, evaluation: args } = &self.drawing;
+        let DrawingArgs { output, figure_size, evaluation: args, titled } = &self.drawing;
         let (plot, size) = (figure_size.open(output, printer)?, figure_size.size);
         let equipment = args.equipment(TraceExtent::Log)?;
         let path = &self.manifest;
@@ -155,7 +145,7 @@ impl ManyArgs {
         let options = equipment.batch_options();
         let batch = equipment.evaluate(printer, (path, &manifest), options, keep);
         let failures = evaluation::tell_failures(printer, path, &batch);
-        let title = |usual: &str| self.title.clone().unwrap_or_else(|| usual.to_owned());
+        let title = |usual: &str| titled.title.clone().unwrap_or_else(|| usual.to_owned());
         let figure = if phase {
             if let Some(note) = equipment.slow_filter(&batch) {
                 printer.warning(note);
@@ -169,8 +159,9 @@ impl ManyArgs {
             anyhow::ensure!(!conditions.is_empty(), "no trial could be evaluated");
             box_figure(size, &title("Energies and specific resistance"), &conditions)
         };
+        let outcome = printer.decide(failures.is_empty());
         self.drawing.write(printer, plot, figure, None)?;
-        Ok(if failures.is_empty() { Outcome::Done } else { Outcome::CheckFailed })
+        Ok(outcome)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use trial::ValueTable;
 
-use super::evaluation::require_condition;
+use super::evaluation::{BOOTSTRAP_SEED, ReferenceArg, require_condition};
 use super::show;
 use crate::files::{InputPath, read_text};
 use crate::printer::Printer;
@@ -28,18 +28,12 @@ pub(crate) struct StatsArgs {
     #[arg(long, value_name = "COLUMN")]
     trial: Option<String>,
 
-    /// The condition that the others are compared with
-    #[arg(long, value_name = "NAME")]
-    reference: Option<String>,
-
-    /// Refuse a table of more conditions, each of which takes memory for its samples
-    #[arg(long, value_name = "N", default_value_t = 10_000)]
-    max_conditions: usize,
-
-    /// What the bootstrap draws its samples from
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    seed: u64,
+    #[command(flatten)]
+    compared: ReferenceArg,
 }
+
+/// Conditions of a table at most: each takes memory for its samples.
+const MOST_CONDITIONS: usize = 10_000;
 
 impl StatsArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
@@ -48,21 +42,21 @@ impl StatsArgs {
         let (by, trial) = (self.by.as_deref(), self.trial.as_deref());
         let table = ValueTable::parse(&text, by, trial, self.of.as_deref())
             .map_err(|problem| anyhow::anyhow!("{path}:{problem}"))?;
-        let (found, most) = (table.conditions.len(), self.max_conditions);
+        let found = table.conditions.len();
         anyhow::ensure!(
-            found <= most,
-            "{path}: `{}` names {found} conditions, at most {most} are compared; name the column of conditions \
-             with `--by`, or raise `--max-conditions`",
+            found <= MOST_CONDITIONS,
+            "{path}: `{}` names {found} conditions, at most {MOST_CONDITIONS} are compared; name the column of \
+             conditions with `--by`",
             table.by
         );
         let conditions = table.conditions.iter().map(|(name, _)| &**name);
-        require_condition("row", conditions, self.reference.as_deref())?;
+        require_condition("row", conditions, self.compared.reference.as_deref())?;
         for (quantity, &empty) in table.quantities.iter().zip(&table.empty) {
             if empty > 0 {
                 printer.note(format!("{quantity}: {empty} empty cells are left out"));
             }
         }
-        let rows = table.statistics(self.reference.as_deref(), self.seed);
+        let rows = table.statistics(self.compared.reference.as_deref(), BOOTSTRAP_SEED);
         printer.finish(&rows, |printer| {
             table.quantities.iter().enumerate().for_each(|(at, quantity)| {
                 if at > 0 {

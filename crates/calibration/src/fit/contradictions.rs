@@ -1,0 +1,330 @@
+//! Training rows that contradict each other: parts with another reference than the rest, a zero that jumps, poses that err
+//! far more than all others, poses of one reading under two loads, and a reference that is computed from the readings.
+
+use std::collections::HashMap;
+
+use super::Fit;
+use super::cures::{Cure, WrenchProducts};
+use super::evaluation::group_errors;
+use super::examination::{linear, predicted, spread};
+use least_squares::error::FitError;
+use least_squares::passes::Workers;
+use least_squares::quality::significant;
+use shell_data::block::Block;
+use shell_data::dataset::Dataset;
+use shell_data::statistics::RunningVariance;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// Stretches that a single log is compared in.
+const PARTS: usize = 4;
+
+/// Files that are compared, and how many of them the rest is compared with.
+const MOST_FILES: usize = 40;
+const MOST_REFERENCES: usize = 4;
+
+/// Fewer rows of a part for each channel tell nothing.
+const ROWS_PER_CHANNEL: usize = 4;
+
+/// A part may err by so many times the error of the part that is compared with, and by so much of the loads.
+const MOST: f64 = 3.0;
+const NO_ERROR: f64 = 1e-3;
+
+/// A reference of which so much is explained on every axis was computed from the readings.
+const COMPUTED: f64 = 0.999_999;
+
+/// A pose that errs by so many times the rest, of so many at least.
+const FAR_MORE: f64 = 5.0;
+const FEWEST_POSES: usize = 8;
+
+/// Readings of two poses that differ by less than this share of their range are the same, and loads that differ by more
+/// than this are not.
+const SAME_READINGS: f64 = 0.005;
+const OTHER_LOADS: f64 = 0.2;
+const MOST_POSES: usize = 1000;
+
+/// Means in order of time in which a jump of the zero is looked for, and those on either side of it that show how sudden
+/// it is.
+const MEANS: usize = 240;
+const BESIDE: usize = 12;
+
+/// Rows of a log that residuals are found of; of a longer one every second, third, … block.
+const MOST_ROWS: u64 = 100_000;
+
+/// A jump of the zero explains this share of the squares of the means, and is that sudden.
+const EXPLAINED: f64 = 0.6;
+const SUDDEN: f64 = 0.6;
+
+/// What contradicts, most important first.
+pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
+    let mut found = parts(fit, workers)?;
+    if found.is_empty() {
+        found.extend(zero_jumps(fit));
+    }
+    found.extend(same_readings(fit));
+    found.extend(poses_that_err(fit, workers)?);
+    found.extend(computed_reference(fit));
+    Ok(found)
+}
+
+/// Files, or stretches of one, whose reference is that of the others only after some change.
+fn parts(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
+    let axes = fit.calibration.axes;
+    let data = fit.used.without_memory();
+    let logs: Vec<Vec<&Block>> = data
+        .logs
+        .iter()
+        .take(MOST_FILES)
+        .map(|log| log.blocks.iter().map(|block| &*block.rows).collect())
+        .collect();
+    let (parts, names): (Vec<Block>, Vec<String>) = match &logs[..] {
+        [log] => {
+            let rows = data.rows();
+            let part = |at: usize| {
+                let [from, to] = [at, at + 1].map(|at| at as f64 / PARTS as f64);
+                let [first, last] = [from, to].map(|share| (share * rows as f64) as u64);
+                (spread(log, from..to), format!("rows {} to {last}", first + 1))
+            };
+            (0..PARTS).map(part).unzip()
+        }
+        logs => {
+            let name = |log: &shell_data::dataset::LogRows| format!("`{}`", log.name.display());
+            let names = data.logs.iter().take(MOST_FILES).map(name);
+            (logs.iter().map(|log| spread(log, 0.0..1.0)).collect(), names.collect())
+        }
+    };
+    let fewest = ROWS_PER_CHANNEL * data.channels();
+    let mut best: Option<(usize, Vec<(usize, Cure)>)> = None;
+    let every = parts.len().div_ceil(MOST_REFERENCES).max(1);
+    for (reference, rows) in parts.iter().enumerate().step_by(every) {
+        if rows.rows < fewest {
+            continue;
+        }
+        let Some(linear) = linear(rows.clone(), axes, workers)? else { continue };
+        let limit: PerAxis<f64> = std::array::from_fn(|axis| {
+            let load = RunningVariance::new(&rows.wrench[axis]).rms();
+            (MOST * linear.train[axis].rms).max(NO_ERROR * load)
+        });
+        let others =
+            parts.iter().enumerate().filter(|(at, rows)| *at != reference && rows.rows > 0);
+        let cured = others.filter_map(|(at, rows)| {
+            let products = WrenchProducts::new(&predicted(&linear.calibration, rows), &rows.wrench);
+            // The zero of a sensor may move between recordings.
+            let cure = products.cure(&limit, axes).filter(|cure| !cure.is_zero)?;
+            Some((at, cure))
+        });
+        let cured: Vec<_> = cured.collect();
+        if best.as_ref().is_none_or(|(_, least)| cured.len() < least.len()) {
+            best = Some((reference, cured));
+        }
+    }
+    let Some((reference, cured)) = best else { return Ok(Vec::new()) };
+    // Neighbours with the same change are one.
+    let mut told: Vec<String> = Vec::new();
+    for same in cured.chunk_by(|a, b| a.1.change == b.1.change && a.0 + 1 == b.0) {
+        let [(first, cure), ..] = same else { continue };
+        let (last, _) = &same[same.len() - 1];
+        let which = match (logs.len(), first == last) {
+            (1, _) => {
+                let rows = data.rows() as usize;
+                format!("rows {} to {}", rows * first / PARTS + 1, rows * (last + 1) / PARTS)
+            }
+            (_, true) => names[*first].clone(),
+            _ => format!("{} to {}", names[*first], names[*last]),
+        };
+        told.push(format!("in {which} against {}, {cure}", names[reference]));
+    }
+    Ok(told)
+}
+
+/// Jumps of the mean residual of an axis in a log.
+fn zero_jumps(fit: &Fit) -> Option<String> {
+    for log in &fit.used.logs {
+        let blocks = (log.rows() / MOST_ROWS + 1) as usize;
+        let rows = log.rows() as usize / blocks;
+        let every = rows.div_ceil(MEANS).max(1);
+        let mut means = PerAxis::<Vec<f64>>::default();
+        let (mut sums, mut count) = ([0.0; 6], 0);
+        for block in log.blocks.iter().step_by(blocks) {
+            let predicted = predicted(&fit.calibration, &block.rows);
+            let errors = |row: usize| -> PerAxis<f64> {
+                std::array::from_fn(|axis| predicted[axis][row] - block.rows.wrench[axis][row])
+            };
+            for errors in (0..block.rows.rows).map(errors) {
+                sums.iter_mut().zip(errors).for_each(|(sum, error)| *sum += error);
+                count += 1;
+                if count == every {
+                    for (column, sum) in means.iter_mut().zip(&mut sums) {
+                        column.push(std::mem::take(sum) / count as f64);
+                    }
+                    count = 0;
+                }
+            }
+        }
+        let jump = |axis: Axis| Some((axis, jump(&means[axis.index()])?));
+        let jumps = fit.calibration.axes.iter().filter_map(jump);
+        let largest = jumps.max_by(|a, b| a.1.explained.total_cmp(&b.1.explained));
+        if let Some((axis, jump)) = largest {
+            return Some(format!(
+                "the zero of {} jumps by {} {} at row {} of `{}`",
+                axis.name(),
+                significant(jump.size.abs(), 2),
+                axis.unit(),
+                jump.at * every * blocks + 1,
+                log.name.display()
+            ));
+        }
+    }
+    None
+}
+
+/// A jump of a mean.
+struct Jump {
+    at: usize,
+    size: f64,
+    /// The share of the squares about the mean.
+    explained: f64,
+}
+
+/// The jump of a column, if one explains most of it and is sudden.
+fn jump(column: &[f64]) -> Option<Jump> {
+    let all = RunningVariance::new(column);
+    let n = column.len();
+    if n < 4 * BESIDE || all.squares <= 0.0 {
+        return None;
+    }
+    let (mut sum, mut best): (f64, Option<Jump>) = (0.0, None);
+    for (at, value) in column.iter().enumerate() {
+        if (n / 10..=n - n / 10).contains(&at) {
+            let [before, after] = [at, n - at].map(|rows| rows as f64);
+            let explained = sum * sum * (1.0 / before + 1.0 / after) / all.squares;
+            if best.as_ref().is_none_or(|best| explained > best.explained) {
+                // What sums to `sum` before sums to its opposite after.
+                best = Some(Jump { at, size: -sum / after - sum / before, explained });
+            }
+        }
+        sum += value - all.mean;
+    }
+    let found = best.filter(|best| best.explained > EXPLAINED)?;
+    let mean = |part: &[f64]| RunningVariance::new(part).mean;
+    let [before, after] = [found.at - BESIDE..found.at, found.at..found.at + BESIDE]
+        .map(|part| mean(&column[part.start.min(n)..part.end.min(n)]));
+    ((after - before).abs() > SUDDEN * found.size.abs()).then_some(found)
+}
+
+/// Poses whose error is far larger than that of the rest, by name.
+fn poses_that_err(fit: &Fit, workers: Workers<'_>) -> Result<Option<String>, FitError> {
+    if !fit.group_by.is_some_and(|by| by.is_poses()) {
+        return Ok(None);
+    }
+    let groups = group_errors(&fit.calibration, &fit.used, 0, workers)?.groups;
+    if groups.len() < FEWEST_POSES {
+        return Ok(None);
+    }
+    let mut named: Vec<(f64, &str, Axis)> = Vec::new();
+    for axis in fit.calibration.axes.iter() {
+        let squares: Vec<f64> = groups
+            .iter()
+            .map(|of| of.errors[axis.index()].quality().map_or(0.0, |quality| quality.rms.powi(2)))
+            .collect();
+        let total: f64 = squares.iter().sum();
+        for (group, square) in groups.iter().zip(&squares) {
+            let rest = (total - square) / (groups.len() - 1) as f64;
+            if *square > FAR_MORE * FAR_MORE * rest && rest > 0.0 {
+                named.push(((square / rest).sqrt(), &group.label, axis));
+            }
+        }
+    }
+    let worst = named.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(worst.map(|(ratio, pose, axis)| {
+        let ratio = significant(ratio, 2);
+        format!(
+            "pose `{pose}` errs {ratio} times as much as the rest on {}: check its load",
+            axis.name()
+        )
+    }))
+}
+
+/// Means of a pose.
+#[derive(Default)]
+struct PoseMeans {
+    rows: f64,
+    readings: Vec<f64>,
+    loads: PerAxis<f64>,
+}
+
+/// Two poses of the same readings under different loads.
+fn same_readings(fit: &Fit) -> Option<String> {
+    fit.group_by.filter(|by| by.is_poses())?;
+    let poses = pose_means(&fit.used.without_memory())?;
+    let extent = |of: &dyn Fn(&PoseMeans) -> f64| {
+        let (low, high) = shell_data::statistics::extremes(poses.iter().map(|(_, pose)| of(pose)));
+        high - low
+    };
+    let channels = fit.calibration.channels();
+    let readings: Vec<f64> =
+        (0..channels).map(|channel| extent(&|pose| pose.readings[channel])).collect();
+    let loads: PerAxis<f64> = std::array::from_fn(|axis| extent(&|pose| pose.loads[axis]));
+    for (at, (first, a)) in poses.iter().enumerate() {
+        for (second, b) in &poses[at + 1..] {
+            let differs = |channel: usize| {
+                (a.readings[channel] - b.readings[channel]).abs()
+                    > SAME_READINGS * readings[channel]
+            };
+            let other = |axis: &Axis| {
+                let axis = axis.index();
+                (a.loads[axis] - b.loads[axis]).abs() > OTHER_LOADS * loads[axis]
+            };
+            if fit.calibration.axes.iter().any(|axis| other(&axis)) && !(0..channels).any(differs) {
+                return Some(format!(
+                    "poses `{first}` and `{second}` have the same readings under different loads: \
+                     one of the loads is wrong"
+                ));
+            }
+        }
+    }
+    None
+}
+
+/// The means of each pose in the order in which they are met; `None` if they are many.
+fn pose_means(data: &Dataset) -> Option<Vec<(String, PoseMeans)>> {
+    let mut positions: HashMap<&str, usize> = HashMap::new();
+    let mut poses: Vec<(String, PoseMeans)> = Vec::new();
+    for (_, block) in data.blocks() {
+        let mut start = 0;
+        for (label, rows) in block.labels.iter() {
+            let at = *positions.entry(label).or_insert(poses.len());
+            if at == poses.len() {
+                poses.push((label.clone(), PoseMeans::default()));
+            }
+            let of = &mut poses[at].1;
+            let (readings, wrench) = (&block.rows.readings, &block.rows.wrench);
+            of.readings.resize(readings.len(), 0.0);
+            let sum = |column: &Vec<f64>| column[start..start + rows].iter().sum::<f64>();
+            of.readings.iter_mut().zip(readings).for_each(|(of, column)| *of += sum(column));
+            of.loads.iter_mut().zip(wrench).for_each(|(of, column)| *of += sum(column));
+            of.rows += *rows as f64;
+            start += rows;
+        }
+    }
+    if poses.len() > MOST_POSES {
+        return None;
+    }
+    for (_, pose) in &mut poses {
+        pose.readings.iter_mut().chain(&mut pose.loads).for_each(|of| *of /= pose.rows.max(1.0));
+    }
+    Some(poses)
+}
+
+/// A reference that the readings explain too well for one that was measured.
+fn computed_reference(fit: &Fit) -> Option<String> {
+    let worst = |axis: Axis| fit.train[axis.index()].r_squared;
+    let all: Option<Vec<f64>> = fit.calibration.axes.iter().map(worst).collect();
+    let least = all?.into_iter().fold(f64::INFINITY, f64::min);
+    let is_computed = least >= COMPUTED && fit.rows > 3 * fit.rank() as u64;
+    is_computed.then(|| {
+        format!(
+            "the reference is computed from the readings (R² at least {}): it is no measurement",
+            (least * 1e7).floor() / 1e7
+        )
+    })
+}

@@ -1,0 +1,329 @@
+//! The examination of a fit: its errors on the test against those that it promises, the cure where these are larger, and
+//! training rows that contradict each other.
+
+use super::cures::{Cure, WrenchProducts, delay};
+use super::evaluation::{GroupErrors, group_errors};
+use super::{Fit, FitOptions, OutlierRule, contradictions};
+use crate::conversion::Calibration;
+use crate::fit::CovarianceRule;
+use crate::groups::{GroupBy, HeldOut, label_groups};
+use least_squares::error::FitError;
+use least_squares::model::Basis;
+use least_squares::passes::Workers;
+use least_squares::quality::significant;
+use least_squares::uncertainty::student_quantile;
+use sensor_physics::COVERAGE_LEVEL;
+use shell_data::block::Block;
+use shell_data::dataset::Dataset;
+use shell_data::wrench::{Axes, Axis, PerAxis};
+
+/// A test fails if it surely errs by so many times what was promised on rows that were held out; by more where only the
+/// training error is known.
+const MOST: f64 = 2.0;
+const MOST_OF_TRAINING: f64 = 3.0;
+
+/// Errors below this share of the calibrated range fail no test.
+const NO_ERROR: f64 = 1e-3;
+
+/// Rows that a cure is looked for on: those of all files, and those of each exchange of two channels.
+const ROWS: usize = 4000;
+const ROWS_OF_EXCHANGE: usize = 300;
+
+/// The subject of a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum FaultPlace {
+    /// The test.
+    Test,
+    /// The training rows.
+    Data,
+}
+
+/// A reason not to use a calibration, or not before something has been done.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct Fault {
+    /// Its subject.
+    pub place: FaultPlace,
+    /// What was found, with the cure where one is known.
+    pub text: String,
+}
+
+/// The error on the test beside the promise, on the axis where it is largest for that.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TestRatio {
+    /// The axis.
+    pub axis: Axis,
+    /// How many times the promise the error is.
+    pub ratio: f64,
+    /// Its 95 % interval, from the scatter between groups of test rows; as wide as can be where there is one.
+    pub interval: [f64; 2],
+}
+
+/// The results of an examination.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Examination {
+    /// The test, where there is one with an axis that varies.
+    pub test: Option<TestRatio>,
+    /// Faults, the most important first.
+    pub faults: Vec<Fault>,
+}
+
+impl Fault {
+    /// Of the test.
+    pub fn of_test(text: impl Into<String>) -> Self {
+        Self { place: FaultPlace::Test, text: text.into() }
+    }
+
+    /// Of the training rows.
+    pub fn of_data(text: impl Into<String>) -> Self {
+        Self { place: FaultPlace::Data, text: text.into() }
+    }
+}
+
+impl Fit {
+    /// Examines the test and the training rows, which takes a small part of the time of the fit.
+    ///
+    /// # Errors
+    /// [`FitError::Interrupted`].
+    pub fn examine(&mut self, workers: Workers<'_>) -> Result<(), FitError> {
+        let (limit, test) = self.test_ratio(workers)?;
+        let mut faults = Vec::new();
+        let fails = test.is_some_and(|of| of.fails(self.promise().1));
+        if let Some(of) = test.filter(|_| fails) {
+            faults.push(Fault::of_test(self.test_fault(&of, &limit)));
+        }
+        faults.extend(contradictions::find(self, workers)?.into_iter().map(Fault::of_data));
+        self.examination = Some(Examination { test, faults });
+        Ok(())
+    }
+
+    /// The errors that are promised on new rows, and how many times these a test may err.
+    pub(super) fn promise(&self) -> (PerAxis<f64>, f64) {
+        match &self.cross_validation {
+            Some(found) => {
+                let files = self.group_by.filter(|by| *by == GroupBy::File);
+                let spread = files.and_then(|_| found.spread()).unwrap_or([1.0; 6]);
+                (std::array::from_fn(|axis| spread[axis] * found.grouped[axis].rms), MOST)
+            }
+            None => (self.train.map(|of| of.rms), MOST_OF_TRAINING),
+        }
+    }
+
+    /// The largest errors of a test that passes, and the axis that comes nearest to them.
+    fn test_ratio(
+        &self,
+        workers: Workers<'_>,
+    ) -> Result<(PerAxis<f64>, Option<TestRatio>), FitError> {
+        let (promise, most) = self.promise();
+        let range = |axis: usize| {
+            self.excitation.as_ref().map_or(0.0, |of| of.axes[axis].max - of.axes[axis].min)
+        };
+        let least: PerAxis<f64> =
+            std::array::from_fn(|axis| promise[axis].max(NO_ERROR * range(axis)));
+        let limit = least.map(|of| most * of);
+        let Some((_, labelled)) = label_groups(&self.tested, HeldOut::Auto) else {
+            return Ok((limit, None));
+        };
+        let groups = group_errors(&self.calibration, &labelled, 0, workers)?.groups;
+        let ratios = self.calibration.axes.iter().filter(|axis| least[axis.index()] > 0.0);
+        let ratios = ratios.filter_map(|axis| TestRatio::new(axis, &groups, least[axis.index()]));
+        Ok((limit, ratios.max_by(|a, b| a.interval[0].total_cmp(&b.interval[0]))))
+    }
+
+    /// The fault of a test that fails.
+    fn test_fault(&self, of: &TestRatio, limit: &PerAxis<f64>) -> String {
+        if let Some(cure) = self.cure_of_test(limit) {
+            return cure;
+        }
+        let [low, high] = of.interval.map(|bound| significant(bound, 2));
+        let mut text = format!(
+            "{} errs by {} times what was promised (95 %: {low} to {high})",
+            of.axis.name(),
+            significant(of.ratio, 2)
+        );
+        let test = self.test();
+        if 2 * test.out_of_range_rows > test.rows {
+            let share = 100.0 * test.out_of_range_rows as f64 / test.rows as f64;
+            text += &format!(
+                "; {share:.0} % of its rows are out of the calibrated range of readings: was the sensor zeroed anew?"
+            );
+        }
+        text
+    }
+
+    /// The change that cures all of the test, one of its files, or half of a file.
+    fn cure_of_test(&self, limit: &PerAxis<f64>) -> Option<String> {
+        let (calibration, axes) = (&self.calibration, self.calibration.axes);
+        let search = |rows: &Block| cure(calibration, rows, limit, axes);
+        let logs: Vec<Vec<&Block>> = self
+            .tested
+            .logs
+            .iter()
+            .map(|log| log.blocks.iter().map(|block| &*block.rows).collect())
+            .collect();
+        let all: Vec<&Block> = logs.iter().flatten().copied().collect();
+        if let Some(found) = search(&spread(&all, 0.0..1.0)) {
+            return Some(found.to_string());
+        }
+        for (log, blocks) in self.tested.logs.iter().zip(&logs) {
+            let name = log.name.display();
+            if let Some(found) = search(&spread(blocks, 0.0..1.0)).filter(|_| logs.len() > 1) {
+                return Some(format!("in `{name}` {found}"));
+            }
+            if let Some(found) = late(calibration, blocks, limit, axes) {
+                return Some(found.to_string());
+            }
+            for (half, part) in [("first", 0.0..0.5), ("second", 0.5..1.0)] {
+                if let Some(found) = search(&spread(blocks, part)) {
+                    return Some(format!("in the {half} half of `{name}` {found}"));
+                }
+            }
+        }
+        None
+    }
+}
+
+impl TestRatio {
+    fn new(axis: Axis, groups: &[GroupErrors], promise: f64) -> Option<Self> {
+        let at = axis.index();
+        let of = |group: &GroupErrors| {
+            let rms = group.errors[at].quality()?.rms;
+            Some((group.rows as f64, rms * rms))
+        };
+        let squares: Vec<(f64, f64)> = groups.iter().filter_map(of).collect();
+        let rows: f64 = squares.iter().map(|(rows, _)| rows).sum();
+        let mean = squares.iter().map(|(rows, square)| rows * square).sum::<f64>() / rows;
+        let ratio = mean.sqrt() / promise;
+        let logs: Vec<f64> =
+            squares.iter().filter(|(_, of)| *of > 0.0).map(|(_, of)| of.ln()).collect();
+        let n = logs.len() as f64;
+        let half = match logs.len() {
+            0 | 1 => f64::INFINITY,
+            _ => {
+                let centre = logs.iter().sum::<f64>() / n;
+                let variance = logs.iter().map(|of| (of - centre).powi(2)).sum::<f64>() / (n - 1.0);
+                // Of the logarithm of a root.
+                0.5 * student_quantile(COVERAGE_LEVEL, n - 1.0) * (variance / n).sqrt()
+            }
+        };
+        let interval = [ratio * (-half).exp(), ratio * half.exp()];
+        ratio.is_finite().then_some(Self { axis, ratio, interval })
+    }
+
+    /// Whether the error is surely larger than so many times the promise; of one group, by that times more.
+    fn fails(&self, most: f64) -> bool {
+        match self.interval[1].is_finite() {
+            true => self.interval[0] > most,
+            false => self.ratio > most * most,
+        }
+    }
+}
+
+/// Rows spread evenly over a part of some blocks.
+pub(super) fn spread(blocks: &[&Block], part: std::ops::Range<f64>) -> Block {
+    let rows: usize = blocks.iter().map(|block| block.rows).sum();
+    let [from, to] = [part.start, part.end].map(|share| (share * rows as f64) as usize);
+    let every = (to - from).div_ceil(ROWS).max(1);
+    let (mut all, mut start) = (Block::default(), 0);
+    for block in blocks {
+        for row in 0..block.rows {
+            let at = start + row;
+            if (from..to).contains(&at) && (at - from).is_multiple_of(every) {
+                all.append(block, row..row + 1);
+            }
+        }
+        start += block.rows;
+    }
+    all
+}
+
+/// What rows are predicted to be.
+pub(super) fn predicted(calibration: &Calibration, rows: &Block) -> PerAxis<Vec<f64>> {
+    let mut predicted = PerAxis::default();
+    calibration.wrench(&rows.readings, &mut predicted);
+    predicted
+}
+
+/// The change of the reference, or the exchange of two channels, that cures rows.
+fn cure(calibration: &Calibration, rows: &Block, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
+    if rows.rows == 0 {
+        return None;
+    }
+    let products = WrenchProducts::new(&predicted(calibration, rows), &rows.wrench);
+    let found = products.cure(limit, axes);
+    found.or_else(|| exchanged_channels(calibration, rows, limit, axes))
+}
+
+/// The exchange of two channels that cures rows.
+fn exchanged_channels(
+    calibration: &Calibration,
+    rows: &Block,
+    limit: &PerAxis<f64>,
+    axes: Axes,
+) -> Option<Cure> {
+    let channels = calibration.channels();
+    let few = {
+        let every = rows.rows.div_ceil(ROWS_OF_EXCHANGE).max(1);
+        let mut few = Block::default();
+        (0..rows.rows).step_by(every).for_each(|row| few.append(rows, row..row + 1));
+        few
+    };
+    let errors = |readings: &[Vec<f64>]| {
+        let mut predicted = PerAxis::default();
+        calibration.wrench(readings, &mut predicted);
+        WrenchProducts::new(&predicted, &few.wrench).plain()
+    };
+    let before = errors(&few.readings);
+    let mut best: Option<Cure> = None;
+    for (a, b) in (0..channels).flat_map(|a| (a + 1..channels).map(move |b| (a, b))) {
+        let mut readings = few.readings.clone();
+        // Each with its memory terms.
+        for first in (0..readings.len()).step_by(channels) {
+            readings.swap(first + a, first + b);
+        }
+        let change = format!("exchanging the readings s{} and s{}", a + 1, b + 1);
+        let found = Cure::if_cured(change, axes, limit, [&before, &errors(&readings)]);
+        let gain = |of: &Cure| of.rms[0] / of.rms[1];
+        if let Some(found) = found
+            && best.as_ref().is_none_or(|best| gain(&found) > gain(best))
+        {
+            best = Some(found);
+        }
+    }
+    best
+}
+
+/// The delay that cures the rows of one log.
+fn late(
+    calibration: &Calibration,
+    blocks: &[&Block],
+    limit: &PerAxis<f64>,
+    axes: Axes,
+) -> Option<Cure> {
+    let mut rows = Block::default();
+    for block in blocks {
+        let some = block.rows.min(ROWS - rows.rows);
+        rows.append(block, 0..some);
+    }
+    delay(&predicted(calibration, &rows), &rows.wrench, limit, axes).map(|(_, cure)| cure)
+}
+
+/// A linear fit to some rows, for a look at others.
+pub(super) fn linear(
+    rows: Block,
+    axes: Axes,
+    workers: Workers<'_>,
+) -> Result<Option<Fit>, FitError> {
+    let options = FitOptions {
+        model: Basis::Linear.into(),
+        covariance: CovarianceRule::Nothing,
+        outliers: OutlierRule::Keep,
+        workers,
+        ..FitOptions::default()
+    };
+    match super::fit(Dataset::from_blocks("part", axes, vec![rows]), Dataset::default(), &options) {
+        Ok(fitted) => Ok(Some(fitted)),
+        Err(FitError::Interrupted) => Err(FitError::Interrupted),
+        Err(_) => Ok(None),
+    }
+}

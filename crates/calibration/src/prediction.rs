@@ -1,0 +1,289 @@
+//! Standard errors of converted samples, with or without a tare.
+
+use crate::conversion::{Calibration, Kind};
+use least_squares::features::{Features, LANES, RowLanes};
+use least_squares::symmetric::TriangularColumns;
+use least_squares::uncertainty::{CoefficientCovariance, Covariance};
+use sensor_physics::Flags;
+use shell_data::vectorised;
+use shell_data::wrench::PerAxis;
+
+/// The unloaded state that later samples are measured from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tare {
+    /// Number of frames.
+    pub frames: usize,
+    /// Their mean features.
+    pub features: Vec<f64>,
+    /// Their mean wrench, N and N·m, to be subtracted.
+    pub wrench: PerAxis<f64>,
+    /// For a physics model the mean variance of the error at their pose, squares of N and N·m, which
+    /// does not fall with more frames; zero for a polynomial, where the features say it.
+    pub variance: PerAxis<f64>,
+}
+
+impl Calibration {
+    /// The mean state of some frames; `None` for zero frames.
+    ///
+    /// # Panics
+    /// If `readings` are not the model's channels, or of different lengths.
+    pub fn tare(&self, readings: &[Vec<f64>]) -> Option<Tare> {
+        let readings = &*self.with_terms(readings);
+        let frames = self.rows_of(readings);
+        if frames == 0 {
+            return None;
+        }
+        let mean = |column: &[f64]| column.iter().sum::<f64>() / frames as f64;
+        let (features, wrench, variance) = match &self.kind {
+            Kind::Polynomial(polynomial) => {
+                let features = &polynomial.features;
+                let mut columns = vec![0.0; frames * features.len()];
+                features.fill(readings, 0..frames, &mut columns, frames);
+                let mut wrench = PerAxis::default();
+                self.wrench(readings, &mut wrench);
+                (columns.chunks_exact(frames).map(mean).collect(), wrench, PerAxis::default())
+            }
+            Kind::Physics(physics) => {
+                let estimates = physics.estimates(readings);
+                let square = |errors: Vec<f64>| {
+                    errors.iter().map(|error| error * error).sum::<f64>() / frames as f64
+                };
+                (Vec::new(), estimates.wrench, estimates.standard_errors.map(square))
+            }
+        };
+        Some(Tare { frames, features, wrench: wrench.map(|axis| mean(&axis)), variance })
+    }
+
+    /// Whether it knows standard errors.
+    pub fn has_standard_errors(&self) -> bool {
+        self.covariance.is_some() || matches!(self.kind, Kind::Physics(_))
+    }
+
+    /// How far to trust every row: standard errors, if they are wanted and known, and channels that
+    /// say nothing.
+    ///
+    /// # Panics
+    /// If `readings` are not the model's channels, or of different lengths.
+    pub fn trust(&self, readings: &[Vec<f64>], tare: Option<&Tare>, errors: bool) -> Trust {
+        let Kind::Physics(physics) = &self.kind else {
+            let known = errors.then(|| self.standard_errors(readings, tare)).flatten();
+            return Trust { standard_errors: known.unwrap_or_default(), ..Trust::default() };
+        };
+        let found = physics.estimates(readings);
+        let mask = |of: fn(&Flags) -> u16| found.flags.iter().map(|f| u64::from(of(f))).collect();
+        Trust {
+            saturated: mask(|flags| flags.saturated),
+            left_out: mask(|flags| flags.left_out),
+            standard_errors: tared(found.standard_errors, tare),
+        }
+    }
+
+    /// The standard error of every row and axis, N and N·m; see the module for the formulas.
+    ///
+    /// `readings` has one column per channel, in counts. `None` if the calibration carries no covariance.
+    ///
+    /// # Panics
+    /// If `readings` are not the model's channels, or of different lengths.
+    pub fn standard_errors(
+        &self,
+        readings: &[Vec<f64>],
+        tare: Option<&Tare>,
+    ) -> Option<PerAxis<Vec<f64>>> {
+        let readings = &*self.with_terms(readings);
+        let rows = self.rows_of(readings);
+        match &self.kind {
+            Kind::Polynomial(polynomial) => {
+                let covariance = self.covariance.as_ref()?;
+                Some(predict_errors(&polynomial.features, covariance, readings, rows, tare))
+            }
+            Kind::Physics(physics) => {
+                Some(tared(physics.estimates(readings).standard_errors, tare))
+            }
+        }
+    }
+}
+
+/// How far to trust some rows. Masks have bit `i` for channel `i`; there are none where the model
+/// does not tell.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trust {
+    /// N and N·m.
+    pub standard_errors: PerAxis<Vec<f64>>,
+    /// Channels on a plateau of their curve, which say nothing about the wrench.
+    pub saturated: Vec<u64>,
+    /// Channels that a model left out: constant in its training data, not a number, or at odds with all
+    /// others.
+    pub left_out: Vec<u64>,
+}
+
+/// The standard errors of differences from the tare: the errors of two poses have nothing to do with
+/// each other.
+fn tared(mut errors: PerAxis<Vec<f64>>, tare: Option<&Tare>) -> PerAxis<Vec<f64>> {
+    if let Some(tare) = tare {
+        for (column, variance) in errors.iter_mut().zip(tare.variance) {
+            column.iter_mut().for_each(|error| *error = (*error * *error + variance).sqrt());
+        }
+    }
+    errors
+}
+
+vectorised! {
+    fn predict_errors(
+        features: &Features,
+        covariance: &Covariance,
+        readings: &[Vec<f64>],
+        rows: usize,
+        tare: Option<&Tare>,
+    ) -> PerAxis<Vec<f64>> {
+        let mut errors: PerAxis<Vec<f64>> = std::array::from_fn(|_| Vec::with_capacity(rows));
+        let mut lanes = vec![[0.0; LANES]; features.len()];
+        let own: PerAxis<f64> = std::array::from_fn(|axis| {
+            let shared = covariance.shared.map_or(0.0, |shared| shared[axis]);
+            let of_tare = |tare: &Tare| shared + (1.0 - shared) / tare.frames as f64;
+            1.0 + tare.map_or(0.0, of_tare)
+        });
+        let variances: PerAxis<f64> = std::array::from_fn(|axis| covariance.residual[axis][axis]);
+        for start in (0..rows).step_by(LANES) {
+            features.lanes(readings, start, &mut lanes);
+            if let Some(tare) = tare {
+                for (x, &mean) in lanes.iter_mut().zip(&tare.features) {
+                    for x in x {
+                        *x -= mean;
+                    }
+                }
+            }
+            let filled = LANES.min(rows - start);
+            match &covariance.coefficients {
+                CoefficientCovariance::Rows { factor } => {
+                    let spread = spread(factor, &lanes);
+                    let axes = errors.iter_mut().zip(variances).zip(own);
+                    for ((errors, variance), own) in axes {
+                        let error = |&spread: &f64| (variance * (own + spread)).sqrt();
+                        errors.extend(spread[..filled].iter().map(error));
+                    }
+                }
+                CoefficientCovariance::Groups { factors, .. } => {
+                    let axes = errors.iter_mut().zip(factors).zip(variances).zip(own);
+                    for (((errors, factor), variance), own) in axes {
+                        let spread = spread(factor, &lanes);
+                        let error = |&spread: &f64| (variance * own + spread).sqrt();
+                        errors.extend(spread[..filled].iter().map(error));
+                    }
+                }
+            }
+        }
+        errors
+    }
+}
+
+/// `‖factorᵀ·x‖²` of each lane.
+#[inline(always)]
+pub(crate) fn spread(factor: &TriangularColumns, lanes: &[RowLanes]) -> RowLanes {
+    let mut spread = [0.0; LANES];
+    for column in factor {
+        let mut product = [0.0; LANES];
+        for (x, &f) in lanes.iter().zip(column) {
+            for lane in 0..LANES {
+                product[lane] = x[lane].mul_add(f, product[lane]);
+            }
+        }
+        for lane in 0..LANES {
+            spread[lane] = product[lane].mul_add(product[lane], spread[lane]);
+        }
+    }
+    spread
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use least_squares::model::{Basis, Model};
+    use least_squares::scaling::Scaling;
+
+    /// A straight line through one channel: the textbook case, with closed formulas.
+    fn line(readings: &[f64]) -> (Calibration, f64, f64) {
+        let n = readings.len() as f64;
+        let mean = readings.iter().sum::<f64>() / n;
+        let squares: f64 = readings.iter().map(|s| (s - mean) * (s - mean)).sum();
+        // (XᵀX)⁻¹ of [s, 1] is [[1, −m], [−m, m² + Q/n]]/Q = F·Fᵀ with F upper triangular.
+        let corner = mean * mean / squares + 1.0 / n;
+        let f = vec![
+            vec![(1.0 / squares - (mean / squares) * (mean / squares) / corner).sqrt()],
+            vec![-mean / squares / corner.sqrt(), corner.sqrt()],
+        ];
+        let model = Model { basis: Basis::Linear, intercept: true, channels: 1, memory: 0 };
+        let mut calibration =
+            Calibration::new(model, Scaling::identity(1), vec![[2.0; 6], [1.0; 6]]);
+        let mut residual = PerAxis::<PerAxis<f64>>::default();
+        (0..6).for_each(|axis| residual[axis][axis] = 0.25);
+        calibration.covariance = Some(Covariance {
+            residual,
+            degrees_of_freedom: readings.len() as u64 - 2,
+            coefficients: CoefficientCovariance::Rows { factor: f },
+            shape: None,
+            shared: None,
+            intervals: None,
+        });
+        (calibration, mean, squares)
+    }
+
+    #[test]
+    fn standard_errors_of_a_straight_line_are_those_of_the_textbook() {
+        let (calibration, mean, squares) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
+        let new = [vec![0.0, 5.6, 20.0]];
+        let errors = calibration.standard_errors(&new, None).unwrap();
+        for (&s, &error) in new[0].iter().zip(&errors[2]) {
+            let variance = 1.0 + 1.0 / 5.0 + (s - mean) * (s - mean) / squares;
+            // A handful of roundings.
+            assert!((error - 0.5 * f64::sqrt(variance)).abs() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn a_tare_adds_its_noise_and_takes_away_what_it_shares() {
+        let (calibration, _, squares) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
+        let tare = calibration.tare(&[vec![3.0, 5.0]]).unwrap();
+        assert_eq!(tare.features, [4.0, 1.0]);
+        assert_eq!(tare.wrench, [9.0; 6]);
+        let errors = calibration.standard_errors(&[vec![10.0]], Some(&tare)).unwrap();
+        let variance = 1.0 + 1.0 / 2.0 + 36.0 / squares;
+        assert!((errors[5][0] - 0.5 * f64::sqrt(variance)).abs() < 1e-14);
+    }
+
+    #[test]
+    fn each_axis_has_a_spread_of_its_own_where_rows_come_in_groups() {
+        let (mut calibration, ..) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
+        let factor = |axis: usize| vec![vec![axis as f64], vec![0.0, 2.0]];
+        if let Some(covariance) = &mut calibration.covariance {
+            let factors = std::array::from_fn(factor);
+            covariance.coefficients = CoefficientCovariance::Groups { groups: 5, factors };
+        }
+        let errors = calibration.standard_errors(&[vec![3.0]], None).unwrap();
+        // The row [3, 1]: 0.25 of its own, (3·axis)² and 2² of the coefficients.
+        let expected = |axis: usize| (0.25 + 9.0 * (axis * axis) as f64 + 4.0).sqrt();
+        (0..6).for_each(|axis| assert!((errors[axis][0] - expected(axis)).abs() < 1e-14));
+    }
+
+    #[test]
+    fn the_error_of_the_pose_of_a_tare_does_not_fall_with_more_frames() {
+        let (mut calibration, ..) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
+        if let Some(covariance) = &mut calibration.covariance {
+            let factors = std::array::from_fn(|_| vec![vec![0.0], vec![0.0, 0.0]]);
+            covariance.coefficients = CoefficientCovariance::Groups { groups: 5, factors };
+            covariance.shared = Some([0.75; 6]);
+        }
+        for (frames, expected) in [(1, 2.0), (1000, 1.75 + 0.25e-3)] {
+            let tare = calibration.tare(&[vec![3.0; frames]]).unwrap();
+            let errors = calibration.standard_errors(&[vec![10.0]], Some(&tare)).unwrap();
+            assert!((errors[1][0] - 0.5 * f64::sqrt(expected)).abs() < 1e-14, "{frames}");
+        }
+    }
+
+    #[test]
+    fn without_a_covariance_there_are_no_standard_errors_and_without_frames_no_tare() {
+        let (mut calibration, ..) = line(&[1.0, 2.0, 4.0]);
+        calibration.covariance = None;
+        assert_eq!(calibration.standard_errors(&[vec![1.0]], None), None);
+        assert_eq!(calibration.tare(&[vec![]]), None);
+    }
+}

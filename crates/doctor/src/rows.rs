@@ -1,0 +1,231 @@
+//! Checks of rows in memory, those that a calibration is fitted to or tested on.
+
+use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
+use std::ops::Range;
+
+use log_file::summary::LogSummary;
+use shell_data::dataset::{Dataset, LabelledBlock, LogRows};
+use shell_data::statistics::extremes;
+
+use crate::channels::{channel_name, check_channels, identical_in};
+use crate::{Finding, FindingSeverity};
+
+/// A channel that stands still for this share of a log, while two others move over this share of their ranges, has
+/// stopped.
+const STOPPED: f64 = 0.1;
+const MOVED: f64 = 0.5;
+const FEWEST_STOPPED: usize = 50;
+
+/// A limit at the lower end of a channel is met in this share of the rows, in so many at least, and so often.
+const PINNED: f64 = 0.01;
+const FEWEST_PINNED: usize = 20;
+const ENTRIES: usize = 3;
+
+/// Rows in a row that are the same as others before them, of which so many differ from the one before, are there twice.
+const WINDOW: usize = 16;
+const DISTINCT: usize = 8;
+
+/// Rows of a log that are looked at; of a longer one every second, third, … block.
+const MOST_ROWS: u64 = 200_000;
+
+/// The blocks of a log that are looked at, each with the number of its first row.
+type Looked<'a> = Vec<(usize, &'a LabelledBlock)>;
+
+/// The faults of the readings of each log. `names` are those of the channels.
+pub fn check_rows(data: &Dataset, names: &[String]) -> Vec<Finding> {
+    let mut all = Vec::new();
+    for log in &data.logs {
+        let mut findings = check_log(log, names);
+        findings.retain(|finding| finding.severity == FindingSeverity::Fault);
+        if data.logs.len() > 1 {
+            let name = log.name.display();
+            let named =
+                |finding: &mut Finding| finding.seen = format!("in `{name}` {}", finding.seen);
+            findings.iter_mut().for_each(named);
+        }
+        all.extend(findings);
+    }
+    all
+}
+
+fn check_log(log: &LogRows, names: &[String]) -> Vec<Finding> {
+    let (mut summary, mut identical) = (LogSummary::default(), None);
+    let looked = looked_at(log);
+    for (_, block) in &looked {
+        summary.add(&block.rows);
+        identical = Some(identical_in(block.rows.channels(), identical));
+    }
+    let mut findings = Vec::new();
+    check_channels(&summary, names, &identical.unwrap_or_default(), None, &mut findings);
+    for channel in 0..log.channels {
+        let column: Vec<f64> =
+            looked.iter().flat_map(|(_, block)| &block.rows.readings[channel]).copied().collect();
+        let name = channel_name(names, channel);
+        let of_channel = &summary.readings[channel];
+        // It is told as a limit.
+        let is_limit = |value: f64| of_channel.is_pinned_at_max() && value == of_channel.max;
+        if let Some(floor) = pinned_at_min(&column) {
+            let seen = format!("{name} is cut off at {floor}");
+            let advice = "something limits it: the supply of the phototransistor, or a filter";
+            findings.push(Finding::fault("channel-saturated", seen, advice));
+        } else if let Some((first, rows)) = longest_stop(&column)
+            && !is_limit(column[first])
+            && others_move(&looked, channel, first..first + rows)
+        {
+            let [from, to] = [first, first + rows - 1].map(|row| number(&looked, row));
+            let value = column[first];
+            let seen = format!("{name} stands at {value} in rows {from} to {to}");
+            let advice = "check its wire; leave these rows out";
+            findings.push(Finding::fault("channel-stopped", seen, advice));
+        }
+    }
+    findings.extend(rows_twice(&looked));
+    findings
+}
+
+fn looked_at(log: &LogRows) -> Looked<'_> {
+    let every = log.rows().div_ceil(MOST_ROWS).max(1) as usize;
+    let mut start = 0;
+    let numbered = log.blocks.iter().map(|block| {
+        start += block.rows.rows;
+        (start - block.rows.rows, block)
+    });
+    numbered.step_by(every).collect()
+}
+
+/// The number in the log, from 1, of one of the rows that are looked at.
+fn number(looked: &Looked<'_>, mut row: usize) -> usize {
+    for (start, block) in looked {
+        if row < block.rows.rows {
+            return start + row + 1;
+        }
+        row -= block.rows.rows;
+    }
+    row
+}
+
+/// The lower limit that a column meets again and again.
+fn pinned_at_min(column: &[f64]) -> Option<f64> {
+    let (least, most) = extremes(column.iter().copied());
+    let above = column.iter().copied().filter(|value| *value > least).fold(most, f64::min);
+    let at = column.iter().filter(|value| **value == least).count();
+    let next = column.iter().filter(|value| **value == above).count();
+    let is_entry = |pair: &&[f64]| pair[0] > above && pair[1] == least;
+    let entries = column.windows(2).filter(is_entry).count();
+    let often = at >= FEWEST_PINNED && at as f64 >= PINNED * column.len() as f64;
+    (least < most && often && at >= 3 * next && entries >= ENTRIES).then_some(least)
+}
+
+/// The first row of the longest stretch of one value, and its rows, if it is long.
+fn longest_stop(column: &[f64]) -> Option<(usize, usize)> {
+    let mut start = 0;
+    let stretches = column.chunk_by(|a, b| a == b).map(|same| {
+        start += same.len();
+        (start - same.len(), same.len())
+    });
+    let longest = stretches.max_by_key(|(_, rows)| *rows)?;
+    let fewest = FEWEST_STOPPED.max((STOPPED * column.len() as f64) as usize);
+    (longest.1 >= fewest && longest.1 < column.len()).then_some(longest)
+}
+
+/// Whether two channels move in these rows as far as they usually do.
+fn others_move(looked: &Looked<'_>, stopped: usize, rows: Range<usize>) -> bool {
+    let channels = looked.first().map_or(0, |(_, block)| block.rows.channels().len());
+    let moves = |channel: &usize| {
+        let column =
+            || looked.iter().flat_map(|(_, block)| &block.rows.readings[*channel]).copied();
+        let range = |(low, high): (f64, f64)| high - low;
+        let all = range(extremes(column()));
+        all > 0.0 && range(extremes(column().skip(rows.start).take(rows.len()))) > MOVED * all
+    };
+    (0..channels).filter(|channel| *channel != stopped).filter(moves).count() >= 2
+}
+
+/// Rows that follow each other as they did before.
+fn rows_twice(looked: &Looked<'_>) -> Option<Finding> {
+    let mut hashes = Vec::new();
+    for (_, block) in looked {
+        for row in 0..block.rows.rows {
+            let mut hasher = DefaultHasher::new();
+            let columns = block.rows.channels().iter().chain(&block.rows.wrench);
+            columns.for_each(|column| column[row].to_bits().hash(&mut hasher));
+            hashes.push(hasher.finish());
+        }
+    }
+    let is_new: Vec<bool> =
+        (0..hashes.len()).map(|row| row > 0 && hashes[row] != hashes[row - 1]).collect();
+    let window = |start: usize| {
+        let rows = start..start + WINDOW;
+        let distinct = is_new[rows.clone()].iter().filter(|new| **new).count();
+        let key = rows.fold(0_u64, |key, row| key.rotate_left(7).wrapping_mul(31) ^ hashes[row]);
+        (distinct >= DISTINCT).then_some(key)
+    };
+    let starts = || 0..(hashes.len() + 1).saturating_sub(WINDOW);
+    let mut known: HashMap<u64, usize> = HashMap::new();
+    for start in starts().step_by(WINDOW) {
+        if let Some(key) = window(start) {
+            known.entry(key).or_insert(start);
+        }
+    }
+    let mut copies: Vec<(usize, usize)> = Vec::new();
+    for start in starts() {
+        let before = window(start).and_then(|key| known.get(&key));
+        copies.extend(before.filter(|before| **before + WINDOW <= start).map(|at| (*at, start)));
+    }
+    let &(before, first) = copies.first()?;
+    let rows = copies.len() * WINDOW;
+    let seen = format!(
+        "some {rows} rows are there twice: those from row {} on repeat those from row {} on",
+        number(looked, first),
+        number(looked, before)
+    );
+    let advice = "leave the copies out: they make errors seem smaller than they are";
+    Some(Finding::fault("rows-twice", seen, advice))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shell_data::block::Block;
+    use shell_data::wrench::Axes;
+    use system_tests::random::Random;
+
+    /// A log of 600 rows of three channels that wander, changed.
+    fn seen(change: impl Fn(&mut Block)) -> Vec<&'static str> {
+        let mut random = Random(5);
+        let wander = |_| {
+            let mut at = 500.0;
+            let step = |_| {
+                at = (at + 20.0 * random.normal()).clamp(100.0, 900.0);
+                f64::round(at)
+            };
+            (0..600).map(step).collect::<Vec<f64>>()
+        };
+        let readings: Vec<Vec<f64>> = (0..3).map(wander).collect();
+        let wrench = vec![readings[0].clone(); 6];
+        let mut block = Block { rows: 600, readings, wrench, ..Block::default() };
+        change(&mut block);
+        let data = Dataset::from_blocks("rows", Axes::ALL, vec![block]);
+        check_rows(&data, &[]).iter().map(|finding| finding.check).collect()
+    }
+
+    #[test]
+    fn each_fault_of_readings_is_found_and_a_sound_log_has_none() {
+        assert_eq!(seen(|_| ()), Vec::<&str>::new());
+        assert_eq!(seen(|block| block.readings[1].fill(0.0)), ["channel-dead"]);
+        assert_eq!(seen(|block| block.readings[1][300..].fill(7.0)), ["channel-stopped"]);
+        let cut = |low: f64, high: f64| {
+            move |block: &mut Block| {
+                block.readings[2].iter_mut().for_each(|value| *value = value.clamp(low, high));
+            }
+        };
+        assert_eq!(seen(cut(480.0, 1e9)), ["channel-saturated"]);
+        assert_eq!(seen(cut(0.0, 520.0)), ["channel-saturated"]);
+        let copied = |block: &mut Block| {
+            let columns = block.readings.iter_mut().chain(&mut block.wrench);
+            columns.for_each(|column| column.copy_within(100..200, 400));
+        };
+        assert_eq!(seen(copied), ["rows-twice"]);
+    }
+}

@@ -1,0 +1,133 @@
+//! Forces at the time stamps of their rows, where the reference of the calibration lagged behind the readings.
+
+use calibration::dynamics::ReferenceLag;
+use calibration::memory::TimeBase;
+use shell_data::wrench::PerAxis;
+
+/// Takes forces at the moments that their rows' stamps have on the clock of the reference: straight between rows, held
+/// beyond the first and the last, and where time goes back.
+#[derive(Clone, Debug)]
+pub(super) struct LagShift {
+    lag: ReferenceLag,
+    /// Rows that came, for lags that are counted in rows.
+    rows: u64,
+    /// Times of the rows that are kept, in the unit of the lag, and the forces that are known of them.
+    times: Vec<f64>,
+    forces: PerAxis<Vec<f64>>,
+    /// The first kept row without an answer.
+    next: usize,
+}
+
+impl LagShift {
+    pub(super) fn new(lag: ReferenceLag) -> Self {
+        Self { lag, rows: 0, times: Vec::new(), forces: PerAxis::default(), next: 0 }
+    }
+
+    /// Takes the times of the next rows, s, and the next forces; gives those of the oldest rows that are known by now.
+    pub(super) fn push(&mut self, times_s: &[f64], forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
+        match self.lag.time_base {
+            TimeBase::Seconds => self.times.extend_from_slice(times_s),
+            TimeBase::Rows => {
+                let count = times_s.len().max(longest(&forces)) as u64;
+                self.times.extend((self.rows..self.rows + count).map(|row| row as f64));
+                self.rows += count;
+            }
+        }
+        self.take(forces, false)
+    }
+
+    /// Takes the last forces, and gives those of all rows that wait.
+    pub(super) fn finish(&mut self, forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
+        self.take(forces, true)
+    }
+
+    fn take(&mut self, forces: PerAxis<Vec<f64>>, are_last: bool) -> PerAxis<Vec<f64>> {
+        self.forces.iter_mut().zip(forces).for_each(|(kept, next)| kept.extend(next));
+        let known = longest(&self.forces);
+        let mut answers = PerAxis::<Vec<f64>>::default();
+        let mut oldest = 0;
+        while self.next < known {
+            let times = &self.times[..known];
+            let wanted = times[self.next] - self.lag.by;
+            let Some((before, share)) = between(times, self.next, wanted, are_last) else { break };
+            let after = (before + 1).min(known - 1);
+            for (answers, column) in answers.iter_mut().zip(&self.forces) {
+                if let (Some(from), Some(to)) = (column.get(before), column.get(after)) {
+                    answers.push(from + share * (to - from));
+                }
+            }
+            oldest = before.min(self.next);
+            self.next += 1;
+        }
+        self.times.drain(..oldest);
+        self.forces.iter_mut().for_each(|of| drop(of.drain(..oldest.min(of.len()))));
+        self.next -= oldest;
+        answers
+    }
+}
+
+fn longest(forces: &PerAxis<Vec<f64>>) -> usize {
+    forces.iter().map(Vec::len).max().unwrap_or(0)
+}
+
+/// The row before a time, looked for from a row on, and how far from it to the next one that time is. `None` if it may
+/// be after a row that has still to come.
+fn between(times: &[f64], from: usize, wanted: f64, are_all: bool) -> Option<(usize, f64)> {
+    let mut before = from;
+    while before > 0 && times[before] > wanted && times[before - 1] <= times[before] {
+        before -= 1;
+    }
+    while times[before] <= wanted {
+        match times.get(before + 1) {
+            Some(&next) if times[before] <= next && next <= wanted => before += 1,
+            Some(&next) if times[before] < next => {
+                return Some((before, (wanted - times[before]) / (next - times[before])));
+            }
+            // Time goes back.
+            Some(_) => return Some((before, 0.0)),
+            None if are_all || times[before] == wanted => return Some((before, 0.0)),
+            None => return None,
+        }
+    }
+    Some((before, 0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn moved(by: f64, time_base: TimeBase, times_s: &[f64], pieces: usize) -> Vec<f64> {
+        let mut shift = LagShift::new(ReferenceLag { time_base, by });
+        let line = |times: &[f64]| -> PerAxis<Vec<f64>> {
+            let mut forces = PerAxis::<Vec<f64>>::default();
+            forces[2] = times.iter().map(|time| 2.0 * time).collect();
+            forces
+        };
+        let mut all = Vec::new();
+        for times in times_s.chunks(times_s.len().div_ceil(pieces)) {
+            all.extend(shift.push(times, line(times))[2].iter());
+        }
+        all.extend(shift.finish(PerAxis::default())[2].iter());
+        all
+    }
+
+    #[test]
+    fn a_straight_line_is_moved_along_itself_however_rows_are_cut() {
+        let times = [0.0, 1.0, 1.5, 3.0, 4.0];
+        for pieces in [1, 2, 5] {
+            let late = moved(0.25, TimeBase::Seconds, &times, pieces);
+            assert_eq!(late, [0.0, 1.5, 2.5, 5.5, 7.5]);
+            let early = moved(-0.75, TimeBase::Seconds, &times, pieces);
+            assert_eq!(early, [1.5, 3.5, 4.5, 7.5, 8.0]);
+            let rows = moved(-0.5, TimeBase::Rows, &times, pieces);
+            assert_eq!(rows, [1.0, 2.5, 4.5, 7.0, 8.0]);
+        }
+    }
+
+    #[test]
+    fn forces_are_not_taken_across_a_clock_that_goes_back() {
+        let times = [0.0, 1.0, 2.0, 0.0, 1.0];
+        assert_eq!(moved(-0.5, TimeBase::Seconds, &times, 1), [1.0, 3.0, 4.0, 1.0, 2.0]);
+        assert_eq!(moved(0.5, TimeBase::Seconds, &times, 1), [0.0, 1.0, 3.0, 0.0, 1.0]);
+    }
+}

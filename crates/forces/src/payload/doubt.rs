@@ -1,0 +1,186 @@
+//! Forces and moments that do not follow gravity, and what would make them do so.
+
+use super::PayloadPose;
+use super::fit::{PayloadFit, fit};
+use super::vector::{Vector, dot, mean, subtract};
+use shell_data::wrench::Axis;
+
+/// A share of the scatter over poses: what is left over may be as much before it is doubted.
+const DOUBTED: f64 = 0.5;
+/// From this share on another reading of the columns is looked for.
+const SUSPECTED: f64 = 0.1;
+/// A cure leaves less than this share of what was left over.
+const CURED: f64 = 1.0 / 3.0;
+/// What is left of moments matters from this lever of the weight on, m.
+const LEVER_M: f64 = 0.005;
+
+/// What is left over of forces or moments, root mean square, N or N·m.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeftOver {
+    /// After the fit.
+    pub rms: f64,
+    /// About their mean over the poses.
+    pub scatter: f64,
+}
+
+impl LeftOver {
+    /// What a fit leaves of the forces.
+    pub fn of_forces(fit: &PayloadFit, poses: &[PayloadPose]) -> Self {
+        Self { rms: fit.residual_rms_n, scatter: scatter(poses, 0) }
+    }
+
+    /// What it leaves of the moments.
+    pub fn of_moments(fit: &PayloadFit, poses: &[PayloadPose]) -> Self {
+        Self { rms: fit.residual_rms_nm, scatter: scatter(poses, 3) }
+    }
+
+    /// Whether that is most of them.
+    pub fn is_doubtful(&self) -> bool {
+        self.rms > DOUBTED * self.scatter
+    }
+
+    /// Whether it is so much that another reading of the columns may be the right one.
+    pub fn is_suspected(&self) -> bool {
+        self.rms > SUSPECTED * self.scatter
+    }
+
+    /// Whether another reading of the columns, which leaves so much, is the right one.
+    pub fn is_cured_by(&self, rms: f64) -> bool {
+        rms < CURED * self.rms
+    }
+}
+
+/// Root mean square of three axes of the wrench about their mean.
+fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
+    let part = |pose: &PayloadPose| -> Vector { std::array::from_fn(|i| pose.wrench[first + i]) };
+    let middle = mean(poses.iter().map(part));
+    let squares = poses.iter().map(|pose| subtract(part(pose), middle));
+    (squares.map(|off| dot(off, off)).sum::<f64>() / (3 * poses.len()) as f64).sqrt()
+}
+
+/// Another order or other signs of the moments: for each axis the one to take, and whether with the other sign.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MomentExchange([(usize, bool); 3]);
+
+impl MomentExchange {
+    /// The moments in this order, with these signs.
+    fn of(&self, [x, y, z]: Vector) -> Vector {
+        self.0.map(|(axis, is_negative)| {
+            let value = [x, y, z][axis];
+            if is_negative { -value } else { value }
+        })
+    }
+
+    /// How many axes it changes.
+    fn changes(&self) -> usize {
+        (0..3).filter(|&axis| self.0[axis] != (axis, false)).count()
+    }
+
+    /// All but the one that changes nothing, the least changes first.
+    fn all() -> Vec<Self> {
+        let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
+        let signed = |order: [usize; 3]| {
+            let with = move |signs: usize| {
+                Self(std::array::from_fn(|axis| (order[axis], signs >> axis & 1 == 1)))
+            };
+            (0..8).map(with)
+        };
+        let mut all: Vec<Self> = orders.into_iter().flat_map(signed).collect();
+        all.retain(|one| one.changes() > 0);
+        all.sort_by_key(Self::changes);
+        all
+    }
+}
+
+impl std::fmt::Display for MomentExchange {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let name = |axis: usize| Axis::ALL[3 + axis].name();
+        let changed: Vec<usize> = (0..3).filter(|&axis| self.0[axis] != (axis, false)).collect();
+        if let [a, b] = changed[..]
+            && self.0[a] == (b, false)
+            && self.0[b] == (a, false)
+        {
+            return write!(f, "exchanging {} and {}", name(a), name(b));
+        }
+        let taken = changed.iter().map(|&axis| {
+            let (from, is_negative) = self.0[axis];
+            format!("{} from {}{}", name(axis), if is_negative { "−" } else { "" }, name(from))
+        });
+        write!(f, "taking {}", taken.collect::<Vec<_>>().join(", "))
+    }
+}
+
+/// Why the centre of mass of a fit is not to be believed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MomentDoubt {
+    /// What is left over.
+    pub left: LeftOver,
+    /// The exchange that cures it, and what it leaves, N·m.
+    pub cure: Option<(MomentExchange, f64)>,
+}
+
+/// Whether most of the moments do not follow gravity, and the exchange of axes after which they do.
+pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentDoubt> {
+    let left = LeftOver::of_moments(found, poses);
+    if !left.is_suspected() {
+        return None;
+    }
+    let exchanged = |exchange: MomentExchange| {
+        let pose = |pose: &PayloadPose| {
+            let [fx, fy, fz, mx, my, mz] = pose.wrench;
+            let [mx, my, mz] = exchange.of([mx, my, mz]);
+            PayloadPose { wrench: [fx, fy, fz, mx, my, mz], ..*pose }
+        };
+        let poses: Vec<PayloadPose> = poses.iter().map(pose).collect();
+        fit(&poses).ok().map(|fit| (exchange, fit.residual_rms_nm))
+    };
+    let all = MomentExchange::all().into_iter().filter_map(exchanged);
+    // Of those that leave equally much the first changes least.
+    let best = all.min_by(|(_, a), (_, b)| a.total_cmp(b));
+    let cure = best.filter(|(_, rms)| left.is_cured_by(*rms));
+    let matters =
+        left.is_doubtful() && left.rms > LEVER_M * found.payload.mass_kg * found.gravity_m_s2;
+    (cure.is_some() || matters).then_some(MomentDoubt { left, cure })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Payload;
+    use super::*;
+
+    fn poses(exchange: MomentExchange) -> Vec<PayloadPose> {
+        let payload = Payload {
+            mass_kg: 0.6,
+            centre_m: [0.02, -0.01, 0.05],
+            force_bias_n: [0.0; 3],
+            moment_bias_nm: [0.0; 3],
+        };
+        let pose = |i: u32| {
+            let (a, b) = (0.9 * f64::from(i), 2.3 * f64::from(i));
+            let gravity_m_s2 =
+                [a.cos() * b.cos(), a.cos() * b.sin(), a.sin()].map(|value| 9.81 * value);
+            let [fx, fy, fz, mx, my, mz] = payload.load(gravity_m_s2);
+            let [mx, my, mz] = exchange.of([mx, my, mz]);
+            PayloadPose { wrench: [fx, fy, fz, mx, my, mz], gravity_m_s2 }
+        };
+        (0..12).map(pose).collect()
+    }
+
+    #[test]
+    fn an_exchange_of_moments_is_named() {
+        let right = poses(MomentExchange([(0, false), (1, false), (2, false)]));
+        assert_eq!(moment_doubt(&fit(&right).unwrap(), &right), None);
+        for (exchange, words) in [
+            (MomentExchange([(0, false), (2, false), (1, false)]), "exchanging My and Mz"),
+            (MomentExchange([(0, true), (1, false), (2, false)]), "taking Mx from −Mx"),
+            (MomentExchange([(1, false), (0, true), (2, false)]), "taking Mx from −My, My from Mx"),
+        ] {
+            let poses = poses(exchange);
+            let doubt = moment_doubt(&fit(&poses).unwrap(), &poses).unwrap();
+            let (cure, rms) = doubt.cure.unwrap();
+            assert_eq!(cure.to_string(), words);
+            // Numbers without noise: rounding of moments below 1 N·m is left.
+            assert!(rms < 1e-12, "{rms}");
+        }
+    }
+}

@@ -1,0 +1,346 @@
+//! Summing rows exactly.
+//!
+//! Rows are worked on [`ROWS`] at a time, in integers about a centre near the middle of each
+//! channel's range, which makes them small. Each sum over such a block is exact (see
+//! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
+//! the rest, which stay exact for 2²⁶ blocks. When readings or wrenches occur that the plan of
+//! centre and limbs does not cover, the sums so far are put into [`ExactSums`] and a new plan is
+//! made.
+//!
+//! An [`Adder`] has many accumulators of one worker, each of which learns from the rows of the others.
+
+use std::sync::Arc;
+
+use super::block_sums::{Scratch, sum_block};
+use super::layout::SumLayout;
+use super::limbs::ROWS;
+use super::limbs::{BinaryPlaces, FeatureLimbs, Limbs, SQUARE_WIDTH};
+use super::plan::{MOST_BLOCKS, OpenSums, SummationPlan};
+use super::product_sums::ExactSums;
+use super::readings::{ChannelRange, ReadingUnit, count, scan_column};
+use crate::error::ExactError;
+use crate::model::Basis;
+use shell_data::wrench::Axis;
+
+/// Sums rows of readings and wrenches exactly, in memory that does not grow with the rows.
+#[derive(Clone, Debug)]
+pub struct Accumulator {
+    basis: Basis,
+    layout: Arc<SumLayout>,
+    /// Sums that are closed: in their final form.
+    closed: Option<ExactSums>,
+    /// Units and ranges of the channels over all rows, staged ones included.
+    channels: Vec<ChannelRange>,
+    pub(super) expected: ExpectedRows,
+    open: Option<OpenSums>,
+    /// Rows not yet summed: columns of [`ROWS`] numbers.
+    staged: usize,
+    readings: Vec<f64>,
+    wrench: Vec<f64>,
+    pub(super) scratch: Scratch,
+}
+
+/// What rows are expected to keep to: what rows so far have kept to, or those of other sums. The plan
+/// of centre and limbs is made for that. It decides how much work sums are, and has no
+/// influence on them.
+#[derive(Clone, Debug)]
+pub(super) struct ExpectedRows {
+    channels: Vec<ChannelRange>,
+    places: [BinaryPlaces; 6],
+    /// The latest plan for such rows, in the units of the channels.
+    pub(super) plan: Option<Arc<SummationPlan>>,
+}
+
+impl ExpectedRows {
+    /// Whether readings are in counts. Those with fractions are too rare for their ranges to be shared.
+    pub(super) fn in_counts(&self) -> bool {
+        self.channels.iter().all(|channel| channel.unit == ReadingUnit::COUNT)
+    }
+
+    /// Expects what `other` expects, too.
+    pub(super) fn learn(&mut self, other: &Self) {
+        if self.in_counts() && other.in_counts() {
+            self.channels.iter_mut().zip(&other.channels).for_each(|(own, other)| own.merge(other));
+        }
+        for (own, &other) in self.places.iter_mut().zip(&other.places) {
+            *own = own.and(other);
+        }
+    }
+}
+
+impl Accumulator {
+    /// No rows yet, of `channels` channels.
+    pub fn new(basis: Basis, channels: usize) -> Self {
+        let nothing = vec![ChannelRange::EMPTY; channels];
+        Self {
+            basis,
+            layout: Arc::new(SumLayout::new(basis, channels)),
+            closed: None,
+            channels: nothing.clone(),
+            expected: ExpectedRows {
+                channels: nothing,
+                places: [BinaryPlaces::NONE; 6],
+                plan: None,
+            },
+            open: None,
+            staged: 0,
+            readings: vec![0.0; channels * ROWS],
+            wrench: vec![0.0; 6 * ROWS],
+            scratch: Scratch::default(),
+        }
+    }
+
+    /// Adds the rows of `other`, which are other rows of the same channels and basis.
+    ///
+    /// # Errors
+    /// [`ExactError`] if the rows of both cannot be summed exactly; the accumulator must then not
+    /// be used any more.
+    ///
+    /// # Panics
+    /// If basis or number of channels differ.
+    pub fn merge(&mut self, other: Self) -> Result<(), ExactError> {
+        self.sum_staged()?;
+        self.discard_plan()?;
+        let other = other.finish()?;
+        for (i, range) in other.channels.iter().enumerate() {
+            self.channels[i].merge(range);
+            self.expected.channels[i].merge(range);
+        }
+        other.add_to(&mut self.closed)
+    }
+
+    /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six
+    /// columns; all of the same length.
+    ///
+    /// # Errors
+    /// [`ExactError`] if the rows cannot be summed exactly. Rows before them may have been
+    /// added; the accumulator must not be used any more.
+    ///
+    /// # Panics
+    /// If the numbers or lengths of columns are not as described.
+    pub fn absorb<C: AsRef<[f64]>>(
+        &mut self,
+        readings: &[C],
+        wrench: &[C],
+    ) -> Result<(), ExactError> {
+        assert_eq!((readings.len(), wrench.len()), (self.channels.len(), 6), "columns");
+        let rows = wrench[0].as_ref().len();
+        assert!(readings.iter().chain(wrench).all(|c| c.as_ref().len() == rows), "lengths");
+        self.widen_ranges(readings)?;
+        if self.expected.plan.is_none() {
+            for (places, column) in self.expected.places.iter_mut().zip(wrench) {
+                *places = places.and(BinaryPlaces::new(column.as_ref()));
+            }
+        }
+        let mut start = 0;
+        while start < rows {
+            let end = rows.min(start + ROWS - self.staged);
+            let staged = self.staged..self.staged + end - start;
+            for (i, column) in readings.iter().enumerate() {
+                let target = &mut self.readings[i * ROWS..][staged.clone()];
+                count(&column.as_ref()[start..end], self.channels[i].unit, target);
+            }
+            for (i, column) in wrench.iter().enumerate() {
+                self.wrench[i * ROWS..][staged.clone()]
+                    .copy_from_slice(&column.as_ref()[start..end]);
+            }
+            self.staged = staged.end;
+            if self.staged == ROWS {
+                self.sum_staged()?;
+            }
+            start = end;
+        }
+        Ok(())
+    }
+
+    /// Whether there are sums in working form, which take more memory than what they amount to.
+    pub fn is_open(&self) -> bool {
+        self.open.is_some()
+    }
+
+    /// Hands over the sums over all rows but those that still wait for a full block, if there are any.
+    ///
+    /// # Errors
+    /// [`ExactError`] if they cannot be exact.
+    pub fn settle(&mut self) -> Result<Option<ExactSums>, ExactError> {
+        self.close()?;
+        Ok(self.closed.take())
+    }
+
+    /// The sums over all rows that were added.
+    ///
+    /// # Errors
+    /// [`ExactError`] if they cannot be exact.
+    pub fn finish(mut self) -> Result<ExactSums, ExactError> {
+        self.sum_staged()?;
+        self.close()?;
+        Ok(self.closed.unwrap_or_else(|| ExactSums::with_layout(self.basis, self.layout)))
+    }
+
+    /// Checks that readings are integers in some unit, and widens the known ranges by them.
+    fn widen_ranges<C: AsRef<[f64]>>(&mut self, readings: &[C]) -> Result<(), ExactError> {
+        for (i, column) in readings.iter().enumerate() {
+            let column = column.as_ref();
+            let known = self.channels[i];
+            let found = scan_column(column, known.unit)
+                .map_err(|value| ExactError::NotAnInteger { channel: i, value })?;
+            if found.unit != known.unit {
+                self.sum_staged()?;
+                self.discard_plan()?;
+            }
+            self.channels[i].merge(&found);
+            self.expected.channels[i].merge(&found);
+            if !self.channels[i].fits() {
+                return Err(ExactError::TooWide { channel: i });
+            }
+        }
+        Ok(())
+    }
+
+    /// Sums the rows that still wait for a full block.
+    pub(crate) fn sum_staged(&mut self) -> Result<(), ExactError> {
+        if self.staged == 0 {
+            return Ok(());
+        }
+        for column in self.wrench.chunks_mut(ROWS) {
+            column[self.staged..].fill(0.0);
+        }
+        let is_full = self.open.as_ref().is_some_and(|open| open.blocks >= MOST_BLOCKS);
+        let covers = |plan: &&Arc<SummationPlan>| {
+            distance(&self.channels, &plan.centre) <= plan.features.largest
+        };
+        match self.expected.plan.as_ref().filter(covers) {
+            Some(plan) if !is_full => {
+                self.open.get_or_insert_with(|| OpenSums::new(plan.clone()));
+            }
+            _ => self.reopen()?,
+        }
+        if !self.sum() {
+            self.reopen()?;
+            let exact = self.sum();
+            assert!(exact, "limbs chosen for these rows");
+        }
+        self.staged = 0;
+        Ok(())
+    }
+
+    fn sum(&mut self) -> bool {
+        let open = self.open.as_mut().expect("opened before");
+        for (column, &centre) in self.readings.chunks_mut(ROWS).zip(&open.plan.centre) {
+            column[self.staged..].fill(centre as f64);
+        }
+        let (readings, wrench) = (&self.readings, &self.wrench);
+        sum_block(&self.layout, open, self.staged, readings, wrench, &mut self.scratch)
+    }
+
+    /// Puts the open sums away and opens new ones that cover all rows so far and those staged.
+    fn reopen(&mut self) -> Result<(), ExactError> {
+        self.close()?;
+        for axis in Axis::ALL {
+            let staged = &self.wrench[axis.index() * ROWS..][..self.staged];
+            if !staged.iter().all(|x| x.is_finite()) {
+                return Err(ExactError::NotFinite { axis });
+            }
+            let places = &mut self.expected.places[axis.index()];
+            *places = places.and(BinaryPlaces::new(staged));
+        }
+        let expected = &self.expected.channels;
+        let centre: Vec<i64> = expected.iter().map(ChannelRange::middle).collect();
+        let places = &self.expected.places;
+        let features = FeatureLimbs::new(distance(expected, &centre), &self.layout, places);
+        let limbs = |width: u32| -> Result<Vec<Limbs>, ExactError> {
+            let of_axis = |axis: Axis| {
+                let limbs = self.expected.places[axis.index()].limbs(width);
+                limbs.ok_or(ExactError::TooManyPlaces { axis })
+            };
+            Axis::ALL.into_iter().map(of_axis).collect()
+        };
+        let (squares, cross) = (limbs(SQUARE_WIDTH)?, limbs(features.cross_width())?);
+        let plan = Arc::new(SummationPlan::new(&self.layout, centre, features, squares, cross));
+        self.open = Some(OpenSums::new(plan.clone()));
+        self.expected.plan = Some(plan);
+        Ok(())
+    }
+
+    /// Puts the open sums away before the unit of a channel changes: the plan is in its units.
+    fn discard_plan(&mut self) -> Result<(), ExactError> {
+        self.expected.plan = None;
+        self.close()
+    }
+
+    fn close(&mut self) -> Result<(), ExactError> {
+        let Some(open) = self.open.take().filter(|open| open.rows > 0) else { return Ok(()) };
+        let mut part = open.moments(&self.layout, self.basis);
+        part.channels.clone_from(&self.channels);
+        part.add_to(&mut self.closed)
+    }
+}
+
+/// The largest distance between a reading and its centre.
+fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
+    let of = |(channel, &centre): (&ChannelRange, &i64)| {
+        (channel.highest.saturating_sub(centre)).max(centre.saturating_sub(channel.lowest))
+    };
+    let largest = channels.iter().zip(centre).map(of).max().unwrap_or(0);
+    u32::try_from(largest.max(0)).unwrap_or(u32::MAX)
+}
+
+/// Adds rows to [`Accumulator`]s of one basis.
+///
+/// A new plan closes the sums by the one before, so each expects what the others do, and begins with
+/// the latest plan: that saves work and has no influence on results. All use one working memory.
+#[derive(Clone, Debug)]
+pub struct Adder {
+    /// An accumulator without rows, which expects what is known of all, to be copied.
+    empty: Accumulator,
+    scratch: Scratch,
+}
+
+impl Adder {
+    /// For rows of `channels` channels.
+    pub fn new(basis: Basis, channels: usize) -> Self {
+        Self { empty: Accumulator::new(basis, channels), scratch: Scratch::default() }
+    }
+
+    /// Sums over zero rows.
+    pub fn begin(&self) -> Accumulator {
+        self.empty.clone()
+    }
+
+    /// Adds rows to `sums`, as [`Accumulator::absorb`] does.
+    ///
+    /// # Errors
+    /// [`ExactError`] if the rows cannot be summed exactly.
+    ///
+    /// # Panics
+    /// If the numbers or lengths of columns are not as described there.
+    pub fn add<C: AsRef<[f64]>>(
+        &mut self,
+        sums: &mut Accumulator,
+        readings: &[C],
+        wrench: &[C],
+    ) -> Result<(), ExactError> {
+        let plan = |of: &Accumulator| of.expected.plan.as_ref().map(Arc::as_ptr);
+        sums.expected.learn(&self.empty.expected);
+        let before = plan(sums);
+        std::mem::swap(&mut sums.scratch, &mut self.scratch);
+        let added = sums.absorb(readings, wrench);
+        std::mem::swap(&mut sums.scratch, &mut self.scratch);
+        added?;
+        if plan(sums) != before && sums.expected.in_counts() {
+            self.empty.expected.clone_from(&sums.expected);
+        }
+        Ok(())
+    }
+
+    /// The sums over all rows of `sums`, as [`Accumulator::finish`] returns them.
+    ///
+    /// # Errors
+    /// [`ExactError`] if they cannot be exact.
+    pub fn finish(&mut self, mut sums: Accumulator) -> Result<ExactSums, ExactError> {
+        sums.scratch = std::mem::take(&mut self.scratch);
+        sums.sum_staged()?;
+        self.scratch = std::mem::take(&mut sums.scratch);
+        sums.finish()
+    }
+}

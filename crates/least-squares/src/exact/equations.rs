@@ -1,0 +1,392 @@
+//! From exact sums to coefficients.
+//!
+//! 1. Rank, in integers (see [`rank`](super::rank)).
+//! 2. With an intercept, the origin of each channel is moved to its mean, rounded to an integer: an
+//!    exact change of basis that takes most of the collinearity out of the powers.
+//! 3. Columns and axes are scaled by powers of two to norms near one, the sums rounded to
+//!    double-double, and the normal equations solved by Cholesky. Relative error: about
+//!    κ(X)²·2⁻¹⁰⁴, with κ after shift and scaling.
+//! 4. Where that may not do, iterative refinement with residuals in exact integers, as in Higham,
+//!    *Accuracy and Stability of Numerical Algorithms*, chapter 12: it converges as long as
+//!    κ(X) < 10¹⁵.
+//!
+//! And what the sums say before anything is solved: means, ranges and variances.
+
+use faer::Mat;
+use num_bigint::BigInt;
+use num_traits::Zero;
+
+use super::double_double_matrix::{AxisRow, Bordered, LANES, factor, solve_lower, solve_upper};
+use super::held_out::{EquationScales, ExactFit, penalty_of};
+use super::integers::{
+    DIGIT_BITS, digit_planes, integer, join, power_of_two, round, round_scaled, shifted,
+};
+use super::layout::pair;
+use super::product_sums::ExactSums;
+use super::rank::rank_loss;
+use crate::double_double::DoubleDouble;
+use crate::error::FitError;
+use crate::model::{Model, Term};
+use crate::r_factor::condition_and_rank;
+use crate::scaling::Scaling;
+use crate::solution::Solution;
+use crate::symmetric::UpperTriangle;
+use shell_data::wrench::{Axis, PerAxis};
+
+impl ExactSums {
+    /// The coefficients of `model` that fit the rows best: those that minimise the sum of squares
+    /// of residuals and, for each feature but the intercept, of `√ridge` times its coefficient
+    /// times the norm of its column.
+    ///
+    /// Without ridge, each coefficient is within a unit in the last place of the exact solution
+    /// unless it is some 10¹⁰ times smaller than its standard fellow features suggest.
+    ///
+    /// # Errors
+    /// [`FitError`] if the rows do not determine the coefficients.
+    pub fn solve(&self, model: &Model, ridge: f64) -> Result<ExactFit, FitError> {
+        if !(ridge >= 0.0 && ridge.is_finite()) {
+            return Err(FitError::Ridge(ridge));
+        }
+        let scales = EquationScales::new(self, model)?;
+        let size = scales.terms.len();
+        if self.rows < size as u64 && ridge == 0.0 {
+            return Err(FitError::TooFewRows { rows: self.rows, coefficients: size });
+        }
+        let loss = rank_loss(self, &scales);
+        let rank = loss.as_ref().map_or(size, |loss| loss.rank);
+        if let Some(loss) = loss.filter(|_| ridge == 0.0) {
+            let is_all = self.reading_ranges().constant_channels().len() == self.channels();
+            return Err(match is_all {
+                true => FitError::IdenticalRows(self.rows),
+                false => FitError::RankDeficient(loss),
+            });
+        }
+        IntegerEquations::new(self, model, scales).solve(ridge, rank)
+    }
+
+    /// The terms of a model.
+    ///
+    /// # Errors
+    /// [`FitError`] if the products of one of them were not summed.
+    pub(crate) fn summed_terms(&self, model: &Model) -> Result<Vec<Term>, FitError> {
+        let terms = model.terms();
+        let is_summed =
+            |term: &Term| *term == Term::INTERCEPT || self.layout.features.contains(term);
+        let (basis, channels) = (self.basis, self.channels());
+        if model.channels != channels {
+            return Err(FitError::Channels { expected: model.channels, found: channels });
+        }
+        if terms.iter().all(is_summed) {
+            return Ok(terms);
+        }
+        let summed = Model { basis, intercept: true, channels, memory: 0 };
+        Err(FitError::OtherFeatures { kept: summed.name(), asked: model.name() })
+    }
+
+    /// The mean of a channel, rounded to an integer.
+    pub(crate) fn rounded_mean(&self, channel: usize) -> i64 {
+        let rows = i128::from(self.rows);
+        (self.sum_of(channel) + rows / 2).div_euclid(rows) as i64
+    }
+
+    /// The sum of the readings of a channel.
+    pub(crate) fn sum_of(&self, channel: usize) -> i128 {
+        let channel = u8::try_from(channel).expect("as many channels as terms name");
+        self.readings[self.layout.position(Term::product(&[channel]), Term::INTERCEPT)]
+    }
+
+    /// The exponent of the power of two that no reading is farther from `centre` than.
+    pub(crate) fn reach(&self, channel: usize, centre: i64) -> i32 {
+        let range = &self.channels[channel];
+        let reach = (range.highest - centre).max(centre - range.lowest).max(1);
+        (reach as u64).next_power_of_two().ilog2() as i32
+    }
+
+    /// The variance of an axis over all rows, in N² or (N·m)²; NaN for zero rows.
+    pub fn variance(&self, axis: Axis) -> f64 {
+        self.total_square(axis.index()) / self.rows as f64
+    }
+
+    /// The sum of squared differences from the mean of an axis.
+    pub fn total_square(&self, axis: usize) -> f64 {
+        let square = &self.squares[pair(axis, axis)];
+        let sums = &self.wrench[axis];
+        let sum = &sums.values[0];
+        // n·Σw² − (Σw)² in units of the finer of both.
+        let unit = square.exponent.min(2 * sums.exponent);
+        let squares = (&square.values[0] << (square.exponent - unit)) * self.rows;
+        let difference = squares - ((sum * sum) << (2 * sums.exponent - unit));
+        let total = round_scaled(&difference, unit) / DoubleDouble::from(self.rows as f64);
+        total.to_f64()
+    }
+}
+
+/// Condition numbers from which the error of Cholesky, κ²·2⁻¹⁰⁴, may show in the last place of a
+/// coefficient a thousand times smaller than others.
+const REFINE_ABOVE: f64 = 1e5;
+
+/// A correction that does not change what is rounded to `f64`.
+const DONE: f64 = 1.0 / (1u64 << 60) as f64;
+
+/// The normal equations in integers.
+pub(crate) struct IntegerEquations<'a> {
+    moments: &'a ExactSums,
+    model: Model,
+    scales: EquationScales,
+    /// Sums about the centre, in the order of the layout.
+    readings: Vec<i128>,
+    wrench: PerAxis<Vec<BigInt>>,
+}
+
+impl<'a> IntegerEquations<'a> {
+    pub(crate) fn new(moments: &'a ExactSums, model: &Model, scales: EquationScales) -> Self {
+        let (readings, wrench) = moments.about(&scales.centre);
+        let sums = 0..=moments.layout.features.len();
+        let wrench = wrench.map(|axis| sums.clone().map(|position| axis.value(position)).collect());
+        Self { moments, model: *model, scales, readings, wrench }
+    }
+
+    pub(crate) fn solve(self, ridge: f64, rank: usize) -> Result<ExactFit, FitError> {
+        let size = self.scales.terms.len();
+        let mut bordered = Bordered::zero(size, 6);
+        let mut penalties = vec![DoubleDouble::ZERO; size];
+        for (a, penalty) in penalties.iter_mut().enumerate() {
+            for b in a..size {
+                let scale = power_of_two(-self.scales.columns[a] - self.scales.columns[b]);
+                bordered.set(a, b, round(self.gram(a, b)).scaled(scale));
+            }
+            if self.scales.terms[a] != Term::INTERCEPT && ridge > 0.0 {
+                let square = bordered.get(a, a);
+                *penalty = penalty_of(square, ridge);
+                bordered.set(a, a, square + *penalty);
+            }
+            for axis in 0..6 {
+                let (value, exponent) = self.right(a, axis);
+                let exponent = exponent - self.scales.columns[a] - self.scales.axes[axis];
+                bordered.set(a, size + axis, round_scaled(value, exponent));
+            }
+        }
+        for a in 0..6 {
+            for b in a..6 {
+                let square = &self.moments.squares[pair(a, b)];
+                let exponent = square.exponent - self.scales.axes[a] - self.scales.axes[b];
+                bordered.set(size + a, size + b, round_scaled(&square.values[0], exponent));
+            }
+        }
+        let products: Vec<AxisRow> = (0..size + 6).map(|a| bordered.border(a)).collect();
+        factor(&mut bordered).map_err(|_| FitError::NearlyDependent)?;
+        let mut coefficients: Vec<AxisRow> = (0..size).map(|a| bordered.border(a)).collect();
+        solve_upper(&bordered, &mut coefficients);
+        let condition = condition(&bordered);
+        if !condition.is_finite() {
+            return Err(FitError::NearlyDependent);
+        }
+        if condition > REFINE_ABOVE {
+            self.refine(&bordered, &penalties, &mut coefficients)?;
+        }
+        let residuals = if ridge == 0.0 {
+            (0..6).map(|a| bordered.border(size + a)).collect()
+        } else {
+            penalised_residuals(&products, &coefficients, &penalties)
+        };
+        self.fit(&bordered, &coefficients, &residuals, condition, (ridge, rank))
+    }
+
+    fn gram(&self, a: usize, b: usize) -> i128 {
+        self.readings[self.scales.positions[a * self.scales.terms.len() + b]]
+    }
+
+    /// The sum of feature `a` times the wrench: integer and exponent.
+    fn right(&self, a: usize, axis: usize) -> (&BigInt, i32) {
+        let position = self.moments.layout.position(self.scales.terms[a], Term::INTERCEPT);
+        (&self.wrench[axis][position], self.moments.wrench[axis].exponent)
+    }
+
+    /// Corrects the coefficients by solving for the exact residual of the normal equations.
+    fn refine(
+        &self,
+        cholesky: &Bordered,
+        penalties: &[DoubleDouble],
+        coefficients: &mut [AxisRow],
+    ) -> Result<(), FitError> {
+        /// Each round gains what the first solution had in digits.
+        const ROUNDS: usize = 8;
+        let mut before = f64::INFINITY;
+        for _ in 0..ROUNDS {
+            let mut correction = self.residual(penalties, coefficients);
+            solve_lower(cholesky, &mut correction);
+            solve_upper(cholesky, &mut correction);
+            let mut largest: f64 = 0.0;
+            for (row, correction) in coefficients.iter_mut().zip(&correction) {
+                for (c, &d) in row.iter_mut().zip(correction) {
+                    *c += d;
+                    if d != DoubleDouble::ZERO {
+                        largest = largest.max((d.to_f64() / c.to_f64()).abs());
+                    }
+                }
+            }
+            if largest > DONE && largest >= before || largest.is_nan() {
+                return Err(FitError::NearlyDependent);
+            }
+            // The next correction would be smaller than this one by the same factor again.
+            if largest < DONE {
+                return Ok(());
+            }
+            before = largest;
+        }
+        Err(FitError::NearlyDependent)
+    }
+
+    /// `b − (A + penalties)·c`, rounded once.
+    fn residual(&self, penalties: &[DoubleDouble], coefficients: &[AxisRow]) -> Vec<AxisRow> {
+        let size = self.scales.terms.len();
+        let (units, integers) = self.integers(coefficients);
+        let planes = integers.each_ref().map(|column| digit_planes(column));
+        let mut residual = vec![[DoubleDouble::ZERO; LANES]; size];
+        for (a, residual) in residual.iter_mut().enumerate() {
+            let gram: Vec<i128> = (0..size).map(|b| self.gram(a, b)).collect();
+            for (axis, planes) in planes.iter().enumerate() {
+                let sum = product(&gram, |sum| i128::from(sum as u64), planes)
+                    + (product(&gram, |sum| sum >> 64, planes) << 64);
+                let (right, exponent) = self.right(a, axis);
+                let lowest = units[axis].min(exponent);
+                let rest = (right << (exponent - lowest)) - (sum << (units[axis] - lowest));
+                let exponent = lowest - self.scales.columns[a] - self.scales.axes[axis];
+                let penalty = penalties[a] * coefficients[a][axis];
+                residual[axis] = round_scaled(&rest, exponent) - penalty;
+            }
+        }
+        residual
+    }
+
+    /// For each axis the coefficients of unscaled columns as integers, and the exponent of the power
+    /// of two that they count.
+    fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
+        let mut units = [0; 6];
+        let integers = std::array::from_fn(|axis| {
+            let parts: Vec<[(BigInt, i32); 2]> = (coefficients.iter().zip(&self.scales.columns))
+                .map(|(row, &column)| {
+                    let up = self.scales.axes[axis] - column;
+                    [row[axis].to_f64(), row[axis].tail()].map(|x| {
+                        let (integer, exponent) = integer(x);
+                        (integer, exponent + up)
+                    })
+                })
+                .collect();
+            let unit = parts.iter().flatten().filter(|(n, _)| !n.is_zero()).map(|&(_, e)| e).min();
+            units[axis] = unit.unwrap_or(0);
+            let whole = |parts: &[(BigInt, i32); 2]| {
+                let parts = parts.iter().filter(|(n, _)| !n.is_zero());
+                parts.map(|(n, e)| n << (e - units[axis])).sum()
+            };
+            parts.iter().map(whole).collect()
+        });
+        (units, integers)
+    }
+
+    fn fit(
+        self,
+        cholesky: &Bordered,
+        coefficients: &[AxisRow],
+        residuals: &[AxisRow],
+        condition: f64,
+        (ridge, rank): (f64, usize),
+    ) -> Result<ExactFit, FitError> {
+        let EquationScales { ref centre, ref terms, ref columns, axes, .. } = self.scales;
+        let unit = |i: usize| self.moments.channels[i].unit;
+        let reach: Vec<i32> =
+            centre.iter().enumerate().map(|(i, &c)| self.moments.reach(i, c)).collect();
+        let reach_of = |term: &Term| term.factors().iter().map(|&c| reach[usize::from(c)]).sum();
+        let counted: Vec<i32> = terms.iter().map(reach_of).collect();
+        // 2^exponent times a column of the factor is that of the centred and scaled feature.
+        let exponents: Vec<i32> =
+            counted.iter().zip(columns).map(|(counted, column)| counted - column).collect();
+        let stretch = |&c: &u8| {
+            let unit = unit(usize::from(c));
+            DoubleDouble::from(power_of_two(unit.nearest_power()))
+                / DoubleDouble::from(f64::from(unit.per_count()))
+        };
+        let stretch: Vec<DoubleDouble> = (terms.iter())
+            .map(|term| term.factors().iter().map(stretch).fold(DoubleDouble::ONE, |a, b| a * b))
+            .collect();
+        let scaled = |(row, (&exponent, &stretch)): (&AxisRow, (&i32, &DoubleDouble))| {
+            std::array::from_fn(|axis| shifted(row[axis], exponent + axes[axis]) / stretch)
+        };
+        let coefficients: Vec<PerAxis<DoubleDouble>> =
+            coefficients.iter().zip(exponents.iter().zip(&stretch)).map(scaled).collect();
+        if !coefficients.iter().flatten().all(|c| c.is_finite()) {
+            return Err(FitError::Overflow);
+        }
+        let centre = (centre.iter().enumerate())
+            .map(|(i, &centre)| centre as f64 / f64::from(unit(i).per_count()));
+        let scale = (reach.iter().enumerate())
+            .map(|(i, reach)| power_of_two(reach - unit(i).nearest_power()));
+        let r_factor = UpperTriangle::from_fn(terms.len(), |i, j| {
+            (shifted(cholesky.get(i, j), -exponents[j]) * stretch[j]).to_f64()
+        });
+        let residual_product = |a: usize, b: usize| {
+            let product = shifted(residuals[a.min(b)][a.max(b)], axes[a] + axes[b]).to_f64();
+            // Where nothing is left, rounding may leave less than nothing.
+            if a == b { product.max(0.0) } else { product }
+        };
+        let solution = Solution {
+            model: self.model,
+            scaling: Scaling { centre: centre.collect(), scale: scale.collect() },
+            coefficients: Mat::from_fn(terms.len(), 6, |i, a| coefficients[i][a].to_f64()),
+            factor: r_factor.inverse().matrix(),
+            residual_products: Mat::from_fn(6, 6, residual_product),
+            rows: self.moments.rows,
+            condition,
+            rank,
+            ridge,
+        };
+        let scales = EquationScales { columns: counted, axes: [0; 6], ..self.scales };
+        Ok(ExactFit { solution, coefficients, scales, stretch })
+    }
+}
+
+/// The sum of products of long integers, in digits, with halves of 64 bits of others: below 2⁹⁶, they need no carry.
+fn product(values: &[i128], half: impl Fn(i128) -> i128, planes: &[Vec<i128>]) -> BigInt {
+    let of_plane = |plane: &Vec<i128>| values.iter().zip(plane).map(|(&v, d)| half(v) * d).sum();
+    let sums: Vec<i128> = planes.iter().map(of_plane).collect();
+    join(sums.into_iter(), DIGIT_BITS)
+}
+
+/// `WᵀW − CᵀB − CᵀPC`, which are the residuals of `(A + P)·C = B`.
+fn penalised_residuals(
+    products: &[AxisRow],
+    c: &[AxisRow],
+    penalties: &[DoubleDouble],
+) -> Vec<AxisRow> {
+    let size = c.len();
+    (0..6)
+        .map(|a| {
+            let mut row = products[size + a];
+            for j in 0..size {
+                for b in 0..6 {
+                    row[b] -= c[j][a] * (products[j][b] + penalties[j] * c[j][b]);
+                }
+            }
+            row
+        })
+        .collect()
+}
+
+/// The condition number of a factor with its columns scaled to norm one, to six digits: those after them depend on the
+/// vectors of the processor.
+fn condition(cholesky: &Bordered) -> f64 {
+    let size = cholesky.size;
+    let mut r = Mat::<f64>::zeros(size, size);
+    for j in 0..size {
+        let column: Vec<f64> = (0..=j).map(|i| cholesky.get(i, j).to_f64()).collect();
+        let norm = column.iter().map(|x| x * x).sum::<f64>().sqrt();
+        for (i, x) in column.into_iter().enumerate() {
+            r[(i, j)] = x / norm;
+        }
+    }
+    condition_and_rank(&r, 0.0).map_or(f64::INFINITY, |(condition, _)| six_digits(condition))
+}
+
+fn six_digits(number: f64) -> f64 {
+    format!("{number:.5e}").parse().unwrap_or(number)
+}

@@ -1,0 +1,234 @@
+//! Exact sums in the open, for programs that write them to files.
+//!
+//! Sums that are read from a file are checked: whether they can be those of some rows. A single changed
+//! digit of a sum makes a fit wrong, or its equations none. Not every change can be found so, but none that
+//! arithmetic further on takes for granted goes through.
+
+use num_bigint::{BigInt, Sign};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use super::integers::ScaledIntegers;
+use super::layout::pair;
+use super::product_sums::ExactSums;
+use super::readings::ChannelRange;
+use crate::error::MAX_ROWS;
+use crate::model::{Basis, Model};
+use shell_data::by_axis;
+use shell_data::wrench::{Axes, Axis};
+
+/// [`ExactSums`] as a file holds them: integers as decimal strings, since they exceed what readers of
+/// JSON take for numbers.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct StoredSums {
+    /// The features that were summed.
+    pub basis: Basis,
+    /// Rows.
+    pub rows: u64,
+    /// The range of each channel.
+    pub channels: Vec<ChannelRange>,
+    /// Sums of products of readings, one per distinct product.
+    pub readings: Vec<String>,
+    /// Sums of products of readings and one axis of the wrench, for each axis that there is.
+    pub wrench: Vec<StoredIntegers>,
+    /// Sums of products of two axes of the wrench, for each pair of those.
+    pub squares: Vec<StoredIntegers>,
+}
+
+/// Integers times a power of two.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct StoredIntegers {
+    /// Of two.
+    pub exponent: i32,
+    /// The integers, in decimal.
+    pub values: Vec<String>,
+}
+
+/// The most digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵, take some 700.
+const MAX_DIGITS: usize = 2_000;
+
+/// The text of an integer that is not too long: reading one takes time by the square of its length.
+fn of_digits(text: &str) -> Result<&str, String> {
+    match text.len() {
+        0..=MAX_DIGITS => Ok(text),
+        found => Err(format!("an integer has `{found}` digits, at most `{MAX_DIGITS}` are read")),
+    }
+}
+
+/// The positions of the pairs of some axes among those of all, in their order.
+fn pairs(axes: Axes) -> Vec<usize> {
+    let of = |first: Axis| {
+        let others = axes.iter().filter(move |second| second.index() >= first.index());
+        others.map(move |second| pair(first.index(), second.index()))
+    };
+    axes.iter().flat_map(of).collect()
+}
+
+/// The sums of the axes of the [document](by_axis) alone.
+impl From<ExactSums> for StoredSums {
+    fn from(moments: ExactSums) -> Self {
+        let axes = by_axis::axes();
+        let stored = |scaled: &ScaledIntegers| StoredIntegers {
+            exponent: scaled.exponent,
+            values: scaled.values.iter().map(BigInt::to_string).collect(),
+        };
+        Self {
+            basis: moments.basis,
+            rows: moments.rows,
+            channels: moments.channels,
+            readings: moments.readings.iter().map(i128::to_string).collect(),
+            wrench: axes.iter().map(|axis| stored(&moments.wrench[axis.index()])).collect(),
+            squares: pairs(axes)
+                .into_iter()
+                .map(|position| stored(&moments.squares[position]))
+                .collect(),
+        }
+    }
+}
+
+/// Sums of the axes of the [document](by_axis); those of the others are zero.
+impl TryFrom<StoredSums> for ExactSums {
+    type Error = String;
+
+    /// # Errors
+    /// What does not fit together, if they cannot be the sums of any rows.
+    fn try_from(stored: StoredSums) -> Result<Self, String> {
+        if stored.channels.is_empty() || stored.channels.len() > 255 {
+            return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
+        }
+        let model = Model {
+            basis: stored.basis,
+            intercept: true,
+            channels: stored.channels.len(),
+            memory: 0,
+        };
+        model.check_size().map_err(|error| error.to_string())?;
+        let mut moments = ExactSums::new(stored.basis, stored.channels.len());
+        let sane = |c: &ChannelRange| c.fits() && c.unit.is_sane();
+        if !stored.channels.iter().all(sane) || stored.rows > MAX_ROWS {
+            return Err("ranges or rows beyond what can be summed exactly".to_owned());
+        }
+        let expect = |what: &str, found: usize, expected: usize| {
+            (found == expected)
+                .then_some(())
+                .ok_or_else(|| format!("`{found}` {what}, expected `{expected}`"))
+        };
+        expect("sums of readings", stored.readings.len(), moments.readings.len())?;
+        let axes = by_axis::axes();
+        let squares = pairs(axes);
+        expect("axes", stored.wrench.len(), axes.count())?;
+        expect("products of axes", stored.squares.len(), squares.len())?;
+        for (sum, text) in moments.readings.iter_mut().zip(&stored.readings) {
+            let text = of_digits(text)?;
+            *sum = text.parse().map_err(|_| format!("`{text}` is not an integer of 128 bits"))?;
+        }
+        if moments.readings[0] != i128::from(stored.rows) {
+            return Err("the number of rows is not the sum of ones".to_owned());
+        }
+        let parse = |sums: &mut ScaledIntegers, stored: &StoredIntegers| {
+            expect("sums of an axis", stored.values.len(), sums.values.len())?;
+            for (value, text) in sums.values.iter_mut().zip(&stored.values) {
+                let text = of_digits(text)?;
+                *value = text.parse().map_err(|_| format!("`{text}` is not an integer"))?;
+            }
+            if !(-4000..=4000).contains(&stored.exponent) {
+                return Err(format!("exponent `{}` is out of range", stored.exponent));
+            }
+            *sums = ScaledIntegers::new(stored.exponent, std::mem::take(&mut sums.values));
+            Ok(())
+        };
+        for (axis, of) in axes.iter().zip(&stored.wrench) {
+            parse(&mut moments.wrench[axis.index()], of)?;
+        }
+        for (position, of) in squares.into_iter().zip(&stored.squares) {
+            parse(&mut moments.squares[position], of)?;
+        }
+        moments.rows = stored.rows;
+        moments.channels = stored.channels;
+        moments.check_possible().map_err(|error| format!("`moments`: {error}"))?;
+        Ok(moments)
+    }
+}
+
+impl Serialize for ExactSums {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        StoredSums::from(self.clone()).serialize(serializer)
+    }
+}
+
+impl<'de> Deserialize<'de> for ExactSums {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        StoredSums::deserialize(deserializer)?.try_into().map_err(D::Error::custom)
+    }
+}
+
+impl ExactSums {
+    /// Whether these can be the sums of some of the rows of `whole`. Where they cannot, taking them away
+    /// from it would leave sums of no rows.
+    pub fn can_be_part_of(&self, whole: &ExactSums) -> bool {
+        let within = |(part, whole): (&ChannelRange, &ChannelRange)| {
+            let mut both = *whole;
+            both.merge(part);
+            both == *whole
+        };
+        let like = (self.basis, self.channels.len(), self.rows.min(whole.rows));
+        like == (whole.basis, whole.channels.len(), self.rows)
+            && self.channels.iter().zip(&whole.channels).all(within)
+            // The ranges of what is left are those of the whole, also where no rows are left.
+            && (self.rows == whole.rows || whole.without(self).check_possible().is_ok())
+    }
+
+    /// # Errors
+    /// What no rows have for sums.
+    pub(crate) fn check_possible(&self) -> Result<(), String> {
+        if self.rows == 0 {
+            return match self.readings.iter().all(|&sum| sum == 0) {
+                true => Ok(()),
+                false => Err("sums of readings over `0` rows".to_owned()),
+            };
+        }
+        let rows = i128::from(self.rows);
+        for (i, range) in self.channels.iter().enumerate() {
+            let sum = self.sum_of(i);
+            let (lowest, highest) = (i128::from(range.lowest), i128::from(range.highest));
+            if lowest > highest || sum < lowest * rows || sum > highest * rows {
+                return Err(format!("the mean of channel {} is not within its range", i + 1));
+            }
+        }
+        let bounds = self.bounds();
+        if let Some(i) =
+            (0..bounds.len()).find(|&i| self.readings[i].unsigned_abs() as f64 > bounds[i])
+        {
+            return Err(format!("the sum of readings {i} is larger than the ranges allow"));
+        }
+        // About the mean, as they are solved.
+        let centre: Vec<i64> = (0..self.channels.len()).map(|i| self.rounded_mean(i)).collect();
+        let centred = self.readings_about(&centre);
+        let is_negative = |&term: &_| centred[self.layout.position(term, term)] < 0;
+        if let Some(term) = self.layout.features.iter().find(|term| is_negative(term)) {
+            return Err(format!("the sum of squares of `{}` is negative", term.name()));
+        }
+        for axis in 0..6 {
+            let is_negative = self.squares[pair(axis, axis)].values[0].sign() == Sign::Minus;
+            if is_negative || self.total_square(axis) < 0.0 {
+                return Err(format!("the sum of squares of axis {} is negative", axis + 1));
+            }
+        }
+        Ok(())
+    }
+
+    /// The largest magnitude of each sum of readings, by the ranges of the channels.
+    fn bounds(&self) -> Vec<f64> {
+        let mut bounds = vec![self.rows as f64 * SLACK; self.readings.len()];
+        for (channel, range) in self.channels.iter().enumerate() {
+            let reach = range.lowest.unsigned_abs().max(range.highest.unsigned_abs()) as f64;
+            for (bound, exponent) in bounds.iter_mut().zip(self.layout.exponents(channel)) {
+                *bound *= reach.powi(exponent as i32);
+            }
+        }
+        bounds
+    }
+}
+
+/// Room for the rounding of bounds.
+const SLACK: f64 = 1.0 + 1e-6;

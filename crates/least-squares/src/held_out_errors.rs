@@ -1,0 +1,53 @@
+//! Errors on rows that were held out, as sums.
+
+use crate::quality::AxisQuality;
+use shell_data::wrench::PerAxis;
+
+/// The level of the intervals whose coverage is counted.
+pub const COVERAGE_LEVEL: f64 = 0.95;
+
+/// Errors on rows that were not fitted, on one axis.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HeldOutErrors {
+    /// Rows.
+    pub rows: u64,
+    /// Sum of errors, predicted less measured, N or N·m.
+    pub sum: f64,
+    /// Sum of squared errors.
+    pub squares: f64,
+}
+
+impl HeldOutErrors {
+    /// Adds the rows of `other`.
+    pub fn merge(&mut self, other: &HeldOutErrors) {
+        self.rows += other.rows;
+        self.sum += other.sum;
+        self.squares += other.squares;
+    }
+
+    /// The sums over all parts of the rows, for each axis.
+    pub fn total<'a>(parts: impl IntoIterator<Item = &'a PerAxis<Self>>) -> PerAxis<Self> {
+        let mut total = PerAxis::<Self>::default();
+        for part in parts {
+            total.iter_mut().zip(part).for_each(|(total, part)| total.merge(part));
+        }
+        total
+    }
+
+    /// Root mean square of the errors; NaN for zero rows.
+    pub fn rms(&self) -> f64 {
+        (self.squares / self.rows as f64).sqrt()
+    }
+
+    /// Mean of the errors; NaN for zero rows.
+    pub fn bias(&self) -> f64 {
+        self.sum / self.rows as f64
+    }
+
+    /// The figures beside the sum of squared differences of the measured wrench from its mean. There is
+    /// no largest error in sums.
+    pub(crate) fn quality(&self, total: f64) -> AxisQuality {
+        let r_squared = (total > 0.0).then(|| 1.0 - self.squares / total);
+        AxisQuality { rms: self.rms(), max: None, bias: self.bias(), r_squared }
+    }
+}

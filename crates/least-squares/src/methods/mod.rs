@@ -1,0 +1,181 @@
+//! Dense linear least squares, `min ‖X·C − Y‖`, by a family of methods over one stream of rows.
+//!
+//! The methods know neither readings nor wrenches. Rows come in chunks `[X | Y]`, elements of `X` in
+//! double-double where a plain `f64` would round them ([`RowChunk`]). A [`Reduction`] says what a pass
+//! over the rows computes: a R factor, a Gram matrix, a gradient; memory does not grow with
+//! the rows. [`RowSource`] is whatever can be passed over, as often as the method needs:
+//!
+//! | method | passes | what is kept | relative error of the coefficients, about |
+//! | --- | --- | --- | --- |
+//! | [`SolverKind::Gram`] | 1 | `XᵀX` | ε·κ² |
+//! | [`SolverKind::Tsqr`], [`SolverKind::PivotedQr`], [`SolverKind::Svd`] | 1 | R | ε·(κ + κ²·tan θ) |
+//! | [`SolverKind::RefinedTsqr`] | 2 or more | R, then `XᵀR` in double-double | ε, while ε·κ ≪ 1 |
+//! | [`SolverKind::WideGram`] | 1 | `XᵀX` in double-double | ε + ε²·κ² |
+//! | [`SolverKind::WideTsqr`] | 1 | R in double-double | ε + ε²·(κ + κ²·tan θ) |
+//! | [`SolverKind::RidgeGcv`] | 1 | R | that of the ridge |
+//! | [`SolverKind::Huber`] | about 10 | R, then clipped gradients | not a least-squares answer |
+//!
+//! with ε = 2⁻⁵³, κ the condition number of `X` with columns of norm one, θ the angle between `Y`
+//! and its prediction (Björck, Numerical Methods for Least Squares Problems, 1996, §1.4, §2.4). A
+//! method that cannot tell full rank from a loss of rank, or whose error would leave no digit,
+//! answers with [`LeastSquaresError::IllConditioned`] and not with numbers.
+
+#[cfg(test)]
+#[path = "tests/dense.rs"]
+mod dense;
+mod gcv;
+mod gram;
+mod huber;
+mod rank_revealing;
+mod refinement;
+mod rows;
+mod wide;
+mod wide_matrix;
+
+pub(crate) use self::huber::clip_of_sizes;
+pub use self::rows::{Reduction, RowChunk, RowSource, Shape};
+pub use super::r_factor::{LeastSquares, LeastSquaresError, Ridge};
+
+use self::gram::Gram;
+use self::wide::{WideGram, WideRFactor};
+use super::r_factor::RFactor;
+
+/// The solvers by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum SolverKind {
+    /// Exact sums of integer readings; of any other rows as [`SolverKind::RefinedTsqr`].
+    Exact,
+    /// Householder QR over row blocks.
+    Tsqr,
+    /// Householder QR, corrected by residuals in double-double: two passes or more.
+    RefinedTsqr,
+    /// QR with column pivoting. Pivots are chosen in the R factor that [`SolverKind::Tsqr`] leaves,
+    /// whose columns have the lengths and angles of those of `X`: the same factorisation.
+    PivotedQr,
+    /// Singular values, again of the R factor, which has those of `X`.
+    Svd,
+    /// Normal equations and Cholesky in `f64`.
+    Gram,
+    /// Normal equations and Cholesky in double-double.
+    WideGram,
+    /// Householder QR over row blocks in double-double.
+    WideTsqr,
+    /// A ridge whose parameter generalised cross-validation chooses.
+    RidgeGcv,
+    /// Huber's M-estimator: rows far off count less. About ten passes.
+    Huber,
+}
+
+/// How to solve.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Method {
+    /// The solver.
+    pub solver: SolverKind,
+    /// For [`SolverKind::Svd`]: leaves out directions whose singular value, of columns of norm one, is below this
+    /// share of the largest. `None` leaves out nothing.
+    pub truncate: Option<f64>,
+}
+
+impl From<SolverKind> for Method {
+    fn from(solver: SolverKind) -> Self {
+        Self { solver, truncate: None }
+    }
+}
+
+impl SolverKind {
+    /// All solvers.
+    pub const ALL: [SolverKind; 10] = {
+        use SolverKind::*;
+        [Exact, Tsqr, RefinedTsqr, PivotedQr, Svd, Gram, WideGram, WideTsqr, RidgeGcv, Huber]
+    };
+
+    /// The name in files and on the command line.
+    pub const fn name(self) -> &'static str {
+        NAMES[self as usize].0
+    }
+
+    /// The work of the solver in a few words.
+    pub const fn description(self) -> &'static str {
+        NAMES[self as usize].1
+    }
+
+    /// The solver to take in its place, of those that only judge others in tests and benchmarks: one that is offered has
+    /// their digits at a smaller price.
+    pub const fn instead(self) -> Option<Self> {
+        match self {
+            Self::RefinedTsqr | Self::Gram | Self::WideGram | Self::WideTsqr => Some(Self::Exact),
+            Self::PivotedQr => Some(Self::Svd),
+            Self::Exact | Self::Tsqr | Self::Svd | Self::RidgeGcv | Self::Huber => None,
+        }
+    }
+
+    /// The solvers that users can pick.
+    pub fn offered() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|solver| solver.instead().is_none())
+    }
+}
+
+/// The names of the solvers and what they do, in the order of [`SolverKind`].
+const NAMES: [(&str, &str); 10] = [
+    ("exact", "Exact sums of integer readings; QR, corrected by residuals, of others"),
+    ("tsqr", "Householder QR over row blocks"),
+    ("refined-tsqr", "QR, corrected by residuals in double-double"),
+    ("pivoted-qr", "QR with column pivoting"),
+    ("svd", "Singular values"),
+    ("gram", "Normal equations in double precision: fast and coarse"),
+    ("wide-gram", "Normal equations in double-double"),
+    ("wide-tsqr", "Householder QR in double-double: slow and sure"),
+    ("ridge-gcv", "Ridge, its parameter chosen by generalised cross-validation"),
+    ("huber", "Huber's M-estimator: rows far off count less"),
+];
+
+/// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`, and says which λ it was.
+///
+/// With [`SolverKind::RidgeGcv`], `ridge` says only which column is free of it.
+///
+/// # Errors
+/// [`LeastSquaresError`] if the rows do not determine the
+/// coefficients, or not for this method; the errors of `rows`.
+pub fn solve<R: RowSource>(
+    rows: &mut R,
+    method: Method,
+    ridge: Ridge,
+) -> Result<(LeastSquares, f64), R::Error> {
+    let shape = rows.shape();
+    let no_rows = || RFactor::new(shape.features, shape.outputs);
+    let solved = match method.solver {
+        SolverKind::Tsqr | SolverKind::Svd | SolverKind::RidgeGcv => {
+            return Ok(solve_r_factor(&rows.pass(&no_rows())?, method, ridge)?);
+        }
+        SolverKind::PivotedQr => rank_revealing::pivoted(&rows.pass(&no_rows())?, ridge)?,
+        SolverKind::Gram => rows.pass(&Gram::new(shape))?.solve(ridge)?,
+        SolverKind::WideGram => rows.pass(&WideGram::new(shape))?.solve(ridge)?,
+        SolverKind::WideTsqr => rows.pass(&WideRFactor::new(shape))?.solve(ridge)?,
+        SolverKind::Exact | SolverKind::RefinedTsqr => refinement::solve(rows, ridge)?,
+        SolverKind::Huber => huber::solve(rows, ridge)?,
+    };
+    Ok((solved, ridge.lambda))
+}
+
+/// As [`solve`], for rows of which the R factor is known. Singular values and a ridge by GCV
+/// are had from the R factor; every other method that weighs rows alike differs from QR by rounding.
+///
+/// # Errors
+/// [`LeastSquaresError`] as [`solve`].
+pub(crate) fn solve_r_factor(
+    r_factor: &RFactor,
+    method: Method,
+    ridge: Ridge,
+) -> Result<(LeastSquares, f64), LeastSquaresError> {
+    let Ridge { free_column, .. } = ridge;
+    Ok(match method.solver {
+        SolverKind::Svd => (rank_revealing::svd(r_factor, ridge, method.truncate)?, ridge.lambda),
+        SolverKind::RidgeGcv => {
+            let lambda = gcv::lambda(r_factor, free_column)?;
+            (r_factor.solve(Ridge { lambda, free_column })?, lambda)
+        }
+        _ => (r_factor.solve(ridge)?, ridge.lambda),
+    })
+}

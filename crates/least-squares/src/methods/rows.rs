@@ -1,0 +1,134 @@
+//! Rows in chunks, and what a pass over them computes.
+
+use std::ops::Range;
+
+use super::wide_matrix::Wide;
+use crate::r_factor::{LeastSquaresError, RFactor};
+
+/// Some rows of `[X | Y]`, column by column.
+#[derive(Clone, Copy, Debug)]
+pub struct RowChunk<'a> {
+    /// Number of rows.
+    pub rows: usize,
+    /// Distance between the beginnings of columns.
+    pub stride: usize,
+    /// The elements, rounded to `f64`.
+    pub heads: &'a [f64],
+    /// What rounding left out of the elements of `X`, laid out like them; empty if nothing.
+    pub tails: &'a [f64],
+}
+
+impl<'a> RowChunk<'a> {
+    /// Rows of a chunk of `columns` columns that stays in a core's own cache, and is long enough
+    /// for the work per chunk not to count.
+    pub fn rows_in_cache(columns: usize) -> usize {
+        /// Bytes of a chunk.
+        const BYTES: usize = 1 << 18;
+        (BYTES / (8 * columns.max(1))).max(4 * columns)
+    }
+
+    /// Column `j` of `[X | Y]`.
+    #[inline(always)]
+    pub fn column(&self, j: usize) -> &'a [f64] {
+        &self.heads[j * self.stride..][..self.rows]
+    }
+
+    /// What rounding left out of column `j`; empty if nothing.
+    #[inline(always)]
+    pub(super) fn tail(&self, j: usize) -> &'a [f64] {
+        self.tails.get(j * self.stride..).and_then(|tails| tails.get(..self.rows)).unwrap_or(&[])
+    }
+
+    #[inline(always)]
+    pub(super) fn wide(&self, j: usize) -> Wide<'a> {
+        Wide { heads: self.column(j), tails: self.tail(j) }
+    }
+}
+
+/// Columns of equal height, one after the other, and what rounding left out of each element.
+#[derive(Clone, Debug)]
+pub(super) struct WideColumns {
+    pub(super) height: usize,
+    pub(super) heads: Vec<f64>,
+    pub(super) tails: Vec<f64>,
+}
+
+impl WideColumns {
+    /// Copies of columns of a chunk.
+    pub(super) fn new(chunk: &RowChunk<'_>, columns: Range<usize>) -> Self {
+        let elements = columns.len() * chunk.rows;
+        let (mut heads, mut tails) = (Vec::with_capacity(elements), Vec::with_capacity(elements));
+        for j in columns {
+            let column = chunk.wide(j);
+            heads.extend(column.heads);
+            tails.extend(column.tails);
+            tails.resize(heads.len(), 0.0);
+        }
+        Self { height: chunk.rows, heads, tails }
+    }
+}
+
+/// The result of a pass over the rows. It starts as the result for zero rows.
+pub trait Reduction: Clone + Send + Sync {
+    /// Whether [`RowChunk::tails`] are looked at.
+    const WIDE: bool;
+
+    /// Rows of a chunk of so many columns at most.
+    fn chunk_rows(columns: usize) -> usize {
+        RowChunk::rows_in_cache(columns)
+    }
+
+    /// Adds a chunk of at most [`Self::chunk_rows`] rows.
+    fn absorb(&mut self, chunk: &RowChunk<'_>);
+
+    /// Adds the rows of `later`.
+    fn merge(&mut self, later: Self);
+}
+
+/// Rows that can be passed over any number of times.
+pub trait RowSource {
+    /// What can go wrong on the way.
+    type Error: From<LeastSquaresError>;
+
+    /// Columns of `X` and of `Y`.
+    fn shape(&self) -> Shape;
+
+    /// Reduces all rows, starting from `empty`, the result for zero rows.
+    ///
+    /// # Errors
+    /// If rows cannot be read.
+    fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, Self::Error>;
+}
+
+/// Columns of `X` and of `Y`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// p, columns of `X`.
+    pub features: usize,
+    /// q, columns of `Y`.
+    pub outputs: usize,
+}
+
+impl Shape {
+    /// Columns of `[X | Y]`.
+    pub fn columns(self) -> usize {
+        self.features + self.outputs
+    }
+}
+
+impl Reduction for RFactor {
+    const WIDE: bool = false;
+
+    /// By Householder QR over row blocks, see [`r_factor`](crate::r_factor).
+    fn absorb(&mut self, chunk: &RowChunk<'_>) {
+        self.absorb(chunk.rows, |rows, columns, stride| {
+            for (j, column) in columns.chunks_mut(stride).enumerate() {
+                column[..rows.len()].copy_from_slice(&chunk.column(j)[rows.clone()]);
+            }
+        });
+    }
+
+    fn merge(&mut self, later: Self) {
+        self.merge(&later);
+    }
+}

@@ -1,0 +1,336 @@
+//! Passes over rows in memory, on several threads.
+//!
+//! Threads take one block after the other. What comes of the blocks is folded in their order, by whichever thread
+//! has finished the next; what does not depend on order ([`Pass::ANY_ORDER`]) is summed in a state of each thread and
+//! merged at the end. So results have the same bits for any number of threads.
+
+use std::collections::VecDeque;
+use std::panic::resume_unwind;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{LazyLock, Mutex, PoisonError};
+
+use crate::error::FitError;
+use shell_data::block::Block;
+use shell_data::dataset::Dataset;
+use shell_data::lock::lock;
+
+/// Who works on the rows, and who watches.
+#[derive(Clone, Copy, Default)]
+pub struct Workers<'a> {
+    /// Number of threads; 0 for one per core. No result depends on it.
+    pub threads: usize,
+    /// Told how many more rows a pass has handled; says whether to go on.
+    pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
+    /// Told how many folds of the physics model, or splits of a replay, are done, and of how many.
+    pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
+}
+
+impl Workers<'_> {
+    /// So many threads, unwatched; 0 for one per core.
+    pub fn new(threads: usize) -> Self {
+        Self { threads, ..Self::default() }
+    }
+
+    /// The same, on one thread where the blocks are not worth more.
+    fn worth<'b>(self, blocks: impl Iterator<Item = &'b Block>) -> Self {
+        let numbers = blocks.map(|block| block.rows * (block.readings.len() + 6)).sum::<usize>();
+        let threads = if self.threads == 0 && numbers < WORTH_A_THREAD { 1 } else { self.threads };
+        Self { threads, ..self }
+    }
+
+    /// One thread, unwatched.
+    pub const ONE: Self = Self { threads: 1, watch: None, folds: None };
+}
+
+impl std::fmt::Debug for Workers<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Workers").field("threads", &self.threads).finish_non_exhaustive()
+    }
+}
+
+/// One per core. Determined once, because the system reads several files for it.
+static AVAILABLE_THREADS: LazyLock<usize> =
+    LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
+
+/// Numbers that one thread handles before another would be ready.
+const WORTH_A_THREAD: usize = 1 << 16;
+
+/// Blocks that can be passed over any number of times, always in the same order.
+#[derive(Clone, Debug)]
+pub struct Rows<'a> {
+    blocks: Vec<&'a Block>,
+    workers: Workers<'a>,
+}
+
+impl<'a> Rows<'a> {
+    /// The rows of a data set.
+    pub fn new(data: &'a Dataset, workers: Workers<'a>) -> Self {
+        Self { blocks: data.blocks().map(|(_, block)| &*block.rows).collect(), workers }
+    }
+
+    /// The rows of some blocks.
+    pub fn from_blocks(blocks: impl IntoIterator<Item = &'a Block>, workers: Workers<'a>) -> Self {
+        Self { blocks: blocks.into_iter().collect(), workers }
+    }
+
+    /// Reduces every block and merges the results, in the order of the blocks where that matters. `empty` is the
+    /// result for zero rows, which every reduction starts from.
+    ///
+    /// # Errors
+    /// [`FitError`] if the pass rejects a block, or whoever watches wants no more.
+    pub fn reduce<P: Pass>(&self, empty: &P) -> Result<P, FitError> {
+        let mut all = empty.clone();
+        let work = |own: &mut Option<P>, run: &&[&Block]| {
+            let mut of_run = (!P::ANY_ORDER).then(|| empty.clone());
+            let partial = match &mut of_run {
+                Some(partial) => partial,
+                None => own.get_or_insert_with(|| empty.clone()),
+            };
+            run.iter().try_for_each(|block| partial.absorb(block))?;
+            Ok(of_run)
+        };
+        let merge = |of_run: Option<P>| of_run.map_or(Ok(()), |partial| all.merge(partial));
+        let runs = runs(&self.blocks, if P::ANY_ORDER { 1 } else { empty.rows_together() });
+        let rows_of = |run: &&[&Block]| run.iter().map(|block| block.rows).sum();
+        let workers = self.workers.worth(self.blocks.iter().copied());
+        let own = on_threads(&runs, rows_of, workers, || None, work, merge)?;
+        own.into_iter().flatten().try_for_each(|partial| all.merge(partial))?;
+        Ok(all)
+    }
+}
+
+/// Blocks that follow each other, of at least so many rows together but for the last.
+fn runs<'b>(blocks: &'b [&'b Block], rows: usize) -> Vec<&'b [&'b Block]> {
+    let (mut runs, mut start, mut found) = (Vec::new(), 0, 0);
+    for (at, block) in blocks.iter().enumerate() {
+        found += block.rows;
+        if found >= rows || at + 1 == blocks.len() {
+            runs.push(&blocks[start..=at]);
+            (start, found) = (at + 1, 0);
+        }
+    }
+    runs
+}
+
+impl<'a> From<&'a [Block]> for Rows<'a> {
+    /// Passed over by one thread.
+    fn from(blocks: &'a [Block]) -> Self {
+        Self::from_blocks(blocks, Workers::ONE)
+    }
+}
+
+impl<'a> From<&'a Block> for Rows<'a> {
+    /// Passed over by one thread.
+    fn from(block: &'a Block) -> Self {
+        Self::from(std::slice::from_ref(block))
+    }
+}
+
+/// The result of a pass over rows. It starts as the result for zero rows.
+pub trait Pass: Clone + Send + Sync {
+    /// Whether `merge` is commutative and associative, bit for bit: the result does not depend on the
+    /// order and grouping of the rows.
+    const ANY_ORDER: bool = false;
+
+    /// Rows that are best reduced together, where order matters: merging may cost as much as adding that many.
+    fn rows_together(&self) -> usize {
+        1
+    }
+
+    /// Adds the rows of a block. May be called on any thread.
+    ///
+    /// # Errors
+    /// [`FitError`] where the solver cannot work with these readings or wrenches; what is left is
+    /// of no further use.
+    fn absorb(&mut self, block: &Block) -> Result<(), FitError>;
+
+    /// Adds the rows of `later`.
+    ///
+    /// # Errors
+    /// [`FitError`] where the solver can work with either, but not with both.
+    fn merge(&mut self, later: Self) -> Result<(), FitError>;
+}
+
+/// Passes every item to `work`, on as many threads as its rows are worth; see [`on_threads`]. `rows_of` is the block of
+/// an item.
+///
+/// # Errors
+/// The first error in the order of the items, of `work` or `fold`; [`FitError::Interrupted`] if whoever watches wants
+/// no more.
+pub fn each<I: Sync, S: Send, T: Send>(
+    items: &[I],
+    rows_of: impl Fn(&I) -> &Block + Sync,
+    workers: Workers<'_>,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(&mut S, &I) -> Result<T, FitError> + Sync,
+    fold: impl FnMut(T) -> Result<(), FitError> + Send,
+) -> Result<Vec<S>, FitError> {
+    let workers = workers.worth(items.iter().map(&rows_of));
+    on_threads(items, |item| rows_of(item).rows, workers, init, work, fold)
+}
+
+/// What `work` makes of every item, on any thread, in the order of the items.
+///
+/// # Errors
+/// As [`each`].
+pub fn map<I: Sync, T: Send>(
+    items: &[I],
+    workers: Workers<'_>,
+    work: impl Fn(&I) -> Result<T, FitError> + Sync,
+) -> Result<Vec<T>, FitError> {
+    map_folds(items, Workers { folds: None, ..workers }, work)
+}
+
+/// The same of folds that take seconds each: whoever watches is told how many are done.
+///
+/// # Errors
+/// As [`each`].
+pub fn map_folds<I: Sync, T: Send>(
+    folds: &[I],
+    workers: Workers<'_>,
+    work: impl Fn(&I) -> Result<T, FitError> + Sync,
+) -> Result<Vec<T>, FitError> {
+    let mut results = Vec::with_capacity(folds.len());
+    let fold = |result| {
+        results.push(result);
+        if let Some(told) = workers.folds {
+            told(results.len(), folds.len());
+        }
+        Ok(())
+    };
+    on_threads(folds, |_| 0, workers, || (), |(), fold| work(fold), fold)?;
+    Ok(results)
+}
+
+/// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items; whoever
+/// watches is told of the rows of each. Returns the states of the threads, made by `init`.
+pub fn on_threads<I: Sync, S: Send, T: Send>(
+    items: &[I],
+    rows_of: impl Fn(&I) -> usize + Sync,
+    workers: Workers<'_>,
+    init: impl Fn() -> S + Sync,
+    work: impl Fn(&mut S, &I) -> Result<T, FitError> + Sync,
+    fold: impl FnMut(T) -> Result<(), FitError> + Send,
+) -> Result<Vec<S>, FitError> {
+    let threads = match workers.threads {
+        // There are no others in a browser: known here, what starts them is not compiled.
+        _ if cfg!(target_family = "wasm") => 1,
+        0 => *AVAILABLE_THREADS,
+        threads => threads,
+    };
+    let next = AtomicUsize::new(0);
+    let folded =
+        Mutex::new(OrderedFold { next: 0, waiting: VecDeque::new(), fold, outcome: Ok(()) });
+    let worker = || {
+        let mut state = init();
+        loop {
+            let position = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(position) else { return state };
+            let result = work(&mut state, item).and_then(|value| {
+                let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item)));
+                if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
+            });
+            // A poisoned lock means that a thread has panicked, and the panic will be passed on.
+            if !lock(&folded).add(position, result) {
+                return state;
+            }
+        }
+    };
+    let states = match threads.min(items.len()) {
+        0 | 1 => vec![worker()],
+        threads => std::thread::scope(|scope| {
+            let others: Vec<_> = (1..threads).map(|_| scope.spawn(worker)).collect();
+            let own = worker();
+            let join = |other: std::thread::ScopedJoinHandle<'_, S>| {
+                other.join().unwrap_or_else(|panic| resume_unwind(panic))
+            };
+            std::iter::once(own).chain(others.into_iter().map(join)).collect()
+        }),
+    };
+    folded.into_inner().unwrap_or_else(PoisonError::into_inner).outcome?;
+    Ok(states)
+}
+
+/// Results that are folded in order and come in any.
+struct OrderedFold<T, F> {
+    /// Position of the first result that is not folded yet.
+    next: usize,
+    /// The results from there on; `None` for those that have not come.
+    waiting: VecDeque<Option<Result<T, FitError>>>,
+    fold: F,
+    outcome: Result<(), FitError>,
+}
+
+impl<T, F: FnMut(T) -> Result<(), FitError>> OrderedFold<T, F> {
+    /// Adds the result of the item at a position; `false` if no more are wanted.
+    fn add(&mut self, position: usize, result: Result<T, FitError>) -> bool {
+        let ahead = position - self.next;
+        while self.waiting.len() <= ahead {
+            self.waiting.push_back(None);
+        }
+        self.waiting[ahead] = Some(result);
+        while self.outcome.is_ok()
+            && let Some(result) = self.waiting.front_mut().and_then(Option::take)
+        {
+            self.waiting.pop_front();
+            self.next += 1;
+            self.outcome = result.and_then(&mut self.fold);
+        }
+        self.outcome.is_ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn blocks(count: usize) -> Vec<Block> {
+        let block = |i: usize| {
+            let rows = 900 + i % 7;
+            let column = |c: usize| (0..rows).map(|row| (i * 31 + row * c) as f64).collect();
+            let readings = (1..9).map(column).collect();
+            Block { rows, readings, wrench: vec![vec![0.0; rows]; 6], ..Block::default() }
+        };
+        (0..count).map(block).collect()
+    }
+
+    #[test]
+    fn results_are_folded_in_order_and_the_first_error_in_order_is_returned() {
+        let blocks = blocks(200);
+        for threads in [1, 2, 5] {
+            let workers = Workers::new(threads);
+            let mut rows = Vec::new();
+            let fold = |of_block: usize| {
+                rows.push(of_block);
+                Ok(())
+            };
+            let count = |sum: &mut usize, block: &Block| {
+                *sum += block.rows;
+                Ok(block.rows)
+            };
+            let sums = each(&blocks, |block| block, workers, || 0, count, fold).unwrap();
+            assert_eq!(rows, blocks.iter().map(|block| block.rows).collect::<Vec<_>>());
+            assert_eq!(sums.iter().sum::<usize>(), rows.iter().sum::<usize>());
+            let fail = |(): &mut (), block: &Block| match block.readings[0][0] as usize / 31 {
+                i @ (57 | 58 | 120) => Err(FitError::Ridge(i as f64)),
+                _ => Ok(()),
+            };
+            let failed = each(&blocks, |block| block, workers, || (), fail, Ok).unwrap_err();
+            assert_eq!(failed, FitError::Ridge(57.0));
+        }
+    }
+
+    #[test]
+    fn whoever_watches_is_told_of_every_row_and_may_stop_it() {
+        let blocks = blocks(50);
+        let (seen, most) = (AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
+        let watch =
+            |rows: usize| seen.fetch_add(rows, Ordering::Relaxed) < most.load(Ordering::Relaxed);
+        let workers = Workers { watch: Some(&watch), ..Workers::new(2) };
+        let pass = || each(&blocks, |block| block, workers, || (), |(), _| Ok(()), Ok);
+        pass().unwrap();
+        assert_eq!(seen.load(Ordering::Relaxed), blocks.iter().map(|b| b.rows).sum::<usize>());
+        most.store(0, Ordering::Relaxed);
+        assert_eq!(pass().unwrap_err(), FitError::Interrupted);
+    }
+}

@@ -1,0 +1,62 @@
+//! Which readings a calibration has seen: rows, and the range of each channel.
+//!
+//! Found in the same pass as the fit, whatever the solver. It says where a calibration may be
+//! trusted, and names channels that never moved.
+
+/// The smallest and the largest reading of one channel, in counts.
+#[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct ReadingRange {
+    /// The smallest reading.
+    pub min: f64,
+    /// The largest reading.
+    pub max: f64,
+}
+
+/// Rows seen and the range of each channel over them. Merges in any order.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadingRanges {
+    /// Number of rows.
+    pub rows: u64,
+    /// One range per channel; `min > max` for zero rows.
+    pub channels: Vec<ReadingRange>,
+}
+
+impl ReadingRange {
+    const NOTHING: ReadingRange = ReadingRange { min: f64::INFINITY, max: f64::NEG_INFINITY };
+
+    /// Whether `reading` lies within.
+    pub fn contains(&self, reading: f64) -> bool {
+        self.min <= reading && reading <= self.max
+    }
+
+    /// Whether there was only ever one value.
+    pub fn is_constant(&self) -> bool {
+        self.min == self.max
+    }
+
+    /// Widens it by another.
+    pub fn merge(&mut self, other: ReadingRange) {
+        self.min = self.min.min(other.min);
+        self.max = self.max.max(other.max);
+    }
+}
+
+impl ReadingRanges {
+    /// No rows of `channels` channels.
+    pub fn new(channels: usize) -> Self {
+        Self { rows: 0, channels: vec![ReadingRange::NOTHING; channels] }
+    }
+
+    /// Adds the rows of `other`.
+    pub fn merge(&mut self, other: &ReadingRanges) {
+        self.rows += other.rows;
+        for (range, &other) in self.channels.iter_mut().zip(&other.channels) {
+            range.merge(other);
+        }
+    }
+
+    /// The channels, from 0, that only ever had one value.
+    pub fn constant_channels(&self) -> Vec<usize> {
+        (0..self.channels.len()).filter(|&i| self.channels[i].is_constant()).collect()
+    }
+}

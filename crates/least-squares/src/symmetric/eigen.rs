@@ -1,0 +1,193 @@
+//! Eigenvalues and vectors, by a tridiagonal matrix and implicit QL steps (Bowdler, Martin, Reinsch & Wilkinson,
+//! Numer. Math. 11, 1968).
+//!
+//! Values are right to some rounding errors of the largest. The vectors stay products of Householder's reflections and
+//! of rotations: a few vectors are turned into their basis and back at less than what the basis takes.
+
+use super::{SymmetricMatrix, add_multiple, product};
+use shell_data::vectorised;
+
+/// Steps for one eigenvalue: two as a rule.
+const MOST_STEPS: usize = 60;
+
+/// `A = Z·diag(values)·Zᵀ`.
+#[derive(Clone, Debug)]
+pub struct Eigen {
+    pub values: Vec<f64>,
+    /// Of all but the first number, of all but two, …
+    reflections: Vec<Reflection>,
+    /// Of the numbers at a position and after it: cosine and sine.
+    rotations: Vec<(usize, f64, f64)>,
+}
+
+impl SymmetricMatrix {
+    /// `None` if the matrix is not finite.
+    pub fn eigen(mut self) -> Option<Eigen> {
+        let (mut values, mut beside, reflections) = tridiagonal(&mut self);
+        let rotations = implicit_ql(&mut values, &mut beside)?;
+        Some(Eigen { values, reflections, rotations })
+    }
+}
+
+impl Eigen {
+    /// The vector of a value.
+    pub fn vector(&self, position: usize) -> Vec<f64> {
+        let mut vector = vec![0.0; self.values.len()];
+        vector[position] = 1.0;
+        self.turn_back(&mut vector);
+        vector
+    }
+
+    /// `Zᵀ·x`.
+    pub fn turn(&self, x: &mut [f64]) {
+        for (k, reflection) in self.reflections.iter().enumerate() {
+            reflection.apply(&mut x[k + 1..]);
+        }
+        for &(i, cos, sin) in &self.rotations {
+            (x[i], x[i + 1]) = (cos * x[i] - sin * x[i + 1], sin * x[i] + cos * x[i + 1]);
+        }
+    }
+
+    /// `Z·x`.
+    pub fn turn_back(&self, x: &mut [f64]) {
+        for &(i, cos, sin) in self.rotations.iter().rev() {
+            (x[i], x[i + 1]) = (cos * x[i] + sin * x[i + 1], cos * x[i + 1] - sin * x[i]);
+        }
+        for (k, reflection) in self.reflections.iter().enumerate().rev() {
+            reflection.apply(&mut x[k + 1..]);
+        }
+    }
+}
+
+vectorised! {
+    /// Diagonal, what is beside it, and the reflections that leave these.
+    fn tridiagonal(a: &mut SymmetricMatrix) -> (Vec<f64>, Vec<f64>, Vec<Reflection>) {
+        let size = a.size;
+        let mut rest = a.upper.as_mut_slice();
+        let (mut diagonal, mut beside) = (Vec::with_capacity(size), Vec::with_capacity(size));
+        let mut reflections = Vec::with_capacity(size);
+        for length in (1..=size).rev() {
+            let (row, below) = rest.split_at_mut(length);
+            diagonal.push(row[0]);
+            rest = below;
+            if length > 1 {
+                let (reflection, left) = Reflection::new(&row[1..]);
+                beside.push(left);
+                reflection.apply_both(rest);
+                reflections.push(reflection);
+            }
+        }
+        (diagonal, beside, reflections)
+    }
+}
+
+/// Makes the diagonal the eigenvalues; returns the rotations, `None` if the numbers are not finite.
+fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize, f64, f64)>> {
+    let size = diagonal.len();
+    beside.resize(size, 0.0);
+    let mut rotations = Vec::with_capacity(2 * size * size);
+    // Of the whole matrix: what rounding leaves of a lower rank has no digits, and does not converge to any.
+    let sums = diagonal.iter().zip(&*beside).map(|(d, e)| d.abs() + e.abs());
+    let zero = f64::EPSILON * sums.fold(0.0, f64::max);
+    for first in 0..size {
+        for step in 0.. {
+            let is_small = |i: &usize| beside[*i].abs() <= zero;
+            let last = (first..size - 1).find(is_small).unwrap_or(size - 1);
+            if last == first {
+                break;
+            }
+            if step == MOST_STEPS {
+                return None;
+            }
+            ql_step(diagonal, beside, (first, last), &mut rotations);
+        }
+    }
+    diagonal.iter().all(|value| value.is_finite()).then_some(rotations)
+}
+
+/// A step with Wilkinson's shift, of the rows from the first to the last.
+fn ql_step(
+    diagonal: &mut [f64],
+    beside: &mut [f64],
+    (first, last): (usize, usize),
+    rotations: &mut Vec<(usize, f64, f64)>,
+) {
+    let g = (diagonal[first + 1] - diagonal[first]) / (2.0 * beside[first]);
+    let r = (g * g + 1.0).sqrt().copysign(g);
+    let mut g = diagonal[last] - diagonal[first] + beside[first] / (g + r);
+    let (mut sin, mut cos, mut shift) = (1.0, 1.0, 0.0);
+    for i in (first..last).rev() {
+        let (f, b) = (sin * beside[i], cos * beside[i]);
+        let r = (f * f + g * g).sqrt();
+        beside[i + 1] = r;
+        if r == 0.0 {
+            diagonal[i + 1] -= shift;
+            beside[last] = 0.0;
+            return;
+        }
+        (sin, cos) = (f / r, g / r);
+        g = diagonal[i + 1] - shift;
+        let r = (diagonal[i] - g) * sin + 2.0 * cos * b;
+        shift = sin * r;
+        diagonal[i + 1] = g + shift;
+        g = cos * r - b;
+        rotations.push((i, cos, sin));
+    }
+    diagonal[first] -= shift;
+    beside[first] = g;
+    beside[last] = 0.0;
+}
+
+/// `I − β·v·vᵀ`, which leaves of a vector its first number alone.
+#[derive(Clone, Debug)]
+pub(super) struct Reflection {
+    v: Vec<f64>,
+    beta: f64,
+}
+
+impl Reflection {
+    /// That of a vector, and what is left of it.
+    #[inline(always)]
+    pub(super) fn new(x: &[f64]) -> (Self, f64) {
+        let length = product(x, x).sqrt();
+        let mut v = x.to_vec();
+        if x.len() == 1 || length == 0.0 {
+            return (Self { v, beta: 0.0 }, x[0]);
+        }
+        let beta = 1.0 / (length * (length + x[0].abs()));
+        let left = -length.copysign(x[0]);
+        v[0] -= left;
+        (Self { v, beta }, left)
+    }
+
+    #[inline(always)]
+    pub(super) fn apply(&self, x: &mut [f64]) {
+        add_multiple(x, -self.beta * product(&self.v, x), &self.v);
+    }
+
+    /// `H·A·H`.
+    #[inline(always)]
+    pub(super) fn apply_both(&self, rows: &mut [f64]) {
+        let size = self.v.len();
+        // p = β·A·v, w = p − β/2·(pᵀv)·v, A − v·wᵀ − w·vᵀ.
+        let mut w = vec![0.0; size];
+        let mut rest = &*rows;
+        for i in 0..size {
+            let (row, below) = rest.split_at(size - i);
+            w[i] += product(row, &self.v[i..]);
+            add_multiple(&mut w[i + 1..], self.v[i], &row[1..]);
+            rest = below;
+        }
+        w.iter_mut().for_each(|w| *w *= self.beta);
+        let half = -0.5 * self.beta * product(&w, &self.v);
+        add_multiple(&mut w, half, &self.v);
+        let mut rest = rows;
+        for i in 0..size {
+            let (row, below) = rest.split_at_mut(size - i);
+            let (vi, wi) = (self.v[i], w[i]);
+            let columns = self.v[i..].iter().zip(&w[i..]);
+            row.iter_mut().zip(columns).for_each(|(x, (v, w))| *x -= vi * w + wi * v);
+            rest = below;
+        }
+    }
+}

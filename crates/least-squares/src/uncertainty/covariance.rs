@@ -1,0 +1,216 @@
+//! The covariance of errors and coefficients.
+
+use crate::error::FitError;
+use std::ops::Range;
+
+use super::group_intervals::GroupIntervals;
+use super::interval::{ErrorShape, NoIntervals, normal_quantile, student_quantile};
+use super::new_groups::{MOST_GROUPS, each, of_scores, score_of, score_on, score_without};
+use crate::factored::FactoredGroups;
+use crate::methods::Method;
+use crate::model::Model;
+use crate::passes::Workers;
+use crate::sandwich::GroupScatter;
+use crate::solver::Solution;
+use crate::symmetric::{TriangularColumns, triangular_columns};
+use crate::validation::cross_validation::errors_on;
+use crate::validation::grouped::SumsByGroup;
+use shell_data::by_axis;
+use shell_data::wrench::PerAxis;
+
+/// The covariance that standard errors of predictions are computed from.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Covariance {
+    /// `S`, the covariance of the errors of a row, in products of N and N·m.
+    #[serde(with = "by_axis::matrix")]
+    pub residual: PerAxis<PerAxis<f64>>,
+    /// Rows less coefficients, or groups less one.
+    pub degrees_of_freedom: u64,
+    /// That of the coefficients.
+    pub coefficients: CoefficientCovariance,
+    /// How the training errors are distributed, where that is known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shape: Option<ErrorShape>,
+    /// The share of the squared errors that the rows of a group have in common, where groups are known.
+    #[serde(default, skip_serializing_if = "Option::is_none", with = "by_axis::option")]
+    pub shared: Option<PerAxis<f64>>,
+    /// Intervals from groups that were held out, where groups are few.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub intervals: Option<GroupIntervals>,
+}
+
+/// The covariance of the coefficients, in factors.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum CoefficientCovariance {
+    /// For errors that are independent from row to row.
+    Rows {
+        /// `F`, to be multiplied by `S[a][b]`.
+        factor: TriangularColumns,
+    },
+    /// For errors that are alike within groups of rows.
+    Groups {
+        /// Their number.
+        groups: u64,
+        /// `T` of each axis.
+        #[serde(with = "by_axis")]
+        factors: PerAxis<TriangularColumns>,
+    },
+}
+
+impl Covariance {
+    /// The covariance of a solution, errors of rows being independent; `None` if there are no more
+    /// rows than coefficients.
+    pub fn from_rows(solution: &Solution) -> Option<Self> {
+        let factor = &solution.factor;
+        let degrees_of_freedom =
+            solution.rows.checked_sub(factor.nrows() as u64).filter(|&n| n > 0)?;
+        let products = &solution.residual_products;
+        Some(Self {
+            residual: std::array::from_fn(|a| {
+                std::array::from_fn(|b| products[(a, b)] / degrees_of_freedom as f64)
+            }),
+            degrees_of_freedom,
+            coefficients: CoefficientCovariance::Rows {
+                factor: triangular_columns(factor.as_ref()),
+            },
+            shape: None,
+            shared: None,
+            intervals: None,
+        })
+    }
+
+    /// The covariance of the fit of `model` to all rows of `sums`, errors being alike within its
+    /// groups. `ridge` is as in [`ExactSums::solve`](crate::exact::ExactSums::solve). Groups may be stretches of time that
+    /// nothing else tells apart.
+    ///
+    /// # Errors
+    /// [`FitError`] if there are too few groups, or without one of them the model cannot be
+    /// fitted.
+    pub fn from_groups(
+        sums: &SumsByGroup,
+        model: &Model,
+        ridge: f64,
+        are_stretches: bool,
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
+        let whole = sums.all_of_several()?;
+        let fit = whole.solve(model, ridge)?;
+        let (found, groups) = (fit.scatter(&sums.groups)?, &sums.groups);
+        let intervals = if are_stretches {
+            // The standard errors are those of the fit to all, to which one stretch adds little: of poly3, 40 scatters
+            // of 39 stretches take most of a fit.
+            let (parts, variances) = (sums.partitioned(model)?, fit.variances(&found, groups));
+            of_scores(groups.len(), workers, |group| {
+                let errors = errors_on(&parts, &groups[group].1, ridge).ok()?;
+                Some(score_of(&errors, &variances[group], &found, whole.rows()))
+            })
+        } else {
+            let score = |group| score_without(whole, groups, (model, ridge), group);
+            of_scores(groups.len(), workers, score)
+        };
+        Ok(Self::from_scatter(found, whole.rows(), intervals))
+    }
+
+    /// The same of a solution by `method`, from R factors of its rows: for rows that could not be summed
+    /// exactly, and methods that sums do not serve. The ridge is what was asked for. Groups that are stretches of time are
+    /// held out by whole `files` or each alone, as these say.
+    ///
+    /// # Errors
+    /// As [`Covariance::from_groups`].
+    pub fn from_factored(
+        rows: &FactoredGroups,
+        files: Option<&[Range<usize>]>,
+        solution: &Solution,
+        (method, ridge): (Method, f64),
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
+        let (model, groups) = (&solution.model, rows.groups.len());
+        Self::from_r_factors(rows, solution, workers, |scatter| match files {
+            // A ridge by GCV is found anew without each group.
+            None => {
+                let others = (groups <= MOST_GROUPS).then(|| rows.without_each()).flatten()?;
+                of_scores(groups, workers, |group| {
+                    let fit = others[group].solve_by(method, model, ridge).ok()?;
+                    let scatter = rows.scatter(&fit, Some(group), 1).ok()?;
+                    score_on(rows, group, &fit, &scatter)
+                })
+            }
+            // Rows of a file have more in common than those of two. The fit to all rows says how much the errors of a
+            // stretch are expected to be.
+            Some(files) => {
+                let others = rows.merged(files).without_each()?;
+                let of_file = |file: usize| {
+                    let fit = others[file].solve_by(method, model, ridge).ok()?;
+                    let variances = rows.variances(files[file].clone(), solution, scatter)?;
+                    let score = |(group, variance): (usize, PerAxis<f64>)| {
+                        let errors = rows.groups[group].1.errors(&fit)?;
+                        Some(score_of(&errors, &variance, scatter, solution.rows))
+                    };
+                    files[file].clone().zip(variances).map(score).collect::<Option<Vec<_>>>()
+                };
+                let scores: Option<Vec<_>> =
+                    each(files.len(), workers, of_file)?.into_iter().collect();
+                Some(GroupIntervals::from_groups(&scores?.concat()))
+            }
+        })
+    }
+
+    /// As [`Covariance::from_groups`], from R factors, with the intervals that are found from the scatter.
+    pub(super) fn from_r_factors(
+        rows: &FactoredGroups,
+        solution: &Solution,
+        workers: Workers<'_>,
+        intervals: impl FnOnce(&GroupScatter) -> Option<GroupIntervals>,
+    ) -> Result<Self, FitError> {
+        let groups = rows.groups.len();
+        if groups < 2 {
+            return Err(FitError::TooFewGroups { found: groups });
+        }
+        let found = rows.scatter(solution, None, workers.threads)?;
+        let intervals = intervals(&found);
+        Ok(Self::from_scatter(found, solution.rows, intervals))
+    }
+
+    fn from_scatter(found: GroupScatter, rows: u64, intervals: Option<GroupIntervals>) -> Self {
+        Self {
+            residual: found.residual_covariance(rows),
+            degrees_of_freedom: found.groups as u64 - 1,
+            coefficients: CoefficientCovariance::Groups {
+                groups: found.groups as u64,
+                factors: found.factors.each_ref().map(|of| triangular_columns(of.as_ref())),
+            },
+            shape: None,
+            shared: Some(found.shared),
+            intervals,
+        }
+    }
+
+    /// How many standard errors either way a prediction interval of `level` reaches, per axis.
+    ///
+    /// # Errors
+    /// [`NoIntervals`] where rows are taken as independent, or groups are too few to tell.
+    ///
+    /// # Panics
+    /// If `level` is not above 0 and below 1.
+    pub fn interval_factors(&self, level: f64) -> Result<PerAxis<f64>, NoIntervals> {
+        assert!(0.0 < level && level < 1.0, "a level between 0 and 1");
+        if matches!(self.coefficients, CoefficientCovariance::Rows { .. }) {
+            return Err(NoIntervals::IndependentRows);
+        }
+        if let Some(intervals) = &self.intervals {
+            return Ok(intervals.factors(level)?);
+        }
+        let z = normal_quantile(level);
+        let t = student_quantile(level, self.degrees_of_freedom as f64);
+        Ok(std::array::from_fn(|axis| match &self.shape {
+            None => t,
+            Some(shape) => shape.quantile(axis, level) * t / z,
+        }))
+    }
+
+    /// Standard deviation of the residuals, per axis, N and N·m.
+    pub fn residual_sd(&self) -> PerAxis<f64> {
+        std::array::from_fn(|axis| self.residual[axis][axis].sqrt())
+    }
+}

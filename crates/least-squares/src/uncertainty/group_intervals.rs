@@ -1,0 +1,244 @@
+//! Intervals from errors on groups that were held out.
+//!
+//! A group is one observation, however many rows it has. The score of a row is its error in standard
+//! errors. With G groups, each has the mass `1/(G + 1)`, spread evenly over its rows, and what a new
+//! group may do has the rest, at infinity: the quantile of level L of that distribution holds the
+//! score of a row of a new group with a probability of L at least, whatever the errors' distribution,
+//! if groups are exchangeable (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal
+//! prediction; Lei et al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row a group). Scores of
+//! models that were trained without a fold, not without one group alone, keep it nearly.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use shell_data::wrench::PerAxis;
+use statrs::distribution::{ContinuousCDF, Normal};
+
+/// The levels that are kept; for one between, the next above.
+pub const LEVELS: [f64; 10] = [0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
+
+/// How many standard errors hold which share of the errors on new groups.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct GroupIntervals {
+    /// Groups that were held out.
+    pub groups: usize,
+    /// Those of [`LEVELS`] that so many groups can tell.
+    pub levels: Vec<f64>,
+    /// For each axis and level, standard errors.
+    #[serde(with = "shell_data::by_axis")]
+    pub factors: PerAxis<Vec<f64>>,
+}
+
+/// The level is higher than the groups can tell.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error(
+    "an interval of {} % needs `{needed}` held-out groups or stretches of time, there are `{groups}`",
+    100.0 * level
+)]
+pub struct TooFewGroups {
+    /// What was asked for.
+    pub level: f64,
+    /// Groups that it takes.
+    pub needed: usize,
+    /// Groups that there are.
+    pub groups: usize,
+}
+
+/// Scores of rows, by group.
+#[derive(Clone, Debug, Default)]
+pub struct Scores(BTreeMap<u64, PerAxis<Vec<f64>>>);
+
+impl Scores {
+    /// Adds a row: its error and the standard error of each axis, N and N·m.
+    pub fn add(&mut self, group: u64, error: &PerAxis<f64>, standard_error: &PerAxis<f64>) {
+        let scores = self.0.entry(group).or_default();
+        for (axis, scores) in scores.iter_mut().enumerate() {
+            let score = (error[axis] / standard_error[axis]).abs();
+            scores.push(if score.is_nan() { f64::INFINITY } else { score });
+        }
+    }
+
+    /// The scores of all other groups.
+    pub fn without(&self, groups: &BTreeSet<u64>) -> Self {
+        let others = self.0.iter().filter(|(group, _)| !groups.contains(group));
+        Self(others.map(|(&group, scores)| (group, scores.clone())).collect())
+    }
+
+    /// Divides the scores of each axis by their root mean square, each group with the same weight, where the
+    /// standard errors as they are count as `prior` groups of mean square one. Returns what they were divided by.
+    pub fn rescale(&mut self, prior: f64) -> PerAxis<f64> {
+        let count = prior + self.0.len() as f64;
+        let mean_square = |scores: &Vec<f64>| {
+            scores.iter().map(|score| score * score).sum::<f64>() / scores.len() as f64
+        };
+        std::array::from_fn(|axis| {
+            let squares = self.0.values().map(|of| mean_square(&of[axis]));
+            let sum: f64 = squares.filter(|square| square.is_finite()).sum();
+            let scale = ((prior + sum) / count).sqrt();
+            self.0.values_mut().flat_map(|of| &mut of[axis]).for_each(|score| *score /= scale);
+            scale
+        })
+    }
+
+    /// The intervals.
+    pub fn intervals(&self) -> GroupIntervals {
+        let groups = self.0.len();
+        let levels = levels_known(groups);
+        let factors = std::array::from_fn(|axis| {
+            let mut scores = Vec::new();
+            for of_group in self.0.values() {
+                let mass = ((groups + 1) as f64 * of_group[axis].len() as f64).recip();
+                scores.extend(of_group[axis].iter().map(|&score| (score, mass)));
+            }
+            scores.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
+            quantiles(&scores, &levels)
+        });
+        GroupIntervals { groups, levels, factors }
+    }
+}
+
+/// The size at a level, evenly between those of the levels that so many groups tell.
+fn size_between(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
+    let mass = (scores.len() + 1) as f64;
+    let below = (level * mass + 1e-9).floor();
+    let share = (level * mass - below).max(0.0);
+    let low = size_that_holds(scores, axis, below / mass);
+    match share > 1e-9 {
+        true => low + share * (size_that_holds(scores, axis, (below + 1.0) / mass) - low),
+        false => low,
+    }
+}
+
+/// The least size that holds the errors of a new group with a probability of `level`.
+fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
+    let normal = Normal::standard();
+    let within = |size: f64, (mean, scatter): (f64, f64)| match scatter > 0.0 {
+        true => normal.cdf((size - mean) / scatter) - normal.cdf((-size - mean) / scatter),
+        false => f64::from(u8::from(mean <= size)),
+    };
+    let mass = |size: f64| {
+        let held: f64 = scores.iter().map(|score| within(size, score[axis])).sum();
+        held / (scores.len() + 1) as f64
+    };
+    // Eight standard deviations hold all but 10⁻¹⁵.
+    let reach = |score: &PerAxis<(f64, f64)>| score[axis].0 + 8.0 * score[axis].1;
+    let sizes = scores.iter().map(reach).filter(|size| size.is_finite());
+    let (mut below, mut at) = (0.0, sizes.fold(0.0, f64::max));
+    if mass(at) < level - 1e-9 {
+        return f64::INFINITY;
+    }
+    // Each step halves what is left: after sixty no digit is.
+    for _ in 0..60 {
+        let middle = 0.5 * (below + at);
+        if mass(middle) < level - 1e-9 { below = middle } else { at = middle }
+    }
+    at
+}
+
+/// The least G with `G/(G + 1) ≥ level`.
+fn groups_needed(level: f64) -> usize {
+    // A level such as 0.95 is not quite 0.95.
+    (level / (1.0 - level) - 1e-9).ceil() as usize
+}
+
+/// Those of [`LEVELS`] that so many groups tell.
+fn levels_known(groups: usize) -> Vec<f64> {
+    LEVELS.into_iter().filter(|&level| groups_needed(level) <= groups).collect()
+}
+
+/// For each level, ascending, the least score that with those below has that mass.
+fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
+    let (mut rest, mut mass, mut quantile) = (scores.iter(), 0.0, 0.0);
+    let mut of_level = |&level: &f64| {
+        while mass < level - 1e-9 {
+            let Some(&(score, more)) = rest.next() else { break };
+            (quantile, mass) = (score, mass + more);
+        }
+        quantile
+    };
+    levels.iter().map(&mut of_level).collect()
+}
+
+impl GroupIntervals {
+    /// From the errors of every group that was held out, in standard errors: the size of their mean, and how they
+    /// scatter about it, taken as normal. Between the levels that so many groups tell, `k/(G + 1)`, it runs
+    /// evenly. Levels that would take more than is known are left out.
+    pub fn from_groups(scores: &[PerAxis<(f64, f64)>]) -> Self {
+        let groups = scores.len();
+        let mut levels = levels_known(groups);
+        let mut factors: PerAxis<Vec<f64>> = std::array::from_fn(|axis| {
+            levels.iter().map(|&level| size_between(scores, axis, level)).collect()
+        });
+        let finite =
+            |position: &usize| factors.iter().all(|factors| factors[*position].is_finite());
+        let known = (0..levels.len()).take_while(finite).count();
+        levels.truncate(known);
+        factors.iter_mut().for_each(|factors| factors.truncate(known));
+        Self { groups, levels, factors }
+    }
+
+    /// How many standard errors an interval of this level reaches either way, per axis.
+    ///
+    /// # Errors
+    /// [`TooFewGroups`].
+    pub fn factors(&self, level: f64) -> Result<PerAxis<f64>, TooFewGroups> {
+        let position = self.levels.iter().position(|&kept| kept >= level - 1e-9);
+        let too_few = TooFewGroups { level, needed: groups_needed(level), groups: self.groups };
+        let position = position.ok_or(too_few)?;
+        Ok(self.factors.each_ref().map(|factors| factors[position]))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn scores(groups: &[&[f64]]) -> GroupIntervals {
+        let mut all = Scores::default();
+        for (group, errors) in groups.iter().enumerate() {
+            errors.iter().for_each(|&error| all.add(group as u64, &[error; 6], &[1.0; 6]));
+        }
+        all.intervals()
+    }
+
+    #[test]
+    fn with_one_row_a_group_it_is_the_conformal_quantile() {
+        let sizes: Vec<[f64; 1]> = (1..=39).map(|i| [f64::from(i)]).collect();
+        let groups: Vec<&[f64]> = sizes.iter().map(|size| &size[..]).collect();
+        // ⌈(39 + 1)·0.95⌉ = 38, ⌈40·0.5⌉ = 20.
+        let intervals = scores(&groups);
+        assert_eq!(intervals.factors(0.95), Ok([38.0; 6]));
+        assert_eq!(intervals.factors(0.5), Ok([20.0; 6]));
+        // With nineteen groups it is the largest, with fewer there is none.
+        assert_eq!(scores(&groups[..19]).factors(0.95), Ok([19.0; 6]));
+        let refused = scores(&groups[..18]).factors(0.95).unwrap_err();
+        assert_eq!((refused.needed, refused.groups), (19, 18));
+    }
+
+    #[test]
+    fn groups_without_scatter_are_as_one_row_each_and_normal_ones_have_normal_quantiles() {
+        let alone: Vec<PerAxis<(f64, f64)>> = (1..=39).map(|i| [(f64::from(i), 0.0); 6]).collect();
+        let intervals = GroupIntervals::from_groups(&alone);
+        for (level, expected) in [(0.95, 38.0), (0.5, 20.0)] {
+            let found = intervals.factors(level).unwrap()[3];
+            assert!((found - expected).abs() < 1e-12, "{found}");
+        }
+        // Many groups that scatter about zero: quantiles of the normal distribution, but for 1/(G + 1).
+        let many = vec![[(0.0, 2.0); 6]; 100_000];
+        let found = GroupIntervals::from_groups(&many).factors(0.95).unwrap()[0];
+        assert!((found - 2.0 * 1.959_964).abs() < 1e-3, "{found}");
+        // Two of forty groups cannot be told: 95 % is beyond what the others hold, 90 % is not.
+        let mut unknown = alone;
+        unknown[..2].fill([(f64::INFINITY, 0.0); 6]);
+        let intervals = GroupIntervals::from_groups(&unknown);
+        assert!(intervals.factors(0.9).is_ok() && intervals.factors(0.95).is_err());
+    }
+
+    #[test]
+    fn a_group_of_many_rows_counts_no_more_than_one_of_few() {
+        let many = vec![5.0; 1000];
+        let intervals = scores(&[&[1.0], &[2.0], &[3.0], &many]);
+        // Masses of a fifth: the third makes 0.6.
+        assert_eq!(intervals.factors(0.5), Ok([3.0; 6]));
+        assert_eq!(intervals.factors(0.8), Ok([5.0; 6]));
+    }
+}

@@ -1,0 +1,190 @@
+//! Prediction intervals: how many standard errors hold so much of the truth.
+//!
+//! For normal errors that is the quantile of Student's t. Errors of a calibration are not normal:
+//! what the model does not follow, a hard tap or a pose at the edge, is far larger than the rest, and
+//! intervals by the normal distribution hold too much (97 % where 95 % are asked for, on the sensor
+//! model). So the shape is measured. With `q(L)` the size that a share L of the training errors
+//! stays below, over their root mean square, the interval of level L is
+//!
+//! ```text
+//! prediction ± q(L)·t_ν(L)/z(L)·se
+//! ```
+//!
+//! with z and `t_ν` the two-sided quantiles of the normal distribution and of Student's t with ν
+//! degrees of freedom: for normal errors `q = z`, and the formula is the textbook's.
+
+use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
+
+use super::group_intervals::TooFewGroups;
+use crate::magnitudes::Magnitudes;
+use shell_data::wrench::PerAxis;
+
+/// The levels at which the shape is kept.
+const LEVELS: [f64; 12] = [0.1, 0.25, 0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
+
+/// The largest level that an interval can be given for: more would rest on a handful of rows.
+pub const HIGHEST_LEVEL: f64 = 0.999;
+
+/// Why no interval can be given.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum NoIntervals {
+    /// Rows of one pose are alike, and intervals that count each as an observation hold far less than they say.
+    #[error(
+        "the standard errors take every row as independent, and no groups of rows were held out: an interval from them \
+         would hold less than it says"
+    )]
+    IndependentRows,
+    /// The groups are too few.
+    #[error(transparent)]
+    TooFewGroups(#[from] TooFewGroups),
+}
+
+/// How large errors are compared with their root mean square.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct ErrorShape {
+    /// Shares of the errors, ascending, above 0 and below 1.
+    pub levels: Vec<f64>,
+    /// For each axis and level the size that this share stays below.
+    #[serde(with = "shell_data::by_axis")]
+    pub quantiles: PerAxis<Vec<f64>>,
+}
+
+impl ErrorShape {
+    /// Of errors whose sizes were counted in units of `unit[axis]`; `rms` is their root mean square,
+    /// N and N·m.
+    pub fn from_errors(
+        sizes: &PerAxis<Magnitudes>,
+        unit: &PerAxis<f64>,
+        rms: &PerAxis<f64>,
+    ) -> Self {
+        let quantiles = std::array::from_fn(|axis| {
+            let ratio = if rms[axis] > 0.0 { unit[axis] / rms[axis] } else { 0.0 };
+            let quantiles = sizes[axis].quantiles(&LEVELS);
+            quantiles.into_iter().map(|quantile| ratio * quantile).collect()
+        });
+        Self { levels: LEVELS.to_vec(), quantiles }
+    }
+
+    /// `q(level)` of an axis: between the levels it runs evenly with the normal quantile.
+    pub(super) fn quantile(&self, axis: usize, level: f64) -> f64 {
+        let z = normal_quantile(level);
+        let (mut below, mut at) = ((0.0, 0.0), (0.0, 0.0));
+        for (&level, &size) in self.levels.iter().zip(&self.quantiles[axis]) {
+            (below, at) = (at, (normal_quantile(level), size));
+            if at.0 >= z {
+                break;
+            }
+        }
+        if z > at.0 {
+            return at.1 * z / at.0;
+        }
+        below.1 + (at.1 - below.1) * (z - below.0) / (at.0 - below.0)
+    }
+
+    /// Checks that levels and quantiles are consistent.
+    pub fn check(&self) -> Result<(), &'static str> {
+        let mut levels = std::iter::once(&0.0).chain(&self.levels);
+        let mut next = self.levels.iter();
+        let ascending = next.all(|level| levels.next() < Some(level) && *level < 1.0);
+        if self.levels.is_empty() || !ascending {
+            return Err("`covariance.shape.levels` do not ascend between 0 and 1");
+        }
+        let fits = |sizes: &Vec<f64>| {
+            sizes.len() == self.levels.len() && sizes.iter().all(|&size| size >= 0.0)
+        };
+        if !self.quantiles.iter().all(fits) {
+            return Err("`covariance.shape.quantiles` are not one for each level, from zero up");
+        }
+        Ok(())
+    }
+}
+
+/// The size that a share `level` of standard normal numbers stays below.
+pub(super) fn normal_quantile(level: f64) -> f64 {
+    Normal::standard().inverse_cdf(0.5 + level / 2.0)
+}
+
+/// The same of Student's t.
+pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
+    /// From here on the series is exact to 10⁻¹⁵, while the search for the quantile, whose function is
+    /// flat at this scale, loses digits (three are left of 4·10⁶ degrees) and at last does not end.
+    const MANY: f64 = 1e5;
+    if degrees_of_freedom > MANY {
+        // Abramowitz & Stegun, 26.7.5.
+        let (z, nu) = (normal_quantile(level), degrees_of_freedom);
+        let second = (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / (96.0 * nu * nu);
+        return z + (z.powi(3) + z) / (4.0 * nu) + second;
+    }
+    let t = StudentsT::new(0.0, 1.0, degrees_of_freedom.max(1.0)).expect("one degree or more");
+    t.inverse_cdf(0.5 + level / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{CoefficientCovariance, Covariance};
+    use super::*;
+
+    #[test]
+    fn quantiles_are_those_of_the_tables() {
+        // Abramowitz & Stegun, tables 26.5 and 26.10.
+        for (level, expected) in [(0.5, 0.67449), (0.95, 1.95996), (0.99, 2.57583)] {
+            assert!((normal_quantile(level) - expected).abs() < 1e-5);
+        }
+        for (nu, expected) in [(1.0, 12.706), (4.0, 2.776), (10.0, 2.228), (120.0, 1.980)] {
+            assert!((student_quantile(0.95, nu) - expected).abs() < 6e-4, "{nu}");
+        }
+        // Both ways agree where one takes over from the other.
+        let (below, above) = (student_quantile(0.95, 1e5), student_quantile(0.95, 1.00001e5));
+        assert!((below - above).abs() < 1e-5, "{below} {above}");
+        for nu in [2e5, 1e7, 1e12] {
+            assert!(
+                (student_quantile(0.95, nu) - 1.959_963_985 - 2.3723 / nu).abs() < 1e-9,
+                "{nu}"
+            );
+        }
+    }
+
+    fn covariance(shape: Option<ErrorShape>) -> Covariance {
+        Covariance {
+            residual: PerAxis::default(),
+            degrees_of_freedom: 10,
+            coefficients: CoefficientCovariance::Groups { groups: 11, factors: PerAxis::default() },
+            shape,
+            shared: None,
+            intervals: None,
+        }
+    }
+
+    #[test]
+    fn without_a_shape_and_with_that_of_normal_errors_an_interval_is_students() {
+        let mut sizes = PerAxis::<Magnitudes>::default();
+        for i in 0..100_000 {
+            let z = normal_quantile((f64::from(i) + 0.5) / 1e5);
+            sizes.iter_mut().for_each(|sizes| sizes.add(z));
+        }
+        let normal = ErrorShape::from_errors(&sizes, &[0.3; 6], &[0.3; 6]);
+        for level in [0.05, 0.3, 0.683, 0.93, 0.95, 0.999] {
+            let plain = covariance(None).interval_factors(level).unwrap()[0];
+            let shaped = covariance(Some(normal.clone())).interval_factors(level).unwrap()[5];
+            // Bins of four parts in a thousand; interpolation of a straight line costs nothing.
+            assert!((shaped / plain - 1.0).abs() < 4e-3, "{level}: {shaped} {plain}");
+        }
+        assert!((covariance(None).interval_factors(0.95).unwrap()[0] - 2.228).abs() < 6e-4);
+    }
+
+    #[test]
+    fn an_axis_without_errors_has_intervals_without_width() {
+        let shape = ErrorShape::from_errors(&PerAxis::default(), &[1.0; 6], &[0.0; 6]);
+        assert_eq!(covariance(Some(shape)).interval_factors(0.95), Ok([0.0; 6]));
+    }
+
+    #[test]
+    fn shapes_that_do_not_fit_together_are_told() {
+        let shape = ErrorShape { levels: vec![0.5, 0.9], quantiles: Default::default() };
+        assert!(shape.check().unwrap_err().contains("quantiles"));
+        let shape = ErrorShape { levels: vec![0.9, 0.5], quantiles: PerAxis::default() };
+        assert!(shape.check().unwrap_err().contains("levels"));
+        let quantiles = std::array::from_fn(|_| vec![1.0, 2.0]);
+        assert_eq!(ErrorShape { levels: vec![0.5, 0.9], quantiles }.check(), Ok(()));
+    }
+}

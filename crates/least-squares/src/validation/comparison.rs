@@ -1,0 +1,195 @@
+//! Two models compared by their errors on the same groups.
+//!
+//! Folds that are hard for one model are mostly hard for the other, so what lies between them is known better than
+//! either error (Dietterich, Neural Computation 10, 1998, on paired tests). Compared is the root mean square error on a
+//! fold, the mean over the folds weighted by their rows, as a ratio: where folds differ much in how hard they are, the
+//! mean of squared errors would be that of the hardest.
+
+use std::fmt;
+
+use crate::held_out_errors::HeldOutErrors;
+use crate::quality::significant;
+use shell_data::wrench::PerAxis;
+
+/// Errors that are smaller relative to the standard deviation of the loads do not count: they are rounding.
+const NO_ERROR: f64 = 1e-8;
+
+/// Errors of a model beside those of another, on the same held-out rows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Comparison {
+    /// Root mean square errors of both over all rows, N and N·m.
+    pub rms: [PerAxis<f64>; 2],
+    /// How the errors on each axis compare: logarithms of their ratios.
+    pub axes: PerAxis<FoldMean>,
+    /// The geometric mean over the axes.
+    pub all: FoldMean,
+}
+
+/// A mean over folds and its standard error.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct FoldMean {
+    /// Weighted by the rows of the folds.
+    pub value: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+}
+
+impl FoldMean {
+    /// From the rows and the value of each fold (Cochran, Sampling Techniques, 3rd ed., §6.3, of a
+    /// ratio).
+    pub fn new(folds: &[(u64, f64)]) -> Self {
+        let total: f64 = folds.iter().map(|(rows, _)| *rows as f64).sum();
+        let share = |rows: u64| rows as f64 / total;
+        let value = folds.iter().map(|&(rows, value)| share(rows) * value).sum::<f64>();
+        let spread: f64 =
+            folds.iter().map(|&(rows, of)| (share(rows) * (of - value)).powi(2)).sum();
+        let n = folds.len() as f64;
+        Self { value, standard_error: (spread * n / (n - 1.0)).sqrt() }
+    }
+
+    /// Whether the first of two models, of whose errors this is the log ratio, errs less by more than a standard error.
+    pub fn first_is_better(self) -> bool {
+        self.value < -self.standard_error
+    }
+
+    /// Whether the second model errs less by more than a standard error.
+    pub fn second_is_better(self) -> bool {
+        self.value > self.standard_error
+    }
+
+    /// The same from the other side.
+    #[must_use]
+    pub fn reversed(self) -> Self {
+        Self { value: -self.value, ..self }
+    }
+}
+
+/// Of a log ratio of errors: by how much the first model errs less, or more.
+impl fmt::Display for FoldMean {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ratio = libm::exp(self.value);
+        let (percent, error) = (100.0 * (ratio - 1.0), 100.0 * ratio * self.standard_error);
+        let side = if percent > 0.0 { "more" } else { "less" };
+        write!(f, "{} ± {} % {side}", significant(percent.abs(), 2), significant(error, 2))
+    }
+}
+
+impl Comparison {
+    /// Of the errors on each fold, in the same order for both models; `variances` are those of the
+    /// measured wrench, squares of N and N·m.
+    ///
+    /// # Panics
+    /// If there are not as many folds of either, or fewer than two.
+    pub fn new(
+        first: &[PerAxis<HeldOutErrors>],
+        second: &[PerAxis<HeldOutErrors>],
+        variances: &PerAxis<f64>,
+    ) -> Self {
+        assert!(first.len() == second.len() && first.len() > 1, "two folds or more, of both");
+        let [of_first, of_second] =
+            [first, second].map(|folds| RelativeErrors::new(folds, variances));
+        let ratio = |axes: &[usize]| of_first.log_ratio(&of_second, axes);
+        let rms = [first, second].map(|folds| HeldOutErrors::total(folds).map(|of| of.rms()));
+        let axis = |axis: usize| match variances[axis] > 0.0 {
+            true => ratio(&[axis]),
+            false => FoldMean::default(),
+        };
+        Self { rms, axes: std::array::from_fn(axis), all: ratio(&varying(variances)) }
+    }
+}
+
+/// The axes on which there are loads.
+pub(super) fn varying(variances: &PerAxis<f64>) -> Vec<usize> {
+    (0..6).filter(|&axis| variances[axis] > 0.0).collect()
+}
+
+/// The errors of a model on folds, relative to the standard deviation of the loads.
+pub(super) struct RelativeErrors {
+    /// Rows and root mean square errors of each fold.
+    folds: Vec<(u64, PerAxis<f64>)>,
+    /// The mean of these over the folds.
+    means: PerAxis<f64>,
+}
+
+impl RelativeErrors {
+    pub(super) fn new(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> Self {
+        let relative = |fold: &PerAxis<HeldOutErrors>| {
+            let error = |axis: usize| fold[axis].rms() / variances[axis].sqrt() + NO_ERROR;
+            (fold[0].rows, std::array::from_fn(error))
+        };
+        let folds: Vec<(u64, PerAxis<f64>)> = folds.iter().map(relative).collect();
+        let mean = |axis: usize| {
+            FoldMean::new(&folds.iter().map(|(rows, of)| (*rows, of[axis])).collect::<Vec<_>>())
+                .value
+        };
+        Self { means: std::array::from_fn(mean), folds }
+    }
+
+    /// The natural logarithm of the mean over the folds, and its standard error: the geometric mean over some axes.
+    pub(super) fn log(&self, axes: &[usize]) -> FoldMean {
+        FoldMean { value: self.log_mean(axes), ..FoldMean::new(&self.shares(axes)) }
+    }
+
+    /// The same of the ratio to the errors of another model on the same folds.
+    fn log_ratio(&self, other: &Self, axes: &[usize]) -> FoldMean {
+        let (own, others) = (self.shares(axes), other.shares(axes));
+        let apart = own.iter().zip(&others).map(|((rows, own), (_, other))| (*rows, own - other));
+        let value = self.log_mean(axes) - other.log_mean(axes);
+        FoldMean { value, ..FoldMean::new(&apart.collect::<Vec<_>>()) }
+    }
+
+    fn log_mean(&self, axes: &[usize]) -> f64 {
+        axes.iter().map(|&axis| libm::log(self.means[axis])).sum::<f64>() / axes.len().max(1) as f64
+    }
+
+    /// The error on each fold as a share of the mean, averaged over some axes.
+    fn shares(&self, axes: &[usize]) -> Vec<(u64, f64)> {
+        let share = |(rows, errors): &(u64, PerAxis<f64>)| {
+            let of = axes.iter().map(|&axis| errors[axis] / self.means[axis]);
+            (*rows, of.sum::<f64>() / axes.len().max(1) as f64)
+        };
+        self.folds.iter().map(share).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fold(square: f64) -> PerAxis<HeldOutErrors> {
+        [HeldOutErrors { rows: 10, sum: 0.0, squares: 10.0 * square }; 6]
+    }
+
+    #[test]
+    fn with_folds_of_one_size_it_is_the_ratio_of_two_means_and_its_standard_error() {
+        let (first, second) = ([1.0, 4.0, 9.0].map(fold), [4.0, 16.0, 9.0].map(fold));
+        let found = Comparison::new(&first, &second, &[4.0; 6]);
+        // Means 2 and 3; 1/2 − 2/3, 2/2 − 4/3 and 3/2 − 3/3 are −1/6, −1/3 and 1/2: s = 0.441, over √3.
+        let FoldMean { value, standard_error } = found.all;
+        assert!((value - (2.0_f64 / 3.0).ln()).abs() < 1e-7);
+        assert!((standard_error - (7.0_f64 / 36.0 / 3.0).sqrt()).abs() < 1e-7);
+        assert!(found.all.first_is_better() && !found.all.second_is_better());
+        assert!((found.axes[3].value - value).abs() < 1e-14);
+        assert_eq!(found.all.to_string(), "33 ± 17 % less");
+        assert_eq!(found.all.reversed().to_string(), "50 ± 38 % more");
+        assert!((found.rms[0][0] - (14.0 / 3.0_f64).sqrt()).abs() < 1e-15);
+    }
+
+    /// One fold that is far from the others must not decide alone.
+    #[test]
+    fn a_model_that_is_better_on_all_folds_but_the_hardest_is_better() {
+        let first = [0.8, 0.7, 0.8, 0.7, 0.8, 0.7, 0.8, 6.2].map(fold);
+        let second = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 5.0].map(fold);
+        assert!(Comparison::new(&first, &second, &[1e4; 6]).all.first_is_better());
+        // The hard one makes up for the others: nobody can tell.
+        let second = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0].map(fold);
+        let found = Comparison::new(&first, &second, &[1e4; 6]).all;
+        assert!(!found.first_is_better() && !found.second_is_better(), "{found:?}");
+    }
+
+    #[test]
+    fn errors_that_are_rounding_are_alike() {
+        let found = Comparison::new(&[fold(1e-24); 3], &[fold(0.0); 3], &[1.0; 6]);
+        assert!(found.all.value.abs() < 1e-3, "{:?}", found.all);
+    }
+}

@@ -1,0 +1,232 @@
+//! Held-out errors where rows cannot be summed exactly: from the normal equations of each fold.
+//!
+//! Of the rows of every fold `[X | W]ᵀ[X | W]` is kept. Those of all other folds added up are the normal equations of
+//! a fit without the fold, whatever the ridge, and its errors on the fold come from the fold's own:
+//!
+//! ```text
+//! ‖X_f·C − W_f‖² = W_fᵀW_f − 2·Cᵀ·X_fᵀW_f + Cᵀ·X_fᵀX_f·C
+//! ```
+//!
+//! Errors of a choice need three digits: with columns scaled to norm one, condition numbers up to 10⁶ leave that many.
+//! A fit itself is never found in this way.
+
+use crate::error::FitError;
+use faer::linalg::matmul::matmul;
+use faer::linalg::solvers::Solve;
+use faer::{Accum, Mat, MatRef, Par, Side};
+
+use super::selection::{ErrorsByRidge, Selection, choose};
+use crate::features::Features;
+use crate::grouped_rows::{GroupedRows, Run, count};
+use crate::held_out_errors::HeldOutErrors;
+use crate::model::{Basis, Model};
+use crate::passes::Workers;
+use crate::solver::ReadingSums;
+use shell_data::wrench::{Axis, PerAxis};
+
+/// Families of more features than this are left out of a choice: the covariance of one over groups of rows, an
+/// eigenvalue problem for each, takes minutes.
+const MOST_FEATURES: usize = 600;
+
+/// Rows that are made into features at once.
+const CHUNK: usize = 1024;
+
+/// Squares of pivots below this, of columns of norm one, are rounding errors.
+const LEAST_PIVOT: f64 = 1e-13;
+
+/// `[X | W]ᵀ[X | W]` of some rows.
+#[derive(Clone, Debug)]
+pub struct NormalEquations {
+    /// Columns of `X`.
+    pub features: usize,
+    /// Rows.
+    pub rows: u64,
+    /// The matrix.
+    pub products: Mat<f64>,
+}
+
+impl NormalEquations {
+    /// Of some rows.
+    fn new(features: &Features, rows: &GroupedRows, runs: &[Run]) -> Self {
+        let columns = features.len() + Axis::ALL.len();
+        let mut products = Mat::zeros(columns, columns);
+        let mut flat = vec![0.0; CHUNK * columns];
+        for block in rows.copied(runs, CHUNK) {
+            features.fill(&block.readings, 0..block.rows, &mut flat, CHUNK);
+            let axes = flat.chunks_mut(CHUNK).skip(features.len());
+            for (column, axis) in axes.zip(&block.wrench) {
+                column[..block.rows].copy_from_slice(axis);
+            }
+            let part =
+                MatRef::from_column_major_slice_with_stride(&flat, block.rows, columns, CHUNK);
+            matmul(products.as_mut(), Accum::Add, part.transpose(), part, 1.0, Par::Seq);
+        }
+        Self { features: features.len(), rows: count(runs) as u64, products }
+    }
+
+    /// Adds the rows of `other`.
+    pub fn add(&mut self, other: &Self) {
+        self.products += &other.products;
+        self.rows += other.rows;
+    }
+
+    /// All of `all` but one; of one alone, nothing.
+    pub fn all_but(all: &[Self], position: usize) -> Option<Self> {
+        let mut others = all.iter().enumerate().filter(|(at, _)| *at != position).map(|(_, of)| of);
+        let mut rest = others.next()?.clone();
+        others.for_each(|other| rest.add(other));
+        Some(rest)
+    }
+
+    fn gram(&self) -> MatRef<'_, f64> {
+        self.products.submatrix(0, 0, self.features, self.features)
+    }
+
+    fn right(&self) -> MatRef<'_, f64> {
+        self.products.submatrix(0, self.features, self.features, Axis::ALL.len())
+    }
+
+    /// The coefficients, features × 6, with a ridge on columns of norm one, but for the one that is `free`; `None`
+    /// where the rows do not determine them.
+    pub fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
+        let p = self.features;
+        if self.rows < p as u64 && ridge == 0.0 || !self.products.is_all_finite() {
+            return None;
+        }
+        let norm = |j: usize| Some(self.products[(j, j)].sqrt()).filter(|norm| *norm > 0.0);
+        let norms: Vec<f64> = (0..p).map(|j| norm(j).unwrap_or(1.0)).collect();
+        let mut scaled = Mat::from_fn(p, p, |i, j| self.products[(i, j)] / norms[i] / norms[j]);
+        for j in (0..p).filter(|&j| free != Some(j)) {
+            scaled[(j, j)] += ridge;
+        }
+        let cholesky = scaled.llt(Side::Lower).ok()?;
+        let lower = cholesky.L();
+        if (0..p).any(|j| lower[(j, j)] * lower[(j, j)] < LEAST_PIVOT) {
+            return None;
+        }
+        let right = Mat::from_fn(p, Axis::ALL.len(), |i, axis| self.right()[(i, axis)] / norms[i]);
+        let mut solved = cholesky.solve(&right);
+        for (i, norm) in norms.iter().enumerate() {
+            solved.row_mut(i).iter_mut().for_each(|c| *c /= norm);
+        }
+        Some(solved)
+    }
+
+    /// The errors of coefficients on these rows. `ones` is the feature that is constant.
+    pub fn errors(
+        &self,
+        coefficients: MatRef<'_, f64>,
+        ones: Option<usize>,
+    ) -> PerAxis<HeldOutErrors> {
+        let (p, explained) = (self.features, self.gram() * coefficients);
+        std::array::from_fn(|axis| {
+            let (own, of) = (coefficients.col(axis), self.right().col(axis));
+            let square = self.products[(p + axis, p + axis)];
+            let squares =
+                square - 2.0 * (own.transpose() * of) + own.transpose() * explained.col(axis);
+            let sum = ones.map_or(0.0, |ones| explained[(ones, axis)] - of[ones]);
+            // What is left of a cancellation may be below zero, which a sum of squares is not.
+            HeldOutErrors { rows: self.rows, sum, squares: squares.max(0.0) }
+        })
+    }
+}
+
+/// Compares the families of features by errors on each group of rows, held out in turn, each family with `ridges` (and
+/// larger ones, as [`select`](super::selection::select) does). `model` says what is beside the family.
+///
+/// # Errors
+/// [`FitError`] if there are too few groups, a row is not finite, or no model can be fitted.
+pub fn select(rows: &GroupedRows, model: Model, ridges: &[f64]) -> Result<Selection, FitError> {
+    let found = rows.groups().count();
+    if found < 2 {
+        return Err(FitError::TooFewGroups { found });
+    }
+    let sums = rows.all(Workers::ONE).reduce(&ReadingSums::new(model.columns()))?;
+    let scaling = sums.scaling(model.intercept);
+    let model = |basis| Model { basis, ..model };
+    let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
+        let model = model(basis);
+        if model.term_count() > MOST_FEATURES {
+            return None;
+        }
+        let features = Features::new(model, scaling.clone());
+        let ones = model.intercept.then(|| features.len() - 1);
+        let products = |runs| NormalEquations::new(&features, rows, runs);
+        let folds: Vec<_> = rows.groups().map(products).collect();
+        Some(Box::new(move |ridge| {
+            let errors = |position: usize| {
+                let rest = NormalEquations::all_but(&folds, position)?.solve(ridge, ones)?;
+                Some(folds[position].errors(rest.as_ref(), ones))
+            };
+            (0..folds.len()).map(errors).collect()
+        }))
+    };
+    let variances = Axis::ALL.map(|axis| {
+        let all = rows.spread(&rows.runs, axis.index());
+        all.squares / all.count.max(1) as f64
+    });
+    Ok(choose(model, ridges, variances, errors_of)?.selection)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::validation::grouped::{Apart, GroupSums, RandomSplit};
+    use crate::validation::selection;
+    use shell_data::block::Block;
+    use shell_data::dataset::Dataset;
+    use shell_data::wrench::Axes;
+    use system_tests::random::Random;
+
+    /// Uniform numbers from −1 to 1.
+    fn noise(i: usize) -> f64 {
+        2.0 * Random(i as u64).unit() - 1.0
+    }
+
+    /// The same rows by exact sums: seven groups, which are the folds.
+    #[test]
+    fn errors_are_those_that_exact_sums_tell() {
+        let fold = |group: usize| -> Block {
+            let rows = 40 + group;
+            let of = |column: usize, row: usize| noise(group * 4000 + row * 31 + column);
+            let reading =
+                |c: usize| (0..rows).map(|row| (1500.0 + 700.0 * of(c, row)).round()).collect();
+            let readings: Vec<Vec<f64>> = (0..3).map(reading).collect();
+            let load = |axis: usize, row: usize| {
+                let s = |c: usize| (readings[c][row] - 1500.0) / 700.0;
+                s(axis % 3) + 0.3 * s(0) * s(2) - 0.2 * s(1).powi(3) + 0.1 * of(9 + axis, row)
+            };
+            let wrench =
+                (0..6).map(|axis| (0..rows).map(|row| load(axis, row)).collect()).collect();
+            let groups = vec![(group.to_string(), rows)];
+            Block { rows, wrench, readings, groups, ..Block::default() }
+        };
+        let folds: Vec<Block> = (0..7).map(fold).collect();
+        let mut sums = GroupSums::new(Basis::Poly3, 3, Apart::Groups, RandomSplit::default());
+        let mut worker = sums.worker();
+        for fold in &folds {
+            sums.add(worker.add(fold, &fold.groups).unwrap()).unwrap();
+        }
+        let sums = sums.finish([worker]).unwrap();
+        let ridges = [0.0, 1e-6, 1e-2];
+        let exact = selection::select(&sums, true, &ridges).unwrap().selection;
+        let model = Model { basis: Basis::Poly3, intercept: true, channels: 3, memory: 0 };
+        let of = |folds: Vec<Block>| {
+            GroupedRows::from_labels(&Dataset::from_blocks("folds", Axes::ALL, folds)).0
+        };
+        let one = of(folds[..1].to_vec());
+        let found = select(&of(folds), model, &ridges).unwrap();
+        assert_eq!((found.folds, found.best, found.chosen), (7, exact.best, exact.chosen));
+        assert_eq!(found.candidates.len(), exact.candidates.len());
+        for (found, exact) in found.candidates.iter().zip(&exact.candidates) {
+            let (found, exact) = (found.errors.unwrap(), exact.errors.unwrap());
+            // Squares of condition numbers below 100 in double precision.
+            assert!((found.score / exact.score - 1.0).abs() < 1e-9, "{found:?} {exact:?}");
+            assert!((found.standard_error / exact.standard_error - 1.0).abs() < 1e-7);
+            let pairs = found.rms.iter().zip(exact.rms);
+            assert!(pairs.clone().all(|(a, b)| (a / b - 1.0).abs() < 1e-9), "{found:?} {exact:?}");
+        }
+        let few = select(&one, model, &ridges).unwrap_err();
+        assert_eq!(few, FitError::TooFewGroups { found: 1 });
+    }
+}

@@ -1,0 +1,312 @@
+//! Which model, and which ridge: the one that predicts new groups best, or a smaller one that is
+//! as good.
+//!
+//! The score of a candidate is its error on groups that it was not trained on, relative to the standard deviation of each
+//! axis, squared: the mean over folds, and the geometric mean over axes. Of all candidates that err no more than the best,
+//! within one standard error of the [ratio of their errors](super::comparison) on the same folds, the one with the fewest
+//! features is chosen (after Breiman et al., Classification and Regression Trees, 1984, §3.4.3, whose standard error is
+//! that of the best: folds differ far more from each other than two models on one of them); of several ridges on these,
+//! the one with the smallest error: a ridge stronger than need be would bias every prediction and make no model smaller.
+//!
+//! [`Advice`] says it in words: the model that predicts new groups best, the smallest that is as good as far as one can
+//! tell, and what lies between them. How many times the error of a random split a model's error on new groups is says how
+//! alike the rows of a group are, and nothing of which model to take.
+
+use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
+use super::cross_validation::{assign_groups, errors_on, sizes};
+use super::grouped::SumsByGroup;
+use crate::error::FitError;
+use crate::exact::PartitionedSums;
+use crate::held_out_errors::HeldOutErrors;
+use crate::model::{Basis, Model};
+use crate::quality::{in_units, significant};
+use shell_data::wrench::{Axes, Axis, PerAxis};
+
+/// Ridge parameters that are tried; larger ones follow, up to [`LARGEST_RIDGE`], as long as the last
+/// is the best.
+pub const RIDGES: [f64; 5] = [0.0, 1e-8, 1e-6, 1e-4, 1e-2];
+
+/// The largest ridge that is tried: features count for next to nothing against it.
+pub const LARGEST_RIDGE: f64 = 1e4;
+
+/// How much larger each ridge is than the one before.
+const RIDGE_STEP: f64 = 100.0;
+
+/// Folds that groups are assigned to, where there are as many groups.
+pub const FOLDS: usize = 10;
+
+/// A model that was tried.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Candidate {
+    /// The family of features.
+    pub basis: Basis,
+    /// The ridge parameter.
+    pub ridge: f64,
+    /// Coefficients of each axis.
+    pub features: usize,
+    /// Its errors on new groups; `None` if it cannot be fitted without one of the folds.
+    pub errors: Option<CandidateErrors>,
+}
+
+/// How well a model predicts groups that it was not trained on.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct CandidateErrors {
+    /// The square of the error relative to the standard deviation of each axis, mean over folds and geometric mean over axes.
+    pub score: f64,
+    /// Standard error of the score.
+    pub standard_error: f64,
+    /// Root mean square error, N and N·m.
+    #[serde(with = "shell_data::by_axis")]
+    pub rms: PerAxis<f64>,
+}
+
+/// What was tried and what was chosen.
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Selection {
+    /// Folds of groups.
+    pub folds: usize,
+    /// All candidates: smallest models first, smallest ridges first.
+    pub candidates: Vec<Candidate>,
+    /// The position of the one with the smallest error.
+    pub best: usize,
+    /// The position of the one chosen.
+    pub chosen: usize,
+}
+
+/// What was tried, with the errors of each candidate on the folds.
+#[derive(Clone, Debug)]
+pub struct Tried {
+    /// The candidates and the choice.
+    pub selection: Selection,
+    /// The errors on each fold; none of a candidate that cannot be fitted without one of them.
+    errors: Vec<Vec<PerAxis<HeldOutErrors>>>,
+    /// Those of the measured wrench, squares of N and N·m.
+    variances: PerAxis<f64>,
+}
+
+impl Tried {
+    /// The errors of one candidate beside those of another, if that is another.
+    ///
+    /// # Panics
+    /// If one of them cannot be fitted.
+    pub(super) fn compare(&self, first: usize, second: usize) -> Option<Comparison> {
+        let [a, b] = [first, second].map(|position| &self.errors[position]);
+        (first != second).then(|| Comparison::new(a, b, &self.variances))
+    }
+}
+
+/// Compares all models within the basis that was summed, with each of `ridges`; where those are several
+/// and the last is the best, with larger ones until one is not.
+///
+/// # Errors
+/// [`FitError`] if there are too few groups, or no model can be fitted.
+pub fn select(sums: &SumsByGroup, intercept: bool, ridges: &[f64]) -> Result<Tried, FitError> {
+    let whole = sums.all_of_several()?;
+    let folds = folds(sums)?;
+    let variances = Axis::ALL.map(|axis| whole.variance(axis));
+    let model = |basis| Model { basis, intercept, channels: whole.channels(), memory: 0 };
+    let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
+        let parts = PartitionedSums::new(whole, &model(basis)).ok()?;
+        // The sums of a fold are the same for every ridge.
+        let of_fold = |fold: &Vec<usize>| {
+            let moments = sums.of_fold(fold);
+            let part = parts.part(&moments);
+            (moments, part)
+        };
+        let of_folds: Vec<_> = folds.iter().map(of_fold).collect();
+        Some(Box::new(move |ridge| {
+            let errors = of_folds.iter().map(|(all, part)| parts.held_out(all, part, ridge));
+            errors.map(Result::ok).collect()
+        }))
+    };
+    choose(model, ridges, variances, errors_of)
+}
+
+/// The errors on each fold by ridge; `None` where the model cannot be fitted without one of them.
+pub(super) type ErrorsByRidge<'a> = Box<dyn Fn(f64) -> Option<Vec<PerAxis<HeldOutErrors>>> + 'a>;
+
+/// Compares models by the errors that `errors_of` gives of a family, if that can be fitted at all.
+pub(super) fn choose<'a>(
+    model: impl Fn(Basis) -> Model,
+    ridges: &[f64],
+    variances: PerAxis<f64>,
+    errors_of: impl Fn(Basis) -> Option<ErrorsByRidge<'a>>,
+) -> Result<Tried, FitError> {
+    let mut candidates = Vec::new();
+    let mut tried: Vec<Vec<PerAxis<HeldOutErrors>>> = Vec::new();
+    for basis in Basis::ALL {
+        let Some(errors) = errors_of(basis) else { continue };
+        let mut try_ridge = |ridge: f64| {
+            let errors = errors(ridge);
+            tried.push(errors.clone().unwrap_or_default());
+            let errors = errors.map(|errors| summarise(&errors, &variances));
+            Candidate { basis, ridge, features: model(basis).term_count(), errors }
+        };
+        let first = candidates.len();
+        candidates.extend(ridges.iter().map(|&ridge| try_ridge(ridge)));
+        while ridges.len() > 1
+            && let [.., last] = &candidates[first..]
+            && last.ridge < LARGEST_RIDGE
+            && is_best(&candidates[first..])
+        {
+            let next = last.ridge * RIDGE_STEP;
+            candidates.push(try_ridge(next));
+        }
+    }
+    let scored = || candidates.iter().enumerate().filter_map(|(i, c)| Some((i, c, c.errors?)));
+    let (best, ..) =
+        scored().min_by(|a, b| a.2.score.total_cmp(&b.2.score)).ok_or(FitError::NoModel)?;
+    let is_as_good =
+        |i: usize| !Comparison::new(&tried[i], &tried[best], &variances).all.second_is_better();
+    let chosen = scored()
+        .filter(|&(i, ..)| is_as_good(i))
+        .min_by(|a, b| a.1.features.cmp(&b.1.features).then(a.2.score.total_cmp(&b.2.score)))
+        .map_or(best, |(i, ..)| i);
+    let selection = Selection { folds: tried[best].len(), candidates, best, chosen };
+    Ok(Tried { selection, errors: tried, variances })
+}
+
+/// Whether the last of some candidates has the smallest error.
+fn is_best(candidates: &[Candidate]) -> bool {
+    let score = |candidate: &Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
+    let Some((last, others)) = candidates.split_last() else { return false };
+    others.iter().all(|other| score(last) < score(other))
+}
+
+/// The folds that [`select`] holds out, as positions of groups in `sums`.
+///
+/// # Errors
+/// [`FitError`] if there are too few groups.
+pub fn folds(sums: &SumsByGroup) -> Result<Vec<Vec<usize>>, FitError> {
+    assign_groups(&sizes(sums), sums.groups.len().min(FOLDS))
+}
+
+/// The errors of a model on each of `folds`, positions of groups in `sums`; `None` if it cannot be fitted without one
+/// of them.
+///
+/// # Errors
+/// [`FitError`] if there are too few groups.
+pub fn errors_by_fold(
+    sums: &SumsByGroup,
+    model: &Model,
+    ridge: f64,
+    folds: &[Vec<usize>],
+) -> Result<Option<Vec<PerAxis<HeldOutErrors>>>, FitError> {
+    let parts = sums.partitioned(model)?;
+    Ok(folds.iter().map(|fold| errors_on(&parts, &sums.of_fold(fold), ridge).ok()).collect())
+}
+
+fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> CandidateErrors {
+    let relative = RelativeErrors::new(folds, variances);
+    let FoldMean { value, standard_error } = relative.log(&varying(variances));
+    let score = libm::exp(2.0 * value);
+    CandidateErrors {
+        score,
+        standard_error: 2.0 * score * standard_error,
+        rms: HeldOutErrors::total(folds).map(|errors| errors.rms()),
+    }
+}
+
+/// The models to choose from, and what the choice is worth.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Advice {
+    /// Folds of groups.
+    pub folds: usize,
+    /// The model that predicts new groups best.
+    pub best: Candidate,
+    /// The one with the fewest features within a standard error of it.
+    pub cautious: Candidate,
+    /// Errors of the cautious choice and of the best; `None` where they are one.
+    pub caution: Option<Comparison>,
+    /// The errors of the best and of the model that was asked for, where that is another.
+    pub given: Option<Comparison>,
+    /// Whether the best ridge is the largest that was tried, and a larger one may be better.
+    pub ridge_is_at_limit: bool,
+}
+
+impl Advice {
+    /// Of what was tried; `given` is the position of the model that was asked for.
+    pub fn new(tried: &Tried, given: Option<usize>) -> Self {
+        let Selection { folds, candidates, best, chosen } = &tried.selection;
+        Self {
+            folds: *folds,
+            best: candidates[*best].clone(),
+            cautious: candidates[*chosen].clone(),
+            caution: tried.compare(*chosen, *best),
+            given: given.and_then(|given| tried.compare(*best, given)),
+            ridge_is_at_limit: candidates[*best].ridge >= LARGEST_RIDGE,
+        }
+    }
+
+    /// Whether another model errs less on new groups than the one that was asked for, by more than a
+    /// standard error of the ratio.
+    pub fn another_is_better(&self) -> bool {
+        self.given.is_some_and(|given| given.all.first_is_better())
+    }
+
+    /// Which model is best on new groups, and which is the cautious choice.
+    pub fn words(&self, axes: Axes) -> String {
+        let score = |of: &Candidate| {
+            let errors =
+                of.errors.map(|of| [of.score, of.standard_error].map(|x| significant(x, 2)));
+            errors.map_or_else(String::new, |[score, error]| format!("{score} ± {error}"))
+        };
+        let (best, cautious) = (&self.best, &self.cautious);
+        let mut said = format!(
+            "best on new groups: {}, squared error {} of the variance of the loads (standard error over \
+             {} folds)",
+            name(best),
+            score(best),
+            self.folds
+        );
+        match &self.caution {
+            None => said += "; nothing smaller is within a standard error of it",
+            Some(comparison) => {
+                let larger = comparison.all.reversed();
+                said += &format!(
+                    "; cautious choice: {}, {} rather than {} features and within a standard error of the \
+                     best. The larger errs {larger}{}: {}",
+                    name(cautious),
+                    cautious.features,
+                    best.features,
+                    if larger.first_is_better() { "" } else { ", no more than chance" },
+                    worth(comparison, axes),
+                );
+            }
+        }
+        if self.ridge_is_at_limit {
+            said += "; its ridge is the largest that was tried, a larger one may be better";
+        }
+        said
+    }
+
+    /// The model that predicts new groups better than the one that was asked for, if there is one.
+    pub fn better_words(&self, model: Basis, axes: Axes) -> Option<String> {
+        let given = self.given.as_ref().filter(|_| self.another_is_better())?;
+        let best = &self.best;
+        Some(format!(
+            "{} predicts new groups better than {}, it errs {}: {}; take `--model {}` or record more poses",
+            name(best),
+            model.name(),
+            given.all,
+            worth(given, axes),
+            best.basis.name(),
+        ))
+    }
+}
+
+/// The model and its ridge.
+fn name(of: &Candidate) -> String {
+    match of.ridge > 0.0 {
+        true => format!("{} with ridge {:e}", of.basis.name(), of.ridge),
+        false => of.basis.name().to_owned(),
+    }
+}
+
+/// The errors of the second of two models and of the first.
+fn worth(comparison: &Comparison, axes: Axes) -> String {
+    in_units(axes.iter(), |axis| {
+        let [first, second] = comparison.rms.map(|rms| significant(rms[axis], 3));
+        format!("{second} → {first}")
+    })
+}

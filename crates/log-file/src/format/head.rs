@@ -1,0 +1,350 @@
+//! Finds where the rows of a text begin, and which of the lines above name their columns and units.
+//!
+//! Rows are what most lines of the head are: as many fields, most of them numbers in the same columns. The names are a line
+//! of as many texts above the first row, also one behind `#`, `%` or `//`; a line of units may stand between.
+//! Lines above the names may say more by a key and a value ([`keys`](super::keys)).
+
+use super::keys::Keys;
+use super::layout::{LayoutLine, fields, texts};
+use super::mapping::{LogFormat, Mapping};
+use super::meaning::{Meaning, meaning_of};
+use crate::error::FieldProblem;
+use crate::parse::form::{RowBody, RowForm, behind_arrow, labelled, object};
+use crate::parse::number::{parse_date, parse_field, with_points};
+use memchr::memchr;
+use shell_data::unit::Unit;
+
+/// The layout of a text, as its head tells.
+#[derive(Debug, Default)]
+pub(crate) struct Head {
+    pub(crate) separator: u8,
+    pub(crate) form: RowForm,
+    /// The line of the names, and these, where there are any.
+    pub(crate) names: Option<(u64, Vec<String>)>,
+    /// The line of the units below the names.
+    pub(crate) units: Option<(u64, Vec<String>)>,
+    /// Where the first row starts, and its line.
+    pub(crate) rows_start: usize,
+    pub(crate) rows_line: u64,
+    /// How many columns a row has.
+    pub(crate) columns: usize,
+    pub(crate) keys: Keys,
+}
+
+/// The most lines between the names and the first row.
+const ABOVE: usize = 4;
+
+/// Finds the rows of a text; `None` if there are none like each other.
+pub(crate) fn find(
+    head: &[u8],
+    start: usize,
+    comma: Option<u8>,
+    mapping: &Mapping,
+) -> Option<Head> {
+    let skipped = mapping.skip_lines.unwrap_or(0);
+    let mut lines: Vec<LayoutLine<'_>> =
+        all_lines(head, start).filter(|line| line.number > skipped).collect();
+    let declared = lines.first().and_then(|line| declared_separator(line.text));
+    if declared.is_some() {
+        lines.remove(0);
+    }
+    let declared = declared.or(comma);
+    let bodies: Vec<Option<(&str, &str)>> = lines
+        .iter()
+        .map(|line| str::from_utf8(line.text).ok().and_then(behind_arrow))
+        .map(|parts| parts.filter(|(time, _)| is_numeric(time.trim().as_bytes(), b',')))
+        .collect();
+    let has_arrow = 2 * bodies.iter().flatten().count() > lines.len();
+    let texts: Vec<&[u8]> = lines
+        .iter()
+        .zip(&bodies)
+        .map(|(line, body)| {
+            body.filter(|_| has_arrow).map_or(line.text, |(_, rest)| rest.as_bytes())
+        })
+        .collect();
+    let mut found = of_objects(&lines, &texts)
+        .or_else(|| of_labels(&lines, &texts))
+        .or_else(|| of_fields(&lines, &texts, declared, mapping))?;
+    if has_arrow {
+        found.form.has_arrow = true;
+        found.separator = found.form.separator(found.separator);
+        let columns = found.columns;
+        let names = found.names.map_or_else(|| numbered(2, columns), |(_, names)| names);
+        let names = std::iter::once("time".to_owned()).chain(names).collect();
+        found.names = Some((found.rows_line, names));
+        found.columns += 1;
+    }
+    Some(found)
+}
+
+/// Whether a line is a row with labels, keys or an arrow.
+pub(super) fn is_of_other_form(text: &[u8]) -> bool {
+    let of_text =
+        |text| behind_arrow(text).is_some() || labelled(text).is_some() || object(text).is_some();
+    str::from_utf8(text).is_ok_and(of_text)
+}
+
+/// `column 2` and so on, for columns without names.
+pub(crate) fn numbered(first: usize, count: usize) -> Vec<String> {
+    (first..first + count).map(|number| format!("column {number}")).collect()
+}
+
+/// All lines that are not blank, comments included.
+fn all_lines(head: &[u8], start: usize) -> impl Iterator<Item = LayoutLine<'_>> {
+    let (mut next, mut number) = (start, 0);
+    let line = move || {
+        let start = next;
+        let rest = head.get(start..).filter(|rest| !rest.is_empty())?;
+        let end = memchr(b'\n', rest).map_or(head.len(), |at| start + at);
+        next = (end + 1).min(head.len());
+        number += 1;
+        let text = head[start..end].strip_suffix(b"\r").unwrap_or(&head[start..end]);
+        Some(LayoutLine { text, start, next, number })
+    };
+    std::iter::from_fn(line).filter(|line| !line.text.trim_ascii().is_empty())
+}
+
+/// `sep=;`, as spreadsheets write it.
+fn declared_separator(line: &[u8]) -> Option<u8> {
+    let line = line.trim_ascii().trim_ascii_start();
+    let line = line.strip_prefix(b"\"").and_then(|it| it.strip_suffix(b"\"")).unwrap_or(line);
+    match line.strip_prefix(b"sep=").or_else(|| line.strip_prefix(b"SEP=")) {
+        Some([separator]) => Some(*separator),
+        Some([]) => Some(b'\t'),
+        _ => None,
+    }
+}
+
+/// Lines that are objects of JSON.
+fn of_objects(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
+    let fields = |text: &&[u8]| str::from_utf8(text).ok().and_then(object);
+    let at = texts.iter().take(ABOVE).position(|text| text.trim_ascii_start().starts_with(b"{"))?;
+    let names: Vec<String> = fields(&texts[at])?.into_iter().map(|(name, _)| name).collect();
+    Some(of_form(RowBody::Json(names.clone()), names, lines[at]))
+}
+
+/// Lines of labels and values.
+fn of_labels(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
+    let labels = |text: &[u8]| -> Option<Vec<String>> {
+        let pairs = labelled(str::from_utf8(text).ok()?)?;
+        Some(pairs.into_iter().map(|(label, _)| label).collect())
+    };
+    // A board may print a few lines when it starts.
+    let at = (0..texts.len().min(2 * ABOVE)).find(|&at| {
+        let rows = texts[at..].iter().take(3);
+        rows.len() > 1
+            && rows.map(|text| labels(text)).all(|of| of.is_some() && of == labels(texts[at]))
+    })?;
+    let names = labels(texts[at])?;
+    Some(of_form(RowBody::Labels(names.clone()), names, lines[at]))
+}
+
+fn of_form(body: RowBody, names: Vec<String>, first: LayoutLine<'_>) -> Head {
+    Head {
+        separator: b'\t',
+        form: RowForm { has_arrow: false, body },
+        columns: names.len(),
+        names: Some((first.number, names)),
+        rows_start: first.start,
+        rows_line: first.number,
+        ..Head::default()
+    }
+}
+
+/// The separator and number of fields of a line, and which are numbers.
+#[derive(Debug, Default)]
+struct Shape {
+    separator: u8,
+    numbers: Vec<bool>,
+    /// Whether at least half of its fields that are not empty are numbers.
+    is_row: bool,
+}
+
+/// A blank as a separator stands for several.
+const BLANK: u8 = b' ';
+
+impl Shape {
+    fn new(text: &[u8], declared: Option<u8>) -> Self {
+        let separator = declared.unwrap_or_else(|| line_separator(text));
+        let fields = split(text, separator);
+        let numbers: Vec<bool> = fields.iter().map(|field| is_numeric(field, separator)).collect();
+        let empty = fields.iter().filter(|field| field.trim_ascii().is_empty()).count();
+        let count = numbers.iter().filter(|is| **is).count();
+        let is_row = count > 0 && 2 * count >= numbers.len() - empty;
+        Self { separator, numbers, is_row }
+    }
+
+    fn key(&self) -> (u8, usize) {
+        (self.separator, self.numbers.len())
+    }
+}
+
+/// Lines of separated values below lines of other things.
+fn of_fields(
+    lines: &[LayoutLine<'_>],
+    texts: &[&[u8]],
+    declared: Option<u8>,
+    mapping: &Mapping,
+) -> Option<Head> {
+    let shapes: Vec<Shape> = texts.iter().map(|text| Shape::new(text, declared)).collect();
+    let is_row = |at: usize| shapes[at].is_row && uncommented(texts[at]).is_none();
+    let first = match mapping.header_line {
+        Some(number) => {
+            let names = lines.iter().position(|line| line.number >= number)?;
+            (names + 1..lines.len()).find(|&at| is_row(at))?
+        }
+        None => first_row(&shapes, is_row)?,
+    };
+    let shape = &shapes[first];
+    let (separator, columns) = shape.key();
+    let above = (0..first).rev().take(ABOVE);
+    let of_names = |at: usize| {
+        let text = uncommented(texts[at]).unwrap_or(texts[at]);
+        let names = split(text, separator);
+        let named = names.iter().filter(|name| !name.trim_ascii().is_empty()).count();
+        let is_text = !names.iter().any(|name| is_numeric(name, separator));
+        (names.len() == columns && 2 * named >= columns && is_text).then(|| (at, to_names(&names)))
+    };
+    let candidates: Vec<(usize, Vec<String>)> = match mapping.header_line {
+        Some(number) => {
+            above.take_while(|&at| lines[at].number >= number).filter_map(of_names).collect()
+        }
+        None => above.filter_map(of_names).collect(),
+    };
+    let names = match (mapping.header_line, candidates.as_slice()) {
+        (_, []) => None,
+        (Some(_), [.., last]) => Some(last),
+        (None, [first, second, ..]) if are_units(&first.1) => Some(second),
+        (None, all) => all.iter().rev().max_by_key(|(_, names)| roles(names)),
+    };
+    let number = |at: usize| lines[at].number;
+    let units = candidates.first().filter(|(at, _)| names.is_some_and(|(names, _)| at > names));
+    let keys_end = names.map_or(first, |(at, _)| *at);
+    let body = if separator == BLANK { RowBody::Blanks } else { RowBody::Separated };
+    let form = RowForm { has_arrow: false, body };
+    // Lines between the names and the first good row are rows, too, if bad ones.
+    let last_named = units.or(names).map(|(at, _)| *at);
+    let is_text = |at: &usize| uncommented(texts[*at]).is_none();
+    let first = last_named.and_then(|at| (at + 1..=first).find(is_text)).unwrap_or(first);
+    Some(Head {
+        separator: form.separator(separator),
+        form,
+        names: names.map(|(at, names)| (number(*at), names.clone())),
+        units: units.map(|(at, units)| (number(*at), units.clone())),
+        rows_start: lines[first].start,
+        rows_line: number(first),
+        columns,
+        keys: Keys::new(
+            lines[..keys_end]
+                .iter()
+                .map(|line| (line.number, uncommented(line.text).unwrap_or(line.text))),
+        ),
+    })
+}
+
+/// The first line that is like most rows: as many fields, and numbers in most of the columns where they have them.
+fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> {
+    let rows: Vec<usize> = (0..shapes.len()).filter(|&at| is_row(at)).collect();
+    let weight =
+        |key: (u8, usize)| rows.iter().filter(|&&at| shapes[at].key() == key).count() * key.1;
+    let keys = rows.iter().map(|&at| shapes[at].key());
+    // The first of several wins.
+    let key = keys.rev().max_by_key(|&key| weight(key))?;
+    let like: Vec<&Shape> =
+        rows.iter().map(|&at| &shapes[at]).filter(|shape| shape.key() == key).collect();
+    // Lines above the rows may look like them; the last ones are rows.
+    let like = &like[like.len() / 2..];
+    let usual: Vec<usize> = (0..key.1)
+        .filter(|&column| {
+            2 * like.iter().filter(|shape| shape.numbers[column]).count() > like.len()
+        })
+        .collect();
+    rows.into_iter().find(|&at| {
+        let shape = &shapes[at];
+        let fits = |column: &&usize| shape.numbers.get(**column).is_some_and(|is| *is);
+        let begins = usual.first() != Some(&0) || shape.numbers[0];
+        shape.key() == key && begins && 5 * usual.iter().filter(fits).count() >= 3 * usual.len()
+    })
+}
+
+/// How many columns have a meaning.
+pub(super) fn roles(names: &[String]) -> usize {
+    names.iter().filter(|name| meaning_of(name, LogFormat::Csv).0 != Meaning::Other).count()
+}
+
+/// Units of readings and of what else a log may have.
+const OTHER_UNITS: [&str; 22] = [
+    "v", "mv", "uv", "µv", "mv/v", "v/v", "a", "ma", "count", "counts", "raw", "lsb", "bits",
+    "hex", "hz", "%", "-", "c", "°c", "pa", "bar", "ut",
+];
+
+/// Whether most of the fields that are not empty are units.
+fn are_units(names: &[String]) -> bool {
+    let is_unit = |name: &&String| {
+        let bare = name.trim_matches(['(', ')', '[', ']']);
+        Unit::is_spelled(bare) || OTHER_UNITS.contains(&bare.to_lowercase().as_str())
+    };
+    let named = names.iter().filter(|name| !name.is_empty());
+    5 * named.clone().filter(is_unit).count() >= 3 * named.count()
+}
+
+/// A line without the mark of a comment; `None` if it has none.
+fn uncommented(text: &[u8]) -> Option<&[u8]> {
+    let text = text.trim_ascii_start();
+    let rest = text.strip_prefix(b"//").or_else(|| {
+        let rest = text.strip_prefix(b"#").or_else(|| text.strip_prefix(b"%"))?;
+        Some(rest.trim_ascii_start())
+    })?;
+    Some(rest.strip_prefix(b" ").unwrap_or(rest))
+}
+
+fn to_names(fields: &[Vec<u8>]) -> Vec<String> {
+    texts(fields)
+}
+
+/// The fields of a line.
+fn split(text: &[u8], separator: u8) -> Vec<Vec<u8>> {
+    match separator {
+        BLANK => {
+            let parts = text.split(u8::is_ascii_whitespace).filter(|part| !part.is_empty());
+            parts.map(|part| part.trim_ascii().to_vec()).collect()
+        }
+        _ => fields(text, separator),
+    }
+}
+
+/// Whether a field is a number, a date or a time of day.
+pub(super) fn is_numeric(field: &[u8], separator: u8) -> bool {
+    let is_number =
+        |field: &[u8]| matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite));
+    is_number(field)
+        || (separator != b',' && is_number(&with_points(field)))
+        || parse_date(field).is_ok()
+}
+
+/// The separator that a line has most of, outside quotes; blanks where it has no other and is numbers, a comma where
+/// there is none.
+pub(crate) fn line_separator(line: &[u8]) -> u8 {
+    let candidates = *b",;\t|";
+    let mut counts = [0_usize; 4];
+    let mut quoted = false;
+    for byte in line {
+        quoted ^= *byte == b'"';
+        if let Some(i) = candidates.iter().position(|c| c == byte).filter(|_| !quoted) {
+            counts[i] += 1;
+        }
+    }
+    // Commas may be decimal ones where another separator stands between the numbers.
+    let other = (1..4).filter(|&i| counts[i] > 0).max_by_key(|&i| (counts[i], 4 - i));
+    match other {
+        Some(i) if counts[0] <= counts[i] + 1 => return candidates[i],
+        Some(_) => return b',',
+        None => {}
+    }
+    let parts = split(line, BLANK);
+    let are_numbers = parts.iter().filter(|part| is_numeric(part, BLANK)).count();
+    match parts.len() > 1 && parts.len() + 1 > counts[0] && 2 * are_numbers > parts.len() {
+        true => BLANK,
+        false => b',',
+    }
+}

@@ -1,0 +1,133 @@
+//! Keys and values above the names: the rate, the units, and the counts per unit.
+
+use super::meaning::plain;
+use shell_data::unit::{Quantity, Unit};
+
+/// Values of the keys that are read, each with the number of its line.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Keys {
+    pub(crate) rate_hz: Option<(f64, u64)>,
+    /// The units of forces and of moments.
+    pub(crate) units: [Option<(String, u64)>; 2],
+    /// How many counts are one of these units.
+    pub(crate) counts: [Option<(f64, u64)>; 2],
+}
+
+/// Ends of keys that say how many rows there are in a second.
+const RATES: [&str; 9] = [
+    "samplerate",
+    "samplingrate",
+    "samplefrequency",
+    "samplingfrequency",
+    "frequency",
+    "acquisitionrate",
+    "datarate",
+    "scanrate",
+    "samplespersecond",
+];
+
+/// Ends of keys that say how long it is from row to row.
+const PERIODS: [&str; 8] = [
+    "deltax",
+    "sampleinterval",
+    "samplinginterval",
+    "sampleperiod",
+    "samplingperiod",
+    "sampletime",
+    "timestep",
+    "dt",
+];
+
+/// Lines of Vicon's exports below which the rate stands alone.
+const VICON: [&str; 4] = ["devices", "modeloutputs", "trajectories", "forceplates"];
+
+impl Keys {
+    /// Reads lines, each with its number; the first of several values counts.
+    pub(crate) fn new<'a>(lines: impl Iterator<Item = (u64, &'a [u8])>) -> Self {
+        let mut keys = Self::default();
+        let mut is_below_vicon = false;
+        for (number, line) in lines {
+            let line = String::from_utf8_lossy(line);
+            let line = line.trim().trim_matches(['"', ',', ';']);
+            if std::mem::replace(&mut is_below_vicon, VICON.contains(&plain(line).as_str()))
+                && let Ok(rate) = line.parse()
+            {
+                keys.set_rate(rate, number);
+            }
+            if let Some((key, value)) = line.split_once([':', '=', '\t', ',', ';']) {
+                keys.read(key, value.trim_matches(['"', ' ', '\t', ',', ';']), number);
+            }
+        }
+        keys
+    }
+
+    fn read(&mut self, key: &str, value: &str, number: u64) {
+        let (key, unit) = key.split_once(['(', '[']).unwrap_or((key, ""));
+        let key = plain(key);
+        let key = key.strip_suffix("hz").unwrap_or(&key);
+        let length = value.find(|c: char| !(c.is_ascii_alphanumeric() || ".,+-".contains(c)));
+        let (figure, behind) = value.split_at(length.unwrap_or(value.len()));
+        let unit = if unit.is_empty() { behind } else { unit };
+        let unit = unit.trim_matches([' ', ')', ']']);
+        let figure = figure.replace(',', ".").parse::<f64>().ok();
+        if RATES.iter().any(|rate| key.ends_with(rate)) || ["rate", "fs"].contains(&key) {
+            let thousand = if unit.eq_ignore_ascii_case("khz") { 1e3 } else { 1.0 };
+            figure.into_iter().for_each(|rate| self.set_rate(rate * thousand, number));
+        } else if PERIODS.contains(&key) {
+            let scale = Unit::parse(unit, Quantity::Time).map_or(1.0, |unit| unit.scale.to_si(1.0));
+            figure.into_iter().for_each(|period| self.set_rate(1.0 / (period * scale), number));
+        }
+        let is_moment = ["torque", "moment"].iter().any(|it| key.contains(it)) || key == "cpt";
+        let is_load = is_moment || key.contains("force") || key == "cpf";
+        let at = usize::from(is_moment);
+        if is_load && (key.contains("countsper") || key.starts_with("cp")) {
+            let counts = figure.filter(|&counts| counts > 0.0 && counts.is_finite());
+            self.counts[at] = self.counts[at].or(counts.map(|counts| (counts, number)));
+        } else if is_load && key.contains("unit") && self.units[at].is_none() {
+            self.units[at] = Some((value.to_owned(), number));
+        }
+    }
+
+    fn set_rate(&mut self, rate_hz: f64, number: u64) {
+        let is_one = rate_hz > 0.0 && rate_hz.is_finite();
+        self.rate_hz = self.rate_hz.or(is_one.then_some((rate_hz, number)));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn keys(text: &str) -> Keys {
+        Keys::new((1..).zip(text.lines().map(str::as_bytes)))
+    }
+
+    #[test]
+    fn rates_are_found_by_the_keys_of_many_programs() {
+        for (text, rate_hz) in [
+            ("RDT Sample Rate: 7000", 7000.0),
+            ("FREQUENCY\t500", 500.0),
+            ("Sampling rate (Hz),250", 250.0),
+            ("sample_rate = 2 kHz", 2000.0),
+            ("Sampling Frequency [kHz];1,5", 1500.0),
+            ("\"Fs\",\"100\"", 100.0),
+            ("Delta_X\t0,01\t0,01", 100.0),
+            ("Sample interval: 2 ms", 500.0),
+            ("Devices\n1000", 1000.0),
+        ] {
+            let found = keys(text).rate_hz.map(|(rate, _)| rate);
+            assert!(found.is_some_and(|found| (found - rate_hz).abs() < 1e-9), "{text}: {found:?}");
+        }
+        for text in ["Camera: 100", "Rated load: 100", "Frequency: none", "1000", "Rate: 0"] {
+            assert_eq!(keys(text).rate_hz, None, "{text}");
+        }
+    }
+
+    #[test]
+    fn counts_and_units_of_forces_and_moments_are_told_apart() {
+        let text = "Force Units: lbf\nCounts per Unit Force: 1000000.0\nTorque Units: lbf-in\nCounts per Unit Torque: 2000";
+        let found = keys(text);
+        assert_eq!(found.units, [Some(("lbf".to_owned(), 1)), Some(("lbf-in".to_owned(), 3))]);
+        assert_eq!(found.counts, [Some((1e6, 2)), Some((2000.0, 4))]);
+    }
+}

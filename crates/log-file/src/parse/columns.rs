@@ -1,0 +1,157 @@
+//! Columns of a table as parsed ones: what is no number is found, and its row left out or told.
+
+use table_file::{Cell, ColumnPart, TablePart, WantedColumn};
+
+use super::number::{finite, parse_date, parse_field};
+use super::parsed_rows::ParsedRows;
+use super::rows::{ColumnUse, RowPlan};
+use crate::error::{FieldProblem, RowProblem};
+
+/// The rows of a part that are wrong, and the first of them.
+#[derive(Default)]
+struct WrongRows {
+    rows: Vec<usize>,
+    first: Option<(usize, RowProblem)>,
+}
+
+impl WrongRows {
+    /// Of several columns that are wrong in a row, the first one tells.
+    fn add(&mut self, row: usize, problem: impl FnOnce() -> RowProblem) {
+        self.rows.push(row);
+        if self.first.as_ref().is_none_or(|(first, _)| row < *first) {
+            self.first = Some((row, problem()));
+        }
+    }
+}
+
+impl RowPlan {
+    /// The columns that are wanted of a table: those of numbers in their order, then those of texts.
+    pub(crate) fn wanted(&self) -> Vec<WantedColumn> {
+        let numbers = self.numbers().map(|(at, _)| WantedColumn { at, is_text: false });
+        numbers.chain(self.labels.iter().map(|&at| WantedColumn { at, is_text: true })).collect()
+    }
+
+    fn numbers(&self) -> impl Iterator<Item = (usize, ColumnUse)> {
+        let uses = self.uses.iter().copied().enumerate();
+        uses.filter(|(_, column_use)| *column_use != ColumnUse::Skip)
+    }
+
+    /// Moves the rows of a part of a table, whose columns are [those that are wanted](Self::wanted), into `parsed`.
+    ///
+    /// # Errors
+    /// The first row that is wrong, unless those are left out, and what is wrong with it.
+    pub(crate) fn parse_part(
+        &self,
+        part: &mut TablePart,
+        skip_bad_rows: bool,
+        parsed: &mut ParsedRows,
+    ) -> Result<(), (usize, RowProblem)> {
+        let numbers = self.numbers().count();
+        parsed.clear(numbers, 0);
+        parsed.rows = part.rows;
+        let mut wrong = WrongRows::default();
+        let columns = parsed.columns.iter_mut().zip(&mut part.columns);
+        for ((at, column_use), (values, column)) in self.numbers().zip(columns) {
+            self.numbers_of(at, column_use, column, &part.blank, values, &mut wrong);
+        }
+        if let Some(first) = wrong.first
+            && !skip_bad_rows
+        {
+            return Err(first);
+        }
+        parsed.skipped = {
+            wrong.rows.sort_unstable();
+            wrong.rows.dedup();
+            wrong.rows.len() as u64
+        };
+        wrong.rows.extend(&part.blank);
+        wrong.rows.sort_unstable();
+        let is_row = |row: &usize| wrong.rows.binary_search(row).is_err();
+        let labels = part.columns.iter().skip(numbers).enumerate();
+        for (label, column) in labels {
+            let ColumnPart::Cells(cells) = column else { continue };
+            let rows = cells.iter().enumerate().filter(|(row, _)| is_row(row));
+            rows.for_each(|(_, cell)| parsed.push_label(label, cell.text().as_bytes()));
+        }
+        if !wrong.rows.is_empty() {
+            leave_out(&wrong.rows, parsed);
+        }
+        Ok(())
+    }
+
+    /// The numbers of a column that is at `at`; rows that are blank are not wrong.
+    fn numbers_of(
+        &self,
+        at: usize,
+        column_use: ColumnUse,
+        column: &mut ColumnPart,
+        blank: &[usize],
+        values: &mut Vec<f64>,
+        wrong: &mut WrongRows,
+    ) {
+        let mut refuse = |row: usize, problem: FieldProblem, found: &str| {
+            if blank.binary_search(&row).is_err() {
+                wrong.add(row, || self.problem(problem, at, found.as_bytes()));
+            }
+        };
+        match column {
+            ColumnPart::Numbers { values: numbers, missing } => {
+                std::mem::swap(values, numbers);
+                // As a rule all of them are right, which is found without a branch for each.
+                let most = column_use.most();
+                if values.iter().fold(true, |all, value| all & (value.abs() <= most)) {
+                    return;
+                }
+                for (row, &value) in values.iter().enumerate() {
+                    match column_use.check(value) {
+                        Ok(_) => {}
+                        Err(_) if missing.binary_search(&row).is_ok() => {
+                            refuse(row, FieldProblem::Empty, "");
+                        }
+                        Err(problem) => refuse(row, problem, &Cell::Real(value).text()),
+                    }
+                }
+            }
+            ColumnPart::Cells(cells) => {
+                values.clear();
+                for (row, cell) in cells.iter().enumerate() {
+                    let value = match (cell, column_use) {
+                        (Cell::Missing, _) => Err(FieldProblem::Empty),
+                        (Cell::Time { .. }, ColumnUse::Date) => {
+                            Ok(cell.number().unwrap_or(f64::NAN))
+                        }
+                        (Cell::Text(text), ColumnUse::Date) => parse_date(text.as_bytes()),
+                        (_, ColumnUse::Date) => Err(FieldProblem::NotADate),
+                        (Cell::Time { .. }, _) => Err(FieldProblem::NotANumber),
+                        (Cell::Text(text), _) => parse_field(text.as_bytes()),
+                        _ => cell.number().ok_or(FieldProblem::Empty).and_then(finite),
+                    };
+                    match value.and_then(|value| column_use.check(value)) {
+                        Ok(value) => values.push(value),
+                        Err(problem) => {
+                            values.push(f64::NAN);
+                            refuse(row, problem, &cell.text());
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// Leaves some rows, in order, out of all columns of numbers, and counts them as lines that are no rows.
+fn leave_out(rows: &[usize], parsed: &mut ParsedRows) {
+    let all = parsed.rows;
+    for column in &mut parsed.columns {
+        let mut row = 0;
+        column.retain(|_| {
+            row += 1;
+            rows.binary_search(&(row - 1)).is_err()
+        });
+    }
+    for (passed, &row) in rows.iter().enumerate() {
+        parsed.rows = row - passed;
+        parsed.pass_lines(1);
+    }
+    parsed.rows = all - rows.len();
+}

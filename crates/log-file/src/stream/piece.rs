@@ -1,0 +1,79 @@
+//! Pieces of a log: chunks of its text, or parts of its table.
+
+use table_file::WantedColumn;
+
+use super::chunk::{Chunk, ChunkStream};
+use super::source::{ByteStream, ReadMeter};
+use super::table_rows::{RowPart, TableRows};
+use crate::error::LogError;
+use crate::log::Log;
+
+/// A piece of a log.
+#[derive(Debug)]
+pub(crate) enum LogPiece {
+    Text(Chunk),
+    Rows(RowPart),
+}
+
+impl Default for LogPiece {
+    fn default() -> Self {
+        Self::Text(Chunk::default())
+    }
+}
+
+/// The pieces of a log.
+pub(crate) enum LogPieces<'a> {
+    Text(ChunkStream<ByteStream>),
+    Rows(TableRows<'a>),
+}
+
+impl Log {
+    /// Its rows, cut into pieces of about so many bytes; of a table only the columns that are wanted.
+    pub(crate) fn pieces(
+        &self,
+        wanted: &[WantedColumn],
+        piece_bytes: usize,
+        meter: &ReadMeter,
+    ) -> Result<LogPieces<'_>, LogError> {
+        let (source, line) = (&self.source, self.layout.rows_line);
+        if !source.is_text() {
+            source.read_for_checksum(meter)?;
+            let meter = meter.clone();
+            return Ok(LogPieces::Rows(TableRows::new(source, wanted, line, piece_bytes, meter)?));
+        }
+        let start = self.layout.header.rows_start as u64;
+        let mut chunks = ChunkStream::new(source.open_counting(meter)?, start, line, piece_bytes);
+        chunks.clock = self.layout.clock();
+        Ok(LogPieces::Text(chunks))
+    }
+}
+
+impl LogPieces<'_> {
+    /// Whether all have been read.
+    pub(crate) fn ended(&self) -> bool {
+        match self {
+            Self::Text(chunks) => chunks.ended(),
+            Self::Rows(rows) => rows.ended(),
+        }
+    }
+
+    /// Puts the next one into `piece`; `false` if there are no more.
+    pub(crate) fn next(&mut self, log: &Log, piece: &mut LogPiece) -> Result<bool, LogError> {
+        match self {
+            Self::Text(chunks) => {
+                if let LogPiece::Rows(_) = piece {
+                    *piece = LogPiece::default();
+                }
+                let LogPiece::Text(chunk) = piece else { return Ok(false) };
+                chunks.next(chunk).map_err(|error| log.source.error(error))
+            }
+            Self::Rows(rows) => {
+                if let LogPiece::Text(_) = piece {
+                    *piece = LogPiece::Rows(RowPart::default());
+                }
+                let LogPiece::Rows(part) = piece else { return Ok(false) };
+                rows.next(part)
+            }
+        }
+    }
+}

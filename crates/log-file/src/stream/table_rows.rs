@@ -1,0 +1,192 @@
+//! The rows of a log that is a table, or has one beside it, part by part.
+
+use table_file::{Cell, ColumnPart, TablePart, TableStream, WantedColumn};
+
+use super::companion::RowMismatch;
+use super::source::{LogSource, ReadMeter};
+use super::text_rows::TextRows;
+use crate::error::LogError;
+
+/// Rows before a part that go with it.
+const CONTEXT_ROWS: usize = 8;
+
+/// Some rows of a table.
+#[derive(Debug, Default)]
+pub(crate) struct RowPart {
+    pub(crate) part: TablePart,
+    /// The rows just before them.
+    pub(crate) before: TablePart,
+    /// The number of their first row in the log, from 0.
+    pub(crate) row: u64,
+    /// What a text with these rows would call its line.
+    pub(crate) line: u64,
+}
+
+/// The rows of a log that are wanted, from its first on.
+pub(crate) struct TableRows<'a> {
+    sides: Vec<TableSide<'a>>,
+    part_rows: usize,
+    next: u64,
+    first_line: u64,
+    before: TablePart,
+    ended: bool,
+    meter: ReadMeter,
+    /// How many bytes of the file have not been counted.
+    bytes_left: u64,
+}
+
+/// One of the files whose columns stand side by side.
+struct TableSide<'a> {
+    source: &'a LogSource,
+    rows: SideRows,
+    wanted: Vec<WantedColumn>,
+    /// Where its columns are among all that are wanted.
+    places: Vec<usize>,
+    part: TablePart,
+}
+
+enum SideRows {
+    Table(TableStream),
+    Text(TextRows),
+}
+
+impl<'a> TableSide<'a> {
+    /// The columns of `source`, which are those of the log from `columns.start` on; its rows begin at line
+    /// `rows_line` of the log's text.
+    fn new(
+        source: &'a LogSource,
+        wanted: &[WantedColumn],
+        columns: std::ops::Range<usize>,
+        rows_line: u64,
+    ) -> Result<Self, LogError> {
+        let own = wanted.iter().enumerate().filter(|(_, wanted)| columns.contains(&wanted.at));
+        let (places, wanted): (Vec<_>, Vec<_>) = own
+            .map(|(place, wanted)| {
+                (place, WantedColumn { at: wanted.at - columns.start, ..*wanted })
+            })
+            .unzip();
+        let table = source.as_table();
+        let rows = match table {
+            Some(table) => {
+                let rows = table.rows(wanted.clone());
+                SideRows::Table(rows.map_err(|problem| source.table_error(problem))?)
+            }
+            None => SideRows::Text(TextRows::new(source.open_alone()?)),
+        };
+        let mut side = Self { source, rows, wanted, places, part: TablePart::default() };
+        // Lines above the rows are rows of a file without names of its own.
+        let has_names = table.is_some_and(|table| table.columns.is_some());
+        let above = rows_line - 1 - u64::from(has_names);
+        for _ in 0..above {
+            side.next(1)?;
+        }
+        Ok(side)
+    }
+
+    fn next(&mut self, rows: usize) -> Result<bool, LogError> {
+        match &mut self.rows {
+            SideRows::Table(table) => {
+                let next = table.next(rows, &mut self.part);
+                next.map_err(|problem| self.source.table_error(problem))
+            }
+            SideRows::Text(text) => text.fill(self.source, rows, &self.wanted, &mut self.part),
+        }
+    }
+}
+
+impl<'a> TableRows<'a> {
+    /// The rows of `source` from those of line `rows_line` on, of which about `part_bytes` make a part.
+    pub(crate) fn new(
+        source: &'a LogSource,
+        wanted: &[WantedColumn],
+        rows_line: u64,
+        part_bytes: usize,
+        meter: ReadMeter,
+    ) -> Result<Self, LogError> {
+        let sides = match &source.companion {
+            None => vec![TableSide::new(source, wanted, 0..usize::MAX, rows_line)?],
+            Some(companion) => {
+                let [first, _] = source.sides.columns;
+                vec![
+                    TableSide::new(source, wanted, 0..first, rows_line)?,
+                    TableSide::new(companion, wanted, first..usize::MAX, rows_line)?,
+                ]
+            }
+        };
+        let tables = [Some(source), source.companion.as_deref()].into_iter().flatten();
+        let rows = tables.filter_map(|source| Some(source.as_table()?.rows_of_part(part_bytes)));
+        Ok(Self {
+            sides,
+            part_rows: rows.min().unwrap_or(1),
+            next: 0,
+            first_line: rows_line,
+            before: TablePart::default(),
+            ended: false,
+            meter,
+            bytes_left: source.bytes,
+        })
+    }
+
+    /// Whether all rows have been read.
+    pub(crate) fn ended(&self) -> bool {
+        self.ended
+    }
+
+    /// Puts the next rows into `rows`; `false` if there are no more.
+    pub(crate) fn next(&mut self, rows: &mut RowPart) -> Result<bool, LogError> {
+        // Remains set if reading fails: there is no part after an error.
+        if std::mem::replace(&mut self.ended, true) {
+            return Ok(false);
+        }
+        let part = &mut rows.part;
+        let columns = self.sides.iter().map(|side| side.places.len()).sum();
+        part.columns.resize_with(columns, ColumnPart::default);
+        for side in self.sides.iter_mut().rev() {
+            side.next(self.part_rows)?;
+            // What the part had is memory for the next rows.
+            for (column, &place) in side.part.columns.iter_mut().zip(&side.places) {
+                std::mem::swap(column, &mut part.columns[place]);
+            }
+            part.rows = side.part.rows;
+            std::mem::swap(&mut side.part.blank, &mut part.blank);
+        }
+        let counts: Vec<usize> = self.sides.iter().map(|side| side.part.rows).collect();
+        if let [first, second] = *counts
+            && first != second
+        {
+            let line = self.first_line + self.next + first.min(second) as u64;
+            return Err(self.sides[0].source.mismatch(RowMismatch::Lines(line)));
+        }
+        (rows.row, rows.line) = (self.next, self.first_line + self.next);
+        self.next += part.rows as u64;
+        self.ended = part.rows < self.part_rows;
+        rows.before = std::mem::replace(&mut self.before, last_rows(part));
+        let bytes = if self.ended { self.bytes_left } else { (8 * columns * part.rows) as u64 };
+        let counted = bytes.min(self.bytes_left);
+        self.bytes_left -= counted;
+        self.meter.count(counted);
+        Ok(part.rows > 0)
+    }
+}
+
+/// A few rows at the end of a part.
+fn last_rows(part: &TablePart) -> TablePart {
+    let from = part.rows.saturating_sub(CONTEXT_ROWS);
+    let rows_of = |rows: &[usize]| -> Vec<usize> {
+        rows.iter().filter_map(|row| row.checked_sub(from)).collect()
+    };
+    let of_column = |column: &ColumnPart| match column {
+        ColumnPart::Numbers { values, missing } => ColumnPart::Numbers {
+            values: values.get(from..).unwrap_or_default().to_vec(),
+            missing: rows_of(missing),
+        },
+        ColumnPart::Cells(cells) => {
+            ColumnPart::Cells(cells.get(from..).map(<[Cell]>::to_vec).unwrap_or_default())
+        }
+    };
+    TablePart {
+        rows: part.rows - from,
+        columns: part.columns.iter().map(of_column).collect(),
+        blank: rows_of(&part.blank),
+    }
+}

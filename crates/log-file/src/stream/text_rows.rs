@@ -1,0 +1,91 @@
+//! The rows of a text beside which a table stands, as texts of columns.
+
+use std::io::{BufRead, BufReader};
+
+use shell_data::escape;
+use table_file::{Cell, ColumnPart, TablePart, WantedColumn};
+
+use super::chunk::LINE_LIMIT;
+use super::companion::separator;
+use super::source::{ByteStream, LogSource};
+use crate::error::{LogError, PlacedProblem};
+use crate::parse::number::with_points;
+use crate::parse::rows::{is_comment, quoted_fields};
+
+/// The rows of a text: its lines but for blank ones and comments.
+pub(crate) struct TextRows {
+    lines: BufReader<ByteStream>,
+    line: Vec<u8>,
+    /// The number of that line.
+    number: u64,
+    /// What stands between fields, once a line has told.
+    separator: Option<u8>,
+}
+
+impl TextRows {
+    /// From the first line on.
+    pub(crate) fn new(text: ByteStream) -> Self {
+        let lines = BufReader::with_capacity(1 << 16, text);
+        Self { lines, line: Vec::new(), number: 0, separator: None }
+    }
+
+    /// The fields of the next row; `None` if there are no more.
+    pub(crate) fn next(&mut self, source: &LogSource) -> Result<Option<Vec<String>>, LogError> {
+        loop {
+            self.line.clear();
+            self.number += 1;
+            let mut lines = std::io::Read::take(&mut self.lines, LINE_LIMIT as u64);
+            let read = lines.read_until(b'\n', &mut self.line);
+            if read.map_err(|error| source.error(error))? == 0 {
+                return Ok(None);
+            }
+            if self.line.len() == LINE_LIMIT {
+                return Err(source.error_at(self.number, PlacedProblem::LineTooLong(LINE_LIMIT)));
+            }
+            let line = self.line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&self.line).trim_ascii();
+            if line.is_empty() || is_comment(line) {
+                continue;
+            }
+            let separator = *self.separator.get_or_insert(separator(line).unwrap_or(b','));
+            let line = if separator == b',' { line.to_vec() } else { with_points(line) };
+            let fields = quoted_fields(&line, separator);
+            let text = |field: &[u8]| String::from_utf8_lossy(field.trim_ascii()).into_owned();
+            return Ok(Some(fields.iter().map(text).collect()));
+        }
+    }
+
+    /// Adds at most so many of the next rows to a part that has none.
+    pub(crate) fn fill(
+        &mut self,
+        source: &LogSource,
+        rows: usize,
+        wanted: &[WantedColumn],
+        part: &mut TablePart,
+    ) -> Result<bool, LogError> {
+        let mut columns = vec![Vec::new(); wanted.len()];
+        part.rows = 0;
+        while part.rows < rows
+            && let Some(fields) = self.next(source)?
+        {
+            for (column, wanted) in columns.iter_mut().zip(wanted) {
+                let field = fields.get(wanted.at).filter(|field| !field.is_empty());
+                column.push(field.cloned().map_or(Cell::Missing, Cell::Text));
+            }
+            part.rows += 1;
+        }
+        part.columns = columns.into_iter().map(ColumnPart::Cells).collect();
+        Ok(part.rows > 0)
+    }
+
+    /// The first lines, with commas between the fields.
+    pub(crate) fn head(mut self, source: &LogSource, lines: usize) -> Result<Vec<u8>, LogError> {
+        let mut text = Vec::new();
+        for _ in 0..lines {
+            let Some(fields) = self.next(source)? else { break };
+            let fields: Vec<_> = fields.iter().map(|field| escape::csv_field(field)).collect();
+            text.extend_from_slice(fields.join(",").as_bytes());
+            text.push(b'\n');
+        }
+        Ok(text)
+    }
+}

@@ -1,0 +1,255 @@
+//! Heads of texts as programs write them: which lines name columns and units, where rows begin.
+
+use std::path::{Path, PathBuf};
+
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted, parse_column};
+use shell_data::{Axis, Block};
+
+/// A log of this text.
+fn open_with(text: &str, mapping: &Mapping) -> Result<Log, LogError> {
+    Log::in_memory(Path::new("log.txt"), text.as_bytes().into(), mapping)
+}
+
+fn open(text: &str) -> Log {
+    open_with(text, &Mapping::default()).unwrap_or_else(|error| panic!("{error}\n{text}"))
+}
+
+/// All its rows.
+fn rows(log: &Log) -> Block {
+    let wanted = Wanted {
+        time: log.has_time(),
+        readings: log.channels() > 0,
+        wrench: log.has_wrench(),
+        ..Wanted::default()
+    };
+    log.read_whole(&wanted, &ReadOptions::default()).unwrap_or_else(|error| panic!("{error}")).0
+}
+
+fn said(log: &Log) -> String {
+    log.decisions().join("; ")
+}
+
+fn axis(rows: &Block, axis: Axis) -> &[f64] {
+    &rows.wrench[axis.index()]
+}
+
+#[test]
+fn names_below_text_are_found_with_counts_and_rate() {
+    let mut text = "Start Time: May 2, 2025 9:00:01 AM\nRDT Sample Rate: 500\n\
+                    \"NOTE: the rate is read once, at the start.\"\nForce Units: lbf\n\
+                    Counts per Unit Force: 1000.0\nTorque Units: lbf-in\nCounts per Unit Torque: 2000.0\n\
+                    Status (hex), RDT Sequence, F/T Sequence, Fx, Fy, Fz, Tx, Ty, Tz, Time\n"
+        .to_owned();
+    for row in 0..40 {
+        let sequence = 7 * row;
+        text += &format!(
+            "\"0x00000000\",\"{row}\",\"{sequence}\",\"1000\",\"-2000\",\"500\",\"2000\",\"0\",\"4000\",\
+             \"May 2, 2025 9:00:01 AM\"\n"
+        );
+    }
+    let log = open(&text);
+    assert_eq!(
+        said(&log),
+        "names from line 8; data from line 9; 500 Hz from line 2, as time; \
+         forces in counts, divided by 1,000 from line 5; moments in counts, divided by 2,000 from line 7"
+    );
+    let rows = rows(&log);
+    assert_eq!((rows.rows, rows.time_s[39]), (40, 39.0 / 500.0));
+    // One rounding more or less.
+    assert!((axis(&rows, Axis::Fy)[3] + 2.0 * 4.448_221_615_260_5).abs() < 1e-14);
+    // A pound-force inch is 0.1129848290276167 N·m (NIST SP 811, table B.8).
+    assert!((axis(&rows, Axis::Mz)[0] - 2.0 * 0.112_984_829_027_616_7).abs() < 1e-15);
+}
+
+#[test]
+fn names_units_and_rate_of_laboratory_programs_are_found() {
+    let vicon = "Devices\n2000\n,,Plate 1 - Force,,,Plate 1 - Moment,,\n\
+                 Frame,Sub Frame,Fx,Fy,Fz,Mx,My,Mz\n,,N,N,N,N.mm,N.mm,N.mm\n\
+                 1,0,1.5,2,-700,10,20,30\n1,1,1.5,2,-701,10,20,31\n2,0,1.5,2,-702,10,20,32\n";
+    let log = open(vicon);
+    let expected =
+        "names from line 4; units from line 5; data from line 6; 2000 Hz from line 2, as time";
+    assert_eq!(said(&log), expected);
+    let of = rows(&log);
+    assert_eq!((axis(&of, Axis::Mz), of.time_s[2]), (&[0.030, 0.031, 0.032][..], 0.001));
+
+    let labview = "LabVIEW Measurement\t\nWriter_Version\t2\nReader_Version\t2\nSeparator\tTab\n\
+                   Decimal_Separator\t,\nMulti_Headings\tNo\nX_Columns\tOne\nDate\t2025/05/02\n\
+                   ***End_of_Header***\t\n\t\nChannels\t3\t\t\t\nSamples\t3\t3\t3\t\n\
+                   X0\t0,0\t0,0\t0,0\t\nDelta_X\t0,02\t0,02\t0,02\t\n***End_of_Header***\t\t\t\t\n\
+                   X_Value\ts1\ts2\tFz\tComment\n0,00\t-1,5\t2,25\t-3,5\t\n0,02\t-1,25\t2,5\t3,5\t\n\
+                   0,04\t-1,0\t2,75\t4,5\t\n";
+    let log = open(labview);
+    assert_eq!(said(&log), "names from line 16; data from line 17");
+    let of = rows(&log);
+    let found = (of.time_s[2], of.readings[0][1], axis(&of, Axis::Fz)[0]);
+    assert_eq!(found, (0.04, -1.25, -3.5));
+
+    let qualisys = "NO_OF_SAMPLES\t3\nFREQUENCY\t500\nTIME_STAMP\t2025-05-02, 09:00:00.000\t12.5\n\
+                    DATA_INCLUDED\tFORCE\nFORCE_PLATE_LENGTH\t600\nFORCE_PLATE_WIDTH\t400\n\
+                    SAMPLE\tTIME\tForce_X\tForce_Y\tForce_Z\tMoment_X\tMoment_Y\tMoment_Z\n\
+                    1\t0.000\t1\t2\t3\t4\t5\t6\n2\t0.002\t1\t2\t3\t4\t5\t7\n3\t0.004\t1\t2\t3\t4\t5\t8\n";
+    let log = open(qualisys);
+    assert_eq!(said(&log), "names from line 7; data from line 8");
+    assert_eq!((rows(&log).time_s[1], axis(&rows(&log), Axis::Mz)[2]), (0.002, 8.0));
+
+    let opensim = "wrench\nversion=1\nnRows=3\nnColumns=4\ninDegrees=no\nendheader\ntime\tFx\tFy\tFz\n\
+                   0.0\t1\t2\t3\n0.1\t1\t2\t4\n0.2\t1\t2\t5\n";
+    let log = open(opensim);
+    assert_eq!(said(&log), "names from line 7; data from line 8");
+    assert_eq!(axis(&rows(&log), Axis::Fz), [3.0, 4.0, 5.0]);
+}
+
+#[test]
+fn marks_and_declared_separators_before_names_are_read_over() {
+    for (text, names_line) in [
+        ("% t_s,s1,fz\n0.0,5,1\n0.1,6,2\n", 1),
+        ("# t_s,s1,fz\n0.0,5,1\n0.1,6,2\n", 1),
+        ("// t_s;s1;fz\n0,0;5;1\n0,1;6;2\n", 1),
+        ("sep=;\nt_s;s1;fz\n0,0;5;1\n0,1;6;2\n", 2),
+        ("\"sep=,\"\r\n\"t_s\",\"s1\",\"fz\"\r\n\"0.0\",\"5\",\"1\"\r\n\"0.1\",\"6\",\"2\"\r\n", 2),
+        (
+            "a recording of the third session\nwith two loads, and a spring\n\nt_s,s1,fz\n0.0,5,1\n0.1,6,2\n",
+            4,
+        ),
+        ("operator: A, rate: none\n# rig 7\nt_s\ts1\tfz\ns\tcounts\tN\n0.0\t5\t1\n0.1\t6\t2\n", 3),
+        ("# t_s s1 fz\n0.000e+00 5.000e+00 1.000e+00\n1.000e-01 6.000e+00 2.000e+00\n", 1),
+        ("t_s   s1  fz\n  0.0  5   1\n  0.1  6   2\n", 1),
+        ("# made by a program\n#\n# t_s s1 fz\n 0,0 5 1\n 0,1 6 2\n", 3),
+    ] {
+        let log = open(text);
+        let of = rows(&log);
+        assert_eq!(of.time_s, [0.0, 0.1], "{text}");
+        assert_eq!(
+            (&*of.readings[0], axis(&of, Axis::Fz)),
+            (&[5.0, 6.0][..], &[1.0, 2.0][..]),
+            "{text}"
+        );
+        let first = format!("names from line {names_line}");
+        assert!(
+            log.decisions().is_empty() || said(&log).contains(&first),
+            "{}: {text}",
+            said(&log)
+        );
+    }
+}
+
+#[test]
+fn times_of_ros_are_nanoseconds_whatever_stands_before_their_names() {
+    let text = "%time,field.header.seq,field.header.stamp,field.wrench.force.x,field.wrench.torque.z\n\
+                1700000000000000000,0,1699999999999000000,1.5,0.25\n\
+                1700000000010000000,1,1700000000009000000,1.5,0.5\n";
+    let of = rows(&open(text));
+    // A double of this size has steps of 0.24 µs.
+    assert!((of.time_s[1] - of.time_s[0] - 0.01).abs() < 1e-6);
+    assert!((of.time_s[0] - 1.7e9).abs() < 1e-3);
+    assert_eq!(axis(&of, Axis::Mz), [0.25, 0.5]);
+}
+
+#[test]
+fn rows_with_labels_keys_or_an_arrow_are_read() {
+    let plotter = open("A:18 B:12 C:-1.5\nA:15 B:13 C:2\nA:16 B:14 C:3\n");
+    let names: Vec<&str> = plotter.columns().iter().map(|column| column.name.as_str()).collect();
+    assert_eq!(names, ["A", "B", "C"]);
+    let sensors = Some(vec![parse_column("B").unwrap(), parse_column("C").unwrap()]);
+    let mapping = Mapping { sensors, ..Mapping::default() };
+    let log =
+        open_with("ready\nA:18 B:12 C:-1.5\nA:15 B:13 C:2\nA:16 B:14 C:3\n", &mapping).unwrap();
+    assert_eq!(rows(&log).readings, [[12.0, 13.0, 14.0], [-1.5, 2.0, 3.0]]);
+
+    let monitor =
+        open("14:24:42.000 -> s1:1,s2:2\n14:24:42.020 -> s1:3,s2:4\n14:24:42.040 -> s1:5,s2:6\n");
+    let of = rows(&monitor);
+    assert_eq!(of.readings, [[1.0, 3.0, 5.0], [2.0, 4.0, 6.0]]);
+    assert!((of.time_s[2] - (14.0 * 3600.0 + 24.0 * 60.0 + 42.04)).abs() < 1e-9);
+    let bare = open("09:00:00.000 -> 27,28,29\n09:00:00.020 -> 30,31,32\n");
+    assert_eq!((bare.columns().len(), bare.has_time(), bare.channels()), (4, true, 0));
+
+    let stream = open(
+        "{\"t_s\":0.000000,\"index\":0,\"s1\":5,\"s2\":6,\"fx_n\":1.5,\"flags\":\"untared unfiltered\"}\n\
+         {\"t_s\":0.010000,\"index\":1,\"s1\":7,\"s2\":8,\"fx_n\":-2.5e-3,\"flags\":\"\"}\n",
+    );
+    let of = rows(&stream);
+    assert_eq!((&*of.time_s, axis(&of, Axis::Fx)), (&[0.0, 0.01][..], &[1.5, -2.5e-3][..]));
+    assert_eq!(of.readings, [[5.0, 7.0], [6.0, 8.0]]);
+}
+
+#[test]
+fn what_is_no_table_is_refused_and_what_the_user_says_decides() {
+    let talk = "hello, world\nthis is, no log\nof any, kind\n";
+    let error = open_with(talk, &Mapping::default()).unwrap_err().to_string();
+    assert!(error.contains("names no columns, and no rows of numbers follow"), "{error}");
+    // The second line looks like names as well as the first.
+    let text = "a,b,c\nt_s,s1,fz\n0,5,1\n1,6,2\n";
+    let skipped = Mapping { skip_lines: Some(2), ..Mapping::default() };
+    let second = Mapping { header_line: Some(2), ..Mapping::default() };
+    assert_eq!(rows(&open_with(text, &second).unwrap()).readings[0], [5.0, 6.0]);
+    assert!(open_with(text, &skipped).is_err(), "the names are skipped, too");
+}
+
+#[test]
+fn a_bad_first_row_is_not_taken_for_text_above() {
+    for text in ["t_s,s1,fz\n0,5\n1,6,2\n2,6,2\n", "# a log\nt_s,s1,fz\n0,x\n1,6,2\n2,6,2\n"] {
+        let log = open(text);
+        let wanted = Wanted { readings: true, ..Wanted::default() };
+        let error = log.read_whole(&wanted, &ReadOptions::default()).unwrap_err().to_string();
+        assert!(error.contains("expected 3 columns, found 2"), "{error}");
+    }
+}
+
+/// Files of other laboratories' layouts, where there are any.
+#[test]
+fn cases_of_other_laboratories_are_read() {
+    let Some(data) = std::env::var_os("SHELLCAL_REAL_DATA") else { return };
+    let folder = PathBuf::from(data).join("../cases");
+    let time = |name: &str| Mapping { time: parse_column(name).ok(), ..Mapping::default() };
+    let none = Mapping::default;
+    let mut wrong = Vec::new();
+    for (name, mapping, count, start_s, end_s, channels, axes) in [
+        ("clock-board_us.csv", time("board_us"), 80, 1.0, 1.079, 2, 1),
+        (
+            "clock-header.stamp.csv",
+            time("header.stamp"),
+            80,
+            1_609_060_336.768_428,
+            1_609_060_336.847_428,
+            2,
+            1,
+        ),
+        ("clock-host_time.csv", time("host_time"), 299, 1_609_060_336.768, 1_609_060_339.748, 3, 3),
+        ("clock-timestamps.csv", none(), 39, 0.0, 0.38, 8, 6),
+        ("preamble-ati-netft-demo.csv", none(), 192, 0.0, 1.91, 0, 6),
+        ("preamble-vicon.csv", none(), 195, 0.0, 0.194, 0, 6),
+        ("preamble-labview.lvm", none(), 50, 0.0, 0.49, 3, 1),
+        ("preamble-qualisys.tsv", none(), 36, 0.0, 0.035, 0, 6),
+        ("preamble-opensim.sto", none(), 33, 0.0, 3.2, 0, 6),
+        ("blanks-savetxt.txt", none(), 30, 0.0, 2.9, 2, 1),
+        ("header-percent.csv", none(), 60, 0.0, 0.59, 2, 1),
+        ("header-sep.csv", none(), 60, 0.0, 0.59, 2, 1),
+        ("ros1-echo.csv", none(), 199, 1_609_060_336.768_428, 1_609_060_338.748_428, 0, 6),
+        ("own-stream.jsonl", none(), 200, 0.0, 1.99, 8, 6),
+        ("labels-arduino-plotter.txt", none(), 60, 0.0, 0.0, 0, 0),
+        ("arduino-monitor.txt", none(), 60, 51_882.0, 51_883.18, 0, 0),
+        ("clock-wraps-at-32-bits.csv", none(), 600, 4_291.967_296, 4_297.957_296, 8, 6),
+        ("units-lbf-row.csv", none(), 20, 0.0, 0.0, 0, 6),
+        ("units-mm.N-row.csv", none(), 20, 0.0, 0.0, 0, 6),
+        ("readings-signed.csv", none(), 60, 0.0, 0.59, 2, 1),
+    ] {
+        let log = match Log::open(&folder.join(name), &mapping) {
+            Ok(log) => log,
+            Err(error) => {
+                wrong.push(format!("{name}: {error}"));
+                continue;
+            }
+        };
+        let of = rows(&log);
+        let axes_found = log.axes().iter().count();
+        let ends = of.time_s.first().copied().zip(of.time_s.last().copied()).unwrap_or_default();
+        // Times since 1970 have steps of 0.24 µs.
+        let are_times = (ends.0 - start_s).abs() < 1e-6 && (ends.1 - end_s).abs() < 1e-6;
+        if (of.rows, log.channels(), axes_found) != (count, channels, axes) || !are_times {
+            wrong.push(format!("{name}: {} {} {axes_found} {ends:?}", of.rows, log.channels()));
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}

@@ -1,0 +1,147 @@
+//! One recording in every kind of file that is read, written by the programs that people use
+//! (`fuzz/make_seeds.py`): the same rows, bit for bit.
+
+#![allow(
+    clippy::disallowed_methods,
+    clippy::disallowed_types,
+    clippy::unwrap_used,
+    reason = "tests read files, and may panic"
+)]
+
+use std::path::{Path, PathBuf};
+
+use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
+use shell_data::block::Block;
+use table_file::write::Cells;
+
+/// The folders of the files.
+const FOLDERS: [&str; 8] = ["text", "packed", "parquet", "matlab", "hdf5", "numpy", "xlsx", "mcap"];
+
+fn seeds() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/seeds")
+}
+
+/// All files, but for the one that the others are compared with.
+fn files() -> Vec<PathBuf> {
+    let entries =
+        FOLDERS.iter().flat_map(|folder| std::fs::read_dir(seeds().join(folder)).unwrap());
+    let mut files: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| !path.ends_with("text/plain.csv"));
+    files.sort();
+    assert!(files.len() > 24, "{files:?}");
+    files
+}
+
+fn rows(path: &Path, threads: usize) -> Result<(Block, Option<String>), LogError> {
+    let log = Log::open(path, &Mapping::default())?;
+    let wanted = Wanted {
+        time: true,
+        readings: true,
+        wrench: true,
+        groups: log.has_groups(),
+        ..Wanted::default()
+    };
+    let options = ReadOptions { threads, checksum: true, ..ReadOptions::default() };
+    let (mut whole, summary) = log.with_chunk_bytes(700).read_whole(&wanted, &options)?;
+    let mut groups: Vec<(String, usize)> = Vec::new();
+    for (label, rows) in std::mem::take(&mut whole.groups) {
+        match groups.last_mut() {
+            Some((last, count)) if *last == label => *count += rows,
+            _ => groups.push((label, rows)),
+        }
+    }
+    Ok((Block { groups, ..whole }, summary.checksum))
+}
+
+#[test]
+fn a_recording_has_the_same_rows_in_every_kind_of_file() {
+    let (expected, _) = rows(&seeds().join("text/plain.csv"), 1).unwrap();
+    assert_eq!((expected.rows, expected.groups.len()), (24, 4));
+    for path in files() {
+        let name = path.display();
+        let (found, checksum) = rows(&path, 1).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(found.readings, expected.readings, "{name}");
+        assert_eq!(found.wrench, expected.wrench, "{name}");
+        if !found.groups.is_empty() {
+            assert_eq!(found.groups, expected.groups, "{name}");
+        }
+        // Dates begin in 2026, recordings when they were logged; the rest are the same seconds.
+        let start_s = match found.time_s[0] {
+            0.0 => 0.0,
+            // `date -u -d 2026-11-22T10:00:00 +%s`
+            1_795_341_600.0 => 1_795_341_600.0,
+            1_700_000_000.0 => 1_700_000_000.0,
+            other => panic!("{name} begins at {other} s"),
+        };
+        for (time, expected) in found.time_s.iter().zip(&expected.time_s) {
+            // A double near 1.8e9 s is good to 2⁻²² s.
+            let tolerance_s = if start_s == 0.0 { 0.0 } else { 2.4e-7 };
+            assert!((time - start_s - expected).abs() <= tolerance_s, "{name}: {time}");
+        }
+        let of_file = log_file::checksum::of(&std::fs::read(&path).unwrap());
+        assert_eq!(checksum, Some(of_file), "{name}");
+        for threads in [2, 5] {
+            assert_eq!(rows(&path, threads).unwrap().0, found, "{name}, {threads} threads");
+        }
+    }
+}
+
+/// A table beside a table, a table beside a text, and a text beside a table.
+#[test]
+fn a_companion_of_any_kind_gives_the_columns_beside_those_of_the_log() {
+    let dir = tempfile::tempdir().unwrap();
+    let column = |at: usize| -> Vec<f64> {
+        (0..3000).map(|row| f64::from(row % 97) / 7.0 + at as f64).collect()
+    };
+    let readings: Vec<(String, Vec<f64>)> =
+        (1..=2).map(|at| (format!("s{at}"), column(at))).collect();
+    let wrench: Vec<(String, Vec<f64>)> = ["fx_n", "fy_n"]
+        .iter()
+        .zip(3..)
+        .map(|(name, at)| ((*name).to_owned(), column(at)))
+        .collect();
+    let write = |name: &str, columns: &[(String, Vec<f64>)], rows: usize| {
+        let cells: Vec<(String, Cells<'_>)> = columns
+            .iter()
+            .map(|(name, it)| (name.clone(), Cells::Full(it[..rows].into())))
+            .collect();
+        let mut file = std::fs::File::create(dir.path().join(name)).unwrap();
+        match name.ends_with(".mat") {
+            true => table_file::write::write_matlab(&mut file, &cells).unwrap(),
+            false => {
+                let names: Vec<&str> = columns.iter().map(|(name, _)| name.as_str()).collect();
+                let row = |row: usize| {
+                    columns.iter().map(|(_, it)| it[row].to_string()).collect::<Vec<_>>().join(";")
+                };
+                let rows: Vec<String> = (0..rows).map(row).collect();
+                let text = format!("{}\n{}\n", names.join(";"), rows.join("\n"));
+                std::fs::write(dir.path().join(name), text).unwrap();
+            }
+        }
+    };
+    for name in ["readings.mat", "readings.csv"] {
+        write(name, &readings, 3000);
+    }
+    for name in ["wrench.mat", "wrench.csv"] {
+        write(name, &wrench, 3000);
+        write(&format!("short_{name}"), &wrench, 2999);
+    }
+    let open = |log: &str, companion: &str| {
+        let [log, companion] = [log, companion].map(|name| dir.path().join(name));
+        let log = Log::open_with_companion(&log, &companion, &Mapping::default())?;
+        let wanted = Wanted { readings: true, wrench: true, ..Wanted::default() };
+        log.read_whole(&wanted, &ReadOptions::default()).map(|(block, _)| block)
+    };
+    for (log, companion) in [
+        ("readings.csv", "wrench.csv"),
+        ("readings.mat", "wrench.mat"),
+        ("readings.mat", "wrench.csv"),
+        ("readings.csv", "wrench.mat"),
+    ] {
+        let block = open(log, companion).unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!((block.rows, &block.readings[1]), (3000, &readings[1].1), "{log}");
+        assert_eq!(block.wrench[..2], [wrench[0].1.clone(), wrench[1].1.clone()], "{companion}");
+        let error = open(log, &format!("short_{companion}")).map(drop).unwrap_err().to_string();
+        assert!(error.contains("is in one of them alone"), "{error}");
+    }
+}

@@ -1,0 +1,254 @@
+//! λ, the width of the priors and the number of shared factors, by groups that were held out.
+//!
+//! Each candidate is fitted without a fold of whole groups and judged on them. λ and width are those of the least
+//! squared error, relative to the mean square of each axis, averaged over the axes. A factor more is taken where
+//! the readings of the held-out groups become more probable, by more than a standard error of the mean gain over the
+//! folds: that sees all sensors and how they err together, of which errors of a wrench show little. Then λ is
+//! chosen once more. Fits without a fold start from the fit to all, which is near.
+
+use std::collections::BTreeSet;
+
+use super::PhysicsError;
+use super::factors::fit_factors;
+use super::fit::{FittedParameters, Observation, Scaled, Scales, fit, fit_from};
+use super::inversion::Inversion;
+use super::model::PhysicsModel;
+use super::response::{FACTORS, factor_count};
+use super::rows::ObservationSample;
+use least_squares::error::FitError;
+use least_squares::passes::{Workers, map};
+
+/// The λ that are tried: half decades below what Bayes' rule would take for normal loads. That itself, 1, pulls a
+/// load at the edge of the range to a minimum far off, which other loads do not show.
+const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
+
+/// The widths that are tried.
+const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
+
+/// λ and width that are mostly near the chosen ones.
+pub(super) const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
+
+/// Up to this many groups each is held out alone; more are assigned to [`FOLDS`] folds.
+const MOST_ALONE: usize = 40;
+const FOLDS: usize = 10;
+
+/// Fewest folds that tell whether factors are shared: a standard error of fewer gains says little.
+const FEWEST_FOLDS: usize = 8;
+
+/// A number of shared factors beside the best of fewer.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FactorTrial {
+    /// Factors.
+    pub factors: usize,
+    /// Mean gain of the log density of a held-out fold's readings.
+    pub gain: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+}
+
+impl FactorTrial {
+    /// Whether the gain is more than a standard error.
+    pub fn is_taken(&self) -> bool {
+        self.gain > self.standard_error
+    }
+}
+
+/// The chosen model and what it was chosen from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Choice {
+    /// The model, fitted to all observations.
+    pub model: PhysicsModel,
+    /// The numbers of factors that were tried.
+    pub factor_trials: Vec<FactorTrial>,
+    /// Each fold of groups, with the chosen candidate fitted to the others.
+    pub(super) fold_models: Vec<(BTreeSet<u64>, PhysicsModel)>,
+    scales: Scales,
+    /// The fit to all observations that were tried, where fits to most of them start.
+    fitted: FittedParameters,
+    /// Observations that it was chosen on.
+    pub sample: ObservationSample,
+}
+
+/// What all candidates are fitted to.
+struct CandidateData<'a> {
+    scales: Scales,
+    folds: Vec<ObservationFold<'a>>,
+    workers: Workers<'a>,
+}
+
+/// Fits without one fold and their squared errors on it for each λ.
+type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
+
+impl Choice {
+    /// Fits a model whose λ, prior width and number of factors are chosen by cross-validation.
+    ///
+    /// # Errors
+    /// [`PhysicsError`] if there are too few observations, groups or channels; [`FitError::Interrupted`].
+    pub fn fit(observations: &[Observation], workers: Workers<'_>) -> Result<Self, FitError> {
+        Self::fit_sample(ObservationSample::new(observations), None, workers)
+    }
+
+    /// Like [`fit`](Self::fit), on a sample of observations; holds out `folds` of groups, or groups in turn.
+    pub(super) fn fit_sample(
+        sample: ObservationSample,
+        folds: Option<&[Vec<u64>]>,
+        workers: Workers<'_>,
+    ) -> Result<Self, FitError> {
+        let tried: Vec<&Observation> = sample.tried.iter().collect();
+        let observations: Vec<&Observation> = sample.fitted.iter().collect();
+        let scales = Scales::new(&observations)?;
+        let mut data = scales.apply(&tried);
+        let folds = folds.map_or_else(|| folds_in_turn(&tried), as_sets);
+        if folds.len() < 2 {
+            return Err(PhysicsError::TooFewGroups(folds.len()).into());
+        }
+        let folds = folds.into_iter().map(|fold| ObservationFold::new(fold, &tried, &scales));
+        let tries = CandidateData { folds: folds.collect(), scales, workers };
+        let (mut scores, mut widths) = (Vec::new(), Vec::new());
+        for width in WIDTHS {
+            let whole = fit(&data, width);
+            let fits = tries.fits(width, |rest| fit_from(rest, width, &whole))?;
+            scores.extend(tries.scores(&fits));
+            widths.push((whole, fits));
+        }
+        let best = least(&scores);
+        let position = best / LAMBDAS.len();
+        let (mut lambda, width) = (LAMBDAS[best % LAMBDAS.len()], WIDTHS[position]);
+        let mut chosen = widths.swap_remove(position);
+        let without_factors = chosen.0.clone();
+        let mut factor_trials = Vec::new();
+        let counts = if tries.folds.len() < FEWEST_FOLDS { 0..0 } else { 1..FACTORS + 1 };
+        for count in counts {
+            let whole = fit_factors(&data, width, &without_factors, Some(count));
+            let fits = tries.fits(width, |rest| fit_factors(rest, width, &whole, None))?;
+            let trial = tries.compare(count, width, &fits, &chosen.1);
+            factor_trials.push(trial);
+            if !trial.is_taken() {
+                break;
+            }
+            lambda = LAMBDAS[least(&tries.scores(&fits))];
+            chosen = (whole, fits);
+        }
+
+        let at = (lambda, width);
+        let (of_tried, of_folds) = chosen;
+        let fold_model = |(fold, (fitted, _)): (usize, &Fits)| {
+            (tries.folds[fold].groups.clone(), tries.model(fold, fitted, at))
+        };
+        let fold_models = of_folds.iter().enumerate().map(fold_model).collect();
+        let mut fitted = of_tried.clone();
+        if tried.len() < observations.len() {
+            data = tries.scales.apply(&observations);
+            fitted = refit(&data, width, &fitted);
+        }
+        let model = PhysicsModel::from_fit(&tries.scales, &data, &fitted, at);
+        let scales = tries.scales;
+        Ok(Self { model, factor_trials, fold_models, scales, fitted: of_tried, sample })
+    }
+
+    /// The chosen candidate, fitted to the observations of all groups but some.
+    pub(super) fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
+        if let Some((_, known)) = self.fold_models.iter().find(|(fold, _)| fold == groups) {
+            return known.clone();
+        }
+        let tried: Vec<&Observation> = self.sample.tried.iter().collect();
+        let rest = ObservationFold::new(groups.clone(), &tried, &self.scales).rest;
+        let fitted = refit(&rest, self.model.prior_width, &self.fitted);
+        let at = (self.model.lambda, self.model.prior_width);
+        PhysicsModel::from_fit(&self.scales, &rest, &fitted, at)
+    }
+}
+
+/// Fits again, from what was found for nearly the same observations, with as many factors.
+fn refit(data: &Scaled, width: f64, start: &FittedParameters) -> FittedParameters {
+    match factor_count(&start.loadings) {
+        0 => fit_from(data, width, start),
+        _ => fit_factors(data, width, start, None),
+    }
+}
+
+impl CandidateData<'_> {
+    fn model(&self, fold: usize, fitted: &FittedParameters, at: (f64, f64)) -> PhysicsModel {
+        PhysicsModel::from_fit(&self.scales, &self.folds[fold].rest, fitted, at)
+    }
+
+    /// Fits without each fold, on all threads, with their squared errors there.
+    fn fits(
+        &self,
+        width: f64,
+        fit: impl Fn(&Scaled) -> FittedParameters + Sync,
+    ) -> Result<Vec<Fits>, FitError> {
+        let folds: Vec<usize> = (0..self.folds.len()).collect();
+        map(&folds, self.workers, |&fold| {
+            let fitted = fit(&self.folds[fold].rest);
+            let model = self.model(fold, &fitted, (LAMBDAS[0], width));
+            let mut inversion = Inversion::new(&model);
+            let held_out = &self.folds[fold].held_out;
+            let squares = LAMBDAS.map(|lambda| {
+                inversion.set_lambda(lambda);
+                inversion.squared_errors(held_out, &model.wrench_scale).iter().sum()
+            });
+            Ok((fitted, squares))
+        })
+    }
+
+    /// For each λ the squared error on held-out groups relative to the mean square of each axis, averaged.
+    fn scores(&self, fits: &[Fits]) -> [f64; LAMBDAS.len()] {
+        let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
+        let sum = |at: usize| fits.iter().map(|(_, squares)| squares[at]).sum::<f64>();
+        std::array::from_fn(|at| sum(at) / count)
+    }
+
+    /// How much more probable the readings of each fold are by the first of two fits without it.
+    fn compare(&self, factors: usize, width: f64, fits: &[Fits], best: &[Fits]) -> FactorTrial {
+        let gains: Vec<f64> = (fits.iter().zip(best).enumerate())
+            .map(|(fold, (fit, best))| {
+                let density = |fitted| {
+                    let model = self.model(fold, fitted, (LAMBDAS[0], width));
+                    self.folds[fold].held_out.iter().map(|o| model.ln_density(o)).sum::<f64>()
+                };
+                density(&fit.0) - density(&best.0)
+            })
+            .collect();
+        let count = gains.len() as f64;
+        let gain = gains.iter().sum::<f64>() / count;
+        let squares: f64 = gains.iter().map(|of| (of - gain).powi(2)).sum();
+        FactorTrial { factors, gain, standard_error: (squares / (count * (count - 1.0))).sqrt() }
+    }
+}
+
+/// The position of the least score.
+fn least(scores: &[f64]) -> usize {
+    let scores = scores.iter().enumerate();
+    scores.min_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(position, _)| position)
+}
+
+struct ObservationFold<'a> {
+    groups: BTreeSet<u64>,
+    held_out: Vec<&'a Observation>,
+    /// The observations of all other folds.
+    rest: Scaled,
+}
+
+impl<'a> ObservationFold<'a> {
+    fn new(groups: BTreeSet<u64>, observations: &[&'a Observation], scales: &Scales) -> Self {
+        let is_held_out = |o: &&&Observation| groups.contains(&o.group);
+        let (held_out, rest): (_, Vec<&Observation>) = observations.iter().partition(is_held_out);
+        Self { groups, held_out, rest: scales.apply(&rest) }
+    }
+}
+
+fn as_sets(folds: &[Vec<u64>]) -> Vec<BTreeSet<u64>> {
+    folds.iter().map(|fold| fold.iter().copied().collect()).collect()
+}
+
+/// Up to [`MOST_ALONE`] groups, each alone; more, assigned in turn to [`FOLDS`].
+fn folds_in_turn(observations: &[&Observation]) -> Vec<BTreeSet<u64>> {
+    let groups: BTreeSet<u64> = observations.iter().map(|o| o.group).collect();
+    let count = if groups.len() > MOST_ALONE { FOLDS } else { groups.len() };
+    let mut folds = vec![BTreeSet::new(); count];
+    for (position, group) in groups.into_iter().enumerate() {
+        folds[position % count].insert(group);
+    }
+    folds
+}

@@ -1,0 +1,240 @@
+//! All sensors together: plateaus and shapes near a common mean, noise of greatest likelihood.
+//!
+//! Sensors of one make resemble each other. The parameters of the curve (lo, ln h, ln ν) of each
+//! have a normal prior about a mean that all share, which itself has the weak prior of
+//! [`Prior::weak`], ten times as wide in variance (a hierarchical model; Gelman et al., Bayesian
+//! Data Analysis, 3rd ed., §5.4). Rounds of steps over the sensors' parameters, the common means
+//! and the two variances of [`Noise`] each raise the posterior density.
+
+use super::PhysicsError;
+use super::cholesky::{Cholesky, diagonal};
+use super::lanes::MOST_LANES;
+use super::noise::{Noise, Residuals};
+use super::response::{FACTORS, Loadings, PARAMETERS, Parameters, SHAPE};
+use super::sensor::{Data, ParameterEstimate, Prior, curve_at, residuals};
+use shell_data::statistics::extremes;
+use shell_data::wrench::PerAxis;
+
+/// Variance of the prior of a common mean, over that of a sensor about it.
+const MEAN_VARIANCE: f64 = 10.0;
+
+/// Effort of a fit. Predictions of more rounds differ by a twentieth of their standard errors.
+const FIRST_STEPS: usize = 15;
+const ROUNDS: usize = 12;
+const STEPS: usize = 4;
+
+/// Rounds from the fit to nearly the same observations.
+const WARM_ROUNDS: usize = 4;
+
+/// Steps of the variances in a round.
+const NOISE_STEPS: usize = 20;
+
+/// Most channels of a model: a frame's flags are bits, its values are on the stack.
+pub const MOST_CHANNELS: usize = 16;
+
+/// The mean of some rows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Observation {
+    /// Which rows are one observation or hang together: validation holds out whole groups.
+    pub group: u64,
+    /// Mean wrench, N and N·m.
+    pub wrench: PerAxis<f64>,
+    /// Mean reading of each channel, counts.
+    pub readings: Vec<f64>,
+}
+
+/// The root mean square of each axis of the wrench, N and N·m; 1 for one that is never loaded.
+pub fn wrench_scale(observations: &[&Observation]) -> PerAxis<f64> {
+    std::array::from_fn(|axis| {
+        let squares: f64 = observations.iter().map(|o| o.wrench[axis].powi(2)).sum();
+        if squares > 0.0 { (squares / observations.len() as f64).sqrt() } else { 1.0 }
+    })
+}
+
+/// Wrenches and readings in the scales of a model.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Scales {
+    /// Root mean square of each axis, N and N·m; 1 for one that is never loaded.
+    pub(super) wrench: PerAxis<f64>,
+    /// Channels of a frame.
+    pub(super) frame_channels: usize,
+    /// Least reading and range of each channel that varies, with its position.
+    pub(super) channels: Vec<(usize, f64, f64)>,
+}
+
+/// The training data in these scales.
+#[derive(Clone, Debug)]
+pub(super) struct Scaled {
+    /// Rows; columns go on with zeros to a multiple of [`MOST_LANES`].
+    pub(super) rows: usize,
+    /// One column per axis.
+    pub(super) wrench: PerAxis<Vec<f64>>,
+    /// One column per channel that varies.
+    pub(super) readings: Vec<Vec<f64>>,
+}
+
+/// The parameters of all sensors.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct FittedParameters {
+    pub(super) parameters: Vec<Parameters>,
+    /// The covariance of each sensor's parameters.
+    pub(super) covariance: Vec<[Parameters; PARAMETERS]>,
+    /// How far each shared factor moves a sensor's displacement.
+    pub(super) loadings: Vec<Loadings>,
+    pub(super) noise: Noise,
+}
+
+impl Scales {
+    /// Those of observations that a model can be fitted to.
+    ///
+    /// # Errors
+    /// [`PhysicsError`] if there are too few observations or channels.
+    pub(super) fn new(observations: &[&Observation]) -> Result<Self, PhysicsError> {
+        let found = observations.len();
+        if found < PARAMETERS {
+            return Err(PhysicsError::TooFewObservations { found, needed: PARAMETERS });
+        }
+        let frame_channels = observations.iter().map(|o| o.readings.len()).max().unwrap_or(0);
+        if frame_channels == 0 || frame_channels > MOST_CHANNELS {
+            return Err(PhysicsError::Channels(frame_channels));
+        }
+        let is_finite = |o: &&Observation| {
+            let mut values = o.wrench.iter().chain(&o.readings);
+            o.readings.len() == frame_channels && values.all(|x| x.is_finite())
+        };
+        if !observations.iter().all(is_finite) {
+            return Err(PhysicsError::NotFinite);
+        }
+        let range = |channel: usize| {
+            let (least, most) = extremes(observations.iter().map(|o| o.readings[channel]));
+            (channel, least, most - least)
+        };
+        let varies = |range: &(usize, f64, f64)| range.2 > 0.0;
+        let channels: Vec<_> = (0..frame_channels).map(range).filter(varies).collect();
+        if channels.len() < 6 {
+            return Err(PhysicsError::TooFewChannels(channels.len()));
+        }
+        Ok(Self { wrench: wrench_scale(observations), frame_channels, channels })
+    }
+
+    /// Observations in these scales.
+    pub(super) fn apply(&self, observations: &[&Observation]) -> Scaled {
+        let rows = observations.len();
+        let padded = |mut column: Vec<f64>| {
+            column.resize(rows.next_multiple_of(MOST_LANES), 0.0);
+            column
+        };
+        let axis =
+            |i: usize| padded(observations.iter().map(|o| o.wrench[i] / self.wrench[i]).collect());
+        let channel = |&(channel, least, range): &(usize, f64, f64)| {
+            padded(observations.iter().map(|o| (o.readings[channel] - least) / range).collect())
+        };
+        Scaled {
+            rows,
+            wrench: std::array::from_fn(axis),
+            readings: self.channels.iter().map(channel).collect(),
+        }
+    }
+}
+
+/// Fits all sensors, from the start.
+pub(super) fn fit(data: &Scaled, width: f64) -> FittedParameters {
+    let prior = Prior::weak(width);
+    let mut sensors = sensors(data);
+    let estimates = sensors.iter().map(|s| s.fit(&prior, FIRST_STEPS)).collect();
+    rounds(&mut sensors, estimates, Noise::START, width, ROUNDS)
+}
+
+/// Fits all sensors, from what was found for nearly the same observations in the same scales.
+pub(super) fn fit_from(data: &Scaled, width: f64, start: &FittedParameters) -> FittedParameters {
+    let estimates = start.parameters.iter().map(|&p| ParameterEstimate::at(p)).collect();
+    let mut sensors = sensors(data);
+    for (sensor, &p) in sensors.iter_mut().zip(&start.parameters) {
+        let nothing = [[0.0; PARAMETERS]; PARAMETERS];
+        weigh(sensor, &residuals(&p, &nothing, sensor), start.noise);
+    }
+    rounds(&mut sensors, estimates, start.noise, width, WARM_ROUNDS)
+}
+
+pub(super) fn sensors(data: &Scaled) -> Vec<Data<'_>> {
+    // The slope of a curve that runs through its range over some six units of q.
+    let weight = Noise::START.variance(0.15).recip();
+    let mut weights = vec![weight; data.rows];
+    weights.resize(data.wrench[0].len(), 0.0);
+    let sensor = |readings| Data {
+        wrench: &data.wrench,
+        readings,
+        rows: data.rows,
+        weights: weights.clone(),
+    };
+    data.readings.iter().map(|readings| sensor(readings)).collect()
+}
+
+/// Weights by the noise where the curve is as steep as these residuals say.
+fn weigh(sensor: &mut Data<'_>, residuals: &Residuals, noise: Noise) {
+    for (weight, &slope_square) in sensor.weights.iter_mut().zip(&residuals.slope_squares) {
+        *weight = noise.variance_at(slope_square).recip();
+    }
+}
+
+fn rounds(
+    sensors: &mut [Data<'_>],
+    mut estimates: Vec<ParameterEstimate>,
+    mut noise: Noise,
+    width: f64,
+    rounds: usize,
+) -> FittedParameters {
+    let mut prior = Prior::weak(width);
+    let mut covariance = covariances(sensors, &estimates, &prior);
+    for _ in 0..rounds {
+        let of = |((sensor, estimate), covariance): ((&Data<'_>, &ParameterEstimate), _)| {
+            residuals(&estimate.parameters, covariance, sensor)
+        };
+        let all: Vec<Residuals> = sensors.iter().zip(&estimates).zip(&covariance).map(of).collect();
+        noise = noise.refine(&all, NOISE_STEPS);
+        for (sensor, residuals) in sensors.iter_mut().zip(&all) {
+            weigh(sensor, residuals, noise);
+        }
+        prior = common_prior(estimates.iter().map(|of| &of.parameters), width);
+        for (sensor, estimate) in sensors.iter().zip(&mut estimates) {
+            sensor.refine(estimate, &prior, STEPS);
+        }
+        covariance = covariances(sensors, &estimates, &prior);
+    }
+    let parameters: Vec<Parameters> = estimates.iter().map(|of| of.parameters).collect();
+    FittedParameters {
+        loadings: vec![[0.0; FACTORS]; parameters.len()],
+        parameters,
+        covariance,
+        noise,
+    }
+}
+
+/// The prior about the most likely common means, given the sensors.
+pub(super) fn common_prior<'a>(
+    sensors: impl Iterator<Item = &'a Parameters> + Clone,
+    width: f64,
+) -> Prior {
+    let mut prior = Prior::weak(width);
+    let (own, count) = (MEAN_VARIANCE.recip(), sensors.clone().count() as f64);
+    for (position, mean) in prior.mean.iter_mut().enumerate().skip(SHAPE) {
+        let sum: f64 = sensors.clone().map(|p| p[position]).sum();
+        *mean = own.mul_add(*mean, sum) / (count + own);
+    }
+    prior
+}
+
+fn covariances(
+    sensors: &[Data<'_>],
+    estimates: &[ParameterEstimate],
+    prior: &Prior,
+) -> Vec<[Parameters; PARAMETERS]> {
+    let of = |(sensor, estimate): (&Data<'_>, &ParameterEstimate)| {
+        let p = &estimate.parameters;
+        let information = sensor.cost_along(&curve_at(p, sensor), p, prior).information;
+        // The prior makes it positive definite; where rounding does not, the prior is what is left.
+        Cholesky::new(&information)
+            .map_or_else(|| diagonal(prior.sd.map(|sd| sd.powi(2))), |f| f.inverse())
+    };
+    sensors.iter().zip(estimates).map(of).collect()
+}

@@ -1,0 +1,327 @@
+//! The parameters of one sensor, by weighted least squares with weak priors.
+//!
+//! ```text
+//! minimise  Σ weightᵢ·(yᵢ − f(xᵢ; p))² + Σ ((p − m)/s)²
+//! ```
+//!
+//! by Levenberg's and Marquardt's steps with the analytic gradient (Nocedal & Wright, Numerical
+//! Optimization, 2nd ed., §10.3). The curve's tail bends either way, so there are two starts, at two
+//! values of ν; each makes the displacement linear in the wrench by inverting the curve (the
+//! *logit-linear* fit) and solves for b and a.
+//!
+//! Sums are over several rows at a time: rows are assigned in turn to [`MOST_LANES`] sums, which are added at the end,
+//! in vectors of any width, so the bits are the same on every machine.
+
+use pulp::Simd;
+
+use super::cholesky::Cholesky;
+use super::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
+use super::noise::Residuals;
+use super::response::{PARAMETERS, Parameters, SHAPE, displacement, move_by};
+use shell_data::vectorised;
+use shell_data::wrench::PerAxis;
+
+/// Rows whose products are summed before those of the next.
+const ROWS_AT_ONCE: usize = 64;
+
+/// Values of ν to start from, on either side of the logistic curve's 1.
+const STARTS: [f64; 2] = [0.7, 1.6];
+
+/// A start takes readings to within this share of the plateaus, beyond which noise would rule.
+const MARGIN: f64 = 0.02;
+
+/// Priors: means and standard deviations.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Prior {
+    pub(super) mean: Parameters,
+    pub(super) sd: Parameters,
+}
+
+impl Prior {
+    /// Before any sensor is known: displacements of a few units of q over the loads of the training
+    /// data, and a curve that reaches a twentieth of the range beyond the readings at either end,
+    /// each of its parameters uncertain by `width` (lo in ranges, h and ν in factors of e).
+    pub(super) fn weak(width: f64) -> Self {
+        let (wide, lo, ln_h) = (3.0, -0.05, 0.1);
+        Self {
+            mean: [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, lo, ln_h, 0.0],
+            sd: [wide, wide, wide, wide, wide, wide, wide, width, width, width],
+        }
+    }
+}
+
+/// Parameters under way.
+#[derive(Clone, Debug)]
+pub(super) struct ParameterEstimate {
+    pub(super) parameters: Parameters,
+    /// Marquardt's damping.
+    damping: f64,
+}
+
+impl ParameterEstimate {
+    /// One at these parameters.
+    pub(super) fn at(parameters: Parameters) -> Self {
+        Self { parameters, damping: 1e-2 }
+    }
+}
+
+impl Data<'_> {
+    /// The better of the fits from both starts, after `steps` steps each.
+    pub(super) fn fit(&self, prior: &Prior, steps: usize) -> ParameterEstimate {
+        let [(first, first_cost), (second, second_cost)] = STARTS.map(|nu| {
+            let mut estimate = ParameterEstimate::at(self.start(prior, nu));
+            let cost = self.refine(&mut estimate, prior, steps);
+            (estimate, cost)
+        });
+        if second_cost < first_cost { second } else { first }
+    }
+
+    /// Makes `steps` steps, each of which lowers the cost or is not taken. Returns what it is then.
+    pub(super) fn refine(
+        &self,
+        estimate: &mut ParameterEstimate,
+        prior: &Prior,
+        steps: usize,
+    ) -> f64 {
+        let curve = curve_at(&estimate.parameters, self);
+        let mut cost = self.cost_along(&curve, &estimate.parameters, prior);
+        for _ in 0..steps {
+            let mut damped = cost.information;
+            (0..PARAMETERS).for_each(|i| damped[i][i] *= 1.0 + estimate.damping);
+            let mut next = estimate.parameters;
+            if let Some(factor) = Cholesky::new(&damped) {
+                move_by([&mut next], &factor.solve(&cost.descent));
+            }
+            let next_cost = self.cost_along(&curve_at(&next, self), &next, prior);
+            let better = next_cost.value < cost.value;
+            if better {
+                (estimate.parameters, cost) = (next, next_cost);
+            }
+            let factor = if better { 0.2 } else { 5.0 };
+            estimate.damping = (estimate.damping * factor).clamp(1e-12, 1e8);
+        }
+        cost.value
+    }
+
+    /// What is minimised, at the parameters `p`, whose curve is this.
+    pub(super) fn cost_along(&self, curve: &Curve, p: &Parameters, prior: &Prior) -> Cost {
+        let mut cost = cost_of(curve, &self.weights);
+        for (i, value) in p.iter().enumerate() {
+            let (precision, off) = (prior.sd[i].powi(-2), prior.mean[i] - value);
+            cost.information[i][i] += precision;
+            cost.descent[i] += precision * off;
+            cost.value += precision * off * off;
+        }
+        cost
+    }
+
+    /// The logit-linear fit at this ν and the prior's plateaus.
+    fn start(&self, prior: &Prior, nu: f64) -> Parameters {
+        let mut p = prior.mean;
+        p[SHAPE + 2] = libm::log(nu);
+        let (lo, h) = (p[SHAPE], libm::exp(p[SHAPE + 1]));
+        let (mut a, mut b) = ([[0.0; 7]; 7], [0.0; 7]);
+        for (i, (&y, weight)) in self.readings.iter().zip(&self.weights).enumerate() {
+            let (q, slope) = displacement(y, lo, h, nu, MARGIN);
+            let row: [f64; 7] =
+                std::array::from_fn(|k| if k == 0 { 1.0 } else { self.wrench[k - 1][i] });
+            let weight = weight * slope * slope;
+            for i in 0..7 {
+                b[i] += weight * row[i] * q;
+                (0..=i).for_each(|j| a[i][j] += weight * row[i] * row[j]);
+            }
+        }
+        // An axis that is never loaded keeps its gain at zero.
+        let trace: f64 = (0..7).map(|i| a[i][i]).sum();
+        (0..7).for_each(|i| a[i][i] += 1e-3 * trace / 7.0);
+        if let Some(factor) = Cholesky::new(&a) {
+            p[..7].copy_from_slice(&factor.solve(&b));
+        }
+        p
+    }
+}
+
+/// What one sensor is fitted to. Columns are as long as a multiple of
+/// [`MOST_LANES`] from `rows` on; what is added has no weight.
+#[derive(Clone, Debug)]
+pub(super) struct Data<'a> {
+    /// Wrenches, in units of the model's scales.
+    pub(super) wrench: &'a PerAxis<Vec<f64>>,
+    /// Readings, in ranges above the least.
+    pub(super) readings: &'a [f64],
+    /// Rows of the data.
+    pub(super) rows: usize,
+    /// Inverse variances.
+    pub(super) weights: Vec<f64>,
+}
+
+/// A sum of squares at some parameters, its curvature and where it falls: of the residuals `r = y − f` with their
+/// weights and gradients `g = df/dp`, and then of a prior.
+pub(super) struct Cost {
+    /// `Σ weight·r²`.
+    pub(super) value: f64,
+    /// `Σ weight·g·gᵀ`, lower triangle: Gauss's and Newton's curvature of half the cost. With that of the prior, the
+    /// inverse of the parameters' covariance.
+    pub(super) information: [Parameters; PARAMETERS],
+    /// `Σ weight·r·g`: the steepest descent of half the cost.
+    pub(super) descent: Parameters,
+}
+
+/// The residuals as [`Noise`](super::Noise) wants it, for parameters with a covariance.
+pub(super) fn residuals(
+    p: &Parameters,
+    covariance: &[Parameters; PARAMETERS],
+    data: &Data<'_>,
+) -> Residuals {
+    let curve = curve_at(p, data);
+    let variances = parameter_variances(&curve, covariance);
+    let squares = curve.residual.iter().zip(&variances).map(|(r, variance)| r * r + variance);
+    let slope_squares = curve.gradient[0].iter().map(|slope| slope * slope);
+    Residuals {
+        squares: squares.take(data.rows).collect(),
+        slope_squares: slope_squares.take(data.rows).collect(),
+    }
+}
+
+/// The residuals and gradients of a sensor along its rows, columns as long as those of the data: zeros beyond its rows.
+#[derive(Clone, Debug)]
+pub(super) struct Curve {
+    /// `y − f`.
+    pub(super) residual: Vec<f64>,
+    /// `df/dp`, of which the first is the slope `df/dq`.
+    pub(super) gradient: [Vec<f64>; PARAMETERS],
+}
+
+vectorised! {
+    /// The curve with the parameters `p`.
+    pub(super) fn curve_at<S: Simd>(simd: S, p: &Parameters, data: &Data<'_>) -> Curve {
+        let column = || vec![0.0; data.readings.len()];
+        let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
+        let (h, nu) = (libm::exp(p[SHAPE + 1]), libm::exp(p[SHAPE + 2]));
+        for first in (0..data.readings.len()).step_by(S::F64_LANES) {
+            let mut x = [Lanes::splat(simd, 0.0); 6];
+            for (x, column) in x.iter_mut().zip(data.wrench) {
+                *x = Lanes::load(simd, column, first);
+            }
+            let answers = Answers::at(linear(p[0], &p[1..], &x), h, nu);
+            let residual = Lanes::load(simd, data.readings, first) - (answers.height + p[SHAPE]);
+            residual.store(&mut curve.residual, first);
+            for (column, g) in curve.gradient.iter_mut().zip(answers.gradient(&x)) {
+                g.store(column, first);
+            }
+        }
+        for column in curve.gradient.iter_mut().chain([&mut curve.residual]) {
+            column[data.rows..].fill(0.0);
+        }
+        curve
+    }
+}
+
+vectorised! {
+    /// The sum over the rows of a curve with these weights.
+    fn cost_of<S: Simd>(simd: S, curve: &Curve, weights: &[f64]) -> Cost {
+        let Curve { residual, gradient } = curve;
+        let mut information = [[[0.0; MOST_LANES]; PARAMETERS]; PARAMETERS];
+        let mut descent = [[0.0; MOST_LANES]; PARAMETERS];
+        let mut value = [0.0; MOST_LANES];
+        // Sums of products of two columns stay in registers along these rows.
+        let mut weighted = [0.0; ROWS_AT_ONCE];
+        for start in (0..weights.len()).step_by(ROWS_AT_ONCE) {
+            let rows = start..weights.len().min(start + ROWS_AT_ONCE);
+            let (weights, residual) = (&weights[rows.clone()], &residual[rows.clone()]);
+            weigh(&mut weighted, weights, residual);
+            add_products(simd, &mut value, &weighted, residual);
+            for (i, column) in gradient.iter().enumerate() {
+                weigh(&mut weighted, weights, &column[rows.clone()]);
+                add_products(simd, &mut descent[i], &weighted, residual);
+                for (column, sums) in gradient[..=i].iter().zip(&mut information[i]) {
+                    add_products(simd, sums, &weighted, &column[rows.clone()]);
+                }
+            }
+        }
+        let sum = |lanes: [f64; MOST_LANES]| lanes.iter().sum::<f64>();
+        Cost {
+            value: sum(value),
+            information: information.map(|row| row.map(sum)),
+            descent: descent.map(sum),
+        }
+    }
+}
+
+vectorised! {
+    /// `gᵀCg` along the rows of a curve, with the covariance `C` of the parameters.
+    pub(super) fn parameter_variances<S: Simd>(
+        simd: S,
+        curve: &Curve,
+        covariance: &[Parameters; PARAMETERS],
+    ) -> Vec<f64> {
+        let mut variances = vec![0.0; curve.residual.len()];
+        for first in (0..variances.len()).step_by(S::F64_LANES) {
+            let mut gradient = [Lanes::splat(simd, 0.0); PARAMETERS];
+            for (g, column) in gradient.iter_mut().zip(&curve.gradient) {
+                *g = Lanes::load(simd, column, first);
+            }
+            let rows = covariance.iter().map(|row| &row[..]);
+            quadratic_form(&gradient, rows).store(&mut variances, first);
+        }
+        variances
+    }
+}
+
+/// The products of weights and a column.
+#[inline(always)]
+fn weigh(weighted: &mut [f64; ROWS_AT_ONCE], weights: &[f64], column: &[f64]) {
+    for ((weighted, weight), x) in weighted.iter_mut().zip(weights).zip(column) {
+        *weighted = weight * x;
+    }
+}
+
+/// Adds the products of two columns, the rows in turn to the lanes of a sum.
+#[inline(always)]
+fn add_products<S: Simd>(
+    simd: S,
+    sums: &mut [f64; MOST_LANES],
+    a: &[f64; ROWS_AT_ONCE],
+    b: &[f64],
+) {
+    for lane in (0..MOST_LANES).step_by(S::F64_LANES) {
+        let mut sum = Lanes::load(simd, sums, lane);
+        for (a, b) in a.as_chunks::<MOST_LANES>().0.iter().zip(b.as_chunks::<MOST_LANES>().0) {
+            sum = Lanes::load(simd, a, lane) * Lanes::load(simd, b, lane) + sum;
+        }
+        sum.store(sums, lane);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::response::Answer;
+
+    #[test]
+    fn sums_are_those_of_the_definition() {
+        let p = [0.3, 0.5, -1.2, 0.7, 0.1, -0.4, 0.9, -0.05, 0.1, -0.3];
+        let value = |row: usize, k: usize| ((row * 31 + k * 17) % 19) as f64 / 10.0 - 0.9;
+        let rows = 21;
+        let pad = |column: Vec<f64>| [column, vec![0.0; 3]].concat();
+        let column = |k: usize| pad((0..rows).map(|row| value(row, k)).collect());
+        let wrench = std::array::from_fn(column);
+        let (readings, weights) = (column(7), pad(vec![2.0; rows]));
+        let data = Data { wrench: &wrench, readings: &readings, rows, weights };
+        let found = cost_of(&curve_at(&p, &data), &data.weights);
+        let (mut cost, mut information, mut descent) = (0.0, 0.0, 0.0);
+        for row in 0..rows {
+            let x = std::array::from_fn(|axis| wrench[axis][row]);
+            let answer = Answer::at(&p, &x);
+            let (g, r) = (answer.gradient(&x), readings[row] - answer.value);
+            cost += 2.0 * r * r;
+            information += 2.0 * g[9] * g[4];
+            descent += 2.0 * g[8] * r;
+        }
+        // The curve in lanes is right to 1e-12.
+        assert!((found.value - cost).abs() < 1e-10);
+        assert!((found.information[9][4] - information).abs() < 1e-10);
+        assert!((found.descent[8] - descent).abs() < 1e-10);
+        assert_eq!(residuals(&p, &[[0.0; 10]; 10], &data).squares.len(), rows);
+    }
+}

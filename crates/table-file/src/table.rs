@@ -1,0 +1,174 @@
+//! A table of any kind: its columns, and its rows part by part.
+
+use std::sync::Arc;
+
+use shell_data::escape;
+
+use crate::format::{
+    ColumnPart, FileSource, FoundTable, RowSource, RowStream, TableColumn, TablePart, WantedColumn,
+};
+use crate::kind::{FileKind, TableError};
+use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
+
+/// A table in a file.
+#[derive(Clone, Debug)]
+pub struct Table {
+    /// The kind of its file.
+    pub kind: FileKind,
+    /// Its columns; `None` where they have no names, or the rows hold them.
+    pub columns: Option<Vec<TableColumn>>,
+    /// Notes on contents of the file that are left out, with the reason, and on what was decided.
+    pub notes: Vec<String>,
+    rows: Arc<dyn RowSource>,
+}
+
+impl Table {
+    /// Finds the columns of the table in a file of this kind: of the matrix, group, sheet or topic `part`, or
+    /// of the one that holds a log.
+    ///
+    /// # Errors
+    /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
+    pub fn open(file: &FileSource, kind: FileKind, part: Option<&str>) -> Result<Self, TableError> {
+        let FoundTable { columns, rows, notes } = match kind {
+            FileKind::Hdf5 => hdf5::open(file, part)?,
+            FileKind::Matlab => mat5::open(file, part)?,
+            FileKind::Mcap => mcap::open(file, part)?,
+            FileKind::NumPy => npy::open(file)?,
+            FileKind::Parquet => parquet::open(file)?,
+            FileKind::Xlsx => xlsx::open(file, part)?,
+        };
+        Ok(Self { kind, columns, notes, rows })
+    }
+
+    /// The names of its columns; `None` where they have none, or the rows hold them.
+    pub fn names(&self) -> Option<Vec<String>> {
+        let columns = self.columns.as_ref()?.iter();
+        Some(columns.map(|column| column.name.clone()).collect())
+    }
+
+    /// The units of its columns, empty where a column has none; none where the columns have no names.
+    pub fn units(&self) -> Vec<String> {
+        let columns = self.columns.iter().flatten();
+        columns.map(|column| column.unit.clone().unwrap_or_default()).collect()
+    }
+
+    /// The number of its columns; 0 where rows differ in it.
+    pub fn width(&self) -> usize {
+        self.rows.columns()
+    }
+
+    /// Checks that the values of a column, from 0, are read.
+    ///
+    /// # Errors
+    /// [`TableError::Unsupported`] with its name and what it holds.
+    pub fn check_is_read(&self, column: usize) -> Result<(), TableError> {
+        let Some(what) = self.rows.unread(column) else { return Ok(()) };
+        let name = self.columns.as_ref().and_then(|columns| columns.get(column));
+        let name = name.map_or("", |column| &column.name);
+        Err(self.kind.unsupported(format!("column `{name}` holds values of type {what}")))
+    }
+
+    /// How many rows make a part of about so many bytes, of all columns.
+    pub fn rows_of_part(&self, bytes: usize) -> usize {
+        (bytes / (3 * self.rows.columns().max(1))).max(1)
+    }
+
+    /// Streams the rows of some columns that are [read](Self::check_is_read), from the first row on.
+    ///
+    /// # Errors
+    /// [`TableError`] if the file cannot be opened.
+    pub fn rows(&self, wanted: Vec<WantedColumn>) -> Result<TableStream, TableError> {
+        Ok(TableStream { rows: Arc::clone(&self.rows).rows(wanted.clone())?, wanted })
+    }
+
+    /// The first rows as the text of a CSV file, of at most so many rows and about so many bytes, with a line of names
+    /// before them if the columns have names. If `shown` is some, only those columns are filled.
+    ///
+    /// # Errors
+    /// [`TableError`] if the file cannot be read.
+    pub fn head(
+        &self,
+        shown: Option<&[usize]>,
+        rows: usize,
+        bytes: usize,
+    ) -> Result<Vec<u8>, TableError> {
+        let columns = match &self.columns {
+            Some(columns) => columns.len(),
+            // Sheets have any number.
+            None if self.rows.columns() == 0 => crate::budget::COLUMNS,
+            None => self.rows.columns(),
+        };
+        let is_read = |at: &usize| {
+            shown.is_none_or(|shown| shown.contains(at)) && self.rows.unread(*at).is_none()
+        };
+        let wanted: Vec<_> =
+            (0..columns).filter(is_read).map(|at| WantedColumn { at, is_text: true }).collect();
+        let places: Vec<usize> = wanted.iter().map(|wanted| wanted.at).collect();
+        let mut text = Vec::new();
+        if let Some(columns) = &self.columns {
+            let names = columns
+                .iter()
+                .map(|column| escape::csv_field(&column.name).replace(char::is_control, " "));
+            text.extend_from_slice(names.collect::<Vec<_>>().join(",").as_bytes());
+            text.push(b'\n');
+        }
+        let mut stream = self.rows(wanted)?;
+        let mut part = TablePart::default();
+        let (mut left, part_rows) = (rows, rows.min(64));
+        while left > 0 && text.len() < bytes && stream.next(part_rows.min(left), &mut part)? {
+            left -= part.rows;
+            for row in 0..part.rows {
+                write_row(&part, row, &places, self.columns.as_ref().map(Vec::len), &mut text);
+            }
+        }
+        Ok(text)
+    }
+}
+
+/// Adds the line of a row, whose columns are at some places of a line; one of a sheet ends with its last cell.
+fn write_row(
+    part: &TablePart,
+    row: usize,
+    places: &[usize],
+    columns: Option<usize>,
+    text: &mut Vec<u8>,
+) {
+    let start = text.len();
+    let mut end = start;
+    let mut at = 0;
+    for (column, &place) in part.columns.iter().zip(places) {
+        text.resize(text.len() + place - at, b',');
+        at = place;
+        if let ColumnPart::Cells(cells) = column
+            && let Some(cell) = cells.get(row)
+        {
+            text.extend_from_slice(escape::csv_field(&cell.text()).as_bytes());
+            if *cell != crate::format::Cell::Missing {
+                end = text.len();
+            }
+        }
+    }
+    match columns {
+        Some(columns) => text.resize(text.len() + columns.saturating_sub(at + 1), b','),
+        None => text.truncate(end),
+    }
+    text.push(b'\n');
+}
+
+/// The rows of some columns, part by part.
+pub struct TableStream {
+    wanted: Vec<WantedColumn>,
+    rows: RowStream,
+}
+
+impl TableStream {
+    /// Puts at most so many of the next rows into `part`, fewer only at the end; `false` if there are none.
+    ///
+    /// # Errors
+    /// [`TableError`] if the file cannot be read or is damaged.
+    pub fn next(&mut self, rows: usize, part: &mut TablePart) -> Result<bool, TableError> {
+        part.clear(&self.wanted);
+        (self.rows)(rows, part)?;
+        Ok(part.rows > 0)
+    }
+}

@@ -1,0 +1,140 @@
+//! `shellcal compare`: which of two calibrations errs less.
+
+use calibration::fit::{Better, PairedErrors, Workers, paired_errors};
+use calibration::quality::significant;
+use calibration_file::CalibrationFile;
+use log_file::{Log, Wanted, read_logs};
+use shell_data::wrench::{Axes, Axis};
+use shellcal::workflow::check_channels;
+use shellcal::workflow::gates::Gate;
+use shellcal::workflow::remark::found_groups;
+
+use super::eval::AxesArg;
+use super::mapping::MappingArgs;
+use crate::files::InputPath;
+use crate::printer::{Outcome, Printer, TableColumn};
+
+#[derive(Debug, clap::Args)]
+#[command(after_help = "Examples:
+  shellcal compare monday.json tuesday.json --test poses.csv
+  shellcal compare cubic.json physics.json --test test-*.csv --json")]
+pub(crate) struct CompareArgs {
+    /// One calibration
+    #[arg(value_name = "A.json")]
+    first: InputPath,
+
+    /// Another
+    #[arg(value_name = "B.json")]
+    second: InputPath,
+
+    /// Logs with readings and a measured wrench that neither was fitted to
+    #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
+    test: Vec<InputPath>,
+
+    #[command(flatten)]
+    axes: AxesArg,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+impl CompareArgs {
+    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
+        let [first, second] = [&self.first, &self.second].map(|path| CalibrationFile::read(path));
+        let (first, second) = (first?, second?);
+        let mut logs = self.mapping.open(&self.test, &[], Some((&self.first, &first)), printer)?;
+        let of = [&first, &second].map(|of| of.calibration.axes);
+        let asked = self.axes.named().unwrap_or_else(|| of[0].iter().chain(of[1].iter()).collect());
+        let axes = asked.and(of[0]).and(of[1]);
+        anyhow::ensure!(!axes.is_empty(), "the calibrations have none of the axes in common");
+        for log in &mut logs {
+            check_channels(log, first.calibration.channels())?;
+            check_channels(log, second.calibration.channels())?;
+            log.require_axes(axes)?;
+            log.keep_axes(axes)?;
+        }
+        let has_groups = logs.iter().all(Log::has_groups);
+        let calibrations = [&first, &second].map(|of| &of.calibration);
+        let by_time = calibrations.iter().any(|of| of.needs_time())
+            || calibrations.iter().any(|of| of.lag.is_some()) && logs.iter().all(Log::has_time);
+        let wanted = Wanted {
+            readings: true,
+            wrench: true,
+            groups: has_groups,
+            time: by_time || !has_groups && logs.len() == 1 && logs[0].has_time(),
+            ..Wanted::default()
+        };
+        let data = read_logs(&logs, &wanted, &self.mapping.read_options())?;
+        let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
+        let mut gate = Gate::default();
+        for log in &data.logs {
+            let name = format!("`{}`", log.name.display());
+            let subject = gate.ask(&name, asked);
+            for (path, given) in [&self.first, &self.second].into_iter().zip(of) {
+                let path = path.display();
+                subject.lacks(asked.without(given), |axes| {
+                    format!("{axes}, which `{path}` does not give")
+                });
+            }
+            subject.has_rows(log.rows(), log.rows() + log.summary.skipped_rows);
+            subject.hold();
+        }
+        let outcome = printer.judge(&gate);
+        let found = paired_errors(calibrations, &data, workers)?;
+        if let Some(groups) = found.group_by.found() {
+            printer.remarks([found_groups(groups)]);
+        }
+        self.report(&found, axes, printer)?;
+        Ok(outcome)
+    }
+
+    fn report(&self, found: &PairedErrors, axes: Axes, printer: &Printer) -> anyhow::Result<()> {
+        if printer.json() {
+            let compared = axes.iter().map(|axis| {
+                let of = &found.axes[axis.index()];
+                document! {
+                    axis: axis.column(),
+                    // Of both, N or N·m, and the first less the second.
+                    of.{rms, difference},
+                    // The 95 % interval of the difference.
+                    interval_95: of.interval(),
+                    better: match of.better() {
+                        Better::First => Some("first"),
+                        Better::Second => Some("second"),
+                        Better::Neither => None,
+                    },
+                }
+            });
+            return printer.document(&document! {
+                found.{rows, groups},
+                axes: compared.collect::<Vec<_>>(),
+            });
+        }
+        printer.line(format!(
+            "A = `{}`, B = `{}`, on {} rows of {} {}",
+            self.first.display(),
+            self.second.display(),
+            found.rows,
+            found.groups,
+            found.group_by.plural(),
+        ));
+        let of = |axis: &Axis| &found.axes[axis.index()];
+        let digits = |value: f64| significant(value, 3);
+        let better = |axis: &Axis| match of(axis).better() {
+            Better::First => "A errs less",
+            Better::Second => "B errs less",
+            Better::Neither => "no significant difference",
+        };
+        let columns: [TableColumn<'_, Axis>; 7] = [
+            ("axis", &|axis| axis.name().to_owned()),
+            ("RMS A", &|axis| digits(of(axis).rms[0])),
+            ("RMS B", &|axis| digits(of(axis).rms[1])),
+            ("A − B", &|axis| digits(of(axis).difference)),
+            ("95 % CI", &|axis| of(axis).interval().map(digits).join(" … ")),
+            ("unit", &|axis| axis.unit().to_owned()),
+            ("conclusion", &|axis| better(axis).to_owned()),
+        ];
+        printer.records(&columns, axes.iter());
+        Ok(())
+    }
+}

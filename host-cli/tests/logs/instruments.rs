@@ -1,0 +1,209 @@
+//! The table of instruments in `docs/logs.md`: each command runs on a small file of that layout.
+
+use std::fs;
+use std::path::Path;
+
+use system_tests::program;
+
+/// Files by the names that the table uses: what their programs write above the rows, and the rows.
+fn write_files(dir: &Path) {
+    let load = |row: usize| (row % 7) as f64 - 3.0;
+    let six = |row: usize, separator: &str| {
+        let of = |axis: usize| format!("{:.4}", load(row + axis));
+        (0..6).map(of).collect::<Vec<_>>().join(separator)
+    };
+    let eight = |row: usize, separator: &str| {
+        let of = |channel: usize| (1500 + (row * (channel + 3)) % 97).to_string();
+        (0..8).map(of).collect::<Vec<_>>().join(separator)
+    };
+    let table = |head: &str, row: &dyn Fn(usize) -> String| {
+        let rows: String = (0..40).map(|at| row(at) + "\n").collect();
+        format!("{head}{rows}")
+    };
+    let channels = "s1,s2,s3,s4,s5,s6,s7,s8";
+    for (name, text) in [
+        (
+            "ati.csv",
+            table(
+                "Start Time: May 2, 2025 9:00:01 AM\nRDT Sample Rate: 500\nForce Units: N\n\
+                 Counts per Unit Force: 1000.0\nTorque Units: Nm\nCounts per Unit Torque: 1000.0\n\
+                 Status (hex), RDT Sequence, F/T Sequence, Fx, Fy, Fz, Tx, Ty, Tz, Time\n",
+                &|at| format!("0x0,{at},{at},{},May 2 9:00 AM", six(at, ",")),
+            ),
+        ),
+        (
+            "vicon.csv",
+            table(
+                "Devices\n1000\n,,Plate - Force,,,Plate - Moment,,\nFrame,Sub Frame,Fx,Fy,Fz,Mx,My,Mz\n\
+                 ,,N,N,N,N.mm,N.mm,N.mm\n",
+                &|at| format!("{at},0,{}", six(at, ",")),
+            ),
+        ),
+        (
+            "qualisys.tsv",
+            table(
+                "NO_OF_SAMPLES\t40\nFREQUENCY\t100\nDESCRIPTION\tKistler\n\
+                 SAMPLE\tTIME\tForce_X\tForce_Y\tForce_Z\tMoment_X\tMoment_Y\tMoment_Z\n",
+                &|at| format!("{at}\t{:.2}\t{}", at as f64 / 100.0, six(at, "\t")),
+            ),
+        ),
+        (
+            "grf.sto",
+            table(
+                "wrench\nversion=1\nnRows=40\nnColumns=7\nendheader\ntime\tFx\tFy\tFz\tMx\tMy\tMz\n",
+                &|at| format!("{:.2}\t{}", at as f64 / 100.0, six(at, "\t")),
+            ),
+        ),
+        (
+            "run.lvm",
+            table(
+                "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\n***End_of_Header***\t\n\t\n\
+                 Channels\t2\t\t\nDelta_X\t0,01\t0,01\t\n***End_of_Header***\t\t\t\n\
+                 X_Value\ts1\ts2\tComment\n",
+                &|at| format!("0,{at:02}\t{},5\t{},25\t", 1500 + at, 1600 - at),
+            ),
+        ),
+        (
+            "savetxt.txt",
+            table("# t s1 s2 fz\n", &|at| {
+                format!(
+                    "{:.18e} {:.18e} {:.18e} {:.18e}",
+                    at as f64,
+                    1500.0,
+                    1600.0 + at as f64,
+                    load(at)
+                )
+            }),
+        ),
+        (
+            "echo.csv",
+            table(
+                "%time,field.header.stamp,field.wrench.force.x,field.wrench.force.y,field.wrench.force.z,\
+             field.wrench.torque.x,field.wrench.torque.y,field.wrench.torque.z\n",
+                &|at| {
+                    let time = 1_700_000_000_000_000_000_u64 + 10_000_000 * at as u64;
+                    format!("{time},{time},{}", six(at, ","))
+                },
+            ),
+        ),
+        (
+            "stream.jsonl",
+            table("", &|at| {
+                let time = at as f64 / 100.0;
+                format!("{{\"t_s\":{time},\"s1\":{},\"s2\":7,\"fx_n\":{}}}", 1500 + at, load(at))
+            }),
+        ),
+        ("plotter.txt", table("", &|at| format!("A:{} B:{}", 1500 + at, 1600 - at))),
+        (
+            "monitor.txt",
+            table("", &|at| format!("14:24:42.{:03} -> {},{}", 20 * at, 1500 + at, 1600 - at)),
+        ),
+        (
+            "pounds.csv",
+            table("t_s,Fx (lbf),Fy (lbf),Fz (lbf),Tx (lbf-in),Ty (lbf-in),Tz (lbf-in)\n", &|at| {
+                format!("{},{}", at as f64 / 100.0, six(at, ","))
+            }),
+        ),
+        (
+            "unnamed.csv",
+            table("t_s,Fx,Fy,Fz,Mx,My,Mz\n", &|at| {
+                format!("{},{}", at as f64 / 100.0, six(at, ","))
+            }),
+        ),
+        (
+            "board.csv",
+            table(&format!("board_us,{channels}\n"), &|at| {
+                format!("{},{}", 1_000_000 + 1000 * at, eight(at, ","))
+            }),
+        ),
+        (
+            "two.csv",
+            table(&format!("time_s,name,{channels}\n"), &|at| {
+                let name = ["A", "B"][at % 2];
+                format!("{:.3},{name},{}", at as f64 / 1000.0, eight(at, ","))
+            }),
+        ),
+        (
+            "titled.csv",
+            table(&format!("rig 7, session 3\nby hand, at noon\nt_s,{channels}\n"), &|at| {
+                format!("{:.3},{}", at as f64 / 1000.0, eight(at, ","))
+            }),
+        ),
+    ] {
+        fs::write(dir.join(name), text).unwrap();
+    }
+}
+
+#[test]
+fn every_command_of_the_table_of_instruments_runs() {
+    let dir = tempfile::tempdir().unwrap();
+    write_files(dir.path());
+    let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/logs.md");
+    let page = fs::read_to_string(page).unwrap();
+    let (_, table) = page.split_once("## Instruments and programs").unwrap();
+    let table = table.split("\n## ").next().unwrap();
+    let commands = table.lines().filter_map(|line| {
+        let (_, rest) = line.rsplit_once("`shellcal ")?;
+        Some(rest.split_once('`')?.0)
+    });
+    let commands: Vec<&str> = commands.collect();
+    assert!(commands.len() >= 14, "{commands:?}");
+    for command in commands {
+        program::run(dir.path(), command, 0);
+    }
+}
+
+#[test]
+fn what_is_decided_about_a_head_is_said() {
+    let dir = tempfile::tempdir().unwrap();
+    write_files(dir.path());
+    for (command, expected) in [
+        (
+            "info ati.csv",
+            &["names from line 7", "data from line 8", "500 Hz from line 2", "divided by 1,000 "][..],
+        ),
+        (
+            "info vicon.csv",
+            &["names from line 4", "units from line 5", "1000 Hz from line 2", "from N·mm"],
+        ),
+        ("info savetxt.txt", &["columns between blanks", "no unit, taken as N: fz"]),
+        ("info pounds.csv", &["Fx (N, from lbf)", "Mz (N·m, from lbf·in)"]),
+        ("info unnamed.csv", &["no unit, taken as N and N·m: Fx, Fy, Fz, Mx, My, Mz"]),
+        ("info board.csv --time board_us", &["1000.00 Hz", "1.000000 s to 1.039000 s"]),
+        (
+            "info two.csv",
+            &["rows of several sensors alternate, by `name`: `A`, `B`", "--where 'name=A'"],
+        ),
+        ("info two.csv --where name=B", &["rows      20", "500.00 Hz"]),
+        ("info unnamed.csv --unit force=kN", &["Fx (N, from kN)", "taken as N·m: Mx, My, Mz"]),
+    ] {
+        let text = program::run(dir.path(), command, 0);
+        for part in expected {
+            assert!(text.contains(part), "`{command}`: no `{part}` in\n{text}");
+        }
+    }
+    let volts =
+        fs::read_to_string(dir.path().join("pounds.csv")).unwrap().replace("lbf)", "volts)");
+    fs::write(dir.path().join("volts.csv"), volts).unwrap();
+    let said = program::run(dir.path(), "info volts.csv", 2);
+    assert!(said.contains("the unit `volts` of its force is not understood"), "{said}");
+    // The hint works: the file is read with it.
+    assert!(said.contains("--unit 'Fx (volts)=UNIT'"), "{said}");
+    program::run(dir.path(), "info volts.csv --unit force=N,moment=N·m", 0);
+}
+
+#[test]
+fn many_wrong_rows_are_skipped_only_when_all_are_meant() {
+    let dir = tempfile::tempdir().unwrap();
+    let row = |at: usize| match at % 4 {
+        0 => format!("{at},x,2\n"),
+        _ => format!("{at},1,2\n"),
+    };
+    let text = format!("t_s,s1,s2\n{}", (1..80).map(row).collect::<String>());
+    fs::write(dir.path().join("log.csv"), text).unwrap();
+    let said = program::run(dir.path(), "info log.csv --skip-bad-rows", 2);
+    let expected = "19 of 79 rows are wrong, the first at line 5: column 2 (`s1`): expected a number, found `x`";
+    assert!(said.replace("\n", " ").contains(expected), "{said}");
+    let said = program::run(dir.path(), "info log.csv --skip-bad-rows=all", 0);
+    assert!(said.contains("19 bad rows"), "{said}");
+}
