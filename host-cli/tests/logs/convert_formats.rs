@@ -148,6 +148,7 @@ import csv, json, math, sys
 import numpy, polars, scipy.io
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from mcap_ros2.reader import read_ros2_messages
 from rosbags.highlevel import AnyReader
 from pathlib import Path
 
@@ -183,14 +184,17 @@ with open("out.mcap", "rb") as file:
         assert abs(stamp(message.decoded_message.header) - expected["t_s"][i] * 1e9) <= 1
         assert stamp(message.decoded_message.header) == message.message.log_time
         assert message.decoded_message.header.frame_id == "shell"
-    details = [json.loads(message.data) for _, _, message in reader.iter_messages(topics=["/wrench/details"])]
-    assert [row["flags"] for row in details] == flags
-    assert [row["fx_se_n"] for row in details] == expected["fx_se_n"]
-    channel = next(c for c in summary.channels.values() if c.topic == "/wrench/details")
-    assert set(json.loads(channel.metadata["jsonschema"])["properties"]) == set(details[0])
+    details = [it.decoded_message for it in reader.iter_decoded_messages(topics=["/wrench/details"])]
+    assert [row.flags for row in details] == flags
+    assert [row.fx_se_n for row in details] == expected["fx_se_n"]
+    assert [stamp(row.header) for row in details] == [stamp(m.decoded_message.header) for m in messages]
+    assert min(stamp(row.header) for row in details) > 0
     log = list(csv.DictReader(open("log.csv")))
-    assert [row["s1"] for row in details] == [float(row["s1"]) for row in log]
+    assert [row.s1 for row in details] == [float(row["s1"]) for row in log]
+# No topic is named: every message of a bag is of a type of ROS.
+assert sum(1 for _ in read_ros2_messages("out.mcap")) == 2 * len(rows)
 with AnyReader([Path("out.mcap")]) as reader:
+    assert sum(reader.deserialize(raw, c.msgtype) is not None for c, _, raw in reader.messages()) == 2 * len(rows)
     wrenches = [c for c in reader.connections if c.topic == "/wrench"]
     found = [axes(reader.deserialize(raw, c.msgtype).wrench) for c, _, raw in reader.messages(wrenches)]
     assert found == wanted

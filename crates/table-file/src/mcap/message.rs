@@ -4,12 +4,15 @@ use serde_json::Value;
 
 use crate::bytes::ByteReader;
 use crate::format::Cell;
+use crate::write::mcap::RECORD_TYPE;
 
 /// How messages of a topic are read.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum FieldKind {
     /// `geometry_msgs/Wrench` or `geometry_msgs/WrenchStamped` as ROS 2 sends it (CDR), or ROS 1.
     Wrench { is_stamped: bool, is_ros1: bool },
+    /// Numbers and texts after a header, as [`write::mcap`](crate::write::mcap) writes them: names, and whether each is text.
+    Record(Vec<(String, bool)>),
     /// Objects in JSON.
     Json,
 }
@@ -28,13 +31,16 @@ const DEPTH: usize = 8;
 
 impl FieldKind {
     /// `None` where such messages are not read.
-    pub(super) fn new(schema: &str, encoding: &str) -> Option<Self> {
+    pub(super) fn new(schema: &str, definition: &str, encoding: &str) -> Option<Self> {
         let is_ros1 = match encoding {
             "json" => return Some(Self::Json),
             "cdr" => false,
             "ros1" => true,
             _ => return None,
         };
+        if schema == RECORD_TYPE && !is_ros1 {
+            return record_fields(definition).map(Self::Record);
+        }
         let is_stamped = match schema.replace("/msg/", "/").as_str() {
             "geometry_msgs/WrenchStamped" => true,
             "geometry_msgs/Wrench" => false,
@@ -44,7 +50,7 @@ impl FieldKind {
     }
 
     /// What is wrong with a message is said in words.
-    pub(super) fn decode(self, data: &[u8]) -> Result<Message, String> {
+    pub(super) fn decode(&self, data: &[u8]) -> Result<Message, String> {
         match self {
             Self::Json => {
                 let value: Value =
@@ -54,10 +60,62 @@ impl FieldKind {
                 flatten(String::new(), value, DEPTH, &mut columns)?;
                 Ok(Message { stamp_ns: None, columns })
             }
-            Self::Wrench { is_stamped, is_ros1 } => wrench(data, is_ros1, is_stamped)
-                .ok_or_else(|| format!("no `Wrench{}`", if is_stamped { "Stamped" } else { "" })),
+            Self::Record(fields) => {
+                record(data, fields).ok_or_else(|| format!("no `{RECORD_TYPE}`"))
+            }
+            Self::Wrench { is_stamped, is_ros1 } => wrench(data, *is_ros1, *is_stamped)
+                .ok_or_else(|| format!("no `Wrench{}`", if *is_stamped { "Stamped" } else { "" })),
         }
     }
+
+    pub(super) fn is_wrench(&self) -> bool {
+        matches!(self, Self::Wrench { .. })
+    }
+}
+
+/// The fields in a definition after its header; `None` if one is neither `float64` nor `string`.
+fn record_fields(definition: &str) -> Option<Vec<(String, bool)>> {
+    let mut lines = definition.lines().take_while(|line| !line.starts_with('='));
+    if lines.next()? != "std_msgs/Header header" {
+        return None;
+    }
+    let field = |line: &str| match line.split_once(' ')? {
+        ("float64", name) => Some((name.to_owned(), false)),
+        ("string", name) => Some((name.to_owned(), true)),
+        _ => None,
+    };
+    lines.map(field).collect()
+}
+
+/// Numbers and texts after a header (CDR, little-endian).
+fn record(data: &[u8], fields: &[(String, bool)]) -> Option<Message> {
+    let data = data.strip_prefix(&[0, 1, 0, 0])?;
+    let mut bytes = ByteReader::new(data);
+    let align = |bytes: &mut ByteReader<'_>, step: usize| {
+        let read = data.len() - bytes.rest.len();
+        bytes.take(read.next_multiple_of(step) - read).map(drop)
+    };
+    let text = |bytes: &mut ByteReader<'_>| {
+        align(bytes, 4)?;
+        let length = usize::try_from(bytes.u32()?).ok()?;
+        // A text ends with a zero.
+        let text = bytes.take(length)?.split_last()?.1;
+        Some(String::from_utf8_lossy(text).into_owned())
+    };
+    let (seconds, nanoseconds) = (bytes.u32()?, bytes.u32()?);
+    text(&mut bytes)?;
+    let mut columns = Vec::with_capacity(fields.len());
+    for (name, is_text) in fields {
+        let cell = if *is_text {
+            Cell::Text(text(&mut bytes)?)
+        } else {
+            align(&mut bytes, 8)?;
+            Cell::Real(f64::from_bits(bytes.u64()?))
+        };
+        columns.push((name.clone(), cell));
+    }
+    let stamp_ns = Some(u64::from(seconds) * 1_000_000_000 + u64::from(nanoseconds));
+    Some(Message { stamp_ns, columns })
 }
 
 /// Force and torque, after a header or not.

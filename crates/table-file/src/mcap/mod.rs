@@ -1,5 +1,5 @@
 //! Recordings in MCAP ("MCAP File Format Specification"): wrenches of ROS (`WrenchStamped` and
-//! `Wrench`) and messages in JSON, as one table.
+//! `Wrench`), records of this program and messages in JSON, as one table.
 //!
 //! Messages of several topics with the same log time make one row. The first pass finds the topics
 //! and the names in their JSON, the second gives the rows.
@@ -57,11 +57,14 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     let (mut stamps, mut is_sorted, mut before) = (Stamps::default(), true, 0);
     while let Some(record) = records.next()? {
         match record {
-            McapRecord::Schema { id, name } => drop(schemas.insert(id, name)),
+            McapRecord::Schema { id, name, definition } => {
+                schemas.insert(id, (name, definition));
+            }
             McapRecord::Channel { id, schema, topic, encoding } => {
-                let schema = schemas.get(&schema).map_or("", String::as_str);
+                let (schema, definition) =
+                    schemas.get(&schema).map_or(("", ""), |(name, text)| (name, text));
                 let known = topics.iter_mut().find(|known| known.name == topic);
-                match (known, FieldKind::new(schema, &encoding)) {
+                match (known, FieldKind::new(schema, definition, &encoding)) {
                     // The same channels are listed in every chunk.
                     (Some(known), Some(kind)) if known.kind == kind => {
                         known.channels.insert(id);
@@ -106,7 +109,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     if topics.is_empty() {
         return Err(KIND.choice("topic", part, found));
     }
-    let wrenches = topics.iter().filter(|topic| topic.kind != FieldKind::Json);
+    let wrenches = topics.iter().filter(|topic| topic.kind.is_wrench());
     let wrenches: Vec<String> = wrenches.map(|topic| topic.name.clone()).collect();
     if wrenches.len() > 1 {
         return Err(KIND.choice("topic of wrenches", None, wrenches));

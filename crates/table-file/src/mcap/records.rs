@@ -11,7 +11,7 @@ use crate::kind::TableError;
 
 /// A record that says something about messages.
 pub(super) enum McapRecord {
-    Schema { id: u16, name: String },
+    Schema { id: u16, name: String, definition: String },
     Channel { id: u16, schema: u16, topic: String, encoding: String },
     Message { channel: u16, log_time: u64, data: Vec<u8> },
 }
@@ -149,7 +149,14 @@ fn chunk(
 fn record(kind: u8, content: &[u8]) -> Option<Option<McapRecord>> {
     let mut bytes = ByteReader::new(content);
     Some(match kind {
-        0x03 => Some(McapRecord::Schema { id: bytes.u16()?, name: bytes.text()?.to_owned() }),
+        0x03 => {
+            let (id, name) = (bytes.u16()?, bytes.text()?.to_owned());
+            let _encoding = bytes.text()?;
+            // Only definitions of ROS are looked at, and those are text.
+            let length = usize::try_from(bytes.u32()?).ok()?;
+            let definition = String::from_utf8_lossy(bytes.take(length)?).into_owned();
+            Some(McapRecord::Schema { id, name, definition })
+        }
         0x04 => Some(McapRecord::Channel {
             id: bytes.u16()?,
             schema: bytes.u16()?,

@@ -1,4 +1,4 @@
-//! Recordings in MCAP, for ROS 2: wrenches, and values beside them as JSON.
+//! Recordings in MCAP, for ROS 2: wrenches, and named values in a message type with a field for each.
 //!
 //! Chunks are made of rows on any thread ([`McapChunk`]) and written in order ([`McapWriter`]), with an
 //! index of their messages and a summary of all at the end.
@@ -12,9 +12,9 @@ use crate::bytes::ByteWriter;
 pub struct McapChannel {
     /// Its topic.
     pub topic: String,
-    /// The schema of its messages as ROS has them, its name and what it says; those of others are in JSON.
-    pub schema: Option<(&'static str, String)>,
-    /// What else is said of it, by name.
+    /// Name and definition of its message type (`ros2msg`).
+    pub schema: (&'static str, String),
+    /// Further entries, by name.
     pub metadata: Vec<(&'static str, String)>,
 }
 
@@ -23,7 +23,7 @@ impl McapChannel {
     pub fn wrench(topic: &str) -> Self {
         Self {
             topic: topic.to_owned(),
-            schema: Some(("geometry_msgs/msg/WrenchStamped", definition(&WRENCH_STAMPED))),
+            schema: ("geometry_msgs/msg/WrenchStamped", definition(&WRENCH_STAMPED)),
             metadata: Vec::new(),
         }
     }
@@ -32,17 +32,48 @@ impl McapChannel {
     pub fn static_transforms() -> Self {
         Self {
             topic: "/tf_static".to_owned(),
-            schema: Some(("tf2_msgs/msg/TFMessage", definition(&TRANSFORMS))),
+            schema: ("tf2_msgs/msg/TFMessage", definition(&TRANSFORMS)),
             metadata: vec![("offered_qos_profiles", LATCHED.to_owned())],
         }
     }
 
-    /// Objects in JSON, described by a JSON schema. It stands in the metadata: `rosbags` opens no
-    /// recording with a schema in a language that is not of ROS.
-    pub fn json(topic: &str, schema: String) -> Self {
-        let metadata = vec![("jsonschema", schema)];
-        Self { topic: topic.to_owned(), schema: None, metadata }
+    /// Named values with a time: a type of its own with a field for each, in the order of `fields` (name, and
+    /// whether it is a text). Readers that follow the definition in the file need no package of ROS for it. No
+    /// topic is JSON: `mcap-ros2-support` 0.6.0 stops at the first message that is not of ROS.
+    pub fn record(topic: &str, fields: &[(String, bool)]) -> Self {
+        let names = field_names(fields.iter().map(|(name, _)| name));
+        let mut own = "std_msgs/Header header\n".to_owned();
+        for (name, (_, is_text)) in names.iter().zip(fields) {
+            own += &format!("{} {name}\n", if *is_text { "string" } else { "float64" });
+        }
+        Self {
+            topic: topic.to_owned(),
+            schema: (RECORD_TYPE, definition(&[&own, STD_HEADER, STAMP])),
+            metadata: Vec::new(),
+        }
     }
+}
+
+/// The message type of [`McapChannel::record`].
+pub(crate) const RECORD_TYPE: &str = "shellcal_msgs/msg/Record";
+
+/// Names as ROS 2 allows them for fields: small letters, digits and single underscores, a letter first. Names that
+/// become equal get a number.
+fn field_names<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
+    let mut found: Vec<String> = vec!["header".to_owned()];
+    for name in names {
+        let is_kept = |letter: char| letter.is_ascii_alphanumeric();
+        let words = name.split(|letter| !is_kept(letter)).filter(|word| !word.is_empty());
+        let mut field = words.collect::<Vec<_>>().join("_").to_ascii_lowercase();
+        if !field.starts_with(|letter: char| letter.is_ascii_lowercase()) {
+            field.insert_str(0, "c");
+        }
+        let is_new = |field: &String| !found.contains(field);
+        let numbered = (2..).map(|number| format!("{field}_{number}"));
+        let unique = std::iter::once(field.clone()).chain(numbered).find(is_new);
+        found.extend(unique);
+    }
+    found.split_off(1)
 }
 
 /// Types of ROS 2 that others are made of.
@@ -101,6 +132,29 @@ pub fn wrench_stamped(message: &mut Vec<u8>, time_ns: u64, frame_id: &str, wrenc
     doubles(message, start, &wrench);
 }
 
+/// Adds a message of [`McapChannel::record`]: the time, then numbers and texts in the order of its fields, all
+/// numbers first (CDR, little-endian).
+pub fn record_stamped<'a>(
+    message: &mut Vec<u8>,
+    time_ns: u64,
+    frame_id: &str,
+    numbers: impl Iterator<Item = f64>,
+    texts: impl Iterator<Item = &'a [u8]>,
+) {
+    message.extend([0, 1, 0, 0]);
+    let start = message.len();
+    stamp(message, time_ns);
+    string(message, frame_id);
+    align(message, start, 8);
+    numbers.for_each(|number| message.extend(number.to_le_bytes()));
+    for text in texts {
+        align(message, start, 4);
+        message.extend((text.len() as u32 + 1).to_le_bytes());
+        message.extend(text);
+        message.push(0);
+    }
+}
+
 /// Adds where the frame `child` is in the frame `parent` likewise: metres, and a unit quaternion (x, y, z, w).
 pub fn static_transform(
     message: &mut Vec<u8>,
@@ -115,7 +169,7 @@ pub fn static_transform(
     message.extend(1_u32.to_le_bytes());
     stamp(message, time_ns);
     string(message, parent);
-    message.resize(start + (message.len() - start).next_multiple_of(4), 0);
+    align(message, start, 4);
     string(message, child);
     doubles(message, start, &position_m);
     doubles(message, start, &rotation);
@@ -133,9 +187,14 @@ fn string(message: &mut Vec<u8>, text: &str) {
     message.push(0);
 }
 
-/// Doubles stand at multiples of eight bytes after the first four.
+/// Fills up to a multiple of `step` bytes after `start`.
+fn align(message: &mut Vec<u8>, start: usize, step: usize) {
+    message.resize(start + (message.len() - start).next_multiple_of(step), 0);
+}
+
+/// Adds doubles, at multiples of eight bytes after `start`.
 fn doubles(message: &mut Vec<u8>, start: usize, values: &[f64]) {
-    message.resize(start + (message.len() - start).next_multiple_of(8), 0);
+    align(message, start, 8);
     values.iter().for_each(|value| message.extend(value.to_le_bytes()));
 }
 
@@ -242,23 +301,19 @@ impl<W: Write> McapWriter<W> {
 
     fn schemas(&self) -> Vec<u8> {
         let schema = |(position, channel): (usize, &McapChannel)| {
-            let (name, definition) = channel.schema.as_ref()?;
+            let (name, definition) = &channel.schema;
             let content = ByteWriter::default().u16(position as u16 + 1);
-            Some(record(SCHEMA, content.text(name).text("ros2msg").text(definition)))
+            record(SCHEMA, content.text(name).text("ros2msg").text(definition))
         };
-        self.channels.iter().enumerate().filter_map(schema).flatten().collect()
+        self.channels.iter().enumerate().flat_map(schema).collect()
     }
 
     fn channels(&self) -> Vec<u8> {
         let channel = |(position, channel): (usize, &McapChannel)| {
             let number = position as u16 + 1;
-            // No schema is that of number 0.
-            let (schema, encoding) = match channel.schema {
-                Some(_) => (number, "cdr"),
-                None => (0, "json"),
-            };
-            let content = ByteWriter::default().u16(number).u16(schema);
-            let content = content.text(&channel.topic).text(encoding);
+            // A schema has the number of its channel.
+            let content = ByteWriter::default().u16(number).u16(number);
+            let content = content.text(&channel.topic).text("cdr");
             let metadata = channel.metadata.iter();
             let metadata = metadata
                 .fold(ByteWriter::default(), |all, (name, value)| all.text(name).text(value));

@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::io::{self, Write};
 
 use table_file::write::mcap::{
-    McapChannel, McapChunk, McapWriter, static_transform, wrench_stamped,
+    McapChannel, McapChunk, McapWriter, record_stamped, static_transform, wrench_stamped,
 };
 use table_file::write::{Cells, ParquetWriter, write_matlab, write_numpy};
 
@@ -54,18 +54,12 @@ impl Encoder<'_> {
 
     fn chunk(&self, frames: &ConvertedFrames, frame_id: &str) -> Result<McapChunk, WorkflowError> {
         let numbers = self.table.numbers(frames);
-        // The names as they stand in every message, after the brace or comma.
-        let key = |(name, _): (String, bool)| Ok(format!("{}:", serde_json::to_string(&name)?));
-        let keys: Vec<String> = self.details().map(key).collect::<io::Result<_>>()?;
         let readings = frames.readings.iter().map(Vec::as_slice);
         let columns: Vec<&[f64]> = readings.chain(numbers[7..].iter().map(|it| &**it)).collect();
-        let (of_numbers, of_texts) = keys.split_at(columns.len());
-        let details: Vec<(&String, &[f64])> = of_numbers.iter().zip(columns).collect();
-        let texts: Vec<_> = of_texts.iter().zip(&frames.texts).collect();
-        // Two messages with their heads; numbers have up to 24 digits.
-        let names: usize = details.iter().map(|(name, _)| name.len() + 25).sum();
-        let mut chunk = McapChunk::with_capacity(frames.len() * (160 + frame_id.len() + names));
-        let mut digits = zmij::Buffer::new();
+        // Two messages with their heads.
+        let bytes = 200 + 2 * frame_id.len() + 8 * columns.len() + 40 * frames.texts.len();
+        let mut chunk = McapChunk::with_capacity(frames.len() * bytes);
+        let mut flags = Vec::new();
         for row in 0..frames.len() {
             let time_s = frames.time_s[row];
             let time_ns = nanoseconds(time_s).ok_or_else(|| {
@@ -77,54 +71,27 @@ impl Encoder<'_> {
             chunk.message(0, time_ns, |message| {
                 wrench_stamped(message, time_ns, frame_id, wrench);
             });
-            chunk.message(1, time_ns, |json| {
-                json.push(b'{');
-                for (name, values) in &details {
-                    json.extend_from_slice(name.as_bytes());
-                    // Compared where it stands: a call for two bytes takes longer than writing them.
-                    json.extend_from_slice(match digits.format(values[row]).as_bytes() {
-                        [whole @ .., b'.', b'0'] => whole,
-                        number => number,
-                    });
-                    json.push(b',');
-                }
-                for (name, values) in &texts {
-                    json.extend_from_slice(name.as_bytes());
-                    // A text is always JSON.
-                    json.extend(serde_json::to_vec(&values[row]).unwrap_or_default());
-                    json.push(b',');
-                }
-                json.extend_from_slice(b"\"flags\":\"");
-                self.table.write_flags(frames, row, json);
-                json.extend_from_slice(b"\"}");
+            flags.clear();
+            self.table.write_flags(frames, row, &mut flags);
+            let texts = frames.texts.iter().map(|values| values[row].as_bytes());
+            chunk.message(1, time_ns, |message| {
+                let numbers = columns.iter().map(|values| values[row]);
+                let texts = texts.chain([flags.as_slice()]);
+                record_stamped(message, time_ns, frame_id, numbers, texts);
             });
         }
         Ok(chunk)
     }
 
-    /// What goes with a wrench, and whether it is text: the readings, and the columns but for time and wrench, which are
-    /// in messages of their own.
-    fn details(&self) -> impl Iterator<Item = (String, bool)> {
+    /// The columns beside time and wrench, and whether each is text: readings, then numbers, then texts.
+    fn details(&self) -> Vec<(String, bool)> {
         let readings = self.table.readings.iter().map(|name| (name.clone(), false));
-        readings.chain(self.table.names().into_iter().skip(7))
-    }
-
-    /// The JSON schema of what goes with a wrench.
-    fn details_schema(&self) -> String {
-        let details = self.details().chain([("flags".to_owned(), true)]);
-        let kind = |is_text| if is_text { "string" } else { "number" };
-        let property = |(name, is_text)| (name, serde_json::json!({ "type": kind(is_text) }));
-        serde_json::json!({
-            "$schema": "https://json-schema.org/draft/2020-12/schema",
-            "title": "what goes with a wrench",
-            "type": "object",
-            "properties": details.map(property).collect::<serde_json::Map<_, _>>(),
-        })
-        .to_string()
+        let columns = readings.chain(self.table.names().into_iter().skip(7));
+        columns.chain([("flags".to_owned(), true)]).collect()
     }
 }
 
-/// A time as whole nanoseconds, by its decimal digits: those are what is meant.
+/// A time as whole nanoseconds, exact in its decimal digits. 0 becomes 1 ns: ROS reads a stamp of 0 as "no time".
 fn nanoseconds(time_s: f64) -> Option<u64> {
     // The stamp of a message has 31 bits of seconds.
     if !(0.0..2_147_483_648.0).contains(&time_s) {
@@ -137,7 +104,7 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
         let nanoseconds = fraction.parse::<u64>().ok()? * 10_u64.pow(finer);
         Some(seconds.parse::<u64>().ok()? * 1_000_000_000 + nanoseconds)
     });
-    Some(exact.unwrap_or((time_s * 1e9).round() as u64))
+    Some(exact.unwrap_or((time_s * 1e9).round() as u64).max(1))
 }
 
 /// Where encoded frames go, in order.
@@ -169,10 +136,9 @@ impl<'a> EncodedOutput<'a> {
                 Self::Text(out)
             }
             OutputFormat::Mcap(frame) => {
-                let details = encoder.details_schema();
                 let mut channels = vec![
                     McapChannel::wrench(WRENCH_TOPIC),
-                    McapChannel::json(DETAILS_TOPIC, details),
+                    McapChannel::record(DETAILS_TOPIC, &encoder.details()),
                 ];
                 channels.extend(frame.mount.as_ref().map(|_| McapChannel::static_transforms()));
                 let writer = McapWriter::new(out, crate::PROGRAM, channels)?;
