@@ -1,8 +1,8 @@
-//! Recordings in MCAP ("MCAP File Format Specification"): wrenches of ROS (`WrenchStamped` and
-//! `Wrench`) and messages in JSON, as one table.
+//! MCAP recordings ("MCAP File Format Specification"): ROS wrenches (`WrenchStamped` and `Wrench`) and JSON
+//! messages, as one table.
 //!
-//! Messages of several topics with the same log time make one row. The first pass finds the topics
-//! and the names in their JSON, the second gives the rows.
+//! Messages of several topics with the same log time form one row. The first pass finds the topics and the
+//! names in their JSON, the second reads the rows.
 
 mod message;
 mod records;
@@ -21,7 +21,7 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Mcap;
 
-/// How many rows may wait for messages of other topics.
+/// The largest number of rows that wait for messages of other topics.
 const WAITING: usize = 4096;
 
 /// A table in a recording.
@@ -30,22 +30,22 @@ struct McapRecording {
     file: FileSource,
     topics: Vec<Topic>,
     columns: usize,
-    /// Whether time is that in the messages, not when they were logged.
+    /// True if the time column is the messages' time stamp, not their log time.
     by_stamp: bool,
-    /// Whether the time when they were logged is a column of its own, at the end.
+    /// True if the log time is an additional column at the end.
     has_log_time: bool,
-    /// Whether messages are in the order in which they were logged.
+    /// True if messages are stored in the order of their log time.
     is_sorted: bool,
 }
 
 /// A topic whose messages are read.
 #[derive(Debug)]
 struct Topic {
-    /// One number for each channel.
+    /// The channel ids of the topic.
     channels: BTreeSet<u16>,
     name: String,
     kind: FieldKind,
-    /// The names of its columns.
+    /// The names of the topic's columns.
     columns: Vec<String>,
 }
 
@@ -62,7 +62,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
                 let schema = schemas.get(&schema).map_or("", String::as_str);
                 let known = topics.iter_mut().find(|known| known.name == topic);
                 match (known, FieldKind::new(schema, &encoding)) {
-                    // The same channels are listed in every chunk.
+                    // Every chunk lists its channels again.
                     (Some(known), Some(kind)) if known.kind == kind => {
                         known.channels.insert(id);
                     }
@@ -143,7 +143,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     Ok(found)
 }
 
-/// The stamps of messages.
+/// Statistics of the messages' time stamps.
 #[derive(Default)]
 struct Stamps {
     count: u64,
@@ -161,7 +161,7 @@ impl Stamps {
         self.have_moved |= stamp != self.first;
     }
 
-    /// Whether they are those of a clock.
+    /// Returns true if the stamps come from a clock, not from an unset field.
     fn are_times(&self) -> bool {
         self.have_moved || self.count == 1 && self.first > 0
     }
@@ -171,7 +171,7 @@ fn wrong(topic: &Topic, log_time: u64, what: &str) -> TableError {
     KIND.damaged(format!("topic `{}`, the message at {} s: {what}", topic.name, seconds(log_time)))
 }
 
-/// The decimal number of seconds.
+/// Formats nanoseconds as a decimal number of seconds.
 fn seconds(ns: u64) -> String {
     format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
 }
@@ -183,14 +183,14 @@ impl RowSource for McapRecording {
 
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
         let mut records = Records::open(&self.file)?;
-        // The messages of rows that some topics have not given one for, by log time and topic.
+        // Messages of incomplete rows, by log time and topic.
         let mut waiting: BTreeMap<u64, Vec<Option<Message>>> = BTreeMap::new();
         let is_sorted = self.is_sorted;
         let mut next = move || {
             let topics = &self.topics;
             loop {
                 let Some(record) = records.next()? else {
-                    // A recording may end between two messages of a row.
+                    // A recording may end in the middle of a row.
                     return if waiting.len() > 1 { Err(self.apart()) } else { Ok(None) };
                 };
                 let McapRecord::Message { channel, log_time, data } = record else { continue };
