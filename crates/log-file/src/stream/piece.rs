@@ -28,7 +28,7 @@ pub(crate) enum LogPieces<'a> {
 }
 
 impl Log {
-    /// Its rows, cut into pieces of about so many bytes; of a table only the columns that are wanted.
+    /// Cuts the rows into pieces of about `piece_bytes` bytes; for a table, only the requested columns.
     pub(crate) fn pieces(
         &self,
         wanted: &[WantedColumn],
@@ -49,7 +49,7 @@ impl Log {
 }
 
 impl LogPieces<'_> {
-    /// Whether all have been read.
+    /// Returns true if all pieces have been read.
     pub(crate) fn ended(&self) -> bool {
         match self {
             Self::Text(chunks) => chunks.ended(),
@@ -57,7 +57,7 @@ impl LogPieces<'_> {
         }
     }
 
-    /// Puts the next one into `piece`; `false` if there are no more.
+    /// Reads the next piece into `piece`; `false` if there are no more.
     pub(crate) fn next(&mut self, log: &Log, piece: &mut LogPiece) -> Result<bool, LogError> {
         match self {
             Self::Text(chunks) => {
