@@ -243,7 +243,6 @@ impl fmt::Display for LogPosition {
     }
 }
 
-/// An error in a row.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowProblem {

@@ -99,12 +99,10 @@ impl Log {
         Self { chunk_bytes: chunk_bytes.max(1), ..self }
     }
 
-    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         &self.source.path
     }
 
-    /// Returns the format.
     pub fn format(&self) -> LogFormat {
         self.layout.header.format
     }
@@ -131,7 +129,6 @@ impl Log {
         self.layout.interleaving.as_ref()
     }
 
-    /// Returns the columns with their meanings.
     pub fn columns(&self) -> &[Column] {
         &self.layout.columns
     }

@@ -9,7 +9,6 @@ use shell_data::statistics::RunningVariance;
 /// The summary of the part of a log read so far.
 #[derive(Clone, Debug, Default)]
 pub struct LogSummary {
-    /// Number of rows.
     pub rows: u64,
     /// Number of rows whose readings equal those of the previous row.
     pub repeated_rows: u64,
@@ -48,9 +47,7 @@ impl LogSummary {
 pub struct ColumnSummary {
     /// Number of values, at least one.
     pub rows: u64,
-    /// The smallest value.
     pub min: f64,
-    /// The largest value.
     pub max: f64,
     /// Number of rows with the largest value.
     pub rows_at_max: u64,
@@ -178,12 +175,10 @@ pub struct LogTiming {
     pub first_backward_row: Option<u64>,
     /// Number of times that two consecutive rows have the same time.
     pub equal_times: u64,
-    /// The longest interval.
     pub longest: Option<SampleInterval>,
     intervals: IntervalHistogram,
 }
 
-/// An interval between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleInterval {
     /// Length in s.

@@ -8,7 +8,6 @@ use crate::element::{Element, Strided};
 use crate::format::{Cell, RowSource, RowStream, TableColumn, WantedColumn};
 use crate::kind::{FileKind, TableError};
 
-/// An array.
 #[derive(Clone, Debug)]
 pub struct Array {
     /// The array's name with the groups that contain it: `group/array`.

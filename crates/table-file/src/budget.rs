@@ -68,7 +68,6 @@ pub(crate) fn within(
     }
 }
 
-/// Checks the number of columns.
 pub(crate) fn check_columns(kind: FileKind, columns: usize) -> Result<(), TableError> {
     match columns <= COLUMNS {
         true => Ok(()),

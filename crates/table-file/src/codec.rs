@@ -5,7 +5,6 @@ use std::io::{self, Read};
 
 use ruzstd::decoding::StreamingDecoder;
 
-/// A compression method.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Codec {
     None,

@@ -44,7 +44,6 @@ impl FileSource {
     }
 }
 
-/// An open file.
 pub type OpenFile = Box<dyn FileBytes>;
 
 /// The bytes of an open file.
@@ -119,7 +118,6 @@ pub enum Cells<'a> {
 }
 
 impl Cells<'_> {
-    /// Returns the number of rows.
     pub fn rows(&self) -> usize {
         match self {
             Self::Text(values) => values.len(),
@@ -215,7 +213,6 @@ impl ColumnPart {
 /// Some rows of the requested columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TablePart {
-    /// Number of rows.
     pub rows: usize,
     /// The columns, in the order of the request.
     pub columns: Vec<ColumnPart>,
@@ -236,7 +233,6 @@ impl TablePart {
 /// A column of a table.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TableColumn {
-    /// The name.
     pub name: String,
     /// The unit of the values, as written in the file.
     pub unit: Option<String>,

@@ -17,7 +17,6 @@ pub enum FileKind {
     Mcap,
     /// A NumPy array.
     NumPy,
-    /// Parquet.
     Parquet,
     /// An Excel workbook.
     Xlsx,

@@ -15,7 +15,6 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::NumPy;
 
-/// An array in a file.
 #[derive(Debug)]
 struct Npy {
     file: FileSource,

@@ -13,7 +13,6 @@ use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 /// A table in a file.
 #[derive(Clone, Debug)]
 pub struct Table {
-    /// The format of the file.
     pub kind: FileKind,
     /// The columns; `None` if they have no names, or the names are in the rows.
     pub columns: Option<Vec<TableColumn>>,

@@ -3,7 +3,6 @@
 
 use crate::bytes::{ByteReader, push_varint};
 
-/// A value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Value {
     Truth(bool),

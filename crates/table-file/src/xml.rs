@@ -17,7 +17,6 @@ pub(crate) struct XmlTag {
     pub(crate) is_end: bool,
 }
 
-/// A stream of tags.
 pub(crate) struct Xml<R> {
     stream: BufReader<R>,
     buffer: Vec<u8>,

@@ -8,9 +8,7 @@ use shell_data::Block;
 /// A condition that a row must meet to be read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RowCondition {
-    /// The column that is compared.
     pub column: ColumnRef,
-    /// The comparison.
     pub comparison: Comparison,
     /// The value to compare with.
     pub value: String,

@@ -14,7 +14,6 @@ use shell_data::wrench::{Axis, PerAxis};
 pub struct Column {
     /// The name in the header, or a description of the column in a file without one.
     pub name: String,
-    /// Its meaning.
     pub meaning: Meaning,
     /// The unit in the name, below the names or in an option, if it matters.
     pub unit: StatedUnit,
@@ -60,13 +59,11 @@ pub(crate) struct ColumnRoles {
 /// The requested columns. Others are not parsed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
-    /// Time.
     pub time: bool,
     /// The readings of all channels.
     pub readings: bool,
     /// The wrench, for the axes that the log has.
     pub wrench: bool,
-    /// Group labels.
     pub groups: bool,
     /// Additional columns by position in the row, from 0, unconverted.
     pub others: Vec<usize>,

@@ -614,7 +614,6 @@ fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
     Some((at, head[at]))
 }
 
-/// A line of the head.
 #[derive(Clone, Copy)]
 pub(super) struct LayoutLine<'a> {
     pub(super) text: &'a [u8],

@@ -62,7 +62,6 @@ impl fmt::Display for ColumnRef {
 pub struct Mapping {
     /// The matrix, sheet or topic to read, if the file can contain several.
     pub table: Option<String>,
-    /// The format of the file.
     pub format: Option<LogFormat>,
     /// The line, from 1, that names the columns.
     pub header_line: Option<u64>,
@@ -72,7 +71,6 @@ pub struct Mapping {
     pub sensors: Option<Vec<ColumnRef>>,
     /// The wrench columns, in the order Fx … Mz; `None` for an axis that the log lacks.
     pub wrench: Option<PerAxis<Option<ColumnRef>>>,
-    /// The time column.
     pub time: Option<ColumnRef>,
     /// The unit of the time column, which overrides the name.
     pub time_unit: Option<TimeUnit>,

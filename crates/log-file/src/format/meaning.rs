@@ -8,7 +8,6 @@ use shell_data::telemetry::Telemetry;
 use shell_data::unit::{Quantity, Scale, Unit};
 use shell_data::wrench::Axis;
 
-/// The meaning of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Meaning {
     /// Time, with the scale to s.

@@ -46,7 +46,6 @@ pub(crate) struct ReadPlan {
     conditions: Vec<PlacedCondition>,
 }
 
-/// The syntax of rows.
 #[derive(Debug)]
 enum RowSyntax {
     Separated(RowPlan),

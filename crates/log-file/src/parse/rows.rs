@@ -28,7 +28,6 @@ use crate::stream::chunk::line_ends;
 #[derive(Debug)]
 pub(crate) struct RowPlan {
     pub(crate) separator: u8,
-    /// The use of each column.
     pub(crate) uses: Vec<ColumnUse>,
     /// Columns that are requested as text; they may have another use as well.
     pub(crate) labels: Vec<usize>,
@@ -36,7 +35,6 @@ pub(crate) struct RowPlan {
     pub(crate) names: Vec<String>,
 }
 
-/// The use of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ColumnUse {
     Skip,
@@ -74,7 +72,6 @@ impl ColumnUse {
         }
     }
 
-    /// Checks a number.
     pub(super) fn check(self, value: f64) -> Result<f64, FieldProblem> {
         match self {
             Self::Number(Some(limit)) => finite(value).and_then(|value| limit.check(value)),
@@ -83,7 +80,6 @@ impl ColumnUse {
     }
 }
 
-/// An error in a row.
 #[derive(Debug, PartialEq)]
 pub(crate) struct RowError {
     /// Position of the row in the parsed lines.

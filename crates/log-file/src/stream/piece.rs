@@ -8,7 +8,6 @@ use super::table_rows::{RowPart, TableRows};
 use crate::error::LogError;
 use crate::log::Log;
 
-/// A piece of a log.
 #[derive(Debug)]
 pub(crate) enum LogPiece {
     Text(Chunk),
@@ -21,7 +20,6 @@ impl Default for LogPiece {
     }
 }
 
-/// The pieces of a log.
 pub(crate) enum LogPieces<'a> {
     Text(ChunkStream<ByteStream>),
     Rows(TableRows<'a>),

@@ -24,7 +24,6 @@ const KIND: FileKind = FileKind::Mcap;
 /// The largest number of rows that wait for messages of other topics.
 const WAITING: usize = 4096;
 
-/// A table in a recording.
 #[derive(Debug)]
 struct McapRecording {
     file: FileSource,
@@ -248,7 +247,7 @@ impl Topic {
     fn push(&self, message: Message, row: &mut Vec<Cell>) {
         let mut values = message.columns;
         for (position, name) in self.columns.iter().enumerate() {
-            // As a rule in the same order.
+            // Usually the order is the same.
             let is_same = |entry: &(String, Cell)| entry.0 == *name;
             let found = match values.get(position).is_some_and(is_same) {
                 true => Some(position),

@@ -33,7 +33,6 @@ const FOOTER: u64 = 4 << 20;
 /// The largest number of values per byte of a file, beyond a few millions.
 const VALUES_PER_BYTE: u64 = 2048;
 
-/// A table in a file.
 #[derive(Debug)]
 struct ParquetTable {
     file: FileSource,

@@ -27,7 +27,6 @@ pub(super) struct ColumnReader {
     elements: usize,
 }
 
-/// The current page.
 struct Page {
     left: u64,
     /// Repetition levels of a list: 0 where the next row begins.
@@ -44,7 +43,6 @@ enum PageValues {
     Plain(Vec<u8>, usize),
     /// Positions in the dictionary.
     Indices(Integers),
-    /// Booleans.
     Truths(Integers),
     /// Delta-encoded integers.
     Deltas(Box<dyn Iterator<Item = i64> + Send>),
@@ -68,7 +66,6 @@ impl ColumnReader {
         self.dictionary_bytes + self.page.as_ref().map_or(0, |page| page.bytes)
     }
 
-    /// Reads the next values.
     pub(super) fn read(
         &mut self,
         source: &mut ParquetSource,

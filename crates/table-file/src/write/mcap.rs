@@ -10,7 +10,6 @@ use crate::bytes::ByteWriter;
 /// A channel of a recording.
 #[derive(Clone, Debug)]
 pub struct McapChannel {
-    /// The topic.
     pub topic: String,
     /// Name and text of the ROS schema of the messages; `None` for JSON messages.
     pub schema: Option<(&'static str, String)>,

@@ -38,7 +38,6 @@ impl NamedTable {
         table
     }
 
-    /// Returns the number of rows.
     pub fn rows(&self) -> usize {
         self.columns.first().map_or(0, |(_, cells)| cells.rows())
     }
