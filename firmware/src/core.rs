@@ -207,7 +207,7 @@ impl<'a> Core<'a> {
         }
     }
 
-    /// Whether the board is streaming.
+    /// Returns whether the board is streaming.
     fn is_streaming(&self) -> bool {
         self.schedule.is_some()
     }
@@ -271,7 +271,7 @@ impl<'a> Core<'a> {
         }
     }
 
-    /// Whether to restore the previous rate because nothing was heard at the new one.
+    /// Returns whether to restore the previous rate because nothing was heard at the new one.
     pub(crate) fn gives_up_rate(&mut self, now_us: u64) -> bool {
         let old = self.line.give_up(now_us);
         self.setup.rate = old.or(self.setup.rate);

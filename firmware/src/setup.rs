@@ -22,7 +22,7 @@ pub struct BoardSetup {
     pub rate: Option<Baud>,
     /// Rates that the line to the host can be set to.
     pub rates: &'static [Baud],
-    /// Whether the chip has a bootloader that listens on that line.
+    /// True if the chip has a bootloader that listens on that line.
     pub has_bootloader: bool,
 }
 

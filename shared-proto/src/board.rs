@@ -105,11 +105,11 @@ fields!(Identity { board, firmware, serial, min_period_us });
 /// State of a board. All counts are since the last reset and wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
-    /// Whether the board streams.
+    /// True if the board streams.
     pub streaming: bool,
-    /// Whether the board has a calibration.
+    /// True if the board has a calibration.
     pub calibrated: bool,
-    /// Whether the wrench has a zero.
+    /// True if the wrench has a zero.
     pub zeroed: bool,
     /// Content of the stream.
     pub stream: Stream,

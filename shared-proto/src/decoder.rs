@@ -57,7 +57,7 @@ pub struct Decoder {
     deframer: Option<Deframer>,
     /// An incomplete frame, or as much of its tail as a frame can have.
     partial: Bytes<{ 2 * MAX_FRAME }>,
-    /// Whether a delimiter was seen: bytes before the first one are the end of a frame that began earlier.
+    /// True if a delimiter was seen: bytes before the first one are the end of a frame that began earlier.
     synchronised: bool,
     /// Counts of received packets and of damage.
     pub counters: Counters,

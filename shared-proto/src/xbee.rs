@@ -171,7 +171,7 @@ pub struct Deframer {
     pending: Bytes<{ MAX_RAW + 1 }>,
     /// Bytes at the front of `pending` that belong to a frame already counted as damaged.
     condemned: usize,
-    /// Whether bytes outside a frame stem from damage already counted, or from before the first frame.
+    /// True if bytes outside a frame stem from damage already counted, or from before the first frame.
     skipping: bool,
     escape: bool,
     /// Frames with a wrong start, length or checksum, or cut short.

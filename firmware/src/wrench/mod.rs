@@ -50,12 +50,12 @@ impl Converter {
         }
     }
 
-    /// Whether a zero is set.
+    /// Returns whether a zero is set.
     pub fn is_zeroed(&self) -> bool {
         self.zero.is_some()
     }
 
-    /// Whether a zero is being taken, which needs converted frames.
+    /// Returns whether a zero is being taken, which needs converted frames.
     pub fn is_taring(&self) -> bool {
         self.taring.is_some()
     }

@@ -87,7 +87,7 @@ struct ConverterState {
     left: AtomicU8,
     /// Conversions in the current burst; zero if its result is to be discarded.
     burst: AtomicU8,
-    /// Whether the converter is idle for less than [`LONGEST_PAUSE_US`] between two sums.
+    /// True if the converter is idle for less than [`LONGEST_PAUSE_US`] between two sums.
     stays_fresh: AtomicBool,
     /// The emitter that is lit during the second of three sums.
     emitter: AtomicU8,
@@ -290,7 +290,7 @@ impl FrontEnd for Photointerrupters {
         STATE.sums.each_ref().map(|sum| sum.load(Ordering::Relaxed))
     }
 
-    /// The first conversion follows a frame immediately, so that none is discarded.
+    /// The first conversion follows a frame immediately, so no conversion is discarded.
     async fn vitals(&mut self) -> Vitals {
         let [reference, thermometer] = self.vitals;
         let reference = self.sum_of(reference, VITAL_CONVERSIONS, 0).await;

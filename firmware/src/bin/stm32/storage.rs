@@ -88,7 +88,7 @@ fn forget_cached() {
 /// Set if a double word of the calibration's pages could not be read.
 static FAILED: AtomicBool = AtomicBool::new(false);
 
-/// Whether a double word of the calibration's pages could not be read since the flag was cleared.
+/// Returns whether a double word of the calibration's pages could not be read since the flag was cleared.
 fn has_failed() -> bool {
     // The interrupt is taken before the code after the barriers (Arm DDI0403, B1.5.14).
     cortex_m::asm::dsb();

@@ -36,7 +36,7 @@ pub struct World {
     pub rates: RefCell<Vec<Baud>>,
     /// Times at which the bootloader was started.
     pub bootloader_at_us: RefCell<Vec<u64>>,
-    /// Whether clear to send is off.
+    /// True if clear to send is off.
     pub held_up: Cell<bool>,
     pub record: RefCell<Option<Record>>,
     last_fed_us: Cell<u64>,
