@@ -51,7 +51,7 @@ impl AppendWriter {
     /// Creates the file like [`open_growing`].
     ///
     /// # Errors
-    /// [`OutputError`] if the file cannot be created or its name is that of a binary table; if the file
+    /// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the file
     /// exists, the error's source has kind `AlreadyExists`.
     pub fn create(path: &Path, overwrite: bool) -> Result<Self, OutputError> {
         if path.as_os_str() == "-" {
@@ -122,7 +122,7 @@ impl LogSink for AppendWriter {
 /// to. An existing file is kept unless `overwrite` is set.
 ///
 /// # Errors
-/// [`OutputError`] if the file cannot be created or its name is that of a binary table; if the file exists,
+/// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the file exists,
 /// the error's source has kind `AlreadyExists`.
 pub fn open_growing(path: &Path, overwrite: bool) -> Result<(File, bool), OutputError> {
     OutputError::check_text(path)?;

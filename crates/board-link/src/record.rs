@@ -25,7 +25,7 @@ pub struct Source {
     connection: Option<Box<dyn Connection>>,
     /// `None` for a file.
     port: Option<PortOptions>,
-    /// Whether to wait for a lost port.
+    /// True to wait for a lost port.
     reconnect: bool,
     /// Time of the last attempt to reopen.
     tried_at: Instant,

@@ -1,5 +1,5 @@
 //! The core of a recording, without port and clock: [`record`](super::record()) feeds it the bytes of a port,
-//! a web page the bytes of its own port.
+//! a web page the bytes that it reads itself.
 
 use std::time::Duration;
 

@@ -154,7 +154,7 @@ impl Boards {
         }
     }
 
-    /// Returns the losses of a board so far. Damaged bytes are those of its radio module; on a wire they
+    /// Returns the losses of a board so far. Damaged bytes are counted per module; on a wire they
     /// cannot be attributed to a board.
     pub fn losses_of(&self, sender: BoardSource) -> Losses {
         let board = self.heard.iter().find(|board| board.sender == sender);

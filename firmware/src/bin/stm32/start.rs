@@ -156,7 +156,7 @@ pub(crate) fn line() -> usart::Config {
     config
 }
 
-/// The executor of the sync input, on an interrupt of its own that no other task uses.
+/// The executor of the sync input, on an interrupt that no other task uses.
 static URGENT: InterruptExecutor = InterruptExecutor::new();
 
 // SAFETY: the executor is started before the interrupt is enabled, and only the interrupt polls it.
