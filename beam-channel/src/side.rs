@@ -11,9 +11,10 @@ use crate::{Normal, Setup, SetupError, Wall};
 
 /// The contacts of one wall's beams with the body: first touch, position, and release.
 ///
-/// A beam touches from the moment the body reaches its tip until its tip can no longer rest on the body. There the ellipse, seen from the beam's base, falls away, at the maximum of the body's travel `s(z)`.
-/// On the way in, `s` may fall on one stretch of `z` if the body reaches farther beyond the tips than the
-/// length of a beam (`d > L`) or is yawed. A tip cannot stay there and snaps across
+/// A beam touches from the moment the body reaches its tip until its tip can no longer rest on the body.
+/// There the ellipse, seen from the beam's base, falls away, at the maximum of the body's travel `s(z)`. On
+/// the way in, `s` may fall on one stretch of `z` if the body reaches farther beyond the tips than the length
+/// of a beam (`d > L`) or is yawed. A tip cannot stay there and snaps across
 /// ([`snaps`](Self#structfield.snaps)). On the remaining arcs `s` rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {

@@ -51,8 +51,8 @@ impl AppendWriter {
     /// Creates the file like [`open_growing`].
     ///
     /// # Errors
-    /// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the file
-    /// exists, the error's source has kind `AlreadyExists`.
+    /// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the
+    /// file exists, the error's source has kind `AlreadyExists`.
     pub fn create(path: &Path, overwrite: bool) -> Result<Self, OutputError> {
         if path.as_os_str() == "-" {
             return Err(OutputError::Stdout);
@@ -122,8 +122,8 @@ impl LogSink for AppendWriter {
 /// to. An existing file is kept unless `overwrite` is set.
 ///
 /// # Errors
-/// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the file exists,
-/// the error's source has kind `AlreadyExists`.
+/// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the file
+/// exists, the error's source has kind `AlreadyExists`.
 pub fn open_growing(path: &Path, overwrite: bool) -> Result<(File, bool), OutputError> {
     OutputError::check_text(path)?;
     let is_device = path.exists() && !path.is_file() && !path.is_dir();

@@ -18,8 +18,9 @@
 //! count, which wraps at 256. `flags` is empty for a regular row. Flags are `s3:saturated` and `s3:range` as
 //! in the output of `convert`, `late` for a frame that came after a later one was written, `skewed` if the
 //! channels could not be aligned to a common time, `restart` if the board has restarted, `untared` and
-//! `unfiltered` while tare and clock of the forces were still being determined. These rows are not delayed, so their forces come from the calibration alone. Later rows match `convert` with a causal low-pass. `mark1`,
-//! `mark2`, … are marks set by the user.
+//! `unfiltered` while tare and clock of the forces were still being determined. These rows are not delayed,
+//! so their forces come from the calibration alone. Later rows match `convert` with a causal low-pass.
+//! `mark1`, `mark2`, … are marks set by the user.
 //!
 //! If stretches are labelled during the recording, as planned loads are, `group` precedes the flags; it is
 //! empty in rows outside the stretches.
