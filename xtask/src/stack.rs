@@ -3,9 +3,9 @@
 //! The frame of a function is the sum of all instructions that lower the stack pointer (which overestimates
 //! functions with several paths), and its callees are the targets of its branches. A call through a pointer
 //! can reach every function whose address occurs in the image, except tasks, which only the executor calls.
-//! These calls are followed [`INDIRECT`] deep. The interrupt whose executor runs the urgent task is added, and
-//! on top of it the deepest of all other interrupts, each with the registers that the core saves. The other
-//! interrupts share one priority, above the first, so they do not nest.
+//! These calls are followed [`INDIRECT`] deep. The interrupt whose executor runs the urgent task is added,
+//! and on top of it the deepest of all other interrupts, each with the registers that the core saves. The
+//! other interrupts share one priority, above the first, so they do not nest.
 //!
 //! Encodings: Arm DDI0403 (ARMv7-M), chapter A7.
 
