@@ -1,5 +1,5 @@
 //! The interface between page and module: the page fills buffers (the request is the last), asks for
-//! the answer, and reads the outputs, the first of which is JSON.
+//! the answer, and reads the outputs (the first is JSON).
 //!
 //! A panic ends the instance and leaves its message as the only output. If memory is exhausted there is no
 //! output.

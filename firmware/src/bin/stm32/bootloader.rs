@@ -1,7 +1,7 @@
 //! The bootloader in the chip's ROM, started from the state after a reset.
 //!
 //! The bootloader expects every peripheral in its reset state (AN2606, "Bootloader activation"), and only a
-//! reset stops the watchdog. So [`enter`] writes a magic word to RAM and resets the chip. The start-up code
+//! reset stops the watchdog. So `enter` writes a magic word to RAM and resets the chip. The start-up code
 //! finds the word before it sets anything up, and jumps to ROM.
 #![expect(unsafe_code, reason = "the code before RAM is set up is assembly")]
 
