@@ -232,8 +232,8 @@ mod tests {
         assert_share(books.held_back, 0.95 * 0.02);
         assert_share(books.corrupted, 0.95 * 1.01 * (1.0 - 0.999_f64.powi(8)));
         assert_eq!(numbers.len() as u64, PACKETS - books.lost + books.duplicated);
-        // One held packet in eight arrives before the next packet, 1 ms later, and a few next packets are lost:
-        // some 0.83 of the held packets are late.
+        // One held packet in eight arrives before the next packet, 1 ms later, and a few next packets are
+        // lost: some 0.83 of the held packets are late.
         let mut newest = 0;
         let late = numbers.iter().filter(|&&number| {
             newest = newest.max(number);

@@ -139,9 +139,9 @@ pub struct TrialRow {
 }
 
 impl TrialRow {
-    /// The error of a quantity due to the calibration, as components along directions common to all trials, with
-    /// its degrees of freedom. Returns `None` if it is unknown; it is zero for quantities that do not depend on
-    /// forces.
+    /// The error of a quantity due to the calibration, as components along directions common to all trials,
+    /// with its degrees of freedom. Returns `None` if it is unknown; it is zero for quantities that do not
+    /// depend on forces.
     pub fn shared_error(&self, quantity: Quantity) -> Option<(Vec<f64>, f64)> {
         let (axis, factor) = match quantity {
             Quantity::Drag => (Axis::Fx, -1.0),

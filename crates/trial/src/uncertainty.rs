@@ -50,7 +50,7 @@ pub(super) fn of_means(
     span: &Span,
 ) -> Option<ForceUncertainty> {
     let (calibration, pipeline) = (input.instrument.calibration?, input.pipeline?);
-    // Weights of the frames in the mean.
+    // Weight of each frame in its mean.
     let mut shares = vec![0.0; forces.frames.first().map_or(0, Vec::len)];
     span.shares.iter().for_each(|&(row, share)| shares[forces.frame_of_row[row]] += share);
     let mut of_tare = PerAxis::default();
