@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Measures shellcal against what people run today: whole processes, start to exit, in turns, so that a busy moment of
-the machine hits all alike. Tools that are not installed are left out, and named.
+"""Measures shellcal against the tools in common use: whole processes, from start to exit. The tools take turns, so that
+other load on the machine affects all of them. Missing tools are named and left out.
 
 usage: bench.py fits    [--peers DIR] [--rows N] [--full] [--before FILE]   fits against pandas, polars, DuckDB, R, Octave
        bench.py channels                                                     455 features of twelve channels against scikit-learn
@@ -9,7 +9,7 @@ usage: bench.py fits    [--peers DIR] [--rows N] [--full] [--before FILE]   fits
        bench.py beams                                                        the beam channel against companion matrices
        bench.py instructions                                                 what a fit costs with what it can be asked for
 
-`--runs N` measures more often, `--program FILE` another program than the release, which is built first.
+`--runs N` sets the number of runs, `--program FILE` another program than the release, which is built first.
 """
 
 from __future__ import annotations
@@ -46,11 +46,11 @@ def measure(command: list) -> tuple[float, float]:
 
 
 def compare(title: str, tools: dict[str, list], runs: int) -> None:
-    """A table of medians; the first tool is ours, and has to work."""
+    """Prints a table of medians; the first tool is shellcal, which must work."""
     working = {}
     for name, command in tools.items():
         try:
-            measure(command)  # which also warms the caches
+            measure(command)  # also warms the caches
             working[name] = command
         except (OSError, RuntimeError) as error:
             if not working:
@@ -69,7 +69,7 @@ def compare(title: str, tools: dict[str, list], runs: int) -> None:
 
 
 def made(path: Path, command: list) -> Path:
-    """A file that a command makes, once."""
+    """Returns a file, created by a command unless it exists."""
     if not path.exists():
         subprocess.run([str(part) for part in command], check=True, stdout=subprocess.DEVNULL)
     return path
@@ -137,14 +137,14 @@ def trials(options: argparse.Namespace) -> None:
     rows = [line.split(",") for line in manifest.read_text().splitlines()[1:]]
     logs = []
     for name, *_ in rows:
-        # The notebook leaves out eight lines, as the lab's logs have them before the names of columns.
+        # The notebook skips eight lines, which precede the column names in the lab's logs.
         text = (folder / name).read_text()
         comments = sum(line.startswith("%") for line in text.splitlines()[:9])
         logs.append(folder / name.replace(".txt", ".lab.txt"))
         logs[-1].write_text("%\n" * (9 - comments) + text)
 
     def batch(parts: int, share: float, *more: object) -> list:
-        """A command on windows of a share of each trial's, cut into parts."""
+        """Returns a command on windows of a share of each trial's, cut into parts."""
         lines = ["file,condition,t_enter_s,t_exit_s"]
         for i, (log, (_, _, start, end)) in enumerate(zip(logs, rows)):
             begin, step = float(start), share * (float(end) - float(start)) / parts
@@ -167,7 +167,7 @@ def trials(options: argparse.Namespace) -> None:
 
 
 def beams(options: argparse.Namespace) -> None:
-    """Only the solving is timed, not the start of a process."""
+    """Times only the solving, not the start of a process."""
     cargo("build", "--release", "--package", "beam-channel", "--example", "sweep")
     sweep = ROOT / "target/release/examples/sweep"
     companion = ROOT / "beam-channel/benches/peer_companion.py"
@@ -199,8 +199,8 @@ def beams(options: argparse.Namespace) -> None:
 
 
 def instructions(options: argparse.Namespace) -> None:
-    """By Valgrind, the same number on every run. A plain fit must not enter what it was not asked for."""
-    # Not the release: there, functions are put into one another across files.
+    """Counts instructions with Valgrind, the same number in every run. A plain fit must not run code of optional features."""
+    # Not the release profile, which inlines functions across files.
     cargo("build", "--profile", "checked", "--package", "shellcal")
     program, log, profile = ROOT / "target/checked/shellcal", WORK / "train-20000.csv", WORK / "callgrind.out"
     made(log, [program, "synth", "train", "--quiet", "--rows", "20000", "-o", log])

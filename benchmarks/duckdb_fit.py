@@ -1,5 +1,5 @@
-"""A whole fit with DuckDB and numpy: the files are read by SQL on all cores, the features are made and
-solved for by numpy. For `bench.py fits`; prints the errors on the second file as JSON.
+"""A complete fit with DuckDB and numpy: SQL reads the files on all cores, numpy computes the features and
+solves. For `bench.py fits`; prints the errors on the second file as JSON.
 
 usage: python3 duckdb_fit.py TRAIN.csv TEST.csv cubic24+1|quad44+1|cubic164+1
 """
@@ -17,7 +17,7 @@ DEGREES = {"quad44": 2, "cubic164": 3}
 
 
 def read(path):
-    """Readings and wrench of a file, one row each."""
+    """Reads readings and wrench of a file, one row each."""
     columns = duckdb.execute(
         f"select {', '.join(SENSORS + AXES)} from read_csv(?, header = true)", [path]
     ).fetchnumpy()
@@ -26,7 +26,7 @@ def read(path):
 
 
 def features(readings, model):
-    """Powers of each channel, or all products up to a degree; a constant where the model has one."""
+    """Returns powers of each channel, or all products up to a degree, and a constant if the model has one."""
     name, constant = model.partition("+")[0], model.endswith("+1")
     if name == "cubic24":
         columns = [readings**power for power in (1, 2, 3)]

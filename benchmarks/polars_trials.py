@@ -1,6 +1,6 @@
-"""Trials with polars, numpy and SciPy, started once for all logs and without a loop over samples: what the
-pipeline of a notebook computes, as fast as these tools do it. For `bench.py trials`; prints the
-number of rows and the last log's energy and root mean square of Fz as JSON.
+"""Trials with polars, numpy and SciPy: a single start for all logs, and no loop over samples. This is the computation
+of a notebook's pipeline, as fast as these tools allow. For `bench.py trials`; prints the number of rows and the last
+log's energy and root mean square of Fz as JSON.
 
 usage: python3 polars_trials.py [--csv FOLDER] MATRIX.mat LOG…
 """
@@ -30,12 +30,12 @@ def smooth(columns):
 
 
 def running(rates, steps):
-    """The integral of rates from the first row on, each over the step that ends at it."""
+    """Integrates rates from the first row on, each over the step that ends at it."""
     return np.concatenate([[0.0], np.cumsum(rates[1:] * steps)])
 
 
 def read(path):
-    """The columns of a log by name; the line before the first row names them."""
+    """Reads the columns of a log by name; the line before the first row names them."""
     text = Path(path).read_bytes()
     header = [line for line in text[:4096].split(b"\n") if line.startswith(b"%")]
     names = [name.strip() for name in header[-1].decode().lstrip("% ").split("|")]

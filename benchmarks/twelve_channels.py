@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""All products up to the third degree of twelve channels with all digits of a double, 455 features, by scikit-learn.
+"""A fit with scikit-learn of all products up to the third degree of twelve channels in double precision, 455 features.
 
 usage: twelve_channels.py make FILE [ROWS]   a log of a smooth motion
        twelve_channels.py fit FILE           RMS errors of the fit, as JSON
@@ -21,7 +21,7 @@ def make(path: str, rows: int) -> None:
     wrench = sum(np.sin(time * w + p) for w, p in zip(speed, phase)) * [4, 4, 6, 0.1, 0.1, 0.06]
     travel = (wrench / [4, 4, 6, 0.1, 0.1, 0.06]) @ random.normal(size=(6, 12))
     readings = 300 * travel + 20 * travel**2 - travel**3 + random.normal(size=travel.shape)
-    # Means of a recording are taken away, as many do.
+    # Subtracts the means of the recording, as is common.
     columns = np.hstack([wrench, readings - readings.mean(axis=0)])
     np.savetxt(path, columns, delimiter=",", header=",".join(WRENCH + SENSORS), comments="", fmt="%.17g")
 
@@ -33,7 +33,7 @@ def fit(path: str) -> None:
 
     table = pandas.read_csv(path)
     wrench = table[WRENCH].to_numpy()
-    # Without the scaler, the powers of raw readings leave LinearRegression a fraction of the rank.
+    # Without the scaler, the powers of raw readings reduce LinearRegression's rank to a fraction.
     features = PolynomialFeatures(3, include_bias=False).fit_transform(StandardScaler().fit_transform(table[SENSORS].to_numpy()))
     model = LinearRegression().fit(features, wrench)
     print(json.dumps({"rms": np.sqrt(((model.predict(features) - wrench) ** 2).mean(axis=0)).tolist(), "rank": int(model.rank_)}))

@@ -1,13 +1,13 @@
-//! Hands the memory map of the board that is built to the linker.
+//! Passes the memory map of the selected board to the linker.
 
 use std::path::Path;
 use std::{env, fs, io};
 
-/// Boards by their features, and their maps.
+/// Memory maps by board feature.
 const MAPS: [(&str, &str); 2] =
     [("CARGO_FEATURE_SKINPROC", "skinproc.x"), ("CARGO_FEATURE_NUCLEO_G491RE", "nucleo-g491re.x")];
 
-/// What the maps of boards with an STM32 include.
+/// The part that the maps of all STM32 boards include.
 const COMMON: &str = "stm32.x";
 
 fn main() -> io::Result<()> {

@@ -1,6 +1,6 @@
-//! What a contact costs, and that beams that do not touch cost nothing.
+//! Cost of a contact; beams that do not touch cost nothing.
 //!
-//! An `item` is a contact of one wall; the other is its mirror image and costs nothing.
+//! An `item` is a contact of one wall; the other wall is its mirror image and costs nothing.
 #![allow(missing_docs, reason = "no one reads the documentation of a benchmark")]
 
 use beam_channel::{Model, Setup, Wall};
@@ -11,7 +11,7 @@ fn main() {
     divan::main();
 }
 
-/// Positions of a sweep: one spacing in the middle of the channel, and as many in any channel.
+/// Number of positions of a sweep, one spacing in the middle of the channel; the same for every channel.
 const POSITIONS: u32 = 1000;
 
 /// The channels of the paper: widths of 8, 6 and 4 cm.
@@ -30,13 +30,13 @@ fn positions(model: &Model) -> impl Iterator<Item = f64> {
     (0..POSITIONS).map(move |i| middle + channel.pitch_m * f64::from(i) / f64::from(POSITIONS))
 }
 
-/// The same contacts among more and more beams.
+/// A constant number of contacts in channels with more and more beams.
 #[divan::bench(args = [11, 110, 11_000])]
 fn beams_in_the_channel(bencher: Bencher<'_, '_>, beams: u32) {
     sweep(bencher, &Model::new(&setup(0.06, beams)).expect("a channel of the paper"));
 }
 
-/// More and more contacts: the same beams, closer and closer.
+/// A growing number of contacts, as the beams get closer.
 #[divan::bench(args = [1, 10, 100])]
 fn beams_in_contact(bencher: Bencher<'_, '_>, density: u32) {
     let mut setup = setup(0.06, 11 * density);
@@ -56,7 +56,7 @@ fn sweep(bencher: Bencher<'_, '_>, model: &Model) {
         .bench_local(|| positions(model).map(|x| model.total(black_box(x)).fx_n).sum::<f64>());
 }
 
-/// What a new geometry costs before its first force.
+/// Cost of a new geometry before its first force.
 #[divan::bench(args = WIDTHS)]
 fn new_model(bencher: Bencher<'_, '_>, width_m: f64) {
     bencher.bench_local(|| Model::new(black_box(&setup(width_m, 11))));

@@ -1,13 +1,13 @@
-"""The same forces by companion matrices in numpy, for comparison of run time and error.
+"""The forces of the model by companion matrices in numpy, for comparison of run time and error.
 
-A beam's tip lies where a circle about its base meets the ellipse: with t = tan(phi/2) a quartic, whose
-roots are the eigenvalues of a 4 x 4 companion matrix. Every beam of the channel is solved at every
-position; the forces are those of the paper, with normals of unit length.
+The tip of a beam is at an intersection of a circle about its base with the ellipse. With t = tan(phi/2) that is a
+quartic, whose roots are the eigenvalues of a 4 x 4 companion matrix. Every beam of the channel is solved at every
+position; the forces are the paper's, with normals of unit length.
 
     python3 peer_companion.py WIDTH_M BEAMS PITCH_M FROM_M TO_M POSITIONS REPEATS
 
-prints one JSON document: forces at the positions and seconds of every repeat, one by one with
-numpy.roots and with all matrices in one numpy.linalg.eigvals.
+prints one JSON document: the forces at the positions and the seconds of every repeat, one by one with numpy.roots
+and with all matrices in a single numpy.linalg.eigvals.
 """
 
 import json
@@ -21,9 +21,9 @@ KT = 5.3e9 * (0.03 * 0.00012**3 / 12) / L
 
 
 def quartic(u, width):
-    """Coefficients, highest first, of |P(t) - base|^2 = L^2 times (1 + t^2)^2, P on the ellipse.
+    """Coefficients, highest first, of |P(t) - base|^2 = L^2 times (1 + t^2)^2, with P on the ellipse.
 
-    u is how far forward of the body's middle the base is: an array of any shape.
+    u is the forward distance of the base from the body's middle: an array of any shape.
     """
     base = width / 2 + L
     u = np.asarray(u)
@@ -44,7 +44,7 @@ def quartic(u, width):
 
 
 def force(t, u):
-    """F_x of the root that lies furthest forward; 0 without one that is deflected forward."""
+    """F_x of the root that lies furthest forward; 0 if no root is deflected forward."""
     real = np.abs(t.imag) < 1e-9 * (1 + np.abs(t.real))
     x = np.where(real, RX * (1 - t.real**2) / (1 + t.real**2) - u[..., None], -np.inf)
     best = np.take_along_axis(t.real, x.argmax(-1)[..., None], -1)[..., 0]

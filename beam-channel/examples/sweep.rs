@@ -1,10 +1,11 @@
-//! Drag over position, timed: what `benches/peer_companion.py` does, by this crate.
+//! Drag over position, timed: the computation of `benches/peer_companion.py` with this crate.
 //!
 //! ```text
 //! cargo run --release -p beam-channel --example sweep -- WIDTH_M BEAMS PITCH_M FROM_M TO_M POSITIONS REPEATS
 //! ```
 //!
-//! prints one JSON document: forces at the positions, contacts in all, and seconds of every repeat.
+//! prints one JSON document: the forces at the positions, the total number of contacts, and the seconds of
+//! every repeat.
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use std::error::Error;

@@ -1,13 +1,13 @@
-//! How sure a simulated drag is: parameters that are not known exactly are drawn about their values, and the drags of
-//! all draws give an interval (Monte Carlo).
+//! Uncertainty of a simulated drag by Monte Carlo: uncertain parameters are drawn from distributions around
+//! their values, and the resulting drags give an interval.
 //!
 //! ```text
 //! cargo run --release -p beam-channel --example uncertainty -- DRAWS THICKNESS_SHARE FRICTION_SD
 //! ```
 //!
-//! prints, for the paper's channels, the median of the mean drag on the plateau and the interval that holds 95 % of
-//! the draws, where the thickness of the beams has a standard deviation of a share of itself, the friction one of its
-//! own. Draws in which the body jams are counted and left out.
+//! prints the median of the mean drag on the plateau and its 95 % interval for the paper's channels.
+//! THICKNESS_SHARE is the standard deviation of the beams' thickness relative to it, FRICTION_SD the standard
+//! deviation of the friction. Draws in which the body jams are counted and left out.
 #![allow(clippy::print_stdout, reason = "an example shows its result")]
 
 use std::error::Error;
@@ -25,7 +25,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     for deflection_m in [0.01, 0.02, 0.03] {
         let mut setup = Setup::default();
         setup.channel.width_m = 2.0 * setup.ellipse.semi_width_m - 2.0 * deflection_m;
-        // The same draws for every channel: two of them differ by what differs between them.
+        // Every channel gets the same draws, so that differences between channels come from the channels.
         let mut random = ChaCha8Rng::seed_from_u64(1);
         let (mut drags, mut refused) = (Vec::new(), 0);
         for _ in 0..draws as u32 {
@@ -52,7 +52,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Two normal deviates, by Box and Muller's transform.
+/// Returns two normal deviates, by the Box–Muller transform.
 fn normal_pair(random: &mut ChaCha8Rng) -> [f64; 2] {
     let mut uniform = || ((random.next_u64() >> 11) as f64 + 0.5) / (1_u64 << 53) as f64;
     let (radius, angle) = ((-2.0 * uniform().ln()).sqrt(), TAU * uniform());

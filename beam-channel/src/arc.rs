@@ -1,15 +1,15 @@
-//! A stretch of a tip's way on which everything is smooth and the body only moves forward, and the root of
-//! `s(z) = s` on it.
+//! A stretch of a tip's path on which all functions are smooth and the body only moves forward, and the root
+//! of `s(z) = s` on it.
 //!
-//! Solved for `z`, the travel `s(z)` has two branch points: at a release, where `ds/dz` is zero,
-//! and a little before the first touch, where that of `s ≈ α·z + β·z²` is, at `s = −α²/4β`. In
+//! As a function of the travel `s`, `z` has two branch points: at a release, where `ds/dz` is zero, and a
+//! little before the first touch, at `s = −α²/4β`, the zero of the derivative of `s ≈ α·z + β·z²`. In
 //!
 //! ```text
 //! w = √(s + α²/4β) / (√(s + α²/4β) + √(s_end − s))
 //! ```
 //!
-//! `z` is smooth at both, and a polynomial of low degree gives it to three digits: from there
-//! Newton's method takes three steps to rounding.
+//! `z` is smooth at both. A polynomial of low degree gives `z` to three digits, from where Newton's method
+//! converges to rounding error in three steps.
 
 use core::array::from_fn;
 use core::f64::consts::PI;
@@ -18,18 +18,18 @@ use libm::{cos, sqrt};
 
 use crate::path::{Contact, Path};
 
-/// An arc with a polynomial that says where Newton's method starts on it.
+/// An arc with the polynomial that gives the start of Newton's method.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Arc {
-    /// `z` at its ends.
+    /// `z` at the ends.
     pub(crate) z: [f64; 2],
-    /// How far the body has travelled there since the touch, in m.
+    /// Travel of the body at the ends since the touch, in m.
     pub(crate) travel: [f64; 2],
-    /// How far before the arc the travel would turn, as a share of it.
+    /// Distance before the arc at which the travel would turn, as a share of the arc's travel.
     before: f64,
-    /// One over the travel of the arc, in 1/m.
+    /// Reciprocal of the arc's travel, in 1/m.
     scale: f64,
-    /// Where the polynomial of `w` goes through `z`.
+    /// Values of `w` at the nodes of the polynomial for `z`.
     nodes: [f64; NODES],
     /// Divided differences: the coefficients of Newton's form.
     coefficients: [f64; NODES],
@@ -37,19 +37,19 @@ pub(crate) struct Arc {
 
 const NODES: usize = 8;
 
-/// Steps that nearly always suffice from where the polynomial lets them begin.
+/// Number of Newton steps that nearly always suffice from the polynomial's start.
 const PLAIN_STEPS: usize = 3;
 
-/// A step of Newton's method that is so small, relative to `z`, leads to the root to rounding: its
-/// square is what remains, over the distance to where the slope is zero, and where that distance
-/// is no greater, rounding leaves more than that.
+/// A Newton step of this size, relative to `z`, reaches the root to rounding. The remaining error is the
+/// square of the step over the distance to the zero of the slope; if that distance is no greater than the
+/// step, rounding error dominates.
 const CLOSE: f64 = 1e-8;
 
 /// More steps than bisection alone takes.
 const STEPS: usize = 200;
 
 impl Arc {
-    /// The arc between two `z`, with a polynomial through Chebyshev's nodes of `w`.
+    /// Creates the arc between two `z`, with a polynomial through the Chebyshev nodes of `w`.
     pub(crate) fn new(path: &Path, z: [f64; 2]) -> Self {
         let ends = z.map(|z| path.position(z));
         let travel = [ends[0].travel, ends[1].travel.max(ends[0].travel)];
@@ -64,7 +64,7 @@ impl Arc {
         }
         let low = arc.w(travel[0]);
         for i in 0..NODES {
-            // From both ends in turns, for the sake of rounding.
+            // Alternates between the ends, which reduces rounding error.
             let position = if i % 2 == 0 { i / 2 } else { NODES - 1 - i / 2 };
             let share = 0.5 + 0.5 * cos(PI * (position as f64 + 0.5) / NODES as f64);
             let w = low + (1.0 - low) * share;
@@ -90,7 +90,7 @@ impl Arc {
         near / (near + far)
     }
 
-    /// `z` at a travel, to three digits.
+    /// Returns `z` at a travel, to three digits.
     #[inline]
     fn start(&self, travel: f64) -> f64 {
         let w = self.w(travel);
@@ -99,7 +99,7 @@ impl Arc {
         z.clamp(self.z[0], self.z[1])
     }
 
-    /// `z` at a travel, that of the nearer end outside this arc.
+    /// Returns `z` at a travel; outside this arc, `z` of the nearer end.
     pub(crate) fn z_at(&self, path: &Path, travel: f64) -> f64 {
         if travel <= self.travel[0] {
             return self.z[0];
@@ -110,15 +110,15 @@ impl Arc {
         self.locate(path, travel).z()
     }
 
-    /// The contact at a travel on this arc, at the nearer end outside.
+    /// Returns the contact at a travel on this arc; outside the arc, at the nearer end.
     #[inline]
     pub(crate) fn locate(&self, path: &Path, travel: f64) -> Contact {
         let [contact] = Self::locate_all([self], path, [travel]);
         contact
     }
 
-    /// The same for several arcs and travels, each with its own bits whatever its neighbours. A step
-    /// waits for the one before it; steps for several contacts need not wait for each other.
+    /// Computes [`Self::locate`] for several arcs and travels, with the same bits as one by one. Steps of one
+    /// contact depend on each other; steps of several contacts run in parallel.
     #[inline]
     pub(crate) fn locate_all<const N: usize>(
         arcs: [&Self; N],
@@ -135,7 +135,7 @@ impl Arc {
             }
         }
         from_fn(|i| {
-            // Also false if the step is not a number.
+            // Also false if the step is NaN.
             if steps[i].abs() <= CLOSE * z[i] {
                 path.position(z[i])
             } else {
@@ -144,8 +144,8 @@ impl Arc {
         })
     }
 
-    /// As [`Self::locate`], whatever the polynomial says: by Newton's method while its steps stay within the arc and
-    /// shrink, by bisection where they do not.
+    /// Computes [`Self::locate`] without relying on the polynomial: by Newton's method while its steps stay
+    /// within the arc and shrink, otherwise by bisection.
     #[cold]
     fn search(&self, path: &Path, travel: f64) -> Contact {
         let [mut low, mut high] = self.z;

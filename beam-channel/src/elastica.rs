@@ -1,9 +1,9 @@
 //! A beam that is clamped at its base and bends along its length: Euler's elastica, pushed at its tip.
 //!
-//! With the force `P` at the angle of friction to the normal of the body, `χ` the angle from the reversed force to
-//! the beam and `s` the length along it, `EI·χ'' = −P·sin χ`, a pendulum: from `χ₀` at the clamp to `χ_L`
-//! at the tip, where it does not bend. With `k = sin(χ_L/2)`, `k·sin u = sin(χ/2)`
-//! (Love, *Mathematical Theory of Elasticity*, 4th ed., §262)
+//! The force `P` acts at the friction angle to the body's normal. With the angle `χ` from the reversed force
+//! to the beam and the length `s` along it, `EI·χ'' = −P·sin χ`, a pendulum: from `χ₀` at the clamp to `χ_L`
+//! at the tip, where the curvature is zero. With `k = sin(χ_L/2)`, `k·sin u = sin(χ/2)` (Love, *Mathematical
+//! Theory of Elasticity*, 4th ed., §262)
 //!
 //! ```text
 //! λ = L·√(P/EI) = K(k) − F(u₀, k)
@@ -11,9 +11,9 @@
 //! y = C·cos χ₀ + S·sin χ₀,     C = 2·(E(k) − E(u₀, k))/λ − 1,
 //! ```
 //!
-//! in beam lengths, `y` along the straight beam. Where the body has pushed the tip aside to `y`, one
-//! `χ_L` is left: a root for each place of the tip. A table over the tip's way keeps the forward reach and
-//! the force over `z`, in which both are smooth.
+//! in beam lengths, with `y` along the straight beam. If the body has pushed the tip aside to `y`, `χ_L`
+//! remains: one root per position of the tip. A table over the tip's path holds the forward reach and the
+//! force as functions of `z`, in which both are smooth.
 
 use core::f64::consts::{FRAC_PI_2, PI};
 
@@ -22,35 +22,36 @@ use libm::{acos, atan2, cos, sin, sqrt};
 use crate::path::Path;
 use crate::side::turn;
 
-/// Places of a tip's way at which it is looked how far the body has travelled.
+/// Number of positions on a tip's path at which the body's travel is computed.
 const PLACES: usize = 64;
 
-/// Terms of Chebyshev's series: twice as many change means of the paper's channels by 10⁻⁶ of them, extremes by 10⁻⁴.
+/// Number of Chebyshev terms: twice as many change the means of the paper's channels by a relative 10⁻⁶,
+/// extremes by 10⁻⁴.
 const TERMS: usize = 32;
 
-/// The way of the tip of a clamped beam along the body.
+/// The path of a clamped beam's tip along the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Elastica {
-    /// As [`Path::landmarks`]: where the travel falls, otherwise 0; before its greatest value; the table's end.
+    /// As in [`Path::landmarks`]: where the travel falls, otherwise 0; before its maximum; the table's end.
     pub(crate) landmarks: [f64; 3],
-    /// Forward reach of the tip in m, over `z`.
+    /// Forward reach of the tip over `z`, in m.
     pub(crate) reach: Series,
-    /// Factor of normal and tangent, as long as those of a [`Contact`](crate::Contact), in units of
-    /// `EI/L²` and over `z`.
+    /// Factor of normal and tangent over `z`, in units of `EI/L²`; normal and tangent have the length of
+    /// those in a [`Contact`](crate::Contact).
     pub(crate) push: Series,
-    /// Whether the beam's face comes to lie against the body, which only its tip touches in this model.
+    /// True if the beam's face comes to lie against the body; this model only has contact at the tip.
     pub(crate) lies_against_body: bool,
 }
 
-/// A place of the tip.
+/// A beam with its tip at one position.
 struct Bent {
     reach: f64,
     push: f64,
-    /// Whether the tip alone touches: the beam then meets the surface from outside.
+    /// True if only the tip touches: the beam then meets the surface from outside.
     is_on_tip: bool,
 }
 
-/// No shape of the beam reaches a place.
+/// Why no shape of the beam reaches a position.
 pub(crate) enum Failure {
     /// Friction holds the tip.
     Locked,
@@ -59,7 +60,7 @@ pub(crate) enum Failure {
 }
 
 impl Elastica {
-    /// The table of a path; `None` if friction holds the tip.
+    /// Computes the table of a path; `None` if friction holds the tip.
     pub(crate) fn new(path: &Path, friction: f64) -> Option<Self> {
         let place = |i: usize| path.last() * i as f64 / PLACES as f64;
         let (mut travels, mut count) = ([0.0; PLACES], 1);
@@ -95,14 +96,14 @@ impl Elastica {
     }
 }
 
-/// The shape of the beam whose tip is at `z`.
+/// Computes the shape of the beam whose tip is at `z`.
 fn bent(path: &Path, friction: f64, z: f64) -> Result<Bent, Failure> {
     let contact = path.position(z);
     let (across, along) =
         (contact.out + friction * contact.back, contact.back - friction * contact.out);
     let clamp = atan2(across, along);
     let target = 1.0 - contact.rise / path.beam;
-    // Half the turn of the tip, from where the beam is straight, or buckled, to where it lies along the force.
+    // Half the turn of the tip: from a straight or buckled beam to one that lies along the force.
     let [least, most] = [(-clamp).max(0.0), 0.5 * (PI - clamp)].map(|turn| turn.max(1e-12));
     let most = most * (1.0 - 1e-9);
     if tip(clamp, most).height > target {
@@ -129,10 +130,11 @@ struct Tip {
     root_of_force: f64,
 }
 
-/// The tip of a beam that has turned by twice `half_turn` there, `χ_L − χ₀`, under a force at `χ₀` to the clamp.
+/// Returns the tip of a beam that has turned by `χ_L − χ₀`, twice `half_turn`, under a force at `χ₀` to the
+/// clamp.
 fn tip(clamp: f64, half_turn: f64) -> Tip {
     let (low, low_cos) = (sin(0.5 * clamp), cos(0.5 * clamp));
-    // k² − sin²(χ₀/2), of which nothing cancels.
+    // k² − sin²(χ₀/2), without cancellation.
     let rest = sqrt((sin(half_turn) * sin(clamp + half_turn)).max(f64::MIN_POSITIVE));
     let modulus = low * low + rest * rest;
     // K − F(u₀) = F(w) with tan w·tan u₀ = 1/k', and E(k) − E(u₀) accordingly (DLMF 19.11).
@@ -152,18 +154,19 @@ fn tip(clamp: f64, half_turn: f64) -> Tip {
     }
 }
 
-/// Legendre's incomplete integrals of the first and second kind for the sine of an angle up to 90° and `k²`, by
-/// Carlson's duplication (Numerical Algorithms 10, 1995, 13–26), which takes the same steps for both.
+/// Returns Legendre's incomplete integrals of the first and second kind for the sine of an angle up to 90°
+/// and `k²`, by Carlson's duplication (Numerical Algorithms 10, 1995, 13–26), which shares its steps between
+/// both.
 fn incomplete(sine: f64, modulus: f64) -> (f64, f64) {
     let square = sine * sine;
-    // Not both zero, where the integrals are infinite.
+    // Keeps at least one of the two above zero; otherwise the integrals are infinite.
     let [mut x, mut y] = [1.0 - square, 1.0 - modulus * square].map(|value| value.max(1e-30));
     let mut z = 1.0;
     let (mut sum, mut share) = (0.0, 1.0);
     loop {
         let mean = (x + y + z) / 3.0;
         let differences = [x, y, z].map(|value| 1.0 - value / mean);
-        // The sixth power of this is what the series below leaves out.
+        // The truncation error of the series below is the sixth power of this.
         if !differences.iter().any(|difference| difference.abs() >= 1e-3) {
             let [dx, dy, dz] = differences;
             let (e2, e3) = (dx * dy - dz * dz, dx * dy * dz);
@@ -189,14 +192,14 @@ fn incomplete(sine: f64, modulus: f64) -> (f64, f64) {
     }
 }
 
-/// A function by its values at Chebyshev's nodes, as a series.
+/// A function given by its values at Chebyshev nodes, as a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Series {
     length: f64,
     coefficients: [f64; TERMS],
 }
 
-/// Node `i` of Chebyshev's on [0, 1].
+/// Returns Chebyshev node `i` on [0, 1].
 fn node(i: usize) -> f64 {
     let root = sin(FRAC_PI_2 * (i as f64 + 0.5) / TERMS as f64);
     root * root
@@ -212,7 +215,7 @@ impl Series {
         Self { length, coefficients }
     }
 
-    /// Value and slope, by Clenshaw's recurrence.
+    /// Evaluates value and slope by Clenshaw's recurrence.
     #[inline]
     pub(crate) fn at(&self, place: f64) -> (f64, f64) {
         let t = 2.0 * place / self.length - 1.0;

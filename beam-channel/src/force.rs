@@ -1,4 +1,4 @@
-//! From the position of a contact to its force.
+//! The force of a contact, from its position.
 
 use libm::{atan2, sqrt};
 
@@ -6,7 +6,7 @@ use crate::path::{Contact, Path};
 use crate::setup::LEAST_FRICTION;
 use crate::{Angle, Normal, Setup, Wall};
 
-/// What one beam does to the body.
+/// The force of one beam on the body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BeamForce {
     /// Forward force in N: negative resists.
@@ -21,7 +21,8 @@ pub struct BeamForce {
 
 /// The paper's force of a beam, `(k_t/L)·Δθ·(n̂ + μ_k·t̂)`.
 ///
-/// Bar and spring balance if its part across the bar, along `ê = (upright, reach)/L`, is `(k_t/L)·Δθ`: where that is
+/// Bar and spring balance if the component across the bar, along `ê = (upright, reach)/L`, is `(k_t/L)·Δθ`.
+/// If that is requested, the force is divided by `(n̂ + μ_k·t̂)·ê`.
 /// asked for, the force is divided by `(n̂ + μ_k·t̂)·ê`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Law {
@@ -46,7 +47,7 @@ impl Law {
         }
     }
 
-    /// The force of a beam of a wall.
+    /// Returns the force of a beam of a wall.
     #[inline]
     pub(crate) fn force(&self, path: &Path, contact: &Contact, wall: Wall) -> BeamForce {
         let deflection_rad = self.deflection(path, contact);
@@ -59,12 +60,12 @@ impl Law {
         BeamForce { fx_n, fy_n: sign * fy_n, mz_nm: sign * mz_nm, deflection_rad }
     }
 
-    /// The drag of a beam in N.
+    /// Returns the drag of a beam in N.
     pub(crate) fn drag(&self, path: &Path, contact: &Contact) -> f64 {
         self.push(path, contact) * (contact.out + self.friction * contact.back)
     }
 
-    /// Factor of normal and tangent in N/m.
+    /// Returns the factor of normal and tangent in N/m.
     #[inline]
     fn push(&self, path: &Path, contact: &Contact) -> f64 {
         // EI/L² is k_t/L.
@@ -75,7 +76,7 @@ impl Law {
             }
     }
 
-    /// The sign of `d drag/d travel` and its size, in N/m, on the arc of `contact`.
+    /// Returns a value with the sign of `d drag/d travel` and its size, in N/m, on the arc of `contact`.
     ///
     /// With `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, and `dΔθ/dτ = ±out/r`,
     /// `ds/dτ = steepness/r`.
@@ -91,7 +92,7 @@ impl Law {
                 + over_z * push_slope * 4.0 * contact.sin_a / contact.cos_a;
             return self.stiffness * of_z / contact.slope();
         }
-        // Of what the force is divided by, as a share of it.
+        // Relative slope of the divisor.
         let divisor_slope = match self.normal {
             Normal::Unit | Normal::Elastica => {
                 (back * back_slope + out * out_slope) / self.square(contact)
@@ -114,7 +115,7 @@ impl Law {
         self.stiffness * slope / (self.divisor(path, contact) * steepness)
     }
 
-    /// `Δθ` in rad. The arctangent is right to rounding where the paper's arcsine is not: near 90°.
+    /// Returns `Δθ` in rad. The arctangent is exact to rounding near 90°, unlike the paper's arcsine.
     #[inline]
     fn deflection(&self, path: &Path, contact: &Contact) -> f64 {
         let upright = path.beam - contact.rise;
@@ -124,7 +125,7 @@ impl Law {
         }
     }
 
-    /// What normal and tangent are divided by, in m.
+    /// Returns the divisor of normal and tangent, in m.
     #[inline]
     fn divisor(&self, path: &Path, contact: &Contact) -> f64 {
         match self.normal {
@@ -133,25 +134,26 @@ impl Law {
         }
     }
 
-    /// Whether the tip slides: where the part across the bar of normal and tangent is zero, friction locks it.
+    /// Returns whether the tip slides: friction locks it if the component of normal and tangent across the
+    /// bar is zero.
     pub(crate) fn slides(&self, path: &Path, contact: &Contact) -> bool {
         self.across(path, contact) > 0.5 * LEAST_FRICTION * sqrt(self.square(contact))
     }
 
-    /// The part across the bar of normal and tangent, unscaled, in m.
+    /// Returns the component of normal and tangent across the bar, unscaled, in m.
     fn across(&self, path: &Path, contact: &Contact) -> f64 {
         let Contact { rise, reach_m: reach, back, out, .. } = *contact;
         let (push, along) = (out + self.friction * back, back - self.friction * out);
         ((path.beam - rise) * push + reach * along) / path.beam
     }
 
-    /// The square of the length of normal and tangent, as the paper has it, in m².
+    /// Returns the squared length of normal and tangent, with the paper's definition, in m².
     #[inline]
     fn square(&self, contact: &Contact) -> f64 {
         let length = contact.back * contact.back + contact.out * contact.out;
         match self.normal {
             Normal::Unit | Normal::MomentBalance | Normal::Elastica => length,
-            // R_x² cos² φ + R_y² sin² φ, where the above is R_y² cos² φ + R_x² sin² φ.
+            // R_x² cos² φ + R_y² sin² φ, whereas the above is R_y² cos² φ + R_x² sin² φ.
             Normal::AsPrinted => self.axes - length,
         }
     }

@@ -1,9 +1,9 @@
 //! Quasi-static forces on an ellipse that pushes through a channel of springy beams.
 //!
-//! The model is that of Koc et al., "Body Lift and Drag for a Legged Millirobot in Compliant Beam
-//! Environment", section "Quasi-static contact forces": a rigid body, elliptic from above, moves
-//! forward between two rows of beams; each beam is a bar of length `L` on a torsional spring, and
-//! its tip slides along the body. Axes: x forward, y left; SI units throughout.
+//! The model is the one in Koc et al., "Body Lift and Drag for a Legged Millirobot in Compliant Beam
+//! Environment", section "Quasi-static contact forces": a rigid body, elliptic from above, moves forward
+//! between two rows of beams. Each beam is a bar of length `L` on a torsional spring, and its tip slides
+//! along the body. Axes: x forward, y left; SI units throughout.
 //!
 //! ```
 //! use beam_channel::{Model, Setup};
@@ -21,18 +21,17 @@
 //! # Ok::<(), beam_channel::SetupError>(())
 //! ```
 //!
-//! # How it is solved
+//! # Solution
 //!
-//! Write `φ` for the position on the ellipse where a beam's tip lies and `φ_e` for the position where it
-//! first touches. With `sin((φ − φ_e)/2) = z²` everything is algebraic in `z`, free of
-//! cancellation, and smooth at the first touch, where it is not in `φ`. How far the body has moved
-//! since it touched the beam, `s(z)`, rises with `z` until the beam slips off; a contact is
-//! therefore one root of `s(z) = s`, found by a bracketed Newton iteration ([`Side`]). The beams
-//! that touch are a range of indices, known beforehand; the others are never visited. Integrals
-//! over the body's path are integrals over `z` ([`Model::energy`]).
+//! Let `φ` be the position of a beam's tip on the ellipse, and `φ_e` the position of the first touch. With
+//! `sin((φ − φ_e)/2) = z²` all functions are algebraic in `z`, free of cancellation, and smooth at the first
+//! touch, where they are not smooth in `φ`. The body's travel since it touched the beam, `s(z)`, rises with
+//! `z` until the beam slips off. A contact is therefore one root of `s(z) = s`, found by a bracketed Newton
+//! iteration ([`Side`]). The beams in contact are a known range of indices; the other beams are never
+//! visited. Integrals over the body's path are integrals over `z` ([`Model::energy`]).
 //!
-//! The crate allocates nothing and needs no standard library; its elementary functions are those
-//! of `libm`, so results are the same bits on every machine.
+//! The crate allocates no memory and needs no standard library. Its elementary functions come from `libm`, so
+//! results have the same bits on every machine.
 #![no_std]
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

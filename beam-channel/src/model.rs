@@ -6,10 +6,10 @@ use crate::force::{BeamForce, Law};
 use crate::path::Contact;
 use crate::{Normal, Setup, SetupError, Side, Wall};
 
-/// Places of each arc at which it is looked whether a tip slides.
+/// Number of positions per arc at which sliding is checked.
 const PLACES: u32 = 64;
 
-/// A body in a channel, all that does not depend on its position worked out.
+/// A body in a channel, with precomputed values that do not depend on its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Model {
     setup: Setup,
@@ -18,7 +18,7 @@ pub struct Model {
     pub(crate) mirrored: bool,
 }
 
-/// What all beams do to the body.
+/// Sum of the forces of all beams on the body.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Total {
     /// Forward force in N, the paper's `F_drag`: negative resists.
@@ -27,15 +27,15 @@ pub struct Total {
     pub fy_n: f64,
     /// Moment about the body's middle in N·m, positive from x to y.
     pub mz_nm: f64,
-    /// Beams that touch, of the left and of the right wall.
+    /// Number of beams in contact, on the left and the right wall.
     pub contacts: [u32; 2],
 }
 
 impl Model {
-    /// Works out what does not depend on the body's position.
+    /// Creates the model and precomputes values that do not depend on the body's position.
     ///
     /// # Errors
-    /// [`SetupError`] if a quantity makes no sense, or the body jams.
+    /// [`SetupError`] if a quantity is out of range, or the body jams.
     pub fn new(setup: &Setup) -> Result<Self, SetupError> {
         setup.check()?;
         let mirrored = setup.pose.offset_m == 0.0 && setup.pose.yaw_rad == 0.0;
@@ -48,12 +48,12 @@ impl Model {
         Ok(model)
     }
 
-    /// Whether the tips slide everywhere.
+    /// Checks that the tips slide everywhere.
     fn check_sliding(&self) -> Result<(), SetupError> {
         for wall in Wall::BOTH {
             let Some(side) = self.side(wall) else { continue };
             let ends = side.arcs().iter().map(|arc| arc.z);
-            // Smooth in z; at the ends themselves it may be zero without friction.
+            // Smooth in z; without friction the component may be zero at the ends themselves.
             let positions = ends.flat_map(|[from, to]| {
                 (1..PLACES).map(move |i| from + (to - from) * f64::from(i) / f64::from(PLACES))
             });
@@ -66,39 +66,38 @@ impl Model {
         Ok(())
     }
 
-    /// What the model was made from.
+    /// Returns the set-up of the model.
     pub fn setup(&self) -> &Setup {
         &self.setup
     }
 
-    /// One wall's side; `None` where the body touches none of its beams.
+    /// Returns one wall's side; `None` if the body does not touch its beams.
     pub fn side(&self, wall: Wall) -> Option<&Side> {
         self.sides[wall as usize].as_ref()
     }
 
-    /// The sides that are touched and have to be solved.
+    /// Returns the sides that are touched and have to be solved.
     pub(crate) fn solved(&self) -> impl Iterator<Item = &Side> {
         self.sides[..if self.mirrored { 1 } else { 2 }].iter().flatten()
     }
 
-    /// What a solved side counts for: a body in the middle has two equal ones.
+    /// Returns the weight of a solved side: a body in the middle has two equal sides.
     pub(crate) fn weight(&self) -> f64 {
         if self.mirrored { 2.0 } else { 1.0 }
     }
 
-    /// Where the base of beam `i` is, in m from the first, `l_i`.
+    /// Returns the position of the base of beam `i`, in m from the first, `l_i`.
     pub fn base_m(&self, beam: u32) -> f64 {
         self.setup.channel.pitch_m * f64::from(beam)
     }
 
-    /// The beams of a wall, counted from 0, that touch a body whose middle is at `x_m`.
+    /// Returns the beams of a wall, counted from 0, that touch a body whose middle is at `x_m`.
     pub fn touching(&self, wall: Wall, x_m: f64) -> Range<u32> {
         let channel = &self.setup.channel;
         self.side(wall).map_or(0..0, |side| side.touching(x_m, channel.beams, channel.pitch_m))
     }
 
-    /// The beams of a wall that touch a body whose middle is at `x_m`: which, where, and their
-    /// force.
+    /// Returns index, contact and force of the beams of a wall that touch a body whose middle is at `x_m`.
     pub fn beams(
         &self,
         wall: Wall,
@@ -112,9 +111,10 @@ impl Model {
         })
     }
 
-    /// What all beams do to a body whose middle is at `x_m`, in m past the first beam.
+    /// Returns the total force of all beams on a body whose middle is at `x_m`, in m past the first beam.
     ///
-    /// The cost is that of the beams that touch, of one wall only if the body runs in the middle.
+    /// The cost is proportional to the number of beams in contact, of only one wall if the body runs in the
+    /// middle.
     pub fn total(&self, x_m: f64) -> Total {
         let mut total = Total::default();
         self.add_wall(&mut total, Wall::Left, x_m);
@@ -130,10 +130,10 @@ impl Model {
         let Some(side) = self.side(wall) else { return };
         let touching = self.touching(wall, x_m);
         total.contacts[wall as usize] = touching.end - touching.start;
-        // Three beams side by side fit into the processor's view; more wait again.
+        // The processor overlaps the work of three beams; a fourth would have to wait.
         for first in touching.clone().step_by(3) {
             let beams = (first..touching.end).take(3);
-            // Where there are fewer, the last one is solved again, which takes no longer.
+            // For fewer beams, the last one is solved again, which takes no longer.
             let beam = |i: u32| (first + i).min(touching.end - 1);
             let travels = [0, 1, 2].map(|i| side.travel_at(x_m, self.base_m(beam(i))));
             for (_, contact) in beams.zip(side.contacts(travels)) {
@@ -146,8 +146,8 @@ impl Model {
         }
     }
 
-    /// Where the body's middle is when it first touches a beam and when the last beam slips off,
-    /// in m; `None` if it touches none.
+    /// Returns the position of the body's middle at the first touch of a beam and at the release of the last
+    /// beam, in m; `None` if it touches none.
     pub fn extent_m(&self) -> Option<[f64; 2]> {
         let last = self.base_m(self.setup.channel.beams - 1);
         let ends = self.solved().map(|side| [-side.engagement_m, last - side.release_m()]);
@@ -160,8 +160,8 @@ mod tests {
     use super::*;
     use crate::{Angle, Rules};
 
-    /// Without friction nothing takes energy but the springs: the work on a beam is what its spring holds when
-    /// the tip slips off.
+    /// Without friction only the springs store energy: the work on a beam equals the energy of its spring at
+    /// the release of the tip.
     #[test]
     fn without_friction_the_work_on_a_beam_is_the_energy_of_its_spring() {
         for (width_m, offset_m, yaw_rad) in [
@@ -183,7 +183,7 @@ mod tests {
                 let deflection = model.law.force(&side.path, &end, Wall::Left).deflection_rad;
                 let energy = 0.5 * setup.beam.torsional_stiffness() * deflection * deflection;
                 let work = model.passage(side);
-                // Where the tip slips off the travel stands still: its angle is known to half the digits.
+                // At the release the travel is stationary, so the angle is known to half the digits.
                 assert!((work / energy - 1.0).abs() < 1e-7, "{width_m} {yaw_rad}: {work} {energy}");
             }
         }

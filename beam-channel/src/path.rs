@@ -1,4 +1,4 @@
-//! The way a beam's tip takes along the body, in a variable in which it is algebraic and smooth.
+//! The path of a beam's tip along the body, in a variable in which it is algebraic and smooth.
 //!
 //! Seen from a wall, with x forward and y towards it, the ellipse is `x = W·cos τ + S·sin τ`,
 //! `y = H·sin τ`: upright (`W = R_x`, `S = 0`, `H = R_y`) or, if the body is yawed, sheared. The
@@ -8,33 +8,31 @@ use libm::{atan2, cbrt, sqrt};
 
 use crate::elastica::Elastica;
 
-/// Ellipse, wall line and length of beam: what the way of a tip depends on.
+/// Ellipse, wall line and beam length, which determine the path of a tip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Path {
     /// `W`, in m.
     pub(crate) half_length: f64,
     /// `S`, in m.
     pub(crate) shear: f64,
-    /// `H`, in m: how far the ellipse reaches towards the wall.
+    /// `H`, in m: extent of the ellipse towards the wall.
     pub(crate) half_width: f64,
     /// `L`, in m.
     pub(crate) beam: f64,
-    /// `τ_e` by its sine and cosine.
+    /// Sine and cosine of `τ_e`.
     pub(crate) sin_e: f64,
     pub(crate) cos_e: f64,
-    /// Where the tip of a beam that bends is; a bar's follows from its length.
+    /// Position of the tip of a bending beam; a bar's follows from its length.
     pub(crate) elastica: Option<Elastica>,
 }
 
 impl Path {
-    /// The position of the tip at `z`, where `z² = sin((τ − τ_e)/2)`, from 0 to
-    /// [`last`](Self::last).
+    /// Returns the position of the tip at `z`, where `z² = sin((τ − τ_e)/2)`, from 0 to [`last`](Self::last).
     ///
-    /// With `a = (τ − τ_e)/2` the ellipse rises past the wall line by
-    /// `h = H(sin τ − sin τ_e) = 2H·cos(τ_e + a)·sin a`, so the tip has moved forward by
-    /// `r = √(h(2L − h)) = z·√(2H·cos(τ_e + a)·(2L − h))`, and the body since the first touch by
-    /// `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e + a) − S·cos(τ_e + a)) + r`. Nowhere do numbers of
-    /// like size cancel.
+    /// With `a = (τ − τ_e)/2` the ellipse rises above the wall line by `h = H(sin τ − sin τ_e) = 2H·cos(τ_e +
+    /// a)·sin a`. So the tip has moved forward by `r = √(h(2L − h)) = z·√(2H·cos(τ_e + a)·(2L − h))`, and the
+    /// body since the first touch by `s = x(τ_e) − x(τ) + r = 2z²(W·sin(τ_e + a) − S·cos(τ_e + a)) + r`. No
+    /// step subtracts numbers of similar size.
     #[inline]
     pub(crate) fn position(&self, z: f64) -> Contact {
         let Self { half_length, shear, half_width, beam, sin_e, cos_e, ref elastica } = *self;
@@ -46,7 +44,7 @@ impl Path {
         let cos = cos_mid * cos_a - sin_mid * sin_a;
         let width = 2.0 * half_width * cos_mid;
         let rise = width * sin_a;
-        // Rounding must not make the root of a negative number of what is zero.
+        // Rounding must not make a zero radicand negative.
         let bar = sqrt((width * (2.0 * beam - rise)).max(f64::MIN_POSITIVE));
         let back = half_length * sin - shear * cos;
         let out = half_width * cos;
@@ -73,8 +71,8 @@ impl Path {
         }
     }
 
-    /// `z` where the body's progress is slowest on the way in, a later one where it moves on, and one after the beam
-    /// has slipped off.
+    /// Returns `z` at the body's slowest progress on the way in, a later `z` at which it moves on, and one
+    /// after the release of the beam.
     pub(crate) fn landmarks(&self) -> [f64; 3] {
         match &self.elastica {
             None => [self.slowest(), self.widest(), self.last()],
@@ -82,23 +80,23 @@ impl Path {
         }
     }
 
-    /// `z` where the ellipse comes back to the wall line, `τ = π − τ_e`.
+    /// Returns `z` where the ellipse comes back to the wall line, `τ = π − τ_e`.
     pub(crate) fn last(&self) -> f64 {
         sqrt(self.cos_e)
     }
 
-    /// `z` where the ellipse is widest, `τ = π/2`.
+    /// Returns `z` where the ellipse is widest, `τ = π/2`.
     fn widest(&self) -> f64 {
         // sin² a = (1 − cos 2a)/2 with cos 2a = sin τ_e, and cos² τ_e = (1 − sin τ_e)(1 + sin τ_e).
         sqrt(self.cos_e / sqrt(2.0 * (1.0 + self.sin_e)))
     }
 
-    /// `z` on the way in and on the way out where the ellipse has risen by `rise` past the wall
+    /// Returns `z` on the way in and on the way out where the ellipse has risen by `rise` above the wall
     /// line, at most [`depth`](Self::depth).
     pub(crate) fn at_rise(&self, rise: f64) -> [f64; 2] {
         let sin = self.sin_e + rise / self.half_width;
         let cos = sqrt(((1.0 - sin) * (1.0 + sin)).max(0.0));
-        // 2·cos(τ_e + a)·sin a = rise/H, where cos(τ_e + a) is the root of a half angle's formula.
+        // 2·cos(τ_e + a)·sin a = rise/H, where cos(τ_e + a) follows from the half-angle formula.
         [cos, -cos].map(|cos| {
             let cos_2a = self.cos_e * cos + self.sin_e * sin;
             let sin_2a = self.cos_e * sin - self.sin_e * cos;
@@ -107,20 +105,20 @@ impl Path {
         })
     }
 
-    /// How far the ellipse reaches past the wall line, `d`, in m.
+    /// Returns the extent of the ellipse beyond the wall line, `d`, in m.
     pub(crate) fn depth(&self) -> f64 {
         let Self { half_width, sin_e, cos_e, .. } = *self;
         half_width * cos_e * cos_e / (1.0 + sin_e)
     }
 
-    /// `z` on the way in where the body's progress is slowest for the turn of the beam.
+    /// Returns `z` on the way in where the body's progress per turn of the beam is slowest.
     ///
-    /// There `ds/dτ` has the sign of `E = W·tan τ + H·cot θ − S`, `θ` being the angle of the
-    /// beam, `cos θ = (L − h)/L`. From `∞` at the first touch `E` falls to one minimum and rises
-    /// again to `∞` at the widest place: its derivative has the sign of `κ²·sin² θ − cos² τ`,
-    /// `κ³ = W·L/H²`, which is quadratic in `h`, negative at the first touch and positive at the
-    /// widest place. So the body's travel falls with `z` on one stretch at most on the way in; on
-    /// the way out `E` rises throughout, and the travel has one maximum.
+    /// There `ds/dτ` has the sign of `E = W·tan τ + H·cot θ − S`, with the angle `θ` of the beam, `cos θ = (L
+    /// − h)/L`. `E` falls from `∞` at the first touch to a single minimum and rises again to `∞` at the
+    /// widest position: its derivative has the sign of `κ²·sin² θ − cos² τ`, `κ³ = W·L/H²`, which is
+    /// quadratic in `h`, negative at the first touch and positive at the widest position. So the body's
+    /// travel falls with `z` on at most one stretch on the way in. On the way out `E` rises throughout, and
+    /// the travel has one maximum.
     fn slowest(&self) -> f64 {
         let Self { half_length, half_width, beam, sin_e, cos_e, .. } = *self;
         let kappa = cbrt(half_length * beam / (half_width * half_width));
@@ -139,7 +137,7 @@ impl Path {
 pub struct Contact {
     pub(crate) travel: f64,
     pub(crate) rise: f64,
-    /// How far the body pushes the tip forward, in m.
+    /// Forward displacement of the tip by the body, in m.
     pub reach_m: f64,
     /// Sine and cosine of `τ`.
     pub(crate) sin: f64,
@@ -152,28 +150,28 @@ pub struct Contact {
     pub(crate) cos_a: f64,
     /// `reach/z`.
     pub(crate) root: f64,
-    /// `reach·ds/dτ`, of the sign of `ds/dz`.
+    /// `reach·ds/dτ`, with the sign of `ds/dz`.
     pub(crate) steepness: f64,
 }
 
 impl Contact {
-    /// Where it is on the tip's way.
+    /// Returns its `z` on the tip's path.
     pub(crate) fn z(&self) -> f64 {
         sqrt(self.sin_a)
     }
 
-    /// `ds/dz`, in m.
+    /// Returns `ds/dz`, in m.
     pub(crate) fn slope(&self) -> f64 {
         4.0 * self.steepness / (self.cos_a * self.root)
     }
 
-    /// `(s − target)/(ds/dz)`: what Newton's method takes off `z`.
+    /// Returns `(s − target)/(ds/dz)`, the amount that Newton's method subtracts from `z`.
     #[inline]
     pub(crate) fn newton_step(&self, target: f64) -> f64 {
         (self.travel - target) * self.cos_a * self.root / (4.0 * self.steepness)
     }
 
-    /// `τ − τ_e` in rad.
+    /// Returns `τ − τ_e` in rad.
     pub(crate) fn turn(&self) -> f64 {
         2.0 * atan2(self.sin_a, self.cos_a)
     }

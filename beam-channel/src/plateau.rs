@@ -1,33 +1,32 @@
-//! The stretch on which the body is wholly among the beams.
+//! The stretch on which the body is completely among the beams.
 //!
-//! There the drag repeats itself from beam to beam, so that its mean is the work on one beam over
-//! the spacing, and its extremes lie within one spacing. As a function of position the drag is
-//! smooth but for corners where a beam is touched or stands at 90° and jumps where one slips off or
-//! snaps. All of these are known beforehand; between two of them the extremes are roots of the
-//! derivative.
+//! There the drag is periodic with the spacing of the beams. Its mean is the work on one beam over the
+//! spacing, and its extremes occur within one spacing. As a function of position the drag is smooth except
+//! for corners, where a beam is first touched or is at 90°, and jumps, where one slips off or snaps. All of
+//! these positions are known in advance; between two of them the extremes are roots of the derivative.
 
 use crate::force::Law;
 use crate::path::{Contact, Path};
 use crate::side::turn;
 use crate::{Model, Side, Wall};
 
-/// The drag of a body that is wholly among the beams.
+/// The drag of a body that is completely among the beams.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BeamPlateau {
-    /// Where the body's middle is when the first beam slips off and when the last is touched,
-    /// in m. The drag has seen all its values only if they are one spacing apart or more.
+    /// Position of the body's middle at the release of the first beam and at the first touch of the last, in
+    /// m. The drag takes all its values only if they are at least one spacing apart.
     pub extent_m: [f64; 2],
     /// Mean in N.
     pub mean_drag_n: f64,
-    /// The greatest value.
+    /// Maximum of the drag.
     pub peak: Extreme,
-    /// The smallest value.
+    /// Minimum of the drag.
     pub minimum: Extreme,
-    /// Mean number of beams that touch, left and right.
+    /// Mean number of beams in contact, left and right.
     pub mean_contacts: [f64; 2],
-    /// The smallest number of beams that touch, left and right.
+    /// Minimum number of beams in contact, left and right.
     pub min_contacts: [u32; 2],
-    /// The greatest number of beams that touch, left and right.
+    /// Maximum number of beams in contact, left and right.
     pub max_contacts: [u32; 2],
 }
 
@@ -36,21 +35,21 @@ pub struct BeamPlateau {
 pub struct Extreme {
     /// The drag in N.
     pub drag_n: f64,
-    /// The first position on the plateau at which it occurs, in m; again at every spacing.
+    /// First position on the plateau at which it occurs, in m; it repeats at every spacing.
     pub x_m: f64,
-    /// Whether the drag has a corner or a jump there, and this is its limit from one side; else it turns smoothly.
+    /// True if it is a one-sided limit at a corner or jump; otherwise the drag has zero slope there.
     pub is_limit: bool,
 }
 
-/// Corners and jumps of one spacing: two sides with five ends of arcs each, and the two ends.
+/// Corners and jumps of one spacing: two sides with five ends of arcs each, plus both ends.
 const BREAKS: usize = 12;
 
-/// Intervals between two breaks at whose ends the sign of the derivative is looked at.
+/// Number of intervals between two breaks at whose ends the sign of the derivative is checked.
 const SAMPLES: u32 = 16;
 
 impl Model {
-    /// The plateau of the drag; `None` if the body touches no beam or is never wholly among the
-    /// beams: the channel is shorter than it.
+    /// Returns the plateau of the drag; `None` if the body touches no beam, or if the channel is shorter than
+    /// the body, which is then never completely among the beams.
     pub fn plateau(&self) -> Option<BeamPlateau> {
         let channel = &self.setup().channel;
         let last = self.base_m(channel.beams - 1);
@@ -82,7 +81,7 @@ impl Model {
         Some(plateau)
     }
 
-    /// The corners and jumps of the drag within one spacing from `start`, in order.
+    /// Returns the corners and jumps of the drag within one spacing from `start`, in order.
     fn breaks(&self, start: f64) -> ([f64; BREAKS], usize) {
         let pitch = self.setup().channel.pitch_m;
         let mut breaks = [f64::INFINITY; BREAKS];
@@ -105,7 +104,7 @@ impl Model {
     }
 }
 
-/// The drag between two breaks, which is smooth; at the ends its limits from within.
+/// The drag between two breaks, where it is smooth; at the ends its limits from within.
 struct Smooth<'a> {
     model: &'a Model,
     from: f64,
@@ -117,8 +116,8 @@ impl Smooth<'_> {
         0.5 * (self.from + self.to)
     }
 
-    /// Sums `of` over the beams that touch in the middle of this stretch, in an endless channel; each
-    /// is held to the arc that it is on there.
+    /// Sums `of` over the beams that are in contact in the middle of this stretch, in an endless channel;
+    /// each is kept on the arc that it is on there.
     fn sum(&self, x: f64, of: impl Fn(&Law, &Path, &Contact) -> f64) -> f64 {
         let (law, pitch) = (&self.model.law, self.model.setup().channel.pitch_m);
         let of_side = |side: &Side| {
@@ -134,7 +133,8 @@ impl Smooth<'_> {
         self.model.solved().map(of_side).sum()
     }
 
-    /// The first of the beams that touch in the middle, which may be negative, and their number.
+    /// Returns the first beam that is in contact in the middle, which may be negative, and the number of such
+    /// beams.
     fn touching(&self, side: &Side) -> (f64, u32) {
         let pitch = self.model.setup().channel.pitch_m;
         let nose = self.middle() + side.engagement_m;
@@ -163,8 +163,8 @@ impl Smooth<'_> {
             plateau.offer(Extreme { drag_n: self.drag(x), x_m: x, is_limit: true });
         }
         let at = |i: u32| {
-            // Closer towards the ends, where a jump of the slope may leave an extreme nearby; not at
-            // them, where a beam that slips off has no slope.
+            // Denser towards the ends, where a jump of the slope may have an extreme nearby; but not at the
+            // ends, where a beam that slips off has no slope.
             let share = f64::from(i) / f64::from(SAMPLES);
             let share = (share * share * (3.0 - 2.0 * share)).clamp(1e-9, 1.0 - 1e-9);
             self.from + share * (self.to - self.from)

@@ -1,8 +1,8 @@
 //! Integrals over the body's path, as integrals over `z`.
 //!
-//! The drag of a beam is smooth in `z` on every arc, and `ds = (ds/dz)·dz`: Gauss–Legendre
-//! quadrature converges geometrically, where sampling over positions would meet a corner at every
-//! touch and a jump at every release.
+//! The drag of a beam is smooth in `z` on every arc, and `ds = (ds/dz)·dz`. So Gauss–Legendre quadrature
+//! converges geometrically, whereas sampling over positions has a corner at every touch and a jump at every
+//! release.
 
 use crate::arc::Arc;
 use crate::{Model, Side};
@@ -23,14 +23,14 @@ const NODES: [(f64, f64); 10] = [
     (0.993_128_599_185_094_924_79, 0.017_614_007_139_152_118_31),
 ];
 
-/// Two results that agree so well differ by rounding.
+/// Relative difference of two results that is due to rounding.
 const AGREEMENT: f64 = 4.0 * f64::EPSILON;
 
-/// Pieces of an interval at most.
+/// Maximum number of pieces of an interval.
 const PIECES: u32 = 256;
 
-/// The integral of `f` from `from` to `to`: on ever more pieces of equal length, until the result
-/// stands.
+/// Integrates `f` from `from` to `to` on more and more pieces of equal length, until the result no longer
+/// changes.
 pub(crate) fn integrate(f: impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
     let on = |pieces: u32| {
         let half = 0.5 * (to - from) / f64::from(pieces);
@@ -56,8 +56,8 @@ pub(crate) fn integrate(f: impl Fn(f64) -> f64, from: f64, to: f64) -> f64 {
 }
 
 impl Model {
-    /// The work in J that the body does on all beams while its middle moves from `from_m` to
-    /// `to_m`, in m past the first beam: the integral of the drag.
+    /// Returns the work in J of the body on all beams while its middle moves from `from_m` to `to_m`, in m
+    /// past the first beam: the integral of the drag.
     pub fn work(&self, from_m: f64, to_m: f64) -> f64 {
         let channel = &self.setup().channel;
         let of_side = |side: &Side| {
@@ -79,14 +79,14 @@ impl Model {
         self.weight() * self.solved().fold(0.0, |sum, side| sum + of_side(side))
     }
 
-    /// The work in J that the body does on all beams from before the first to past the last.
+    /// Returns the work in J of the body on all beams from before the first to past the last.
     pub fn energy(&self) -> f64 {
-        // Not −0, which is the sum of nothing.
+        // Avoids −0, the result of an empty sum.
         let passages = self.solved().fold(0.0, |sum, side| sum + self.passage(side));
         self.weight() * f64::from(self.setup().channel.beams) * passages
     }
 
-    /// The work of one beam of a side, from the first touch until it slips off.
+    /// Returns the work on one beam of a side, from the first touch to the release.
     pub(crate) fn passage(&self, side: &Side) -> f64 {
         side.arcs().iter().map(|arc| self.work_on(side, arc.z)).sum()
     }
@@ -115,8 +115,8 @@ mod tests {
 
     #[test]
     fn the_rule_is_exact_for_polynomials_up_to_degree_39() {
-        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x. Twenty-one rounded
-        // terms of one sign.
+        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x. Twenty-one rounded terms of the
+        // same sign.
         let rule = |n: i32| {
             let term = |x: f64| libm::pow(1.0 + x, f64::from(n));
             NODES.iter().map(|&(x, weight)| weight * (term(x) + term(-x))).sum::<f64>()

@@ -1,26 +1,26 @@
-//! Body, beams and channel: the inputs of the model, and what cannot be modelled.
+//! Body, beams and channel: the inputs of the model, and the inputs that it rejects.
 
 use core::fmt;
 
-/// Lengths outside this range, in m, are taken for a slip of the unit; within it nothing overflows.
+/// Lengths outside this range, in m, are probably unit errors; lengths within it cannot overflow.
 const LENGTHS: (f64, f64) = (1e-6, 1e6);
 
-/// Less friction leaves the force where a beam slips off without bound, if bar and spring balance.
+/// With less friction the force at the release of a beam is unbounded if bar and spring balance.
 pub(crate) const LEAST_FRICTION: f64 = 1e-3;
 
-/// Everything the model needs to know. The default is the robot and the obstacle track of the
-/// paper (its Table I) in the channel of 1 cm deflection (its Table II).
+/// All inputs of the model. The default is the robot and the obstacle track of the paper (its Table I) in the
+/// channel of 1 cm deflection (its Table II).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Setup {
     /// The body.
     pub ellipse: Ellipse,
     /// One beam.
     pub beam: Beam,
-    /// How the beams stand.
+    /// Arrangement of the beams.
     pub channel: Channel,
-    /// Where the body runs.
+    /// Position of the body in the channel.
     pub pose: Pose,
-    /// Readings of what the equations leave open.
+    /// Choices for details that the equations leave open.
     pub rules: Rules,
 }
 
@@ -36,11 +36,11 @@ pub struct Ellipse {
 /// A beam: a rigid bar on a torsional spring at its base.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Beam {
-    /// From base to tip, `L`, in m.
+    /// Length from base to tip, `L`, in m.
     pub length_m: f64,
-    /// Its side that stands upright, `w`, in m.
+    /// Height of the cross-section, `w`, in m.
     pub width_m: f64,
-    /// Its side that bends, `t`, in m.
+    /// Thickness in the direction of bending, `t`, in m.
     pub thickness_m: f64,
     /// Flexural modulus, `E`, in Pa.
     pub flexural_modulus_pa: f64,
@@ -51,25 +51,25 @@ pub struct Beam {
 /// Two rows of beams, opposite each other.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Channel {
-    /// Between the tips of opposite beams, `b`, in m.
+    /// Distance between the tips of opposite beams, `b`, in m.
     pub width_m: f64,
-    /// Beams of one row, `n`.
+    /// Number of beams in a row, `n`.
     pub beams: u32,
-    /// From one beam of a row to the next, in m.
+    /// Distance between neighbouring beams of a row, in m.
     pub pitch_m: f64,
 }
 
 /// One of the two walls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wall {
-    /// At positive y: the paper's top beams.
+    /// The wall at positive y: the paper's top beams.
     Left,
-    /// At negative y.
+    /// The wall at negative y.
     Right,
 }
 
 impl Wall {
-    /// Both, left first.
+    /// Both walls, left first.
     pub const BOTH: [Self; 2] = [Self::Left, Self::Right];
 
     /// +1 for the left wall, −1 for the right.
@@ -84,49 +84,49 @@ impl fmt::Display for Wall {
     }
 }
 
-/// How the body runs through the channel; the paper's runs along the middle.
+/// Position and direction of the body in the channel; the paper's body runs along the middle.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pose {
-    /// How far its middle is to the left of the channel's, in m.
+    /// Offset of the body's middle to the left of the channel's, in m.
     pub offset_m: f64,
-    /// How far its nose is turned to the left, in rad.
+    /// Turn of the nose to the left, in rad.
     pub yaw_rad: f64,
 }
 
-/// Readings of the paper's equations.
+/// Interpretations of the paper's equations.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Rules {
-    /// How the deflection of a beam is taken.
+    /// Definition of a beam's deflection.
     pub angle: Angle,
-    /// How normal and tangent are scaled.
+    /// Scaling of normal and tangent.
     pub normal: Normal,
 }
 
-/// How the deflection of a beam is taken from the position of its tip.
+/// Definition of a beam's deflection from the position of its tip.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Angle {
-    /// From the tip's forward displacement alone, as the arcsine in the paper: a beam that turns
-    /// past 90° counts as if it had not turned so far.
+    /// The arcsine of the tip's forward displacement, as in the paper: a beam that has turned past 90° counts
+    /// as if it had turned by less.
     #[default]
     Folded,
-    /// The angle the beam has turned.
+    /// The angle that the beam has turned.
     True,
 }
 
-/// How the normal and the tangent of the body are scaled.
+/// Scaling of the body's normal and tangent.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Normal {
-    /// To length one.
+    /// Unit length.
     #[default]
     Unit,
-    /// By the denominator that the paper prints, which has the semi-axes swapped: their length
-    /// then runs from `R_y/R_x` at the nose to `R_x/R_y` at the flank.
+    /// The denominator printed in the paper, which has the semi-axes swapped: the length then ranges from
+    /// `R_y/R_x` at the nose to `R_x/R_y` at the flank.
     AsPrinted,
-    /// By the balance of moments about the beam's base, between the force and the spring. The paper's force balances
-    /// only where it is across the beam. Belongs to [`Angle::True`]. Without friction the force would
-    /// grow without bound where a beam slips off.
+    /// The balance of moments about the beam's base, between the force and the spring. The paper's force
+    /// balances only if it is perpendicular to the beam. Belongs to [`Angle::True`]. Without friction the
+    /// force would be unbounded at the release of a beam.
     MomentBalance,
-    /// By the force that bends a beam clamped at its base, which cannot be stretched, until its tip lies where it does:
+    /// The force that bends an inextensible beam, clamped at its base, so that its tip is at its position:
     /// Euler's elastica in place of bar and spring.
     Elastica,
 }
@@ -156,7 +156,7 @@ impl Default for Channel {
 }
 
 impl Beam {
-    /// `k_t = E·I/L` in N·m/rad, with `I = w·t³/12`.
+    /// Returns `k_t = E·I/L` in N·m/rad, with `I = w·t³/12`.
     pub fn torsional_stiffness(&self) -> f64 {
         let Self { length_m, width_m, thickness_m, flexural_modulus_pa, .. } = *self;
         flexural_modulus_pa * width_m * (thickness_m * thickness_m * thickness_m)
@@ -165,14 +165,14 @@ impl Beam {
 }
 
 impl Setup {
-    /// How far a body in the middle of the channel pushes the tips aside at most, `d = R_y − b/2`
-    /// in m. Zero or less: it touches none.
+    /// Returns the largest deflection of the tips by a body in the middle of the channel, `d = R_y − b/2` in
+    /// m. If it is not positive, the body touches no beam.
     pub fn deflection_m(&self) -> f64 {
         self.ellipse.semi_width_m - 0.5 * self.channel.width_m
     }
 
     /// # Errors
-    /// [`SetupError::OutOfRange`] naming the first quantity that makes no sense.
+    /// [`SetupError::OutOfRange`] for the first quantity out of range.
     pub(crate) fn check(&self) -> Result<(), SetupError> {
         let Self { ellipse, beam, channel, pose, rules } = self;
         let least_friction = match rules.normal {
@@ -207,17 +207,16 @@ impl Setup {
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum SetupError {
-    /// A quantity, which is named, is not a number, or outside the range in which it makes sense, from `least` to
-    /// `greatest`, SI.
+    /// The named quantity is NaN, or outside its range from `least` to `greatest`, SI.
     OutOfRange { quantity: &'static str, value: f64, least: f64, greatest: f64 },
-    /// The body reaches so far past the line of a wall's beam tips, in m, that the beams cannot turn out of its way:
-    /// the depth must be less than twice their length.
+    /// The body reaches so far beyond the line of a wall's beam tips, in m, that the beams cannot turn out of
+    /// its way: the depth must be less than twice their length.
     Jams { wall: Wall, depth_m: f64, beam_length_m: f64 },
-    /// Friction of this coefficient holds a tip of a wall where bar and spring, or a clamped beam, balance: the body cannot
-    /// pass.
+    /// Friction with this coefficient holds a tip of a wall if bar and spring, or a clamped beam, balance:
+    /// the body cannot pass.
     Locks { wall: Wall, friction: f64 },
-    /// The middle of the body, which is so far from the channel's, towards the left, in m, lies on or beyond the line of
-    /// a wall's beam tips, which are half the channel's width from it.
+    /// The body's middle, at this distance to the left of the channel's, in m, lies on or beyond the line of
+    /// a wall's beam tips, which is half the channel's width away.
     BeyondTips { wall: Wall, offset_m: f64, half_width_m: f64 },
 }
 

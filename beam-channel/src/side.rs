@@ -1,4 +1,4 @@
-//! One wall's beams against the body.
+//! The contacts of one wall's beams with the body.
 
 use core::ops::Range;
 
@@ -9,35 +9,33 @@ use crate::elastica::Elastica;
 use crate::path::{Contact, Path};
 use crate::{Normal, Setup, SetupError, Wall};
 
-/// One wall's beams against the body: when they touch, where, and when they slip off.
+/// The contacts of one wall's beams with the body: first touch, position, and release.
 ///
-/// A beam touches from the moment the body reaches its tip until its tip can no longer rest on
-/// the body: until the ellipse, seen from the beam's base, falls away, which is where the body's
-/// travel `s(z)` has its greatest value. On the way in `s` may fall on one stretch of `z` if the
-/// body reaches farther past the tips than a beam is long (`d > L`) or is yawed; a tip cannot stay
-/// there and snaps across ([`snaps`](Self#structfield.snaps)). The arcs that are left are those on which `s` rises.
+/// A beam touches from the moment the body reaches its tip until its tip can no longer rest on the body.
+/// There the ellipse, seen from the beam's base, falls away, at the maximum of the body's travel `s(z)`. On
+/// the way in, `s` may fall on one stretch of `z` if the body reaches farther beyond the tips than the length
+/// of a beam (`d > L`) or is yawed. A tip cannot stay there and snaps across
+/// ([`snaps`](Self#structfield.snaps)). On the remaining arcs `s` rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     pub(crate) path: Path,
-    /// In the order of travel, which has no gaps; `z` may have one, where the tip snaps.
+    /// In the order of travel, which has no gaps; `z` has a gap where the tip snaps.
     arcs: [Arc; 4],
     count: usize,
-    /// Whether tips snap across a part of the body where they cannot rest.
+    /// True if tips snap across a part of the body where they cannot rest.
     pub snaps: bool,
-    /// How far forward of the body's middle a beam's base is when the body first touches the beam,
-    /// `u_e = x(τ_e)`, in m.
+    /// Forward distance of a beam's base from the body's middle at the first touch, `u_e = x(τ_e)`, in m.
     pub engagement_m: f64,
-    /// The position on the ellipse where a beam first touches, `φ_e`, in rad from the nose towards
-    /// the wall.
+    /// Position of the first touch on the ellipse, `φ_e`, in rad from the nose towards the wall.
     pub first_touch_rad: f64,
 }
 
 impl Side {
-    /// The side of `wall`; `None` where the body does not reach its beams.
+    /// Creates the side of `wall`; `None` if the body does not reach its beams.
     ///
     /// # Errors
-    /// [`SetupError::BeyondTips`] if the body's middle is beyond the tips; [`SetupError::Jams`] if
-    /// the body reaches two beam lengths past the tips or more.
+    /// [`SetupError::BeyondTips`] if the body's middle is beyond the tips; [`SetupError::Jams`] if the body
+    /// reaches two beam lengths beyond the tips or more.
     pub(crate) fn new(setup: &Setup, wall: Wall) -> Result<Option<Self>, SetupError> {
         let beam_length_m = setup.beam.length_m;
         let half_width_m = 0.5 * setup.channel.width_m;
@@ -102,7 +100,7 @@ impl Side {
             self.snaps = true;
             self.add_smooth(0.0, stop);
             if path.position(release).travel > stopped {
-                // Beyond the stretch on which the travel falls, where it is back at what it was.
+                // Beyond the stretch on which the travel falls, where it is back at its earlier maximum.
                 let again = turn(|z| -steepness(z), slowest, moving);
                 let resume = turn(|z| stopped - path.position(z).travel, again, release);
                 self.add_smooth(resume, release);
@@ -112,8 +110,7 @@ impl Side {
         }
     }
 
-    /// Adds the way from `from` to `to`, cut where the beam stands at 90°: the folded angle has
-    /// its kinks there.
+    /// Adds the path from `from` to `to`, cut where the beam is at 90°: the folded angle has its kinks there.
     fn add_smooth(&mut self, from: f64, to: f64) {
         let path = self.path;
         let mut start = from;
@@ -131,7 +128,7 @@ impl Side {
     fn add(&mut self, from: f64, to: f64) {
         let mut arc = Arc::new(&self.path, [from, to]);
         if self.count > 0 {
-            // The travel has no gaps, to the last bit.
+            // Ensures that the travel has no gaps, to the last bit.
             arc.travel[0] = self.arcs[self.count - 1].travel[1];
             arc.travel[1] = arc.travel[1].max(arc.travel[0]);
         }
@@ -143,47 +140,48 @@ impl Side {
         &self.arcs[..self.count]
     }
 
-    /// How far the body moves from the first touch of a beam until the beam slips off, in m.
+    /// Returns the travel of the body from the first touch of a beam to its release, in m.
     pub fn travel_m(&self) -> f64 {
         self.arcs[self.count - 1].travel[1]
     }
 
-    /// How far forward of the body's middle a beam's base is when the beam slips off, `u_f`, in m:
+    /// Returns the forward distance of a beam's base from the body's middle at the release, `u_f`, in m;
     /// negative.
     pub fn release_m(&self) -> f64 {
         self.engagement_m - self.travel_m()
     }
 
-    /// Whether beams turn past 90° while the body passes: it is then nearer to the wall than their
-    /// bases, and a real beam bends otherwise.
+    /// Returns whether beams turn past 90° while the body passes. The body is then nearer to the wall than
+    /// their bases, and a real beam bends differently.
     pub fn turns_past_a_right_angle(&self) -> bool {
         self.path.depth() > self.path.beam
     }
 
-    /// Whether the face of a clamped beam comes to lie against the body: the model then misses the push of the face.
+    /// Returns whether the face of a clamped beam comes to lie against the body; the model then lacks the
+    /// force on the face.
     pub fn beams_lie_against_body(&self) -> bool {
         self.path.elastica.is_some_and(|elastica| elastica.lies_against_body)
     }
 
-    /// Whether the body, because it is yawed, meets the beams' faces before it reaches their tips:
-    /// the model knows of no force on a face.
+    /// Returns whether a yawed body meets the beams' faces before it reaches their tips; the model has no
+    /// forces on faces.
     pub fn meets_faces_first(&self) -> bool {
         self.path.shear * self.path.cos_e > self.path.half_length * self.path.sin_e
     }
 
-    /// The position on the ellipse where `contact` is, `φ`, in rad from the nose towards the wall.
+    /// Returns the position of `contact` on the ellipse, `φ`, in rad from the nose towards the wall.
     pub fn place_rad(&self, contact: &Contact) -> f64 {
         self.first_touch_rad + contact.turn()
     }
 
-    /// The contact with a beam that the body first touched `travel_m` ago; `None` before that, and
-    /// once the beam has slipped off.
+    /// Returns the contact with a beam that the body first touched `travel_m` ago; `None` before the touch
+    /// and after the release.
     pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {
         let touches = travel_m >= 0.0 && travel_m <= self.travel_m();
         touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))
     }
 
-    /// The contacts with beams that all touch.
+    /// Returns the contacts of several beams, which must all touch.
     #[inline]
     pub(crate) fn contacts<const N: usize>(&self, travels: [f64; N]) -> [Contact; N] {
         Arc::locate_all(travels.map(|travel| self.arc_at(travel)), &self.path, travels)
@@ -195,11 +193,11 @@ impl Side {
         arcs.iter().find(|arc| travel <= arc.travel[1]).unwrap_or(&arcs[arcs.len() - 1])
     }
 
-    /// The beams that touch a body at `x_m`, of a row whose first base is at 0.
+    /// Returns the beams that touch a body at `x_m`, in a row whose first base is at 0.
     pub(crate) fn touching(&self, x_m: f64, beams: u32, pitch: f64) -> Range<u32> {
         let nose = x_m + self.engagement_m;
         let travel = |i: u32| nose - pitch * f64::from(i);
-        // The quotients may round across a whole number; a step to either side puts that right.
+        // The quotients may round across an integer; a step to either side corrects that.
         let first = libm::ceil((nose - self.travel_m()) / pitch);
         let mut first = (first as u32).min(beams);
         while first < beams && travel(first) > self.travel_m() {
@@ -218,13 +216,13 @@ impl Side {
         first..end.max(first)
     }
 
-    /// How far the body at `x_m` has moved since it first touched a beam whose base is at `base_m`.
+    /// Returns the travel of the body at `x_m` since its first touch of a beam whose base is at `base_m`.
     pub(crate) fn travel_at(&self, x_m: f64, base_m: f64) -> f64 {
         x_m + self.engagement_m - base_m
     }
 }
 
-/// Where `f` turns from positive to negative between `low` and `high`, to the last bit.
+/// Returns the point between `low` and `high` where `f` turns from positive to negative, to the last bit.
 pub(crate) fn turn(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
     loop {
         let middle = 0.5 * (low + high);

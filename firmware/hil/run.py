@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
-"""Tests of a board by its serial port: `python3 firmware/hil/run.py PORT clock noise`. See docs/hil.md.
+"""Tests a board through its serial port: `python3 firmware/hil/run.py PORT clock noise`. See docs/hil.md.
 
-Every test records by `shellcal` (SHELLCAL names it) and looks at the log. It ends with exit code 1 if one fails. The
-port may be a real board's, that of `cargo xtask emulate`, or that of `shellcal board --simulate`.
+Every test records with `shellcal` (the variable SHELLCAL gives its path) and examines the log. The exit code is 1
+if a test fails. The port may be that of a real board, of `cargo xtask emulate`, or of `shellcal board --simulate`.
 """
 
 import argparse
@@ -33,7 +33,7 @@ class Board:
         return json.loads(done.stdout or "{}")
 
     def record(self, seconds, *words):
-        """The summary of a recording, and its rows."""
+        """The summary and the rows of a recording."""
         log = os.path.join(self.folder.name, "log.csv")
         command = [SHELLCAL, "--json", "record", self.port, "--framing", self.framing, "--start", "--overwrite",
                    "--duration", str(seconds), "--output", log, *words]
@@ -54,7 +54,7 @@ def emitters(board, _args):
 
 
 def clock(board, args):
-    """The board's clock against this computer's, over a long recording."""
+    """Compares the board's clock with this computer's, over a long recording."""
     summary, rows = board.record(args.seconds)
     rate = summary["board_time_s"] / (len(rows) - 1)
     off = summary["board_time_s"] / summary["elapsed_s"] - 1
@@ -65,7 +65,7 @@ def clock(board, args):
 
 
 def noise(board, args):
-    """Readings of a shell that nobody touches, without their slow part."""
+    """Noise of the readings of an untouched shell, without slow changes."""
     _, rows = board.record(args.seconds)
     differences = [[b - a for a, b in zip(column, column[1:])] for column in columns(rows)]
     noises = [statistics.pstdev(steps) / math.sqrt(2) for steps in differences]
@@ -73,7 +73,7 @@ def noise(board, args):
 
 
 def flicker(board, args):
-    """The range of quiet readings, under the lamps of the room."""
+    """Range of the readings of an untouched shell under the room's lamps."""
     _, rows = board.record(args.seconds)
     ranges = [max(column) - min(column) for column in columns(rows)]
     dark = [float(row["dark1"]) for row in rows if row["dark1"]]
@@ -81,7 +81,7 @@ def flicker(board, args):
 
 
 def losses(board, args):
-    """A long recording over the radio."""
+    """Losses in a long recording over the radio."""
     summary, _ = board.record(args.seconds)
     kinds = ["missing", "bad_crc", "damaged", "dropped_on_board", "restarts", "uncertain"]
     counts = {kind: summary.get(kind, 0) for kind in kinds}
@@ -90,7 +90,7 @@ def losses(board, args):
 
 
 def settling(board, _args):
-    """Readings by the time that emitters have to settle: from where on they stay, less time is enough."""
+    """Readings by settling time: the shortest time from which on they stay constant is enough."""
     words, means = [], []
     for us in (400, 200, 150, 100, 70, 50, 30):
         board.ask("sampling", "--settling", str(us))

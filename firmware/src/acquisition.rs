@@ -1,11 +1,11 @@
-//! One frame: ambient and lit light of every channel; and when frames are taken.
+//! Acquisition of one frame (ambient and lit light of every channel), and the schedule of frames.
 //!
-//! Ambient light adds to what the emitter sends back, so each channel is converted with its
-//! emitter off, on and off again; the reading is the lit mean less the mean of both dark ones. What rises
-//! or falls steadily cancels. Of light of amplitude A that flickers with f the reading keeps, at most,
+//! Ambient light adds to the reflected light of the emitter, so each channel is converted with its emitter
+//! off, on and off again. The reading is the lit mean minus the mean of both dark values, so linear drift
+//! cancels. Ambient light of amplitude A that flickers at frequency f leaves at most this error:
 //!
 //! ```text
-//! A · (1 − cos 2πfΔ)        Δ = settling + conversions of one mean
+//! A · (1 − cos 2πfΔ)    Δ = settling + conversions of one mean
 //! ```
 //!
 //! An emitter is lit only while its own channel is converted: neighbours do not see it, and it stays cool.
@@ -14,22 +14,22 @@ use crate::board::{Clock, FrontEnd};
 use core::num::{NonZeroU32, NonZeroU64};
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Stream, Timing};
 
-/// Most conversions for one value.
+/// Maximum number of conversions per value.
 pub const MAX_CONVERSIONS: u8 = 64;
 
 /// Largest code of the 12-bit converter.
 pub const FULL_SCALE: u16 = (1 << 12) - 1;
 
-/// How near full scale a mean is taken to be cut off, in steps: some of its conversions may have been, and a
-/// sum does not tell. With noise of 1.5 steps (an effective 9.6 bits; the data sheet has above ten) what was
-/// cut off then makes any other mean less than a tenth of a step too small: E max(0, x − 4095) for x
-/// normal about 4093.
+/// Distance to full scale, in steps, within which a mean counts as clipped: some of its conversions may have
+/// been clipped, which a sum does not show. With noise of 1.5 steps (an effective 9.6 bits; the data sheet
+/// promises more than ten), clipping makes any lower mean less than a tenth of a step too small: E max(0, x −
+/// 4095) for x normal about 4093.
 const CLIPPED_STEPS: u16 = 2;
 
 /// Allowance per channel for switching, starting and waking up, in µs.
 const OVERHEAD_US: u32 = 30;
 
-/// How frames are taken and what is sent of them.
+/// Settings of frame acquisition, and the kind of sample to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     /// Readings or wrenches.
@@ -43,27 +43,28 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// After a reset: readings at 100 Hz, means of 8 conversions, which are one burst of the converter's, 100 µs to settle: the longest
-    /// response time that Sharp's data sheets give for photointerrupters of this kind into 1 kΩ (GP1S560: 90 and 100 µs).
-    /// A longer one lets more flicker through (docs/board.md).
+    /// Settings after a reset: readings at 100 Hz, means of 8 conversions (one burst of the converter), 100
+    /// µs to settle. The settling time is the longest response time that Sharp's data sheets give for
+    /// photointerrupters of this kind into 1 kΩ (GP1S560: 90 and 100 µs). A longer one lets more flicker
+    /// through (docs/board.md).
     pub const DEFAULT: Self =
         Self { stream: Stream::Raw, period_us: 10_000, conversions: 8, settling_us: 100 };
 }
 
-/// Eight readings, one after the other.
+/// Eight readings, taken one after the other.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Frame {
-    /// Readings in counts, [`COUNTS_PER_LSB`] to a step of the converter.
+    /// Readings in counts, [`COUNTS_PER_LSB`] per step of the converter.
     pub readings: [u16; CHANNELS],
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
-    /// What the channels read with their emitters off, in counts.
+    /// Dark values of the channels (emitters off), in counts.
     pub dark: [u16; CHANNELS],
-    /// When the readings were taken.
+    /// Times of the readings within the frame.
     pub timing: Timing,
 }
 
-/// Takes a frame with conversions of so many ns. The emitters are off before and after.
+/// Takes a frame with conversions of `conversion_ns` each. The emitters are off before and after.
 pub async fn acquire<F: FrontEnd, C: Clock>(
     front_end: &mut F,
     clock: &C,
@@ -74,7 +75,7 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
     let settling_us = settings.settling_us;
     let mut frame = Frame::default();
     let start_us = clock.now_us();
-    // From the middle of the lit conversions to the end of those after them.
+    // From the middle of the lit conversions to the end of the second dark ones.
     let burst_us = (u32::from(conversions) * conversion_ns).div_ceil(1000);
     let ago_us = u64::from(u32::from(settling_us) + burst_us + burst_us / 2);
     let (mut first_us, mut last_us) = (start_us, start_us);
@@ -94,7 +95,7 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
     frame
 }
 
-/// Timing of a frame from its start and its first and last reading.
+/// Computes a frame's timing from its start and the times of its first and last reading.
 fn timing(start_us: u64, first_us: u64, last_us: u64) -> Timing {
     let steps = CHANNELS as u64 - 1;
     let fit = |us: u64| u16::try_from(us).unwrap_or(u16::MAX);
@@ -104,22 +105,22 @@ fn timing(start_us: u64, first_us: u64, last_us: u64) -> Timing {
     }
 }
 
-/// Mean lit code less mean dark code, in counts, rounded, by the sums of so many conversions twice over;
-/// zero if it is darker with light.
+/// Returns mean lit code minus mean dark code in counts, rounded; each sum has twice `conversions` codes.
+/// Returns zero if the channel is darker with light.
 fn difference(dark: u32, lit: u32, conversions: u8) -> u16 {
     let conversions = 2 * u32::from(conversions);
     let counts = lit.saturating_sub(dark) * u32::from(COUNTS_PER_LSB);
-    // At most 4095 steps of 16 counts, which fit; there is at least one conversion.
+    // At most 4095 steps of 16 counts, which fit in 16 bits; `conversions` is at least one.
     ((counts + conversions / 2) / conversions.max(1)) as u16
 }
 
-/// A mean at full scale may stand for more light; none at all with the emitter on is no reading.
+/// A mean at full scale may be clipped; a lit mean of zero is not a valid reading.
 fn is_saturated(dark: u32, lit: u32, conversions: u8) -> bool {
     dark.max(lit) >= u32::from(FULL_SCALE - CLIPPED_STEPS) * u32::from(conversions) || lit == 0
 }
 
-/// Lights one emitter and no other for each channel in turn: by how much it raises them, in steps of the
-/// converter. The emitters are off before and after.
+/// Lights one emitter and measures how much each channel rises, in steps of the converter. The emitters are
+/// off before and after.
 pub async fn illuminate<F: FrontEnd>(
     front_end: &mut F,
     settings: &Settings,
@@ -133,24 +134,24 @@ pub async fn illuminate<F: FrontEnd>(
         front_end.light(Some(emitter));
         let lit = front_end.sum(settling_us, channel, conversions).await;
         front_end.light(None);
-        // At most 4,095 steps either way; there is at least one conversion.
+        // At most 4,095 steps in either direction; `conversions` is at least one.
         let steps = (lit.cast_signed() - dark.cast_signed()) / i32::from(conversions).max(1);
         *rise = steps as i16;
     }
     rise
 }
 
-/// Longest time that a frame with these settings takes, in µs.
+/// Returns the maximum duration of a frame with these settings, in µs.
 pub fn duration_us(settings: &Settings, conversion_ns: u32) -> u32 {
     let conversions_us = (u32::from(settings.conversions) * conversion_ns).div_ceil(1000);
     CHANNELS as u32 * (2 * u32::from(settings.settling_us) + 3 * conversions_us + OVERHEAD_US)
 }
 
-/// How late a frame may start, in µs; a slot that cannot be kept so well is skipped. It is a hundredth of the 10 ms
-/// period.
+/// Maximum delay of a frame, in µs: a hundredth of the 10 ms period. A slot that is missed by more is
+/// skipped.
 const TOLERANCE_US: u64 = 100;
 
-/// Slots at a fixed distance from the first: the error of one does not carry over to the next.
+/// Slots at fixed distances from the first: the delay of one does not carry over to the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Schedule {
     next_us: u64,
@@ -158,18 +159,18 @@ pub(crate) struct Schedule {
 }
 
 impl Schedule {
-    /// The first slot is at `first_us`, the others every `period_us`, which is at least 1.
+    /// Creates a schedule whose first slot is at `first_us` and whose period is `period_us`, at least 1.
     pub(crate) fn new(first_us: u64, period_us: u32) -> Self {
         let period_us = NonZeroU32::new(period_us).unwrap_or(NonZeroU32::MIN);
         Self { next_us: first_us, period_us }
     }
 
-    /// Time of the next slot that can still be kept, and how many before it cannot.
+    /// Returns the time of the next slot that can be met, and the number of slots skipped before it.
     pub(crate) fn next(&mut self, now_us: u64) -> (u64, u32) {
         let latest_us = self.next_us.saturating_add(TOLERANCE_US);
         let late_us = now_us.saturating_sub(latest_us);
         if late_us == 0 {
-            return (self.next_us, 0); // nearly always, and without a 64-bit division
+            return (self.next_us, 0); // the usual case, which needs no 64-bit division
         }
         let period_us = NonZeroU64::from(self.period_us);
         let skipped = late_us.div_ceil(period_us.get());
@@ -177,7 +178,7 @@ impl Schedule {
         (self.next_us, u32::try_from(skipped).unwrap_or(u32::MAX))
     }
 
-    /// The slot that [`Schedule::next`] gave is used.
+    /// Marks the slot that [`Schedule::next`] returned as used.
     pub(crate) fn advance(&mut self) {
         self.next_us = self.next_us.saturating_add(u64::from(self.period_us.get()));
     }

@@ -1,44 +1,44 @@
-//! Rates of the serial line, as commands name them and as a divider makes them.
+//! Baud rates of the serial line: the nominal rate in commands, and the rate that a divider produces.
 //!
 //! ```text
-//! rate = clock / divider        (RM0394, section 38.5.4, oversampling by 16)
+//! rate = clock / divider    (RM0394, section 38.5.4, oversampling by 16)
 //! ```
 //!
-//! Between two ends that are each off by less than 2 % every byte arrives: a receiver bears some 4 %
-//! of both clocks' errors. The internal oscillator is off by up to 1 % besides (DS11451, table "HSI16
-//! oscillator characteristics").
+//! Every byte arrives if both ends are off by less than 2 %: a receiver tolerates about 4 % of both clocks'
+//! errors together. The internal oscillator adds an error of up to 1 % (DS11451, table "HSI16 oscillator
+//! characteristics").
 
-/// A rate that a line can be set to.
+/// A baud rate of the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Baud {
-    /// What it is called: what the other end is set to.
+    /// The nominal rate, to which the other end is set.
     pub name: u32,
-    /// Periods of the clock in a bit.
+    /// Clock periods per bit.
     pub divider: u16,
-    /// What comes of that, in baud.
+    /// The rate that the divider produces, in baud.
     pub actual: u32,
 }
 
-/// Start bit, eight of data, stop bit.
+/// Start bit, eight data bits, stop bit.
 const BITS_PER_BYTE: u32 = 10;
 
 impl Baud {
-    /// The rate of this name that is as near to `meant` as a divider of the clock makes it, all in Hz.
+    /// Returns the rate closest to `meant` that a divider of the clock can produce; all in Hz.
     const fn near(clock_hz: u32, name: u32, meant: u32) -> Self {
         let divider = (clock_hz + meant / 2) / meant;
         Self { name, divider: divider as u16, actual: clock_hz / divider }
     }
 
-    /// What a line with this rate carries, in bytes per second.
+    /// Returns the capacity of a line at this rate, in bytes per second.
     pub const fn bytes_per_s(self) -> u32 {
         self.actual / BITS_PER_BYTE
     }
 }
 
-/// Rates of a clock of 80 MHz; [`FIRST`] is that after a reset.
+/// Rates with a clock of 80 MHz; a reset selects [`FIRST`].
 ///
-/// What is called 57,600 lies between the two that may be at the other end: 57,600, and what an XBee makes of
-/// it with its clock of 16 MHz, 58,824.
+/// The rate called 57,600 lies between the two rates that the other end may have: 57,600, and 58,824, which
+/// an XBee derives for it from its 16 MHz clock.
 pub const RATES: [Baud; 9] = [
     Baud::near(CLOCK_HZ, 9_600, 9_600),
     Baud::near(CLOCK_HZ, 19_200, 19_200),
@@ -54,7 +54,7 @@ pub const RATES: [Baud; 9] = [
 /// The rate after a reset.
 pub const FIRST: Baud = Baud::near(CLOCK_HZ, 57_600, 58_200);
 
-/// The clock that [`RATES`] divide, Hz.
+/// The clock that the dividers of [`RATES`] divide, in Hz.
 pub const CLOCK_HZ: u32 = 80_000_000;
 
 #[cfg(test)]
@@ -63,7 +63,7 @@ mod tests {
 
     use super::*;
 
-    /// The table of docs/nucleo.md.
+    /// Checks the table in docs/nucleo.md.
     #[test]
     fn rates_are_those_of_the_documentation() {
         let docs = include_str!("../../docs/nucleo.md");

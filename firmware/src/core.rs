@@ -1,4 +1,4 @@
-//! The state of the board, apart from everything that waits: what commands do, and what is sent of frames.
+//! State of the board without any waiting: effects of commands, and the samples made of frames.
 
 use crate::acquisition::{Frame, Schedule, Settings};
 use crate::board::{Storage, VITALS_US};
@@ -12,38 +12,38 @@ use shared_proto::{
     PacketOrigin, Refusal, Sample, Status, Stream, Values, Vitals,
 };
 
-/// Time between two words of the board's health, in µs.
+/// Interval of health reports, in µs.
 const HEALTH_US: u64 = 1_000_000;
 
-/// Settings, schedule, calibration, outbox and counts. Every command leaves all as it was or does all it asks.
+/// Settings, schedule, calibration, outbox and counts. A command takes effect completely or not at all.
 #[derive(Debug)]
 pub(crate) struct Core<'a> {
-    /// What the board is, with the rate that its line is going to have.
+    /// Identity and limits of the board, with the rate that its line is about to have.
     setup: BoardSetup,
     pub(crate) line: LineState,
-    /// How frames are taken.
+    /// Settings of frame acquisition.
     pub(crate) settings: Settings,
-    /// When frames are to be taken, `None` when not streaming.
+    /// Schedule of the frames, `None` when not streaming.
     schedule: Option<Schedule>,
-    /// What makes wrenches of readings, `None` without a calibration.
+    /// Conversion of readings to wrenches, `None` without a calibration.
     converter: Option<Converter>,
     upload: Option<Upload>,
-    /// What is being uploaded; at the start, what is in storage.
+    /// The record being uploaded; at the start, the record in storage.
     record: &'a mut Record,
     self_test: Option<SelfTest>,
     pub(crate) outbox: Outbox,
-    /// The counts since the reset, its cause, and the CRC-32 of the calibration in use.
+    /// Counts since the reset, the reset's cause, and the CRC-32 of the calibration in use.
     pub(crate) counts: Status,
-    /// When word of the board's health is due; at once after a change.
+    /// Time at which a health report is due; a change makes one due immediately.
     health_at_us: u64,
-    /// What the host has been told last of the readings' times.
+    /// Settings in the last report of the readings' timing to the host.
     described: Option<Settings>,
 }
 
-/// A self-test that was asked for.
+/// A requested self-test.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SelfTest {
-    /// Which emitter.
+    /// The emitter to test.
     pub(crate) emitter: u8,
     number: u16,
 }
@@ -51,15 +51,14 @@ pub(crate) struct SelfTest {
 /// The next action on the serial line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum OnLine {
-    /// Send this.
+    /// Send this frame.
     Frame(WireFrame),
     /// Change the line itself.
     Change(Change),
 }
 
 impl<'a> Core<'a> {
-    /// The state after a reset, with word of it in the outbox. `record` is where uploads are put
-    /// together.
+    /// Creates the state after a reset, with a report of it in the outbox. `record` holds uploads.
     pub(crate) fn new(setup: BoardSetup, record: &'a mut Record) -> Self {
         let BoardSetup { identity, start, reset_cause: cause, .. } = setup;
         let mut outbox = Outbox::new(PacketOrigin { board: identity.id().short(), start });
@@ -81,15 +80,15 @@ impl<'a> Core<'a> {
         }
     }
 
-    /// When the next frame is due, `None` when not streaming. Slots that cannot be kept any more
-    /// are counted as late.
+    /// Returns when the next frame is due, `None` when not streaming. Slots that can no longer be met count
+    /// as late.
     pub(crate) fn next_slot(&mut self, now_us: u64) -> Option<u64> {
         let (slot_us, skipped) = self.schedule.as_mut()?.next(now_us);
         self.counts.late = self.counts.late.wrapping_add(skipped);
         Some(slot_us)
     }
 
-    /// The slot is used: how to take the frame, and how many ns a conversion takes.
+    /// Marks the slot as used; returns the settings of the frame and the duration of a conversion in ns.
     pub(crate) fn begin_frame(&mut self) -> (Settings, u32) {
         if let Some(schedule) = &mut self.schedule {
             schedule.advance();
@@ -97,8 +96,8 @@ impl<'a> Core<'a> {
         (self.settings, self.setup.conversion_ns)
     }
 
-    /// If word of the board's health goes before the sample of the frame that has just ended: whether there is time
-    /// to measure it before the next.
+    /// Returns `None` if no health report is due before the sample of the frame just taken; otherwise whether
+    /// there is time to measure before the next frame.
     pub(crate) fn health_due(&mut self, now_us: u64) -> Option<bool> {
         let is_described = self.described == Some(self.settings);
         if is_described && now_us < self.health_at_us {
@@ -108,8 +107,8 @@ impl<'a> Core<'a> {
         Some(next_us.saturating_sub(now_us) >= VITALS_US)
     }
 
-    /// A frame was taken from `start_us` to `end_us`: puts a sample of it into the outbox, and before
-    /// it the board's health if there is word of it.
+    /// Puts a sample of the frame taken from `start_us` to `end_us` into the outbox, preceded by a health
+    /// report if there are vitals.
     pub(crate) fn finish_frame(
         &mut self,
         frame: &Frame,
@@ -117,7 +116,7 @@ impl<'a> Core<'a> {
         end_us: u64,
         vitals: Option<Vitals>,
     ) {
-        // The host unwraps the clock.
+        // The clock wraps; the host unwraps it.
         let clock_us = start_us as u32;
         if let Some(vitals) = vitals {
             self.health_at_us = end_us + HEALTH_US;
@@ -143,8 +142,7 @@ impl<'a> Core<'a> {
         self.outbox.push_in_turn(Packet::Sample(sample));
     }
 
-    /// Does what a command asks and puts the answer into the outbox. Commands for another board are
-    /// counted and left to it.
+    /// Executes a command and puts the answer into the outbox. Commands for another board are only counted.
     pub(crate) fn command<S: Storage>(
         &mut self,
         number: u16,
@@ -159,7 +157,7 @@ impl<'a> Core<'a> {
             return;
         }
         if let Command::Start = command {
-            self.described = None; // whoever asks wants to know
+            self.described = None; // a repeated start requests a new report
         }
         let answer = match *command {
             Command::Identify => Ok(Answer::Identity(self.setup.identity)),
@@ -171,14 +169,14 @@ impl<'a> Core<'a> {
             Command::SelfTest { .. } if self.is_streaming() => Err(Refusal::Streaming),
             Command::SelfTest { emitter } => {
                 self.self_test = Some(SelfTest { emitter, number });
-                return; // the answer comes when it is done
+                return; // the answer follows after the test
             }
             _ => self.execute(command, now_us, storage).map(|()| Answer::Done),
         };
         self.outbox.answer(number, answer.unwrap_or_else(Answer::Refused));
     }
 
-    /// The self-test that was asked for, unless the board streams by now.
+    /// Takes the requested self-test, unless the board has started streaming.
     pub(crate) fn take_self_test(&mut self) -> Option<SelfTest> {
         let test = self.self_test.take()?;
         if self.is_streaming() {
@@ -188,20 +186,20 @@ impl<'a> Core<'a> {
         Some(test)
     }
 
-    /// A self-test is done: by how much its emitter raises each channel, in steps.
+    /// Answers a self-test with the rise of each channel, in steps.
     pub(crate) fn finish_self_test(&mut self, test: &SelfTest, rise: [i16; CHANNELS]) {
         let answer = Answer::SelfTest { emitter: test.emitter, rise };
         self.outbox.answer(test.number, answer);
     }
 
-    /// The next action on the serial line, if there is one.
+    /// Returns the next action on the serial line, if any.
     pub(crate) fn next_on_line(&mut self) -> Option<OnLine> {
         let answer = self.outbox.pop_answer().map(OnLine::Frame);
         let answer = answer.or_else(|| self.line.take().map(OnLine::Change));
         answer.or_else(|| self.outbox.pop().map(OnLine::Frame))
     }
 
-    /// Uses the calibration that is in storage, if there is one.
+    /// Uses the calibration in storage, if any.
     pub(crate) fn load<S: Storage>(&mut self, storage: &mut S) {
         storage.load(self.record);
         if let Some(crc) = upload::kept_crc(self.record) {
@@ -209,15 +207,15 @@ impl<'a> Core<'a> {
         }
     }
 
-    /// Whether frames are to be taken.
+    /// Returns whether the board is streaming.
     fn is_streaming(&self) -> bool {
         self.schedule.is_some()
     }
 
-    /// Does what a command asks that has no answer of its own.
+    /// Executes a command whose answer carries no data.
     ///
     /// # Errors
-    /// Why it is not done, and then nothing has changed.
+    /// The reason of the refusal; the state is unchanged.
     fn execute<S: Storage>(
         &mut self,
         command: &Command,
@@ -262,7 +260,7 @@ impl<'a> Core<'a> {
             Command::CalibrationPiece { offset, ref data } => {
                 self.upload.as_mut().ok_or(Refusal::NoUpload)?.piece(offset, data, self.record)
             }
-            // The core stands still while pages are erased, and frames would be lost.
+            // The core stops while pages are erased, which would lose frames.
             Command::CommitCalibration if self.is_streaming() => Err(Refusal::Streaming),
             Command::CommitCalibration => self.commit(storage),
             Command::Zero { frames } => {
@@ -273,14 +271,14 @@ impl<'a> Core<'a> {
         }
     }
 
-    /// Whether the rate of before is to be set again, for nothing was heard at the new one.
+    /// Returns whether to restore the previous rate because nothing was heard at the new one.
     pub(crate) fn gives_up_rate(&mut self, now_us: u64) -> bool {
         let old = self.line.give_up(now_us);
         self.setup.rate = old.or(self.setup.rate);
         old.is_some()
     }
 
-    /// Frames have to fit on the line as it will be.
+    /// Sets a rate at which the frames fit on the line.
     fn set_baud(&mut self, name: u32) -> Result<(), Refusal> {
         let rate = self.setup.rates.iter().find(|rate| rate.name == name);
         let rate = *rate.ok_or(match self.setup.rates {
@@ -303,7 +301,7 @@ impl<'a> Core<'a> {
         Ok(())
     }
 
-    /// The upload is kept, so that a commit whose answer was lost can be sent again.
+    /// Stores the upload and keeps it, so that a commit whose answer was lost can be sent again.
     fn commit<S: Storage>(&mut self, storage: &mut S) -> Result<(), Refusal> {
         let crc = self.upload.ok_or(Refusal::NoUpload)?.finish(self.record)?;
         let in_use = self.converter.is_some() && self.counts.calibration_crc32 == crc;
@@ -314,7 +312,7 @@ impl<'a> Core<'a> {
         Ok(())
     }
 
-    #[inline(never)] // it takes some KiB of stack, which its callers need not take, too
+    #[inline(never)] // keeps some KiB of stack out of the callers' frames
     fn use_record(&mut self, crc: u32) {
         if let Some(calibration) = upload::open(self.record) {
             self.converter = Some(Converter::new(calibration));
@@ -605,7 +603,7 @@ mod tests {
 
             slots.flash.restore_power();
             assert_eq!(started(&mut slots).counts.calibration_crc32, old_crc);
-            // The upload is still there: the commit can be tried again.
+            // The upload is still there: the commit can be retried.
             assert_eq!(core.execute(commit, 0, &mut slots), Ok(()));
             assert_eq!(started(&mut slots).counts.calibration_crc32, new_crc);
         }

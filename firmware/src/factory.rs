@@ -1,34 +1,34 @@
-//! Temperature and supply from what an STM32L4 was measured with when it was made.
+//! Temperature and supply, from the factory calibration of an STM32L4.
 
 use shared_proto::{COUNTS_PER_LSB, Vitals};
 
-/// Supply in the factory, in mV (DS11451, tables "Embedded internal voltage reference" and "TS
+/// Supply during factory calibration, in mV (DS11451, tables "Embedded internal voltage reference" and "TS
 /// characteristics"; the tolerances there are 10 mV and 5 °C).
 const SUPPLY_MV: u32 = 3_000;
 
-/// Temperatures of the two codes of the thermometer, in hundredths of a degree Celsius.
+/// Temperatures of the thermometer's two codes, in hundredths of a degree Celsius.
 const COLD_CDEG: i32 = 3_000;
 const HOT_CDEG: i32 = 13_000;
 
-/// Codes that the factory has written into the chip.
+/// Calibration codes that the factory writes into the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Factory {
-    /// Of the voltage reference.
+    /// Code of the voltage reference.
     pub reference: u16,
-    /// Of the thermometer when cold.
+    /// Code of the thermometer when cold.
     pub cold: u16,
-    /// Of the thermometer when hot.
+    /// Code of the thermometer when hot.
     pub hot: u16,
 }
 
 impl Factory {
-    /// What the sums of so many conversions of reference and thermometer say, one after the other.
+    /// Converts sums of `conversions` codes of the reference and of the thermometer.
     pub fn vitals(&self, reference: u32, thermometer: u32, conversions: u8) -> Vitals {
         let conversions = u32::from(conversions.max(1));
         let counts = |sum: u32| (sum * u32::from(COUNTS_PER_LSB) + conversions / 2) / conversions;
         let (reference, thermometer) = (counts(reference), counts(thermometer));
         let factory = u32::from(self.reference) * u32::from(COUNTS_PER_LSB);
-        // A reference of nothing is no supply.
+        // A reference of zero gives no supply.
         let supply_mv = (SUPPLY_MV * factory + reference / 2).checked_div(reference);
         Vitals {
             temperature_cdeg: supply_mv.and_then(|supply| self.temperature(thermometer, supply)),
@@ -37,11 +37,11 @@ impl Factory {
         }
     }
 
-    /// In hundredths of a degree Celsius, from counts at a supply; `None` if that is no temperature.
+    /// Returns the temperature in hundredths of a degree Celsius; `None` if it is out of range.
     fn temperature(&self, counts: u32, supply_mv: u32) -> Option<i16> {
         let per_step = i64::from(COUNTS_PER_LSB);
         let (cold, hot) = (i64::from(self.cold) * per_step, i64::from(self.hot) * per_step);
-        // As it would be at the factory's supply.
+        // Scaled to the factory's supply.
         let counts = i64::from(counts) * i64::from(supply_mv) / i64::from(SUPPLY_MV);
         let span = i64::from(HOT_CDEG - COLD_CDEG);
         let above = (span * (counts - cold)).checked_div(hot - cold)?;

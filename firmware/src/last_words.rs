@@ -1,36 +1,36 @@
-//! What the firmware said before a reset that it did not survive, for the host to ask for.
+//! The firmware's last words before a fatal reset, which the host can request.
 
 use core::fmt;
 
 use heapless::Vec;
 use shared_proto::{Answer, MAX_PIECE, Piece};
 
-/// Some text in UTF-8; what does not fit is cut.
+/// UTF-8 text of limited length; the excess is cut off.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LastWords(Vec<u8, { Self::LEN }>);
 
 impl LastWords {
-    /// Most bytes.
+    /// Maximum length in bytes.
     pub const LEN: usize = 200;
 
-    /// Nothing was said.
+    /// Creates an empty text.
     pub const fn new() -> Self {
         Self(Vec::new())
     }
 
-    /// Bytes that were kept; those that do not fit are cut.
+    /// Creates a text from stored bytes; the excess is cut off.
     pub fn from_bytes(bytes: &[u8]) -> Self {
         let mut words = Self::new();
         words.push(bytes);
         words
     }
 
-    /// The bytes to keep.
+    /// Returns the bytes to store.
     pub fn as_bytes(&self) -> &[u8] {
         &self.0
     }
 
-    /// The text, as far as it is one.
+    /// Returns the text up to the first byte that is not valid UTF-8.
     pub fn as_str(&self) -> &str {
         self.0.utf8_chunks().next().map_or("", |chunk| chunk.valid())
     }
@@ -40,7 +40,7 @@ impl LastWords {
         _ = bytes.iter().try_for_each(|&byte| self.0.push(byte));
     }
 
-    /// The answer with as many bytes from `offset` on as fit.
+    /// Returns the answer with as many bytes from `offset` on as fit.
     pub(crate) fn answer(&self, offset: u16) -> Answer {
         let rest = self.0.get(usize::from(offset)..).unwrap_or_default();
         let text = rest.get(..rest.len().min(MAX_PIECE)).and_then(Piece::copy_of);

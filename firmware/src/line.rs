@@ -1,11 +1,11 @@
-//! What is to become of the serial line: another rate, or the chip's bootloader on it.
+//! Pending changes of the serial line: another rate, or the chip's bootloader.
 
 use crate::baud::Baud;
 
-/// How long a new rate has to prove itself: a host opens its port again within some tens of ms.
+/// Trial time of a new rate, in µs; a host reopens its port within tens of ms.
 const TRIAL_US: u64 = 3_000_000;
 
-/// What is to be done once the answers that wait have left.
+/// A change to make after the pending answers have left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Change {
     /// Set this rate.
@@ -14,21 +14,21 @@ pub(crate) enum Change {
     Bootloader,
 }
 
-/// The rate of the line. A new one on which nothing valid is heard is taken back, so that nobody loses a
-/// board to a rate that the other end, or the wire, does not have.
+/// The rate of the line. A new rate at which nothing valid is heard is reverted, so that a rate that the
+/// other end or the wire does not support cannot cut off a board.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct LineState {
     wanted: Option<Change>,
-    /// The rate now, `None` where the line has none of its own.
+    /// The current rate, `None` if the line has no rate to set.
     rate: Option<Baud>,
     trial: Option<RateTrial>,
 }
 
 #[derive(Clone, Copy, Debug)]
 struct RateTrial {
-    /// The rate of before.
+    /// The previous rate.
     back_to: Baud,
-    /// `None` while the line still has that.
+    /// `None` while the line still has the previous rate.
     end_us: Option<u64>,
 }
 
@@ -37,16 +37,16 @@ impl LineState {
         Self { wanted: None, rate, trial: None }
     }
 
-    /// Asks for a change, to be made when the answers that wait have left.
+    /// Requests a change after the pending answers have left.
     pub(crate) fn want(&mut self, change: Change) {
         self.wanted = Some(change);
     }
 
-    /// What is to be done now.
+    /// Takes the change that is due.
     pub(crate) fn take(&mut self) -> Option<Change> {
         let change = self.wanted.take()?;
         if let (Change::Rate(rate), Some(old)) = (change, self.rate) {
-            // The rate of before that is set again needs no trial.
+            // Restoring the previous rate needs no trial.
             let is_back = self.trial.take().is_some_and(|trial| trial.back_to == rate);
             let is_new = rate != old && !is_back;
             self.trial = is_new.then_some(RateTrial { back_to: old, end_us: None });
@@ -55,19 +55,19 @@ impl LineState {
         Some(change)
     }
 
-    /// It is done: a rate that is on trial has from now on to prove itself.
+    /// Confirms the change; the trial of a new rate starts.
     pub(crate) fn done(&mut self, now_us: u64) {
         if let Some(trial) = &mut self.trial {
             trial.end_us = Some(now_us + TRIAL_US);
         }
     }
 
-    /// Something valid was heard: the rate is good, unless the line still had the one of before.
+    /// Notes that something valid was heard: the rate is good, unless the line still had the previous one.
     pub(crate) fn heard(&mut self) {
         self.trial = self.trial.filter(|trial| trial.end_us.is_none());
     }
 
-    /// The rate of before, if the new one has not proved itself in time: it is to be set again.
+    /// Returns the previous rate if the trial has failed: the line must be set to it again.
     pub(crate) fn give_up(&mut self, now_us: u64) -> Option<Baud> {
         let is_over = |trial: &RateTrial| trial.end_us.is_some_and(|end_us| now_us >= end_us);
         let trial = self.trial.filter(is_over)?;
@@ -83,7 +83,7 @@ mod tests {
 
     const FAST: Baud = RATES[4];
 
-    /// A line whose rate has been changed to the fast one at 1 ms.
+    /// A line whose rate was changed to the fast one at 1 ms.
     fn changed() -> LineState {
         let mut line = LineState::new(Some(FIRST));
         line.want(Change::Rate(FAST));
@@ -107,7 +107,7 @@ mod tests {
         let mut line = changed();
         line.heard();
         assert_eq!(line.give_up(u64::MAX), None);
-        // What is the rate already needs no trial.
+        // Setting the current rate needs no trial.
         line.want(Change::Rate(FAST));
         assert_eq!(line.take(), Some(Change::Rate(FAST)));
         line.done(0);

@@ -1,31 +1,30 @@
-//! What waits for the link.
+//! Queues of frames for the link.
 
 use crate::board::SeenEdge;
 use heapless::Deque;
 use shared_proto::{Answer, Edge, Frame, Health, Packet, PacketOrigin, Sample};
 
-/// Samples that can wait: 160 ms at 100 Hz. Word of the board's health takes the place of one.
+/// Capacity for samples: 160 ms at 100 Hz. A health report takes the place of one.
 pub(crate) const SAMPLES: usize = 16;
 
-/// Answers that can wait. The host asks one thing at a time.
+/// Capacity for answers. The host sends one request at a time.
 const ANSWERS: usize = 4;
 
-/// Edges that can wait.
+/// Capacity for edges.
 pub(crate) const EDGES: usize = 8;
 
-/// Frames on their way out, answers before samples and samples before edges.
+/// Outgoing frames: answers before samples, and samples before edges.
 ///
-/// When samples do not fit, the oldest is dropped and counted: after a link was held up, what the
-/// host gets first is what has just been measured. A sample is given its sequence number when it
-/// goes out, so a gap in the sequence is a loss on the way, and a step of `dropped` one on the board. Edges take
-/// the room that samples leave; those that do not fit are counted, so that the number of the next
-/// one tells.
+/// When the samples do not fit, the oldest is dropped and counted, so that after a stalled link the host
+/// first gets the latest measurements. A sample gets its sequence number when it leaves: a gap in the
+/// sequence is a loss on the link, and a step of `dropped` a loss on the board. Edges use the capacity that
+/// samples leave. Edges that do not fit are counted, so that the next edge's number shows the gap.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Outbox {
-    /// What all packets say where they come from.
+    /// The origin that all packets carry.
     origin: PacketOrigin,
     answers: Deque<Frame, ANSWERS>,
-    /// Samples and health.
+    /// Samples and health reports.
     stream: Deque<Packet, SAMPLES>,
     edges: Deque<Edge, EDGES>,
     /// Edges so far.
@@ -36,13 +35,13 @@ pub(crate) struct Outbox {
 }
 
 impl Outbox {
-    /// Nothing waits.
+    /// Creates an empty outbox.
     pub(crate) fn new(origin: PacketOrigin) -> Self {
         Self { origin, ..Self::default() }
     }
 
-    /// A sample for the host, with the frames that were not taken so far for those that were dropped; or how the board
-    /// is, before the samples that are pushed after it. It gets its number when it goes out.
+    /// Queues a sample, or a health report that precedes the samples pushed after it. The caller sets a
+    /// sample's `dropped` to the frames not taken so far. A sample gets its sequence number when it leaves.
     pub(crate) fn push_in_turn(&mut self, packet: Packet) {
         if self.stream.is_full() {
             let dropped = self.stream.pop_front();
@@ -53,30 +52,30 @@ impl Outbox {
         _ = self.stream.push_back(packet);
     }
 
-    /// An edge at the sync input.
+    /// Queues an edge at the sync input.
     pub(crate) fn push_edge(&mut self, seen: SeenEdge) {
         let number = self.seen_edges.wrapping_add(seen.missed);
         self.seen_edges = number.wrapping_add(1);
-        // If there is no room, the gap in the numbers tells.
+        // If there is no room, the gap in the numbers shows the loss.
         _ = self.edges.push_back(Edge { number, clock_us: seen.at_us as u32 });
     }
 
-    /// An answer for the host.
+    /// Queues an answer.
     pub(crate) fn answer(&mut self, number: u16, answer: Answer) {
         self.push_now(Packet::Answer { number, answer });
     }
 
-    /// What goes before all samples. If too much waits it is lost, and the host will ask again.
+    /// Queues a packet ahead of all samples. It is lost if the queue is full; the host then asks again.
     pub(crate) fn push_now(&mut self, packet: Packet) {
         _ = self.answers.push_back(packet.encode_from(self.origin));
     }
 
-    /// The answer that goes out next.
+    /// Takes the next answer.
     pub(crate) fn pop_answer(&mut self) -> Option<Frame> {
         self.answers.pop_front()
     }
 
-    /// What goes out next where there is no answer.
+    /// Takes the next frame that is not an answer.
     pub(crate) fn pop(&mut self) -> Option<Frame> {
         let origin = self.origin;
         let edge = |edge| Packet::Edge(edge).encode_from(origin);
@@ -89,7 +88,7 @@ impl Outbox {
             Packet::Health(health) => Packet::Health(Health { sequence, ..health }),
             Packet::Sample(sample) => {
                 self.sequence = sequence.wrapping_add(1);
-                // All that were dropped are older than those that wait.
+                // All dropped samples are older than the queued ones.
                 let dropped = sample.dropped.wrapping_add(self.overflowed as u8);
                 Packet::Sample(Sample { sequence, dropped, ..sample })
             }
@@ -128,7 +127,7 @@ mod tests {
         }
     }
 
-    /// Sequence number, clock and count of dropped frames of each.
+    /// Sequence number, clock and count of dropped frames of each sample.
     fn samples(packets: &[Packet]) -> Vec<(u16, u32, u8)> {
         let samples = packets.iter().map(|packet| match packet {
             Packet::Sample(sample) => (sample.sequence, sample.clock_us, sample.dropped),
@@ -169,7 +168,7 @@ mod tests {
         let out = sent(&mut outbox);
         assert_eq!(out[2], Packet::Health(health));
         assert!(matches!(out[3], Packet::Sample(Sample { sequence: 2, .. })));
-        // One that is dropped is no sample that was.
+        // A dropped health report does not count as a dropped sample.
         outbox.push_in_turn(Packet::Health(Health { clock_us: 8, ..health }));
         push(&mut outbox, SAMPLES as u16, 0);
         assert_eq!(outbox.overflowed, 0);
@@ -184,7 +183,7 @@ mod tests {
         let out = sent(&mut outbox);
         assert_eq!(samples(&out[..2]).len(), 2);
         assert_eq!(out[2], Packet::Edge(Edge { number: 0, clock_us: 1 }));
-        // Three that were missed, eight that fit, two that do not.
+        // Three edges missed, eight that fit, two that do not.
         for i in 0..10 {
             outbox.push_edge(edge(10 + i, if i == 0 { 3 } else { 0 }));
         }

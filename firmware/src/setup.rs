@@ -1,33 +1,33 @@
-//! What a board is, and which settings it can keep up with.
+//! A board's identity, and the settings that it can sustain.
 
 use crate::acquisition::{self, MAX_CONVERSIONS, Settings};
 use crate::baud::Baud;
 use crate::last_words::LastWords;
 use shared_proto::{Identity, READINGS_FRAME, Refusal, ResetCause, Stream, WRENCH_FRAME};
 
-/// What a board is and how it has started.
+/// Identity of a board and the circumstances of its start.
 #[derive(Clone, Debug)]
 pub struct BoardSetup {
-    /// What the board says it is.
+    /// The board's answer to an identify request.
     pub identity: Identity,
-    /// A number that is new at every start.
+    /// A number that changes at every start.
     pub start: u16,
-    /// Why it has started.
+    /// Why the board has started.
     pub reset_cause: ResetCause,
-    /// What it said before, if that is why.
+    /// The last words before the reset, if a fatal error caused it.
     pub last_words: LastWords,
-    /// Time of one conversion in ns, rounded up: what the host is told fits into a period.
+    /// Duration of one conversion in ns, rounded up, so that the limits sent to the host fit into a period.
     pub conversion_ns: u32,
-    /// The rate of the serial line; `None` if it has none and is never the bottleneck.
+    /// The rate of the serial line; `None` if the line has no rate and is never the bottleneck.
     pub rate: Option<Baud>,
     /// Rates that the line to the host can be set to.
     pub rates: &'static [Baud],
-    /// Whether the chip has a bootloader of its own that listens on that line.
+    /// True if the chip has a bootloader that listens on that line.
     pub has_bootloader: bool,
 }
 
-/// Share of the line that samples may take, in percent: answers need room, and the clocks at its ends
-/// differ by up to 2 % or so.
+/// Share of the line that samples may use, in percent. Answers need room, and the clocks at both ends differ
+/// by up to about 2 %.
 const SHARE_PERCENT: u64 = 95;
 
 /// Longest period in µs.
@@ -37,10 +37,10 @@ const MAX_PERIOD_US: u32 = 10_000_000;
 const MAX_SETTLING_US: u16 = 10_000;
 
 impl BoardSetup {
-    /// Whether frames can be taken with these settings while the line has this rate.
+    /// Checks that frames can be taken with these settings while the line has this rate.
     ///
     /// # Errors
-    /// Why not.
+    /// The reason why not.
     pub(crate) fn check(&self, settings: &Settings, rate: Option<Baud>) -> Result<(), Refusal> {
         let min_period_us = self.identity.min_period_us;
         let in_range = (min_period_us..=MAX_PERIOD_US).contains(&settings.period_us)
@@ -62,7 +62,7 @@ impl BoardSetup {
     }
 }
 
-/// Time that a sample takes on a line, in µs, with room for the rest.
+/// Returns the time that a sample takes on a line, in µs, with room for other packets.
 fn sample_us(stream: Stream, rate: Baud) -> u32 {
     let bytes = match stream {
         Stream::Wrench => WRENCH_FRAME as u64,
@@ -102,7 +102,7 @@ pub(crate) mod tests {
 
     #[test]
     fn a_rate_that_the_line_cannot_carry_is_refused_and_what_fits_is_said() {
-        // Bytes of a sample by the protocol's table, at 95 % of 5,760 per second.
+        // Bytes of a sample from the protocol's table, at 95 % of 5,760 per second.
         for (stream, bytes) in [(Stream::Raw, 34.0), (Stream::Wrench, 42.0)] {
             let shortest_us = (bytes * 1e6 / (0.95 * 5_760.0_f64)).ceil() as u32;
             let check =

@@ -1,4 +1,4 @@
-//! The tasks of the firmware, and what joins them.
+//! The tasks of the firmware, and their shared state.
 //!
 //! ```text
 //! acquire ── samples, health ──▶ ┌──────┐ ── outgoing ──▶ send
@@ -6,8 +6,8 @@
 //! receive ── commands ─────────▶ └──────┘ ── changed ───▶ acquire ── alive ──▶ watch
 //! ```
 //!
-//! Each is a task of its own on a board. They share the core's state, which is borrowed only between two waits, and
-//! wake each other by signals.
+//! On a board, each is a separate task. They share the core's state, which is never borrowed across an await,
+//! and wake each other by signals.
 
 use crate::acquisition::{acquire, illuminate};
 use crate::board::{Chip, Clock, FrontEnd, SeenEdge, Storage};
@@ -26,16 +26,17 @@ use shared_proto::{Answer, Decoder, Event, Framing, Packet, ReceivedPacket, Refu
 /// Longest time between two signs of life, in µs.
 const ALIVE_US: u64 = 250_000;
 
-/// Longest wait for the last bytes to leave, in µs: a driver that takes no more has two, at 9,600 baud. The
-/// receiver of embassy-stm32 0.6 clears the flag that its `flush` waits for, and then there is no end.
+/// Longest wait for the last bytes to leave, in µs: enough for the two bytes that a driver still holds at
+/// 9,600 baud. The receiver of embassy-stm32 0.6 clears the flag that its `flush` waits for, so `flush` may
+/// never return.
 const DRAIN_US: u64 = 2_500;
 
-/// Pause after an error of the receiver, so that a line that is stuck does not take all the time.
+/// Pause after a receiver error, so that a stuck line does not use up all the time.
 const RETRY_US: u64 = 10_000;
 
 type Wake = Signal<NoopRawMutex, ()>;
 
-/// What the tasks share.
+/// The state that the tasks share.
 pub struct Station<'a, C> {
     core: RefCell<Core<'a>>,
     clock: C,
@@ -45,14 +46,14 @@ pub struct Station<'a, C> {
 }
 
 impl<'a, C: Clock> Station<'a, C> {
-    /// A board after its start. Uploads are put together in `record`.
+    /// Creates a board after its start. `record` holds uploads.
     pub fn new(setup: BoardSetup, clock: C, record: &'a mut Record) -> Self {
         let core = RefCell::new(Core::new(setup, record));
         Self { core, clock, changed: Wake::new(), outgoing: Wake::new(), alive: Wake::new() }
     }
 
-    /// Takes frames at their slots while streaming. Only this gives signs of life: with a link that is
-    /// held up the board is well, but not with a converter that does not answer.
+    /// Takes frames at their slots while streaming. Only this task gives signs of life: a stalled link is no
+    /// reason for a reset, but a converter that does not answer is.
     pub async fn acquire<F: FrontEnd>(&self, mut front_end: F) {
         front_end.light(None);
         loop {
@@ -70,7 +71,8 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// Waits for the next slot, at most until a sign of life is due; whether it is time for a frame.
+    /// Waits for the next slot or the next sign of life, whichever is earlier; returns whether a frame is
+    /// due.
     async fn next_slot(&self) -> bool {
         let now_us = self.clock.now_us();
         if self.core.borrow_mut().gives_up_rate(now_us) {
@@ -79,10 +81,11 @@ impl<'a, C: Clock> Station<'a, C> {
         let slot_us = self.core.borrow_mut().next_slot(now_us);
         let until_us = slot_us.unwrap_or(u64::MAX).min(now_us + ALIVE_US);
         if until_us > now_us {
-            // What has come is seen before the clock is looked at again: a first frame is at its slot.
+            // Pending changes are handled before the clock is read again, so that a first frame is at its
+            // slot.
             select(self.changed.wait(), self.clock.wait_until_us(until_us)).await;
         }
-        // Whatever woke us, the slot may have moved, or be late by now.
+        // The slot may have moved during the wait, or be late by now.
         let now_us = self.clock.now_us();
         let is_same = self.core.borrow_mut().next_slot(now_us) == slot_us;
         is_same && slot_us.is_some_and(|slot_us| now_us >= slot_us)
@@ -103,7 +106,7 @@ impl<'a, C: Clock> Station<'a, C> {
         self.outgoing.signal(());
     }
 
-    /// Sends what is in the outbox. An error of the line costs the frame, and the host sees the gap.
+    /// Sends the outbox. A line error loses the frame, and the host sees the gap.
     pub async fn send<W: Write, H: Chip<W>>(&self, mut sender: W, mut chip: H) {
         loop {
             let next = self.core.borrow_mut().next_on_line();
@@ -123,7 +126,7 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// Does what arrives, with the calibration that is in storage.
+    /// Executes incoming commands, after loading the calibration from storage.
     pub async fn receive<R: Read, S: Storage>(&self, mut receiver: R, mut storage: S) {
         self.core.borrow_mut().load(&mut storage);
         let mut decoder = Decoder::new(Framing::Cobs);
@@ -146,7 +149,7 @@ impl<'a, C: Clock> Station<'a, C> {
                     core.command(number, to, &command, self.clock.now_us(), &mut storage);
                 }
                 Event::OtherVersion { command: true, .. } => {
-                    // Its number cannot be known.
+                    // The command's number is unknown.
                     core.outbox.answer(0, Answer::Refused(Refusal::OtherVersion));
                 }
                 _ => {}
@@ -158,7 +161,7 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// Hands on the edges at the sync input, each once there is one.
+    /// Passes on the edges at the sync input as they occur.
     pub async fn listen(&self, mut next_edge: impl AsyncFnMut() -> SeenEdge) {
         loop {
             let edge = next_edge().await;
@@ -175,7 +178,7 @@ impl<'a, C: Clock> Station<'a, C> {
         }
     }
 
-    /// All tasks as one, for a board without an executor.
+    /// Runs all tasks as one future, for a board without an executor.
     pub async fn run<F: FrontEnd, W: Write, H: Chip<W>, R: Read, S: Storage>(
         &self,
         front_end: F,

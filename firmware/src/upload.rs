@@ -1,24 +1,24 @@
-//! A calibration on its way to the board, and as it is kept.
+//! Upload of a calibration, and its format in storage.
 
 use shared_proto::{Calibration, Refusal, crc32};
 
-/// Where the bytes of the calibration are in a record, behind their number and their CRC-32.
+/// Offset of the calibration in a record, after its length and its CRC-32.
 const CALIBRATION: usize = 8;
 
 /// Length of a [`Record`], a multiple of the eight bytes that flash is written in.
 pub const RECORD: usize = (CALIBRATION + Calibration::MAX_SIZE).next_multiple_of(8);
 
-/// What is kept in [`crate::Storage`], little-endian: number of bytes of a calibration, their CRC-32, the bytes and
-/// room for the longest; bytes to fill up.
+/// Content of [`crate::Storage`], little-endian: length of a calibration in bytes, its CRC-32, room for the
+/// longest calibration, padding.
 pub type Record = [u8; RECORD];
 
-/// The CRC-32 of the bytes in a record, `None` if it was never written or is damaged.
+/// Returns the CRC-32 of the bytes in a record, `None` if it was never written or is damaged.
 pub(crate) fn kept_crc(record: &Record) -> Option<u32> {
     let crc = u32::from_le_bytes(*record[4..].first_chunk()?);
     (crc32(kept_bytes(record)?) == crc).then_some(crc)
 }
 
-/// The calibration in a record whose bytes are undamaged; `None` if they are no calibration.
+/// Returns the calibration in an undamaged record; `None` if the bytes are not a calibration.
 pub(crate) fn open(record: &Record) -> Option<Calibration> {
     Calibration::from_bytes(kept_bytes(record)?)
 }
@@ -29,7 +29,7 @@ fn kept_bytes(record: &Record) -> Option<&[u8]> {
     record.get(CALIBRATION..CALIBRATION.checked_add(size)?)
 }
 
-/// Pieces of a calibration, put together in order in a record.
+/// A calibration that arrives in pieces, assembled in order in a record.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Upload {
     size: usize,
@@ -37,10 +37,10 @@ pub(crate) struct Upload {
 }
 
 impl Upload {
-    /// An upload of so many bytes with this CRC-32 begins.
+    /// Begins an upload of `size` bytes with this CRC-32.
     ///
     /// # Errors
-    /// [`Refusal::WrongSize`] if that is not the size of a calibration.
+    /// [`Refusal::WrongSize`] if no calibration has that size.
     pub(crate) fn begin(size: u32, crc: u32, record: &mut Record) -> Result<Self, Refusal> {
         let known = usize::try_from(size).ok().filter(|&size| Calibration::is_size(size));
         let upload = Self { size: known.ok_or(Refusal::WrongSize)?, received: 0 };
@@ -51,12 +51,12 @@ impl Upload {
         Ok(upload)
     }
 
-    /// The next piece. One that has been received before is taken again, for its answer may have
+    /// Adds the next piece. A piece that was received before is accepted again, since its answer may have
     /// been lost.
     ///
     /// # Errors
-    /// [`Refusal::WrongOffset`] if a piece before it is missing; [`Refusal::WrongSize`] if it goes
-    /// beyond the end.
+    /// [`Refusal::WrongOffset`] if an earlier piece is missing; [`Refusal::WrongSize`] if the piece exceeds
+    /// the size.
     pub(crate) fn piece(
         &mut self,
         offset: u16,
@@ -77,11 +77,11 @@ impl Upload {
         Ok(())
     }
 
-    /// The CRC-32 of the whole, which is a calibration.
+    /// Returns the CRC-32 of a complete and valid calibration.
     ///
     /// # Errors
-    /// [`Refusal::WrongSize`] if pieces are missing, [`Refusal::WrongCrc`] if the CRC-32 is not the one
-    /// announced, [`Refusal::BadCalibration`] if the bytes are not a calibration.
+    /// [`Refusal::WrongSize`] if pieces are missing, [`Refusal::WrongCrc`] if the CRC-32 differs from the
+    /// announced one, [`Refusal::BadCalibration`] if the bytes are not a calibration.
     pub(crate) fn finish(&self, record: &Record) -> Result<u32, Refusal> {
         if self.received < self.size {
             return Err(Refusal::WrongSize);

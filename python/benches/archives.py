@@ -1,8 +1,7 @@
-"""What an archive costs: `python benches/archives.py`, a few minutes.
+"""Costs of an archive: `python benches/archives.py`, a few minutes.
 
-Bytes of a partial fit by model, with and without groups; rows per second and core; what a document takes to be
-merged. Medians of five, in seconds of the processor, which other programs on the machine
-do not change.
+Bytes of a partial fit by model, with and without groups; rows per second and core; time to merge a document.
+Medians of five, in seconds of processor time, which does not depend on other programs on the machine.
 """
 
 from __future__ import annotations
@@ -18,12 +17,12 @@ import numpy as np
 
 import shellcal
 
-#: Partial fits in a stream.
+#: Number of partial fits in a stream.
 PARTS = 2000
 
 
 def processor_seconds(*arguments: object, stdin: Path | None = None) -> float:
-    """Of a command of the program, the median of five."""
+    """Median of five runs of a command of the program."""
     times = []
     for _ in range(5):
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -52,7 +51,7 @@ def main() -> None:
             summing = processor_seconds(*fit, sums)
             by_group = processor_seconds(*fit, grouped, "--groups")
             size = sums.stat().st_size
-            # Beside those of the groups there are the sums of all rows and of two random folds.
+            # The file has additional sums of all rows and of two random folds.
             a_group = (grouped.stat().st_size - 3 * size) / groups
             with open(stream, "wb") as file:
                 for _ in range(PARTS):

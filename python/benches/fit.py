@@ -1,10 +1,10 @@
-"""A cubic fit of arrays beside scikit-learn's on the same features: `python benches/fit.py [ROWS]`.
+"""A cubic fit of arrays, compared with scikit-learn's on the same features: `python benches/fit.py [ROWS]`.
 
-Each fit is one process, after a fit of few rows that loads what it takes; the kinds take turns, five times. Prints the median
-time, the peak of memory beyond what was there before, and the RMS error of Fz. scikit-learn's features are those
-of its `PolynomialFeatures` for each channel, s, s², s³: made before the time is taken ("fit") or within ("pipeline"), as
-shellcal's are. The second set is the first with a channel that repeats another but for some counts: features that a
-solver of normal equations or of a truncated SVD in raw units takes for dependent.
+Each fit is a separate process, after a fit of a few rows that loads the libraries; the kinds take turns, five times.
+Prints the median time, the peak of additional memory, and the RMS error of Fz. scikit-learn's features come from
+`PolynomialFeatures` for each channel, s, s², s³, computed before the timing ("fit") or within it ("pipeline"), as in
+shellcal. In the second set, one channel repeats another except for a few counts: solvers by normal equations or by a
+truncated SVD in raw units consider such features dependent.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A board at 1 kHz and four readers, one of which stops: losses, processor time, latency; and one frame's conversion.
+"""A board at 1 kHz and four readers, one of which stops: losses, processor time, latency; and the conversion of a frame.
 
     python benches/stream.py [--seconds 60] [--rate 1000]
 """
@@ -22,7 +22,7 @@ import shellcal
 
 
 class Udp(threading.Thread):
-    """Counts rows, and what is between them."""
+    """Counts rows, and gaps between them."""
 
     def __init__(self) -> None:
         super().__init__(daemon=True)
@@ -42,7 +42,7 @@ class Udp(threading.Thread):
 
 
 class Stopped(threading.Thread):
-    """Reads a second, and then nothing until `go` is set, some seconds before the end."""
+    """Reads for a second, then stops until `go` is set, some seconds before the end."""
 
     def __init__(self, port: int) -> None:
         super().__init__(daemon=True)
@@ -68,7 +68,7 @@ def processor_s(pid: int) -> float:
 
 
 def percentiles(board_s: list[float], host_s: list[float]) -> str:
-    """Delays beyond the fastest row of every ten seconds."""
+    """Percentiles of the delays relative to the fastest row of every ten seconds."""
     board, delay = np.array(board_s), np.array(host_s) - np.array(board_s)
     stretch = ((board - board[0]) // 10).astype(int)
     beyond = np.concatenate([delay[stretch == it] - delay[stretch == it].min() for it in set(stretch)])

@@ -1,8 +1,7 @@
-"""Builds the wheel: maturin does, and before it the program is built and put where it takes files from.
+"""Builds the wheel with maturin, after building the program and copying it to maturin's folder of scripts.
 
-Maturin packs an extension or a program into a wheel, not both. Ruff and uv are programs only; here Python
-needs both, and one that is always of the same version as the other. So the program is a file among the
-`scripts` of the wheel's data, which pip puts on the path.
+Maturin packs an extension or a program into a wheel, not both. Ruff and uv are programs only; this package needs both,
+in the same version. So the program is a file among the `scripts` of the wheel's data, which pip puts on the path.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """One calibration from an archive of logs, on Dask: `python dask_fit.py calibration.json LOG…`.
 
-Every log becomes a partial fit on some worker; what comes back is merged as it arrives. A worker that dies
-costs its logs in hand, which go to another; a log that is delivered twice is counted once, and that is said.
-The result is the same to the last bit for any number of workers and any order.
+Every log becomes a partial fit on some worker, and results are merged as they arrive. The logs of a worker that dies go
+to another; a log that is delivered twice is counted once, and reported. The result is the same to the last bit for any
+number of workers and any order.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import shellcal
 def fit(
     client: Client, logs: Sequence[str | os.PathLike[str]], model: str = "cubic"
 ) -> tuple[shellcal.Calibration, list[str]]:
-    """The calibration, and the logs that were delivered twice."""
+    """Returns the calibration, and the logs that were delivered twice."""
     futures = client.map(
         shellcal.partial_fit, [os.fspath(log) for log in logs], model=model, groups=True
     )
@@ -34,7 +34,7 @@ def fit(
 
 def main() -> None:
     output, *logs = sys.argv[1:]
-    # A cluster of SLURM: `dask_jobqueue.SLURMCluster(cores=8, memory="8GB").get_client()`.
+    # For a SLURM cluster: `dask_jobqueue.SLURMCluster(cores=8, memory="8GB").get_client()`.
     with Client() as client:
         calibration, skipped = fit(client, logs)
     for name in skipped:

@@ -1,6 +1,6 @@
 """One calibration from an archive of logs, on Ray: `python ray_fit.py calibration.json LOG…`.
 
-As `dask_fit.py`: partial fits of logs on any worker, merged as they arrive.
+Like `dask_fit.py`: partial fits of logs on any worker, merged as they arrive.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def partial_fit(log: str, model: str) -> shellcal.Partial:
 def fit(
     logs: Sequence[str | os.PathLike[str]], model: str = "cubic"
 ) -> tuple[shellcal.Calibration, list[str]]:
-    """The calibration, and the logs that were delivered twice."""
+    """Returns the calibration, and the logs that were delivered twice."""
 
     def arriving() -> Iterator[shellcal.Partial]:
         waiting = [partial_fit.remote(os.fspath(log), model) for log in logs]

@@ -1,9 +1,9 @@
 """One calibration from a table of readings, on Spark: `spark-submit spark_fit.py calibration.json TABLE.parquet…`.
 
-The table has the columns `s1` … in counts, `fx_n` … in N, `mx_nm` … in N·m, and `group`, the label of what is held
-out together. Each partition becomes the exact sums over its rows, which are merged in a tree: coefficients are the same
-to the last bit for any partitions in any order. A task that fails and runs again is counted once; rows that are there
-twice are refused.
+The table has the columns `s1` … in counts, `fx_n` … in N, `mx_nm` … in N·m, and `group`, the label of rows that are held
+out together. Each partition becomes the exact sums over its rows, which are merged in a tree: the coefficients are the
+same to the last bit for any partitions in any order. A task that fails and runs again is counted once; duplicate rows
+are rejected.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ WRENCH = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
 
 def sums(batches: Iterator[pyarrow.RecordBatch], model: str) -> Iterator[pyarrow.RecordBatch]:
-    """The partial fit of a partition, as a table of one value; nothing of one without rows."""
+    """Returns the partial fit of a partition, as a table with one value; empty for a partition without rows."""
     partial = shellcal.Partial(model, groups=True)
     for batch in batches:
         if batch.num_rows:
@@ -37,13 +37,13 @@ def sums(batches: Iterator[pyarrow.RecordBatch], model: str) -> Iterator[pyarrow
 
 
 def merged(one: bytes, other: bytes) -> bytes:
-    """Both partial fits as one."""
+    """Merges two partial fits."""
     partials = map(shellcal.Partial.from_bytes, (one, other))
     return shellcal.merge(partials).to_bytes()
 
 
 def fit(table: Any, model: str = "cubic") -> shellcal.Calibration:
-    """The calibration from a data frame of Spark."""
+    """Returns the calibration from a Spark data frame."""
     partials = table.mapInArrow(lambda batches: sums(batches, model), "partial binary")
     whole = partials.rdd.map(lambda row: bytes(row.partial)).treeReduce(merged)
     return shellcal.Partial.from_bytes(whole).solve("auto" if model == "auto" else None, cv=True)

@@ -1,4 +1,4 @@
-//! Arrays of numpy as rows in memory, from whatever layout they are in.
+//! Conversion of numpy arrays, in any memory layout, to rows in memory.
 
 use std::ops::Range;
 
@@ -16,20 +16,20 @@ use crate::interrupt::Watch;
 pub(crate) struct Arrays<'a, 'w> {
     /// One row per sample, one column per channel, counts.
     pub(crate) readings: ArrayView2<'a, f64>,
-    /// One row per sample, one to six columns, N and N·m; axes that are not there are zero.
+    /// One row per sample, one to six columns, N and N·m; missing axes are zero.
     pub(crate) wrench: ArrayView2<'a, f64>,
-    /// For each row the position of its label, and the labels.
+    /// The position of each row's label, and the labels.
     pub(crate) groups: Option<(ArrayView1<'a, u32>, &'a [String])>,
     /// The time of each row, s.
     pub(crate) time: Option<ArrayView1<'a, f64>>,
-    /// How often each row is there, and the row that each of all these is.
+    /// Number of repetitions of each row, and the index of the original row for each repeated row.
     pub(crate) repeats: Option<(ArrayView1<'a, u32>, Vec<usize>)>,
-    /// How much each row counts, where none is repeated.
+    /// Weight of each row, if there are no repetitions.
     pub(crate) weights: Option<ArrayView1<'a, f64>>,
     pub(crate) watch: &'w Watch,
 }
 
-/// Of rows that are there so many times, the row that each of all these is.
+/// Returns the index of the original row for each repeated row.
 pub(crate) fn repeated(repeats: ArrayView1<'_, u32>) -> Vec<usize> {
     let rows = repeats.iter().enumerate();
     rows.flat_map(|(row, &times)| std::iter::repeat_n(row, times as usize)).collect()
@@ -41,7 +41,7 @@ impl Arrays<'_, '_> {
         self.repeats.as_ref().map_or(self.readings.nrows(), |(_, rows)| rows.len())
     }
 
-    /// The rows as a data set; labels all alike if `labels_all` and there are none.
+    /// Returns the rows as a data set. Without labels, and with `labels_all`, all rows get the same label.
     pub(crate) fn dataset(&self, labels_all: bool) -> Result<Dataset, PythonFailure> {
         let rows = self.rows();
         let mut blocks = Vec::with_capacity(rows.div_ceil(BLOCK_ROWS));
@@ -61,7 +61,7 @@ impl Arrays<'_, '_> {
         Ok(Dataset::from_blocks("<array>", Axes::ALL, blocks))
     }
 
-    /// Some of the rows.
+    /// Returns a range of the rows.
     fn block(&self, range: Range<usize>) -> Block {
         let rows = match &self.repeats {
             Some((_, all)) => all[range.clone()].to_vec(),
@@ -93,10 +93,10 @@ impl Arrays<'_, '_> {
         }
     }
 
-    /// What tells these rows from others, as checksums tell files.
+    /// Returns a checksum that identifies the rows, as for a file.
     pub(crate) fn checksum(&self) -> String {
         let mut hash = XxHash3_128::new();
-        // A few bytes at a time are slow to hash.
+        // Hashing a few bytes at a time is slow.
         let mut bytes = Vec::new();
         let rows = self.readings.nrows();
         for start in (0..rows).step_by(CHECKSUM_ROWS) {
@@ -117,10 +117,10 @@ impl Arrays<'_, '_> {
     }
 }
 
-/// Rows that are hashed at a time.
+/// Number of rows hashed at a time.
 const CHECKSUM_ROWS: usize = 512;
 
-/// Rows of an array that follow each other as columns, each one run of memory.
+/// Copies consecutive rows of an array to columns, each contiguous in memory.
 pub(crate) fn range_of_columns(array: &ArrayView2<'_, f64>, rows: Range<usize>) -> Vec<Vec<f64>> {
     array.slice(s![rows, ..]).columns().into_iter().map(|column| column.to_vec()).collect()
 }

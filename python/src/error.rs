@@ -1,4 +1,4 @@
-//! Errors of the libraries as exceptions of the package, with file, line, column and what to do.
+//! Conversion of library errors to exceptions of the package, with file, line, column and hint.
 
 use std::error::Error;
 use std::path::Path;
@@ -11,12 +11,12 @@ use pyo3::prelude::*;
 use shell_data::hint::{Hint, with_causes};
 use shellcal::workflow::WorkflowError;
 
-/// The exception that is raised: that of the package for an error of a library, or one of Python's own, such as an
+/// A Python exception: one of the package for an error of a library, or one of Python's, such as an
 /// interrupt.
 #[derive(Debug)]
 pub(crate) struct PythonFailure(pub(crate) PyErr);
 
-/// An error in words, and where it is.
+/// The message of an error, and its place.
 #[derive(Debug, Default)]
 pub(crate) struct PythonMessage {
     /// The class of `shellcal._errors`.
@@ -33,7 +33,7 @@ impl PythonMessage {
         Self { class, message, ..Self::default() }
     }
 
-    /// An error of this class, with its causes and what to do about it.
+    /// Creates a message of this class, with the error's causes and hint.
     fn from_error(class: &'static str, error: &(impl Error + Hint)) -> Self {
         let hint = error.hint().map(|hint| in_python(&hint));
         Self { hint, ..Self::new(class, with_causes(error)) }
@@ -43,13 +43,13 @@ impl PythonMessage {
         Self { file: Some(path.to_string_lossy().into_owned()), ..self }
     }
 
-    /// With another hint, where there is one.
+    /// Replaces the hint, if another is given.
     fn with_hint(self, hint: Option<&str>) -> Self {
         Self { hint: hint.map(str::to_owned).or(self.hint), ..self }
     }
 }
 
-/// A hint with the options of the program as arguments: `` `--ridge 1e-6` `` as `` `ridge=1e-6` ``.
+/// Converts program options in a hint to Python arguments: `` `--ridge 1e-6` `` to `` `ridge=1e-6` ``.
 fn in_python(hint: &str) -> String {
     let argument = |option: &str| {
         let (name, value) = option.split_once([' ', '=']).unwrap_or((option, ""));
@@ -161,7 +161,7 @@ impl From<FitError> for PythonFailure {
     }
 }
 
-/// What to do after errors of arrays.
+/// Returns the hint after errors of arrays.
 fn hint_after(error: &FitError) -> Option<&'static str> {
     Some(match error {
         FitError::NotExact(_) => {

@@ -1,4 +1,4 @@
-//! Calibrations: fitted to arrays, read and written, applied.
+//! Calibrations: fitting to arrays, reading and writing, application.
 
 use std::path::PathBuf;
 use std::sync::Mutex;
@@ -23,7 +23,7 @@ use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
 use crate::options;
 
-/// A calibration with its origin, and what its memory terms are after the frames that were converted one by one.
+/// A calibration with its origin, and the state of its memory terms after the frames converted one by one.
 #[pyclass(frozen, module = "shellcal._native")]
 pub(crate) struct Fitted(pub(crate) CalibrationFile, Mutex<Option<MemoryState>>);
 
@@ -34,11 +34,11 @@ impl From<CalibrationFile> for Fitted {
     }
 }
 
-/// What a prediction gives: the wrench, and standard errors where they are asked for.
+/// The result of a prediction: the wrench, and standard errors if requested.
 type Predicted<'py> = (Bound<'py, PyArray2<f64>>, Option<Bound<'py, PyArray2<f64>>>);
 
-/// Arrays as Python gives them: readings, wrench, for each row the position of its label with the labels,
-/// how often each row is there, how much it counts, and its time.
+/// Arrays from Python: readings, wrench, position of each row's label with the labels, number of repetitions
+/// of each row, its weight, and its time.
 pub(crate) type RowArrays<'py> = (
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray2<'py, f64>,
@@ -48,7 +48,7 @@ pub(crate) type RowArrays<'py> = (
     Option<PyReadonlyArray1<'py, f64>>,
 );
 
-/// A calibration that remembers, without times.
+/// Creates the error for a calibration with memory terms that was applied without times.
 fn no_time(error: NoTime) -> PythonMessage {
     let told = PythonMessage::new("OptionError", error.to_string());
     PythonMessage { hint: Some("give `time`, in s".to_owned()), ..told }
@@ -72,7 +72,7 @@ pub(crate) fn over_rows<T: Send>(
     })
 }
 
-/// Where a calibration of arrays says that it comes from.
+/// Returns the source entry of a calibration fitted to arrays.
 pub(crate) fn source(rows: &Arrays<'_, '_>) -> SourceFile {
     SourceFile {
         role: Role::Train,
@@ -83,7 +83,7 @@ pub(crate) fn source(rows: &Arrays<'_, '_>) -> SourceFile {
     }
 }
 
-/// Fits a calibration. Returns it with what is to be known of it, and the verdict.
+/// Fits a calibration. Returns it with the warnings, and the verdict.
 #[pyfunction]
 #[pyo3(signature = (rows, *, model, intercept, ridge, solver, truncate, lag, memory_terms, cross_validation, seed,
     covariance, threads, made_by, serial, progress))]
@@ -118,7 +118,7 @@ pub(crate) fn fit(
         ridge,
         solver: options::solver(solver)?,
         truncate,
-        // What is not given is searched for.
+        // Parameters that are not given are searched for.
         dynamics: DynamicsRule { lag, memory: memory_terms.as_deref() },
         cross_validation: cross_validation.map(|(folds,)| HeldOut::from(folds)),
         seed,
@@ -144,7 +144,7 @@ pub(crate) fn fit(
             let columns = (1..=channels).map(|i| format!("s{i}"));
             let columns = columns.chain(Axis::ALL.map(|axis| axis.name().to_owned()));
             let columns: Vec<String> = columns.collect();
-            // From 1, as the lines of a file.
+            // Counted from 1, like the lines of a file.
             let name = |row: &Outlier| RowName {
                 file: "<array>".to_owned(),
                 line: row.offset + row.row as u64 + 1,
@@ -195,12 +195,12 @@ impl Fitted {
         })
     }
 
-    /// The document.
+    /// Returns the document.
     fn to_json(&self, py: Python<'_>) -> String {
         py.detach(|| self.0.to_json())
     }
 
-    /// The model, such as `cubic + offset`.
+    /// Returns the model, such as `cubic + offset`.
     fn name(&self) -> String {
         self.0.calibration.name()
     }
@@ -213,19 +213,19 @@ impl Fitted {
         self.0.calibration.has_standard_errors()
     }
 
-    /// How many standard errors either way an interval of this level reaches, per axis.
+    /// Returns the half-width of an interval of this level in standard errors, per axis.
     fn interval_factors(&self, level: f64) -> Result<Vec<f64>, PythonFailure> {
         let calibration = &self.0.calibration;
         Ok(calibration.axes.of(&interval_factors(calibration, level)?))
     }
 
-    /// Whether it has memory terms.
+    /// Returns whether it has memory terms.
     fn has_memory(&self) -> bool {
         self.0.calibration.memory.is_some()
     }
 
-    /// The wrench of every row, and its standard errors if they are asked for. With memory terms rows are those of
-    /// one recording, in order, at `time`.
+    /// Returns the wrench of every row, and its standard errors if requested. With memory terms, the rows
+    /// must be those of one recording, in order, at `time`.
     fn predict<'py>(
         &self,
         py: Python<'py>,
@@ -242,7 +242,7 @@ impl Fitted {
             let (mut wrench, mut deviations) = (new(), errors.then(new));
             let mut of_block = PerAxis::default();
             let mut memory = calibration.start_memory();
-            // Forces at the rows' own times by the clock of the reference, as far as those are known.
+            // Shifts forces to the rows' times on the reference's clock, if these are known.
             let lag = calibration.lag;
             let lag = lag.filter(|of| of.time_base == TimeBase::Rows || time.is_some());
             let mut moved = ForcePipeline::default();
@@ -278,7 +278,7 @@ impl Fitted {
         Ok((wrench.into_pyarray(py), deviations.map(|errors| errors.into_pyarray(py))))
     }
 
-    /// The wrench of one frame at `time_s`, after those before it.
+    /// Returns the wrench of one frame at `time_s`, following the previous frames.
     #[pyo3(signature = (readings, time_s = None))]
     fn convert<'py>(
         &self,
@@ -304,7 +304,7 @@ impl Fitted {
         Ok(PyArray1::from_iter(py, wrench))
     }
 
-    /// The figure of `--plot`, of these rows, as SVG.
+    /// Returns the figure of `--plot` for these rows, as SVG.
     fn figure(
         &self,
         py: Python<'_>,
@@ -325,7 +325,7 @@ impl Fitted {
         })
     }
 
-    /// For each row, whether a reading is outside the range of the training data.
+    /// Returns for each row whether a reading is outside the range of the training data.
     fn out_of_range(&self, py: Python<'_>, x: PyReadonlyArray2<'_, f64>) -> Vec<bool> {
         let readings = x.as_array();
         py.detach(|| {
@@ -335,7 +335,7 @@ impl Fitted {
     }
 }
 
-/// Columns into the rows of an array from `start` on.
+/// Copies columns into the rows of an array from `start` on.
 fn copy(columns: &[Vec<f64>], start: usize, out: &mut Array2<f64>) {
     for (axis, column) in columns.iter().enumerate() {
         for (row, &value) in column.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! Work without the interpreter's lock, which Ctrl-C ends and whose progress is told.
+//! Work without the interpreter's lock, with interruption by Ctrl-C and progress reports.
 
 use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -9,10 +9,10 @@ use pyo3::prelude::*;
 
 use crate::error::PythonFailure;
 
-/// How often signals are looked for.
+/// Interval of checks for signals.
 const EVERY: Duration = Duration::from_millis(50);
 
-/// What work and its caller tell each other.
+/// State shared between the work and its caller.
 #[derive(Default)]
 pub(crate) struct Watch {
     stop: AtomicBool,
@@ -20,19 +20,19 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Whether the caller wants no more of it.
+    /// Returns whether the caller has requested a stop.
     pub(crate) fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
     }
 
-    /// Notes that so much more is done.
+    /// Adds to the amount of completed work.
     pub(crate) fn note(&self, more: u64) {
         self.done.fetch_add(more, Ordering::Relaxed);
     }
 }
 
-/// Runs `work` on a thread of its own while this one looks for signals and tells `progress`, if there is
-/// one, how much is done. A signal's exception, or that of `progress`, tells `work` to stop and is returned.
+/// Runs `work` on another thread, while this one checks for signals and reports the amount done to
+/// `progress`, if given. An exception from a signal or from `progress` stops the work and is returned.
 pub(crate) fn without_lock<T: Send>(
     py: Python<'_>,
     progress: Option<&Py<PyAny>>,
@@ -52,7 +52,7 @@ pub(crate) fn without_lock<T: Send>(
             let watch = &watch;
             let worker = scope.spawn(move || {
                 let result = work(watch);
-                // Nobody waits where a signal came first.
+                // After a signal, the receiver is gone.
                 let _ = done.try_send(());
                 result
             });
@@ -64,7 +64,7 @@ pub(crate) fn without_lock<T: Send>(
                     watch.stop.store(true, Ordering::Relaxed);
                 }
             }
-            // PyO3 makes an exception of a panic, on the thread of the caller.
+            // PyO3 converts a panic to an exception, on the thread of the caller.
             worker.join().unwrap_or_else(|panic| resume_unwind(panic))
         })
     });

@@ -1,5 +1,5 @@
-//! What the Python package `shellcal` takes from Rust: fits, predictions, partial fits and logs. The
-//! classes that users see are written in Python, over these.
+//! The Rust part of the Python package `shellcal`: fits, predictions, partial fits and logs. The public
+//! classes are written in Python, on top of these.
 
 mod arrays;
 mod error;

@@ -15,20 +15,20 @@ use shell_data::wrench::Axis;
 use crate::error::{PythonFailure, PythonMessage};
 use crate::interrupt::without_lock;
 
-/// What the user says of the columns, by the names of the options.
+/// The user's assignments of columns, by option name.
 pub(crate) type OptionColumns = BTreeMap<String, String>;
 
-/// How logs are read: what the columns are, bad rows left out, threads.
+/// Rules for reading logs: columns, whether to skip bad rows, threads.
 pub(crate) type ReadRules = (OptionColumns, bool, usize);
 
-/// Names and columns, the group of each row with the labels, rows that were skipped and repeated.
+/// Names and columns, the group of each row with the labels, numbers of skipped and repeated rows.
 type ReadArrays<'py> = (
     Vec<(String, Bound<'py, PyArray1<f64>>)>,
     Option<(Bound<'py, PyArray1<u32>>, Vec<String>)>,
     (String, u64, u64),
 );
 
-/// Reads a log whole.
+/// Reads a complete log.
 #[pyfunction]
 pub(crate) fn read_log<'py>(
     py: Python<'py>,
@@ -81,7 +81,7 @@ pub(crate) fn read_log<'py>(
     Ok((columns, groups, about))
 }
 
-/// What the user says of the columns.
+/// Converts the user's assignments of columns.
 pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, PythonFailure> {
     let mut mapping = Mapping::default();
     for (option, text) in names {

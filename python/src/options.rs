@@ -1,4 +1,4 @@
-//! Options of Python by their names.
+//! Conversion of Python's option names.
 
 use calibration::Basis;
 use calibration::fit::{CovarianceRule, ModelRule};

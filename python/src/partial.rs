@@ -1,4 +1,4 @@
-//! Partial fits: sums that are merged.
+//! Partial fits: sums that can be merged.
 
 use std::path::PathBuf;
 
@@ -26,20 +26,20 @@ use crate::options;
 #[pyclass(module = "shellcal._native")]
 pub(crate) struct Partial(PartialFit);
 
-/// Which sums are made: model, intercept, groups kept, seed of the random split.
+/// The kind of sums: model, intercept, groups kept, seed of the random split.
 type What = (String, bool, Option<String>, u64);
 
 fn largest_basis(model: &str) -> Result<Basis, PythonFailure> {
     Ok(match options::model(model)? {
         ModelRule::Given(basis) => basis,
-        // The sums of the largest serve every model that `auto` compares.
+        // The sums of the largest model serve all models that `auto` compares.
         ModelRule::Auto | ModelRule::Physics => Basis::Poly3,
     })
 }
 
 #[pymethods]
 impl Partial {
-    /// The sums over rows of arrays that are called `name`.
+    /// Sums rows of arrays, called `name`.
     #[staticmethod]
     fn from_arrays(
         py: Python<'_>,
@@ -76,7 +76,7 @@ impl Partial {
         })
     }
 
-    /// The sums over logs.
+    /// Sums rows of logs.
     #[staticmethod]
     fn from_logs(
         py: Python<'_>,
@@ -131,7 +131,7 @@ impl Partial {
         py.detach(|| Ok(Self(PartialFit::read(&path)?)))
     }
 
-    /// The document, in the order that does not depend on how it was merged.
+    /// Returns the document, in an order that does not depend on the order of merging.
     fn document<'py>(&mut self, py: Python<'py>) -> Bound<'py, PyBytes> {
         let partial = &mut self.0;
         let document = py.detach(|| {
@@ -145,7 +145,7 @@ impl Partial {
         py.detach(|| Self(self.0.clone()))
     }
 
-    /// Adds the rows of another; this one is as it was where that cannot be.
+    /// Adds the rows of another partial fit; after an error this one is unchanged.
     fn merge(&mut self, py: Python<'_>, other: PyRef<'_, Self>) -> Result<(), PythonFailure> {
         let (own, other) = (&mut self.0, &other.0);
         py.detach(|| Ok(own.merge(other)?))
@@ -167,14 +167,14 @@ impl Partial {
         self.0.model.channels
     }
 
-    /// The labels of the groups, if they are kept.
+    /// Returns the labels of the groups, if they are kept.
     fn groups(&mut self) -> Option<Vec<String>> {
         self.0.put_in_order();
         let groups = self.0.groups.as_ref()?;
         Some(groups.groups.iter().map(|group| group.label.clone()).collect())
     }
 
-    /// Name, checksum and rows of each source.
+    /// Returns name, checksum and rows of each source.
     fn sources(&mut self) -> Vec<(PathBuf, Option<String>, u64)> {
         self.0.put_in_order();
         let source = |of: &SourceFile| (of.path.clone(), of.checksum.clone(), of.rows);
@@ -212,7 +212,7 @@ impl Partial {
     }
 }
 
-/// Reads partial fits that stand one after the other.
+/// Reads concatenated partial fits.
 #[pyfunction]
 pub(crate) fn read_partials(
     py: Python<'_>,

@@ -1,4 +1,4 @@
-"""Recordings of the simulated sensor, and the program that fits are compared with."""
+"""Recordings of the simulated sensor, and the program as the reference for fits."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 import shellcal
 
-#: Of every document that the tests make.
+#: Date of every document in the tests.
 EPOCH = "1500000000"
 
 
@@ -37,7 +37,7 @@ def table(logs: list[Path]) -> shellcal.Table:
 
 
 def program(command: str, *arguments: Any) -> str:
-    """What the program prints."""
+    """Returns the output of the program."""
     line = [shellcal.program(), *command.split(), *map(str, arguments)]
     done = subprocess.run(
         line, capture_output=True, text=True, env={"SOURCE_DATE_EPOCH": EPOCH}, check=False
@@ -47,7 +47,7 @@ def program(command: str, *arguments: Any) -> str:
 
 
 def record_whole(port: str, calibration: Path, log: Path, stream: Path | None = None) -> None:
-    """Records three seconds of a board of 100 Hz, anew where a busy machine let too few frames through."""
+    """Records three seconds of a board at 100 Hz, again if a busy machine lost frames."""
     options = ["--calibration", calibration, *(["--stream", stream] if stream else [])]
     for _ in range(20):
         for made in filter(None, (log, stream)):
@@ -59,7 +59,7 @@ def record_whole(port: str, calibration: Path, log: Path, stream: Path | None = 
 
 
 def fitted(tmp_path: Path, *arguments: Any) -> dict[str, Any]:
-    """The calibration file of `shellcal fit`, of the cubic model unless another is given."""
+    """Returns the calibration file of `shellcal fit`, for the cubic model unless another is given."""
     path = tmp_path / "fitted.json"
     model = () if "--model" in arguments else ("--model", "cubic")
     program("fit", *arguments, *model, "-o", path, "-q")
@@ -68,7 +68,7 @@ def fitted(tmp_path: Path, *arguments: Any) -> dict[str, Any]:
 
 
 def counts(rows: int, channels: int = 8, seed: int = 0) -> tuple[Any, Any]:
-    """Readings of 12 bits, and a wrench that is linear in them but for noise."""
+    """Returns 12-bit readings, and a wrench that is linear in them except for noise."""
     random = np.random.default_rng(seed)
     X = random.integers(1200, 2800, (rows, channels)).astype(float)
     truth = random.normal(size=(channels, 6)) / 1000

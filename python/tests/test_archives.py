@@ -1,4 +1,4 @@
-"""An archive of logs on two worker processes, one of which is killed: the file of one machine, byte for byte."""
+"""An archive of logs on two worker processes, one of which is killed: the result equals a single machine's file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ LOGS = 200
 
 
 class Archive:
-    """Logs as they are delivered, and what one machine makes of them."""
+    """Delivered logs, and the result of a single machine."""
 
     def __init__(self, folder: Path) -> None:
         whole = folder / "whole.csv"
@@ -35,14 +35,14 @@ class Archive:
         self.paths = [folder / f"part-{number:03}.csv" for number in range(LOGS)]
         for number, path in enumerate(self.paths):
             path.write_text("\n".join([header, *rows[60 * number : 60 * (number + 1)]]) + "\n")
-        # One `fit`, and the same from its sums, for what takes no rows.
+        # The result of `fit`, and the one from its sums, for results that need no rows.
         sums, merged, fitted = (folder / name for name in ("sums.json", "all.json", "fit.json"))
         program("fit", *self.paths, "--groups", "--partial", sums)
         program("merge", sums, "--cv", "-o", merged)
         program("fit", *self.paths, "--model", "cubic", "--cv", "-o", fitted)
         self.merged = merged.read_text()
         self.fitted: dict[str, Any] = json.loads(fitted.read_text())
-        # The same rows under another name, as a queue or an operator delivers them twice.
+        # The same rows under another name, as if a queue or an operator delivered them twice.
         self.twice = folder / "part-000-again.csv"
         shutil.copy(self.paths[0], self.twice)
         self.delivered = [*self.paths, self.twice]
@@ -52,7 +52,7 @@ class Archive:
         assert len(skipped) == 1 and skipped[0] in (str(self.paths[0]), str(self.twice))
         text = calibration.to_json()
         if skipped[0] == str(self.paths[0]):
-            # Which of two equal files came first is chance; its name, and a checksum over that, is all that tells.
+            # The order of two equal files is random; only its name, and a checksum that includes it, differ.
             text = text.replace(str(self.twice), str(self.paths[0]))
         without_checksum = [it.rsplit(',\n  "checksum"', 1)[0] for it in (text, self.merged)]
         assert without_checksum[0] == without_checksum[1]
@@ -82,7 +82,7 @@ def test_dask_makes_the_same_file_though_a_worker_is_killed(archive: Archive) ->
     ) as cluster, distributed.Client(cluster) as client:
         pids = list(client.run(os.getpid).values())
         assert len(set(pids)) == 2
-        # In the middle: some logs are done, and more are not.
+        # In the middle of the work: some logs are done, others are not.
         killer = threading.Timer(0.05, lambda: os.kill(pids[0], signal.SIGKILL))
         killer.start()
         calibration, skipped = example("dask_fit.py")["fit"](client, archive.delivered)
@@ -111,7 +111,7 @@ def test_ray_makes_the_same_file_though_a_worker_is_killed(archive: Archive) -> 
 
 
 def test_partitions_of_a_table_are_the_fit_of_the_whole_on_spark(logs: list[Path]) -> None:
-    """What `mapInArrow` and `treeReduce` are given, on batches as Spark passes them."""
+    """Tests the functions passed to `mapInArrow` and `treeReduce`, on batches as Spark passes them."""
     arrow = pytest.importorskip("pyarrow")
     spark_fit = example("spark_fit.py")
     tables = [arrow.table(shellcal.read_log(log)) for log in logs]
@@ -133,7 +133,7 @@ def test_partitions_of_a_table_are_the_fit_of_the_whole_on_spark(logs: list[Path
     assert (found.coefficients_ == expected.coefficients_).all()
     held_out = (of.diagnostics_["cross_validation"]["grouped"] for of in (found, expected))
     for ours, theirs in zip(next(held_out), next(held_out)):
-        # Sums of squares over groups, which stand in the order of the batches that they came in.
+        # Sums of squares over groups, in the order of their batches.
         assert ours["rms"] == pytest.approx(theirs["rms"], rel=1e-12)
     with pytest.raises(shellcal.CountedTwiceError):
         spark_fit["merged"](whole, documents[0])
@@ -166,7 +166,7 @@ def test_shares_of_a_manifest_are_one_data_set(tmp_path: Path) -> None:
     shellcal.synth("trials", tmp_path / "trials")
     manifest = tmp_path / "trials/manifest.csv"
     whole = shellcal.batch(manifest, calibration, parquet=tmp_path / "whole")
-    # More shares than a cluster would take for 25 trials: some are empty.
+    # More shares than a cluster would use for 25 trials: some are empty.
     parts = [
         shellcal.batch(manifest, calibration, shard=f"{share}/30", parquet=tmp_path / "parts")
         for share in range(30, 0, -1)
@@ -179,7 +179,7 @@ def test_shares_of_a_manifest_are_one_data_set(tmp_path: Path) -> None:
 
 
 def test_the_program_alone_does_the_same_in_a_pipe(tmp_path: Path, logs: list[Path]) -> None:
-    """What `docs/archives.md` has for SLURM and GNU parallel, with xargs in its place."""
+    """Tests the commands of `docs/archives.md` for SLURM and GNU parallel, with xargs instead."""
     binary = shellcal.program()
     line = (
         f"printf '%s\\n' {' '.join(map(str, logs))} | xargs -P 2 -I LOG sh -c "

@@ -1,4 +1,4 @@
-"""What cannot be used is refused with what to do; nothing panics."""
+"""Unusable input is rejected with a hint; the package never panics."""
 
 from __future__ import annotations
 
@@ -165,12 +165,12 @@ def test_a_calibration_without_a_fit_says_so() -> None:
             use()
 
 
-#: Seeds are numbers, so that a failure can be made again: `-k` and the seed that it prints.
+#: Seeds are numbers, so that a failure can be reproduced: `-k` and the printed seed.
 CALLS = 10_000
 
 
 def anything(draw: random.Random, depth: int = 0) -> Any:
-    """Something that a user may pass by mistake."""
+    """Returns a value that a user might pass by mistake."""
     numbers = np.random.default_rng(draw.randrange(2**32))
     rows, columns = draw.choice([0, 1, 2, 7, 40]), draw.choice([0, 1, 2, 6, 8, 300])
     makers = [

@@ -1,4 +1,4 @@
-"""MCAP files of the program in `rosbags`, which is not of this project: of a log, and of a recording."""
+"""The program's MCAP files of a log and of a recording, read by `rosbags`, an independent implementation."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_recording_opens_with_the_types_of_ros_2(logs: list[Path], tmp_path: P
     assert (found.header.frame_id, found.child_frame_id) == ("base_link", "left_shell")
     place, rotation = found.transform.translation, found.transform.rotation
     assert (place.x, place.y, place.z) == (0.1, 0.0, -0.02)
-    # A quarter turn about z; cosine and sine of 45° as this machine rounds them.
+    # A quarter turn about z; cosine and sine of 45° with this machine's rounding.
     turn = [rotation.x, rotation.y, rotation.z, rotation.w]
     assert np.allclose(turn, [0, 0, 0.5**0.5, 0.5**0.5], rtol=0, atol=1e-15)
     assert len(details) == 200
@@ -86,7 +86,7 @@ def test_a_recording_of_a_board_is_a_bag_with_the_same_bits(logs: list[Path], tm
             found[time_ns] = [force.x, force.y, force.z, torque.x, torque.y, torque.z]
     assert len(recorded) == len(found) > 200
     names = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
-    # Until tare and clock are known the log has the forces of the calibration alone.
+    # Until tare and clock are known, the log has the forces of the calibration alone.
     known = [row for row in recorded if not {"untared", "unfiltered"} & set(row["flags"].split())]
     assert len(known) > 150
     for row in known:

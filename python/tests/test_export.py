@@ -1,4 +1,4 @@
-"""Calibrations exported as code give what the program gives."""
+"""Exported code gives the results of the program."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ def columns(path: Path, names: list[str]) -> Any:
 def calibrated(
     request: pytest.FixtureRequest, logs: list[Path], tmp_path_factory: pytest.TempPathFactory
 ) -> tuple[Path, Path, Any, Any]:
-    """A calibration, a log, the program's wrenches of it, and how far others may be from them."""
+    """A calibration, a log, the program's wrenches for it, and the tolerance."""
     folder = tmp_path_factory.mktemp(request.param)
     calibration, converted = folder / "calibration.json", folder / "converted.csv"
     program("fit", logs[1], "--model", request.param, "-o", calibration, "-q")
     untouched = ["--no-tare", "--no-lowpass", "--all-rows"]
     program("convert", calibration, logs[2], *untouched, "-o", converted, "-q")
     wrench = columns(converted, AXES)
-    # Polynomials differ by rounding: sums of up to 165 products, a few of the largest of which cancel. Steps of the
-    # physics model end within a thousandth of a standard error, from starts that are a little different.
+    # Polynomials differ by rounding: sums of up to 165 products, a few of the largest of which cancel. The
+    # physics model's iteration ends within a thousandth of a standard error, from slightly different starts.
     near = columns(converted, ERRORS) * 1e-3 if request.param == "physics" else 1e-12
     return calibration, logs[2], wrench, near
 

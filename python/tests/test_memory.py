@@ -1,4 +1,4 @@
-"""Calibrations that remember give what the program gives: fitted here, applied here, and exported as code."""
+"""Calibrations with memory terms give the program's results: fitted here, applied here, and exported as code."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ import shellcal
 TIMES = [0.3, 4.0]
 CHANNELS = [f"s{channel}" for channel in range(1, 9)]
 AXES = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]
-# Rounding of sums of some forty products.
+# Rounding of sums of about forty products.
 NEAR = 1e-12
 
 
@@ -51,7 +51,7 @@ def test_a_file_is_applied_along_the_rows_of_a_recording(remembering: tuple[Path
         calibration.predict(readings)
     with pytest.raises(shellcal.ArrayError, match="time has the shape"):
         calibration.predict(readings, time=times[1:])
-    # Frame by frame as well, and anew where the clock goes back to its start.
+    # Frame by frame as well, and from a restart when the clock goes back to its start.
     for _ in range(2):
         for frame, at, wrench in zip(readings, times, expected):
             assert (calibration.convert(frame, at) == wrench).all()

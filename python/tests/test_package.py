@@ -82,7 +82,7 @@ def test_other_threads_run_during_a_fit() -> None:
     during = ticks - before
     done.set()
     ticker.join()
-    # A fit of some hundred milliseconds that held the lock would leave the other thread one tick or two.
+    # If a fit of a few hundred milliseconds held the lock, the other thread would get one or two ticks.
     assert during > 20
 
 
@@ -101,7 +101,7 @@ try:
 except KeyboardInterrupt:
     print("interrupted")
 """
-    # A sum over that many rows for the check of what is finite takes a while, too: not of interest here.
+    # The check for finite values also takes a while for that many rows: not of interest here.
     code = code.replace("import numpy", "import shellcal._arrays as a; a._finite = lambda x, *_: x\nimport numpy")
     run = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
     assert run.stdout is not None and run.stdout.readline() == "ready\n"
@@ -127,7 +127,7 @@ def test_the_figure_of_many_rows_is_of_some() -> None:
     X, Y = counts(50_000)
     html = Calibration("linear").fit(X, Y)._repr_html_()
     assert "Calibration linear + offset, 4000 of 50000 rows</text>" in figure(html)
-    # What a notebook keeps of each calibration that it shows.
+    # The memory that a notebook keeps for each displayed calibration.
     assert len(html) < 500_000
 
 
@@ -174,9 +174,9 @@ def test_what_takes_long_has_a_bar_where_somebody_looks(
     del bars[:]
     X, Y = counts(300_000)
     Calibration("poly3", threads=1).fit(X, Y)
-    # One pass for the sums, one for the errors; looked at every 50 ms.
+    # One pass for the sums, one for the errors; checked every 50 ms.
     assert 0 < bars[0].n <= 600_000 and bars[0].closed
-    # Without tqdm there is none.
+    # Without tqdm there is no bar.
     del bars[:]
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     assert shellcal.batch(manifest, calibration) == unseen and not bars
@@ -191,7 +191,7 @@ def test_results_show_themselves() -> None:
     for text in ("linear + offset", "RMS new groups", "<th>Mz</th>", "N·m"):
         assert text in html
     assert "Calibration linear + offset</text>" in figure(html) and "400 training rows" in figure(html)
-    # The figure is of the rows, which neither files nor pickles have.
+    # The figure needs the rows, which neither files nor pickles contain.
     again = pickle.loads(pickle.dumps(calibration))
     assert "<img" not in again._repr_html_() and "RMS new groups" in again._repr_html_()
     assert repr(calibration) == "Calibration(cv=True, model='linear')"
@@ -248,7 +248,7 @@ def test_an_arrow_table_keeps_its_memory_for_as_long_as_it_is_held() -> None:
     gc.collect()
     assert column.to_pylist() == words.tolist()
     del column
-    # A stream that nobody takes is let go, too.
+    # An unused stream is released, too.
     capsule = shellcal.Table(columns, {}).__arrow_c_stream__()
     del capsule
     gc.collect()
@@ -280,7 +280,7 @@ def test_weights_are_those_of_scikit_learn() -> None:
         assert [str(one.message) for one in told] == (
             [] if is_whole else ["not solved exactly but by refined QR: sample_weight has no whole numbers"]
         )
-        # scikit-learn solves in raw units, of a condition of some 10⁴.
+        # scikit-learn solves in raw units, with a condition number of about 10⁴.
         assert np.allclose(found.predict(X), expected.predict(X), rtol=0, atol=1e-10)
         assert found.score(X, Y, weights) == pytest.approx(expected.score(X, Y, weights), rel=1e-9)
         residual = Y - expected.predict(X)
@@ -296,7 +296,7 @@ def test_other_weights_leave_rows_out_and_scale_standard_errors(table: shellcal.
     whole = calibration.fit(table.X[kept], table.Y[kept], weights[kept]).document_
     found = calibration.fit(table.X, table.Y, np.where(kept, weights, 0.0)).document_
     assert found == whole
-    # Twice the weight of all is half the variance of a sample of weight 1, and the same answer.
+    # Twice the weight for all rows is half the variance of a sample of weight 1, and the same coefficients.
     doubled = calibration.fit(table.X[kept], table.Y[kept], 4 * weights[kept]).document_
     assert np.allclose(doubled["coefficients"], whole["coefficients"], rtol=1e-10, atol=1e-14)
     residuals = (np.asarray(of["covariance"]["residual"]) for of in (doubled, whole))
@@ -308,13 +308,13 @@ def test_trials_and_simulations(tmp_path: Path, logs: list[Path]) -> None:
     shellcal.synth("trials", tmp_path / "trials")
     found = shellcal.batch(tmp_path / "trials/manifest.csv", calibration, reference="free")
     assert len(found["trials"]) == 25
-    # A channel of 4 cm is narrow for the model, which the program says.
+    # The program warns that a channel of 4 cm is narrow for the model.
     with pytest.warns(shellcal.ShellcalWarning, match="channel of 4 cm"):
         assert shellcal.simulate()
     assert shellcal.info(logs[0])
 
 
-#: What scikit-learn's conventions ask for and this estimator does not do, with the reason.
+#: Conventions of scikit-learn that this estimator does not follow, with the reason.
 DEVIATIONS = {
     "check_sample_weight_equivalence_on_dense_data": "sets `cv` to a list of splits; here it is whether groups are "
     "held out. `test_whole_weights_are_repeated_rows` is the same check, bit for bit",

@@ -1,4 +1,4 @@
-"""Files that pyarrow writes are read as pyarrow reads them, or refused by name."""
+"""Files written by pyarrow are read like pyarrow reads them, or rejected with the reason."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ import pyarrow.parquet as parquet
 
 import shellcal
 
-#: Files; a seed each.
+#: Number of files; each has its own seed.
 FILES = 500
 AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 INTEGERS = ["int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64"]
-#: Which encodings pyarrow writes of a type, beside dictionaries.
+#: Encodings that pyarrow writes for a type, in addition to dictionaries.
 OF_INTEGERS = ["PLAIN", "DELTA_BINARY_PACKED", "BYTE_STREAM_SPLIT"]
 OF_FLOATS = ["PLAIN", "BYTE_STREAM_SPLIT"]
 
 
 def column(draw: random.Random, numbers: Any, rows: int, nulls: bool) -> tuple[Any, str | None]:
-    """Readings of any type, with an encoding or `None` for a dictionary."""
+    """Returns readings of any type, with an encoding or `None` for a dictionary."""
     kind = draw.choice([*INTEGERS, "float", "double"])
     if kind in ("float", "double"):
         values = (numbers.integers(-(2**15), 2**15, rows) / 8.0).astype("f4" if kind == "float" else "f8")
@@ -40,7 +40,7 @@ def column(draw: random.Random, numbers: Any, rows: int, nulls: bool) -> tuple[A
 
 
 def others(draw: random.Random, rows: int) -> dict[str, tuple[Any, str | None]]:
-    """Columns that are no numbers, and what they are called where one is asked for; `None` for those that are read."""
+    """Returns columns that are not numbers, with the name of their type in the error; `None` for columns that are read."""
     at = datetime.datetime(2017, 5, 29)
     made = {
         "price": (pa.array([decimal.Decimal(row) / 8 for row in range(rows)], pa.decimal128(12, 3)), "decimal"),
@@ -92,7 +92,7 @@ def test_five_hundred_files_are_equal_or_refused_by_name(tmp_path: Path) -> None
             ended["refused"] += 1
             if compression == "brotli":
                 continue
-            # A reading that is missing makes a wrong row, and no zero.
+            # A missing reading makes an invalid row, not a zero.
             if expected.column("s1").null_count == rows:
                 continue
             found = shellcal.read_log(path, skip_bad_rows=True)
@@ -107,7 +107,8 @@ def test_five_hundred_files_are_equal_or_refused_by_name(tmp_path: Path) -> None
                 # By the name of the leaf: `tags.list.element`.
                 leaf = f"{name}.list.element" if kind == "list" else name
                 try:
-                    # Bytes that nobody says anything of may be text of an old writer: what is no number is a wrong row.
+                    # Bytes without a declared type may be text of an old writer: a value that is not a number
+                    # is an invalid row.
                     shellcal.read_log(path, sensors=leaf, skip_bad_rows=kind != "bytes")
                 except shellcal.LogError as error:
                     assert name in str(error) and (kind == "bytes" or kind in str(error)), (seed, str(error))

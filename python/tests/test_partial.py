@@ -1,4 +1,4 @@
-"""Partial fits: any order gives the bits of one fit."""
+"""Partial fits: every order gives the bits of one fit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The pipelines of `examples/pipeline`, run: by Snakemake and by DVC, with a task that is killed."""
+"""Runs the pipelines of `examples/pipeline` with Snakemake and with DVC, and kills a task."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FILES = ("calibration.json", "results/trials.csv", "report.html")
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="the killed task is a shell script")
 
-#: The program, but for the first attempt at the second session, which is killed in the middle of its work.
+#: The program, except that the first attempt at the second session is killed in the middle of its work.
 KILLED = """#!/bin/sh
 case "$*" in
   *session-2.csv*)
@@ -71,7 +71,7 @@ def made(folder: Path) -> dict[str, bytes]:
 
 
 def start_over(folder: Path, script: str) -> None:
-    """Removes what was made; the program is then a script beside the pipeline."""
+    """Removes all results; the program is then a script in the pipeline's folder."""
     for path in [folder / "killed", *(folder / "partial").glob("*"), *(folder / name for name in FILES)]:
         path.unlink(missing_ok=True)
     tool = folder / "shellcal"
@@ -88,7 +88,7 @@ def test_a_killed_task_is_repeated_to_the_same_bytes(folder: Path) -> None:
     whole = made(folder)
     assert b"</html>" in whole["report.html"] and b"run-2.txt" in whole["results/trials.csv"]
 
-    # A log that is replaced is seen, also by one with an older time.
+    # A replaced log is detected, even if its time is older.
     log, other = folder / "trials" / "run-2.txt", folder / "trials" / "run-1.txt"
     content, times = log.read_bytes(), (log.stat().st_atime, log.stat().st_mtime)
     log.write_bytes(other.read_bytes())
@@ -112,7 +112,7 @@ def test_a_killed_task_is_repeated_to_the_same_bytes(folder: Path) -> None:
     assert "session-2" in said
     run(folder, sys.executable, "-m", "dvc", "repro", "--quiet")
     assert made(folder) == whole
-    # What has not changed is not made again.
+    # Unchanged results are not recomputed.
     assert "didn't change" in run(folder, sys.executable, "-m", "dvc", "repro")
 
 

@@ -1,4 +1,4 @@
-"""`python -m shellcal.ros2` to a process that knows of it only what every ROS 2 node knows."""
+"""`python -m shellcal.ros2`, received by a process that only knows ROS 2's conventions."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from conftest import program, record_whole
 
 pytest.importorskip("cyclonedds")
 
-#: Nothing in here is of shellcal: types, names and quality of service are those of rmw_cyclonedds_cpp.
+#: Independent of shellcal: types, names and quality of service are those of rmw_cyclonedds_cpp.
 LISTENER = '''
 import json, sys, time
 from dataclasses import dataclass
@@ -100,7 +100,7 @@ print(json.dumps({"rows": rows, "errors": errors, "answers": answers}), flush=Tr
 def test_a_node_of_ros_2_gets_wrenches_and_can_tare(logs: list[Path], tmp_path: Path) -> None:
     path = tmp_path / "cal.json"
     program("fit", logs[1], "--model", "cubic", "-o", path, "-q")
-    # A domain that no other test on this machine is in, as far as that can be known.
+    # A domain that other tests on this machine are unlikely to use.
     domain = str(1 + os.getpid() % 200)
     with (
         shellcal.simulated_board(load="-") as board,
@@ -125,8 +125,8 @@ def test_a_node_of_ros_2_gets_wrenches_and_can_tare(logs: list[Path], tmp_path: 
     assert heard["answers"] == [[2**63 + 5, 7, True]]
     assert all(row[2] == "left_foot" for row in rows)
     stamps = [row[0] + row[1] / 1e9 for row in rows]
-    # 100 Hz, to a µs of the stamps and what a double holds of one. A reader that is late by ten frames misses
-    # some: ROS 2 keeps that many.
+    # 100 Hz, to a µs of the stamps and a double's resolution. A reader that is late by ten frames misses
+    # some, since ROS 2 keeps that many.
     periods = [(b - a) / 0.01 for a, b in zip(stamps, stamps[1:])]
     assert all(0 < round(it) and abs(it - round(it)) < 2e-4 for it in periods), max(periods)
 
@@ -153,6 +153,6 @@ def test_a_frame_has_the_same_bits_in_log_stream_loop_and_message(
         assert frame.wrench.tolist() == wrench
         seconds, microseconds = map(int, row["t_s"].split("."))
         message = node._stamped(frame, frame.wrench).serialize(use_version_2=False)
-        # CDR version 1, lowest byte first: header, stamp, length and text, padding to 8, six doubles.
+        # CDR version 1, little-endian: header, stamp, length and text, padding to 8, six doubles.
         head = struct.pack("<iII6s6x", seconds, microseconds * 1000, 6, b"shell\0")
         assert message == b"\x00\x01\x00\x00" + head + struct.pack("<6d", *wrench)

@@ -1,4 +1,4 @@
-"""What Python gives are the bits that the program gives."""
+"""Python's results have the same bits as the program's."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_coefficients_and_standard_errors(
     for axis in range(6):
         ours, theirs = (of["diagnostics"]["train"][axis] for of in (found, expected))
         assert ours["max"] == theirs["max"]
-        # Sums of squares of 1700 numbers, added up in blocks that are others.
+        # Sums of squares of 1700 numbers, added up in different blocks.
         assert ours["rms"] == pytest.approx(theirs["rms"], rel=1e-12)
 
 
@@ -82,7 +82,7 @@ def test_the_physics_model(
     for axis in range(6):
         ours, theirs = (of["diagnostics"]["train"][axis] for of in (found, expected))
         assert ours["max"] == theirs["max"]
-        # Sums of squares of 1700 numbers, added up in blocks that are others.
+        # Sums of squares of 1700 numbers, added up in different blocks.
         assert ours["rms"] == pytest.approx(theirs["rms"], rel=1e-12)
     whole = Calibration.load(tmp_path / "fitted.json")
     X = shellcal.read_log(logs[0]).X
@@ -112,7 +112,7 @@ def test_whole_weights_are_repeated_rows(table: shellcal.Table, options: dict[st
     X, Y, groups = (np.repeat(array, weights, axis=0) for array in (table.X, table.Y, table.groups))
     expected = of(Calibration(**options).fit(X, Y, groups=groups))
     found = of(Calibration(**options).fit(table.X, table.Y, weights, groups=table.groups))
-    # What the arrays were is told apart; all that was found is the same.
+    # The description of the arrays differs; all results are the same.
     for document in (expected, found):
         del document["sources"], document["checksum"]
     assert found == expected
@@ -180,12 +180,12 @@ def test_documents_pass_both_ways(logs: list[Path], table: shellcal.Table, tmp_p
 
 
 def test_warnings_are_those_of_the_program(tmp_path: Path) -> None:
-    """Few poses, few rows, readings that are no counts: each is said by both, in the same words."""
+    """Few poses, few rows, readings that are not counts: both warn of each, in the same words."""
     random = np.random.default_rng(5)
     poses = np.repeat(np.arange(12), 4)
     loads = random.normal(size=(12, 6))[poses]
     X = 2000 + loads @ random.normal(size=(6, 8)) * 200 + random.normal(size=(48, 8))
-    # Nearly the same channel twice: only then does it matter that sums are not exact.
+    # Two nearly equal channels: only then does it matter that sums are not exact.
     X[:, 7] = X[:, 0] + 1e-8 * random.normal(size=48)
     names = [f"s{i}" for i in range(1, 9)] + ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]
     log = tmp_path / "few.csv"

@@ -1,4 +1,4 @@
-"""Frames while a board sends them: what the program says, whatever the loop does."""
+"""Frames in real time: results are the program's, even if the loop is slow or stops."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def calibration(logs: list[Path], tmp_path_factory: pytest.TempPathFactory) -> P
 
 
 def processes() -> set[int]:
-    """Those of this one."""
+    """The child processes of this one."""
     found = subprocess.run(
         ["ps", "-o", "pid=,args=", "--ppid", str(os.getpid())], capture_output=True, text=True, check=False
     )
@@ -57,7 +57,7 @@ def test_a_board_is_read_tared_and_marked(calibration: Path) -> None:
                 if "tared" in seen:
                     break
             assert seen == ["mark1", "tared"]
-            # Newtons on the shell are newtons of the stream.
+            # A load on the shell appears in the stream in newtons.
             board.load(0.0, 0.0, -1.5)
             for frame in frames:
                 if abs(frame.wrench[2] + 1.5) < 0.3:
@@ -73,7 +73,7 @@ def test_a_loop_that_stops_loses_frames_and_is_told_how_many(calibration: Path, 
     program("synth zero", "--rows", 60_000, "-o", log)
     with shellcal.stream(log, speed=1000) as frames:
         first = next(frames)
-        # Nobody reads until the whole log has been played.
+        # The stream is not read until the whole log was played.
         while processes() and not frames._lines.is_over and len(frames._lines.lines) < 4096:
             time.sleep(0.05)
         time.sleep(1.0)
@@ -90,7 +90,7 @@ def test_frames_have_the_bits_of_convert(calibration: Path, tmp_path: Path) -> N
     with shellcal.stream(log, calibration, speed=1000) as frames:
         blocks = list(frames.chunks(0.1))
     wrench = np.concatenate([block.wrench for block in blocks])
-    # Until tare and clock are known frames are those of the calibration alone.
+    # Until tare and clock are known, frames have the forces of the calibration alone.
     for axis, name in enumerate(("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")):
         assert np.array_equal(wrench[50:, axis], converted[name][50:])
     t = np.concatenate([block.t for block in blocks])
@@ -136,7 +136,7 @@ def test_closing_in_any_order_leaves_nothing(calibration: Path) -> None:
     assert not processes()
 
 
-# Where the tests run in the background of a shell, Ctrl-C is ignored from the start.
+# If the tests run in the background of a shell, Ctrl-C is ignored from the start.
 _LOOP = """
 import signal, shellcal
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -157,7 +157,7 @@ def test_who_is_interrupted_leaves_nothing(how: Any) -> None:
         assert len(pids) == 2
         loop.send_signal(how)
         loop.wait()
-    # A parent that was killed cannot wait for them: that they end is what counts.
+    # A killed parent cannot wait for them, but they must end.
     deadline = time.monotonic() + 60
     while any(_is_running(pid) for pid in pids):
         assert time.monotonic() < deadline, "a process is left"

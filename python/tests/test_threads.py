@@ -1,4 +1,4 @@
-"""What other threads and processes do at the same time ends in a result or an exception."""
+"""Concurrent threads and processes give a result or an exception."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from shellcal import Calibration, Partial
 
 
 def ends(call: Any) -> Any:
-    """The result, or `None` where the arrays were refused as they were just then."""
+    """Returns the result, or `None` if the arrays were rejected in their current state."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
@@ -73,7 +73,7 @@ for _ in range(3):
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 """
     folder = os.path.dirname(__file__)
-    # Threads of the parent are not those of the child: one that waited for them would never end.
+    # The parent's threads do not exist in the child: waiting for them would never end.
     subprocess.run([sys.executable, "-c", script], cwd=folder, check=True, timeout=300)
 
 

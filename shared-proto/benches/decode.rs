@@ -7,7 +7,7 @@ use shared_proto::{
     Decoder, Event, Framing, Packet, READINGS_FRAME, ReceivedPacket, Sample, Values,
 };
 
-/// Pieces as a serial port hands them over.
+/// Piece size as a serial port delivers it.
 const PIECE: usize = 4096;
 
 fn main() {

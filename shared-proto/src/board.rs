@@ -4,7 +4,7 @@ use crate::calibration::crc32;
 use crate::field::{Bytes, Field, Reader, coded, fields};
 
 coded! {
-    /// Where the firmware runs.
+    /// The hardware that the firmware runs on.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
     pub enum Board {
@@ -19,7 +19,7 @@ coded! {
 }
 
 coded! {
-    /// What the samples of the stream hold.
+    /// Content of the stream's samples.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub enum Stream {
         /// Readings.
@@ -36,7 +36,7 @@ coded! {
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     #[non_exhaustive]
     pub enum ResetCause {
-        /// Power was switched on, or fell too low.
+        /// Power was switched on, or the voltage dropped too low.
         Power = 1,
         /// The reset line, or a debugger.
         Pin = 2,
@@ -44,29 +44,29 @@ coded! {
         Panic = 3,
         /// The watchdog was not fed.
         Watchdog = 4,
-        /// The board cannot tell.
+        /// The board cannot tell the cause.
         #[default]
         Unspecified = 5,
-        /// The core met something that it cannot execute.
+        /// The core met an instruction or access that it cannot execute.
         Fault = 6,
         _ = Other,
     }
 }
 
-/// What commands name a board by: the CRC-32 of its serial number.
+/// The name of a board in commands: the CRC-32 of its serial number.
 ///
-/// On one radio channel some boards are in range, and two that are named alike have a chance of one
-/// in four thousand million.
+/// A radio channel serves only a few boards; two given boards share a name with a probability of one in four
+/// thousand million.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct BoardId(u32);
 
 impl BoardId {
-    /// The name of the board with a serial number.
+    /// Returns the id of the board with a serial number.
     pub fn from_serial(serial: &[u8; 12]) -> Self {
         Self(crc32(serial).max(1)) // 0 stands for every board
     }
 
-    /// What the board's own packets call it: the lower half.
+    /// Returns the name in the board's own packets: the lower half.
     pub const fn short(self) -> u16 {
         self.0 as u16
     }
@@ -80,10 +80,10 @@ impl BoardId {
     }
 }
 
-/// What a board is.
+/// Identity of a board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
-    /// Where the firmware runs.
+    /// The hardware that the firmware runs on.
     pub board: Board,
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
@@ -94,7 +94,7 @@ pub struct Identity {
 }
 
 impl Identity {
-    /// What commands name the board by.
+    /// Returns the name of the board in commands.
     pub fn id(&self) -> BoardId {
         BoardId::from_serial(&self.serial)
     }
@@ -102,20 +102,20 @@ impl Identity {
 
 fields!(Identity { board, firmware, serial, min_period_us });
 
-/// How a board does. All counts are since the last reset and wrap.
+/// State of a board. All counts are since the last reset and wrap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Status {
-    /// Whether it streams.
+    /// True if the board streams.
     pub streaming: bool,
-    /// Whether it has a calibration.
+    /// True if the board has a calibration.
     pub calibrated: bool,
-    /// Whether the wrench has a zero.
+    /// True if the wrench has a zero.
     pub zeroed: bool,
-    /// What it streams.
+    /// Content of the stream.
     pub stream: Stream,
-    /// Why it last started.
+    /// Why the board last started.
     pub reset_cause: ResetCause,
-    /// Time from frame to frame in µs.
+    /// Time between frames in µs.
     pub period_us: u32,
     /// Conversions averaged for each lit and each dark value.
     pub conversions: u8,
@@ -125,17 +125,17 @@ pub struct Status {
     pub uptime_s: u32,
     /// Frames taken.
     pub frames: u32,
-    /// Frames not taken because their time had passed.
+    /// Frames not taken because they were due too long ago.
     pub late: u32,
     /// Frames taken but dropped because the link was not drained.
     pub overflowed: u32,
     /// Frames that arrived damaged at the board.
     pub damaged: u16,
-    /// Longest time that a frame has taken, in µs; it stays at the largest value that fits.
+    /// Longest duration of a frame in µs; saturates.
     pub longest_frame_us: u16,
     /// CRC-32 of the calibration in use, zero without one.
     pub calibration_crc32: u32,
-    /// Commands that named another board.
+    /// Commands addressed to another board.
     pub foreign: u16,
 }
 

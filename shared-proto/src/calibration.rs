@@ -1,16 +1,16 @@
-//! The calibration that the board converts with, as it is uploaded and kept in flash.
+//! The calibration that the board converts with, in its format for upload and flash.
 //!
-//! The first byte is the kind. A board that does not know a kind refuses it: for its size when an upload
-//! begins, or else for what it is at the end.
+//! The first byte is the kind. A board refuses an unknown kind: at the begin of the upload if no known kind
+//! has its size, otherwise at the end.
 
 use crate::field::{Bytes, Field, Reader, fields};
 use crate::{AXES, CHANNELS};
 use core::ops::RangeInclusive;
 use crc::{CRC_32_ISO_HDLC, Crc};
 
-/// CRC-32 of a calibration in bytes (ISO-HDLC, that of zip and PNG).
+/// Returns the CRC-32 of a calibration's bytes (ISO-HDLC, as in zip and PNG).
 ///
-/// Without a table: it is needed once per upload, and a table would take 1 KiB of flash.
+/// Computed without a table: it is needed once per upload, and a table would take 1 KiB of flash.
 pub fn crc32(bytes: &[u8]) -> u32 {
     Crc::<u32, crc::NoTable>::new(&CRC_32_ISO_HDLC).checksum(bytes)
 }
@@ -19,17 +19,17 @@ pub fn crc32(bytes: &[u8]) -> u32 {
 #[derive(Clone, Debug, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "the board has no heap to put one on")]
 pub enum Calibration {
-    /// Powers of the readings; a linear model is one whose other coefficients are zero.
+    /// Powers of the readings; in a linear model the higher coefficients are zero.
     Cubic(Cubic),
-    /// Curves of the sensors, which are inverted for the wrench.
+    /// Response curves of the sensors, which are inverted for the wrench.
     Physics(Physics),
 }
 
 impl Calibration {
-    /// Length of the longest in bytes.
+    /// Length of the longest calibration in bytes.
     pub const MAX_SIZE: usize = Physics::SIZE;
 
-    /// The name of its kind.
+    /// Returns the name of the calibration's kind.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Cubic(_) => "cubic",
@@ -37,12 +37,12 @@ impl Calibration {
         }
     }
 
-    /// Whether some calibration has so many bytes.
+    /// Returns whether some kind of calibration has `size` bytes.
     pub fn is_size(size: usize) -> bool {
         [Cubic::SIZE, Physics::SIZE].contains(&size)
     }
 
-    /// The bytes to upload: kind, channels, axes, a zero, and the numbers.
+    /// Returns the bytes to upload: kind, channels, axes, a zero, and the numbers.
     pub fn to_bytes(&self) -> CalibrationBytes {
         let mut bytes = CalibrationBytes::new();
         match self {
@@ -58,8 +58,7 @@ impl Calibration {
         bytes
     }
 
-    /// A calibration from its bytes; `None` if they are of another kind or a number is not one that
-    /// a calibration can have.
+    /// Parses a calibration; `None` if the kind is unknown or a number is out of range.
     pub fn from_bytes(bytes: &[u8]) -> Option<Self> {
         let mut rest = Reader(bytes);
         let kind: [u8; 4] = rest.get()?;
@@ -81,27 +80,27 @@ fn head(kind: u8) -> [u8; 4] {
 /// The bytes of a calibration.
 pub type CalibrationBytes = Bytes<{ Calibration::MAX_SIZE }>;
 
-/// Features of the model: z, z², z³ of each channel, channel by channel.
+/// Number of features of the cubic model: z, z², z³ of each channel, channel by channel.
 pub const FEATURES: usize = 3 * CHANNELS;
 
-/// Powers of the readings.
+/// A model of powers of the readings.
 ///
-/// Every reading r is made `z = (r - centre) · scale`, and the wrench is the sum of z, z², z³ of each channel
+/// Every reading r becomes `z = (r - centre) · scale`. The wrench is the sum of z, z², z³ of each channel
 /// times their coefficients, plus the intercept.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cubic {
     /// Centre of each channel, in counts of a sample's readings.
     pub centre: [f32; CHANNELS],
-    /// One over the spread of each channel, in 1/count.
+    /// Reciprocal of each channel's spread, in 1/count.
     pub scale: [f32; CHANNELS],
-    /// Per feature (z1, z1², z1³, z2, …), the coefficients of Fx, Fy, Fz in N, Mx, My, Mz in N·m.
+    /// Coefficients of Fx, Fy, Fz in N, Mx, My, Mz in N·m, for each feature (z1, z1², z1³, z2, …).
     pub coefficients: [[f32; AXES]; FEATURES],
-    /// What is added to each axis, in N and N·m.
+    /// Constant term of each axis, in N and N·m.
     pub intercept: [f32; AXES],
 }
 
 impl Cubic {
-    /// Its kind, the first byte.
+    /// The first byte.
     const KIND: u8 = 1;
 
     /// Length in bytes.
@@ -122,22 +121,22 @@ pub const PRIOR: usize = AXES * (AXES + 1) / 2;
 /// Parameters of a sensor: b, a (six), lo, ln h, ln ν.
 const PARAMETERS: usize = AXES + 4;
 
-/// Numbers in the lower triangle of a factor of their covariance, row by row.
+/// Numbers in the lower triangle of a factor of the parameters' covariance, row by row.
 pub const FACTOR: usize = PARAMETERS * (PARAMETERS + 1) / 2;
 
-/// Curves of the sensors.
+/// A model of the sensors' response curves.
 ///
-/// A sensor answers `y = low + height·σ(offset + gains·x)^shape` with `σ(q) = 1/(1 + e⁻ᵠ)`, where
-/// `y = (r − least) · per_count` is its reading and `x` the wrench in units of `wrench_scale`. The wrench of a
-/// frame minimises `Σ (y − f(x))²/v + xᵀPx` with `P` of `prior` and `v = reading_variance +
-/// displacement_variance·(df/dq)² + |Lᵀg|²`, `g = df/d(b, a, lo, ln h, ln ν)`, `L` of `factor`.
+/// A sensor responds with `y = low + height·σ(offset + gains·x)^shape` with `σ(q) = 1/(1 + e⁻ᵠ)`, where `y =
+/// (r − least) · per_count` is its scaled reading and `x` the wrench in units of `wrench_scale`. The wrench
+/// of a frame minimises `Σ (y − f(x))²/v + xᵀPx` with `P` from `prior` and `v = reading_variance +
+/// displacement_variance·(df/dq)² + |Lᵀg|²`, `g = df/d(b, a, lo, ln h, ln ν)`, `L` from `factor`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Physics {
-    /// What a wrench is divided by, in N and N·m.
+    /// Scale of the wrench, in N and N·m.
     pub wrench_scale: [f32; AXES],
-    /// The precision of the prior of the wrench in these scales: lower triangle, row by row.
+    /// Precision of the wrench's prior in these scales: lower triangle, row by row.
     pub prior: [f32; PRIOR],
-    /// Variance of an answer `y`.
+    /// Variance of a response `y`.
     pub reading_variance: f32,
     /// Variance of the displacement `offset + gains·x`.
     pub displacement_variance: f32,
@@ -145,38 +144,39 @@ pub struct Physics {
     pub sensors: [PhysicsSensor; CHANNELS],
 }
 
-/// One sensor of a [`Physics`]. One whose `per_count` is zero is left out.
+/// One sensor of a [`Physics`]. A sensor whose `per_count` is zero is left out.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PhysicsSensor {
-    /// The reading that is zero in the scale of the curve, in counts of a sample's readings.
+    /// The reading that is zero on the scale of the curve, in counts of a sample's readings.
     pub least: f32,
-    /// What a count is in that scale.
+    /// Size of a count on that scale.
     pub per_count: f32,
-    /// b: the displacement without a load.
+    /// b: the displacement without load.
     pub offset: f32,
-    /// a: by how much a unit of each axis displaces.
+    /// a: displacement per unit of each axis.
     pub gains: [f32; AXES],
     /// The lower plateau.
     pub low: f32,
-    /// h: the upper plateau above it.
+    /// h: height of the upper plateau above the lower.
     pub height: f32,
-    /// ν: how unlike the curve is at its ends.
+    /// ν: asymmetry of the curve between its ends.
     pub shape: f32,
     /// `L` of the parameters' covariance `L·Lᵀ`: lower triangle, row by row.
     pub factor: [f32; FACTOR],
 }
 
 impl Physics {
-    /// Its kind, the first byte.
+    /// The first byte.
     const KIND: u8 = 2;
 
     /// Length in bytes.
     const SIZE: usize = 4 + 4 * (AXES + PRIOR + 2 + CHANNELS * PhysicsSensor::NUMBERS);
 
-    /// Whether its numbers are in these ranges.
+    /// Returns whether the numbers are in these ranges, which keep the board's computation finite in single
+    /// precision.
     ///
-    /// What the board computes with stays finite in single precision while they are. They
-    /// are far from those of any sensor: the scales of the model make all that it fits of order one.
+    /// The ranges are far wider than any sensor needs: the model's scales make all fitted numbers of order
+    /// one.
     fn is_usable(&self) -> bool {
         let all = |numbers: &[f32], range: RangeInclusive<f32>| {
             numbers.iter().all(|number| range.contains(number))
@@ -202,7 +202,7 @@ fields!(Physics { wrench_scale, prior, reading_variance, displacement_variance, 
 fields!(PhysicsSensor { least, per_count, offset, gains, low, height, shape, factor });
 
 impl PhysicsSensor {
-    /// Numbers of a sensor.
+    /// Numbers per sensor.
     const NUMBERS: usize = 2 + PARAMETERS + FACTOR;
 }
 

@@ -1,65 +1,65 @@
-//! What the host asks of the board, and what the board answers.
+//! Commands of the host, and answers of the board.
 //!
-//! Every command carries a number of the host's choosing and the answer repeats it, so that a
-//! command that was lost can be sent again: doing any of them twice is the same as doing it once.
+//! Every command carries a number that the host chooses, and the answer repeats it. A lost command can be
+//! sent again, because every command is idempotent.
 
 use crate::CHANNELS;
 use crate::board::{Identity, Status, Stream};
 use crate::field::{Bytes, Reader, coded};
 
-/// Most bytes of a calibration in one command, or of last words in one answer.
+/// Maximum number of bytes of a calibration in one command, or of last words in one answer.
 pub const MAX_PIECE: usize = 32;
 
-/// Some bytes of a calibration, or of last words.
+/// A piece of a calibration, or of last words.
 pub type Piece = Bytes<MAX_PIECE>;
 
 coded! {
-    /// A request to the board. One that is not known, or whose arguments are not its own, is read as
-    /// [`Command::Unknown`].
+    /// A request to the board. An unknown code or invalid arguments are read as [`Command::Unknown`].
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
     #[expect(missing_docs, reason = "a variant says what its fields are")]
     pub enum Command {
-        /// Say what you are: [`Answer::Identity`].
+        /// Requests the identity: [`Answer::Identity`].
         Identify = 0x01,
-        /// Say how you do: [`Answer::Status`].
+        /// Requests the state: [`Answer::Status`].
         Status = 0x02,
-        /// Start streaming.
+        /// Starts streaming.
         Start = 0x03,
-        /// Stop streaming.
+        /// Stops streaming.
         Stop = 0x04,
-        /// Take a frame every so many µs.
+        /// Sets the period of frames in µs.
         SetPeriod { period_us: u32 } = 0x05,
-        /// Average so many conversions, from 1, for each lit and each dark value.
+        /// Sets the number of conversions, from 1, that are averaged for each lit and each dark value.
         SetOversampling { conversions: u8 } = 0x06,
-        /// Wait so long, µs, after an emitter is switched before converting.
+        /// Sets the waiting time in µs between switching an emitter and converting.
         SetSettling { settling_us: u16 } = 0x07,
-        /// Stream readings or wrenches.
+        /// Selects readings or wrenches for the stream.
         SetStream(stream: Stream) = 0x08,
-        /// A calibration of so many bytes is going to be uploaded; see [`crate::crc32`].
+        /// Begins the upload of a calibration of `size` bytes; see [`crate::crc32`].
         BeginCalibration { size: u32, crc32: u32 } = 0x09,
-        /// Some bytes of the calibration, which belong to an offset.
+        /// Transfers a piece of the calibration at an offset.
         CalibrationPiece { offset: u16, data: Piece } = 0x0A,
-        /// The calibration is complete: check it, keep it, use it.
+        /// Completes the calibration: the board checks, stores and uses it.
         CommitCalibration = 0x0B,
-        /// Take the mean wrench of so many next frames as zero; none takes the zero back.
+        /// Takes the mean wrench of the next `frames` frames as zero; 0 removes the zero.
         Zero { frames: u16 } = 0x0C,
-        /// Say what you said before the last reset, from a byte on: [`Answer::LastWords`].
+        /// Requests the words said before the last reset, from a byte offset on: [`Answer::LastWords`].
         LastWords { offset: u16 } = 0x0D,
-        /// Light one emitter, counted from 0, and say what every channel sees of it: [`Answer::SelfTest`].
+        /// Lights one emitter, counted from 0, and requests its effect on every channel:
+        /// [`Answer::SelfTest`].
         SelfTest { emitter: u8 } = 0x10,
-        /// Set the serial line to the rate that is called so, in baud, once this is answered; back to the rate of
-        /// before if nothing valid is heard at the new one.
+        /// Sets the serial line to a nominal rate in baud after the answer. The board returns to the previous
+        /// rate if it hears nothing valid at the new one.
         SetBaud { baud: u32 } = 0x11,
-        /// Start the chip's own bootloader once this is answered.
+        /// Starts the chip's bootloader after the answer.
         Bootloader = 0x12,
         _ = Unknown,
     }
 }
 
 impl Command {
-    /// Whether the command may be sent to every board that hears it: it asks, or it starts and stops
-    /// streams together. Anything else is done by the board that it names only.
+    /// Returns whether the command may be sent to all boards in range: queries, and starting or stopping all
+    /// streams. Every other command must name its board.
     pub const fn is_for_all(&self) -> bool {
         matches!(
             self,
@@ -67,7 +67,7 @@ impl Command {
         )
     }
 
-    /// `None` if there is not even a code.
+    /// Reads a command; `None` if there is no code.
     pub(crate) fn read_all(mut body: Reader<'_>) -> Option<Self> {
         let code = *body.0.first()?;
         let command = body.get().and_then(|command| body.end(command));
@@ -76,23 +76,24 @@ impl Command {
 }
 
 coded! {
-    /// What the board has to say to a command.
+    /// The board's answer to a command.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
     #[expect(missing_docs, reason = "a variant says what its fields are")]
     pub enum Answer {
         /// Done, or begun.
         Done = 0x00,
-        /// To [`Command::Identify`].
+        /// Answers [`Command::Identify`].
         Identity(identity: Identity) = 0x01,
-        /// To [`Command::Status`].
+        /// Answers [`Command::Status`].
         Status(status: Status) = 0x02,
-        /// Not done; nothing has changed.
+        /// Refused; the state is unchanged.
         Refused(refusal: Refusal) = 0x03,
-        /// To [`Command::LastWords`]: the length of the whole text in bytes, 0 if nothing was said, and its bytes from the
-        /// offset on; none at the end.
+        /// Answers [`Command::LastWords`]: the length of the whole text in bytes, 0 if there is none, and its
+        /// bytes from the offset on; no bytes at the end.
         LastWords { len: u16, text: Piece } = 0x04,
-        /// To [`Command::SelfTest`]: by how much the emitter raises each channel, in steps of the converter.
+        /// Answers [`Command::SelfTest`]: the rise of each channel under the emitter, in steps of the
+        /// converter.
         SelfTest { emitter: u8, rise: [i16; CHANNELS] } = 0x06,
         _ = Other,
     }
@@ -101,7 +102,8 @@ coded! {
 impl Answer {
     pub(crate) fn read_all(mut body: Reader<'_>) -> Option<Self> {
         match body.get()? {
-            // A newer board may add bytes to a reason, and send answers that are not known: what follows is ignored.
+            // A newer board may append bytes to a refusal, and may send unknown answers; the additional bytes
+            // are ignored.
             answer @ (Self::Refused(_) | Self::Other(_)) => Some(answer),
             answer => body.end(answer),
         }
@@ -109,38 +111,40 @@ impl Answer {
 }
 
 coded! {
-    /// Why the board does not do what it was asked.
+    /// Why the board refuses a command.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     #[non_exhaustive]
     #[expect(missing_docs, reason = "a variant says what its fields are")]
     pub enum Refusal {
         /// The board does not know the command, or not with these arguments.
         UnknownCommand = 1,
-        /// The board speaks another version of the protocol: that of the answer's own header.
+        /// The board speaks another version of the protocol, which is in the answer's header.
         OtherVersion = 2,
         /// An argument is outside its range.
         OutOfRange = 3,
-        /// Conversions and settling of a frame would take longer than the period; the shortest that would do.
+        /// Conversions and settling of a frame would take longer than the period; `shortest_us` is the
+        /// shortest possible.
         PeriodTooShort { shortest_us: u32 } = 4,
-        /// Wrenches need a calibration, and there is none.
+        /// Wrenches need a calibration, and the board has none.
         NoCalibration = 5,
-        /// A piece or a commit of a calibration that was not begun.
+        /// A piece or a commit without a begin.
         NoUpload = 6,
-        /// The piece does not follow on the one before.
+        /// The piece does not continue the previous one.
         WrongOffset = 7,
-        /// The calibration has not the length of one, or not the one announced.
+        /// The length is not that of a calibration, or differs from the announced one.
         WrongSize = 8,
-        /// The CRC-32 of the calibration is not the one announced.
+        /// The CRC-32 of the calibration differs from the announced one.
         WrongCrc = 9,
-        /// The calibration arrived whole but is not one that this board can use.
+        /// The calibration arrived complete but the board cannot use it.
         BadCalibration = 10,
-        /// The flash did not keep the calibration; the one before is still in use.
+        /// The flash failed to store the calibration; the previous one is still in use.
         StorageFailed = 11,
-        /// Samples would come faster than the serial line takes them; the shortest period that would do.
+        /// Samples would exceed the capacity of the serial line; `shortest_us` is the shortest possible
+        /// period.
         LineTooSlow { shortest_us: u32 } = 12,
-        /// Not while it streams.
+        /// Not possible while streaming.
         Streaming = 16,
-        /// This board has nothing that could do it.
+        /// The board lacks the hardware for it.
         NotOnThisBoard = 17,
         _ = Other,
     }

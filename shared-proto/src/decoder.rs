@@ -1,4 +1,4 @@
-//! Bytes to packets, whatever the bytes, and finding out which protocol they speak.
+//! Decoding of bytes to packets, and detection of a stream's protocol.
 
 use crate::field::Bytes;
 use crate::frame::{DecodeError, MAX_FRAME};
@@ -6,67 +6,65 @@ use crate::packet::{self, Packet, ReceivedPacket};
 use crate::skinproc;
 use crate::xbee::{ApiFrame, Deframer, Mode};
 
-/// How frames travel.
+/// How frames are transmitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Framing {
-    /// As they are: COBS over a transparent XBee, or a wire.
+    /// Directly: COBS over a transparent XBee, or a wire.
     Cobs,
     /// As the data of XBee API frames.
     Xbee(Mode),
 }
 
 impl Framing {
-    /// All framings, to find out by trying which one a stream has.
+    /// All framings, for detection by trial.
     pub const ALL: [Framing; 3] =
         [Framing::Cobs, Framing::Xbee(Mode::Plain), Framing::Xbee(Mode::Escaped)];
 }
 
-/// What came out of the bytes.
+/// A decoded item.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum Event {
-    /// A good packet.
+    /// A valid packet.
     Packet(ReceivedPacket),
-    /// A good packet of a version of the protocol that is not read; a board answers a command in its own version.
+    /// A valid packet of another version of the protocol; a board answers a command with its own version.
     OtherVersion { version: u8, command: bool },
 }
 
-/// What arrived, and what did not.
+/// Counts of received packets and of damage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters {
-    /// Good packets of all kinds, duplicates included.
+    /// Valid packets of all kinds, including duplicates.
     pub packets: u64,
     /// Frames whose CRC does not match.
     pub bad_crc: u64,
-    /// Pieces between delimiters that are no frame, or whose body is not one of its kind.
+    /// Pieces between delimiters that are not frames, or whose body does not match their kind.
     pub malformed: u64,
     /// XBee API frames with a wrong checksum or length, or cut short.
     pub bad_api_frames: u64,
-    /// Good packets of another version.
+    /// Valid packets of another version.
     pub unknown_version: u64,
-    /// Good packets of a kind that this version does not have.
+    /// Valid packets of a kind that this version does not define.
     pub unknown_kind: u64,
 }
 
-/// Turns bytes into packets and counts what was damaged.
+/// Decodes bytes to packets and counts damage.
 ///
-/// A damaged frame costs itself and nothing else: even where the damage is to the delimiter, the
-/// frame after it is found.
+/// A damaged frame never affects others: even if the delimiter is damaged, the next frame is found.
 #[derive(Clone, Debug)]
 pub struct Decoder {
     deframer: Option<Deframer>,
-    /// The start of a frame whose end has not arrived, or as much of its tail as a frame can have.
+    /// An incomplete frame, or as much of its tail as a frame can have.
     partial: Bytes<{ 2 * MAX_FRAME }>,
-    /// Whether a delimiter has been seen: what comes before the first is the end of a frame whose
-    /// beginning nobody sent here.
+    /// True if a delimiter was seen: bytes before the first one are the end of a frame that began earlier.
     synchronised: bool,
-    /// What arrived so far, and what did not.
+    /// Counts of received packets and of damage.
     pub counters: Counters,
 }
 
 impl Decoder {
-    /// Nothing has arrived.
+    /// Creates a decoder.
     pub fn new(framing: Framing) -> Self {
         let deframer = match framing {
             Framing::Cobs => None,
@@ -76,7 +74,7 @@ impl Decoder {
         Self { deframer, partial: Bytes::new(), synchronised: false, counters }
     }
 
-    /// Takes bytes, in slices of any size, and calls `sink` with every event.
+    /// Decodes bytes, in slices of any size, and calls `sink` with every event.
     pub fn feed(&mut self, bytes: &[u8], mut sink: impl FnMut(Event)) {
         let Some(mut deframer) = self.deframer.take() else {
             return self.feed_frames(bytes, &mut sink);
@@ -90,7 +88,7 @@ impl Decoder {
         self.deframer = Some(deframer);
     }
 
-    /// Takes a piece of the stream of frames.
+    /// Decodes a piece of the stream of frames.
     fn feed_frames(&mut self, mut bytes: &[u8], sink: &mut impl FnMut(Event)) {
         while let Some(end) = bytes.iter().position(|&byte| byte == 0) {
             self.keep(&bytes[..end]);
@@ -102,8 +100,8 @@ impl Decoder {
         self.keep(bytes);
     }
 
-    /// Appends to the partial frame. Of one that is too long to be good, the end is kept: another
-    /// frame may stand there.
+    /// Appends to the partial frame. If it exceeds the length of a valid frame, its end is kept, which may
+    /// hold another frame.
     fn keep(&mut self, bytes: &[u8]) {
         if !self.partial.try_extend(bytes) {
             let tail = &bytes[bytes.len().saturating_sub(MAX_FRAME)..];
@@ -113,7 +111,7 @@ impl Decoder {
         }
     }
 
-    /// Takes what stood between two delimiters.
+    /// Decodes the bytes between two delimiters.
     fn take(&mut self, frame: &[u8], sink: &mut impl FnMut(Event)) {
         if frame.is_empty() {
             return;
@@ -145,8 +143,8 @@ impl Decoder {
     }
 }
 
-/// The packet at the end of a piece that is no packet as a whole: where a delimiter was damaged, the
-/// frame after it stands there unharmed.
+/// Returns the packet at the end of a piece that is not a packet as a whole: after a damaged delimiter, the
+/// next frame is there intact.
 fn last_packet(piece: &[u8]) -> Option<ReceivedPacket> {
     let tail = &piece[piece.len().saturating_sub(MAX_FRAME)..];
     (0..tail.len())
@@ -154,12 +152,12 @@ fn last_packet(piece: &[u8]) -> Option<ReceivedPacket> {
         .find_map(|frame| Packet::decode(frame).ok())
 }
 
-/// What a board can speak.
+/// A protocol that a board can speak.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Protocol {
     /// The packets of this crate.
     Packets(Framing),
-    /// That of the original SkinProc board.
+    /// The protocol of the original SkinProc board.
     Original,
 }
 
@@ -172,7 +170,7 @@ impl Protocol {
         }
     }
 
-    /// How many frames of this protocol are in `bytes`, and how much in them is damage.
+    /// Returns the number of this protocol's frames in `bytes`, and the amount of damage.
     pub fn frames_in(self, bytes: &[u8]) -> (u64, u64) {
         match self {
             Self::Packets(framing) => {
@@ -191,11 +189,11 @@ impl Protocol {
     }
 }
 
-/// The protocol that makes the most of `bytes`, `None` if none finds anything in them.
+/// Returns the protocol that fits `bytes` best, `None` if none finds a frame.
 ///
-/// Frames inside API frames look like COBS with damage between, so damage counts against what is
-/// found; of equals the simpler is taken, for escapes may not have occurred yet. A second of a
-/// stream is plenty.
+/// Frames inside API frames look like COBS with damage in between, so damage counts against the frames found.
+/// In a tie the simpler protocol wins, since escapes may not have occurred yet. A second of a stream is
+/// plenty.
 pub fn detect(bytes: &[u8]) -> Option<Protocol> {
     let protocols = Framing::ALL.into_iter().map(Protocol::Packets).chain([Protocol::Original]);
     protocols

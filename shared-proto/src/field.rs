@@ -1,24 +1,24 @@
-//! Fields of a packet as they stand on the wire: numbers are little-endian, one field right after the other; and byte
-//! strings of bounded length, which packets are put together in.
+//! Fields of a packet in wire format (numbers are little-endian, without padding), and byte strings of
+//! bounded length in which packets are assembled.
 
 use core::ops::Deref;
 
-/// Up to `N` bytes in place; `N` is at most 65,535.
+/// Up to `N` bytes, stored inline; `N` is at most 65,535.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Bytes<const N: usize> {
-    /// Zeros after the first `len`.
+    /// Zeros after the first `len` bytes.
     bytes: [u8; N],
     len: u16,
 }
 
 impl<const N: usize> Bytes<N> {
-    /// No bytes.
+    /// Creates an empty string.
     pub const fn new() -> Self {
         const { assert!(N <= 65_535, "the length is kept in two bytes") };
         Self { bytes: [0; N], len: 0 }
     }
 
-    /// A copy of `slice`, `None` if it is longer than `N`.
+    /// Copies `slice`; `None` if it is longer than `N`.
     pub fn copy_of(slice: &[u8]) -> Option<Self> {
         let mut copy = Self::new();
         copy.try_extend(slice).then_some(copy)
@@ -34,7 +34,7 @@ impl<const N: usize> Bytes<N> {
         self.try_extend(slice);
     }
 
-    /// Appends a slice; false, and nothing done, if there is no room for all of it.
+    /// Appends a slice; returns false and changes nothing if there is no room for all of it.
     pub(crate) fn try_extend(&mut self, slice: &[u8]) -> bool {
         let len = usize::from(self.len);
         let Some(room) = self.bytes.get_mut(len..len + slice.len()) else { return false };
@@ -92,12 +92,12 @@ impl<'a> Reader<'a> {
         Some(*field)
     }
 
-    /// The next field.
+    /// Reads the next field.
     pub(crate) fn get<F: Field>(&mut self) -> Option<F> {
         F::read(self)
     }
 
-    /// `value` if nothing is left.
+    /// Returns `value` if no bytes are left.
     pub(crate) fn end<T>(self, value: T) -> Option<T> {
         self.0.is_empty().then_some(value)
     }
@@ -124,7 +124,7 @@ impl<F: Field + Copy + Default, const K: usize> Field for [F; K] {
         self.iter().for_each(|field| field.write(out));
     }
 
-    // Loops over the numbers of a calibration are not unrolled into a board's flash.
+    // Keeps loops over a calibration's numbers from being unrolled into a board's flash.
     #[cfg_attr(target_os = "none", inline(never))]
     fn read(body: &mut Reader<'_>) -> Option<Self> {
         let mut fields = [F::default(); K];
@@ -135,7 +135,7 @@ impl<F: Field + Copy + Default, const K: usize> Field for [F; K] {
     }
 }
 
-/// The rest of the packet; `None` if that is too long.
+/// The rest of the packet; reading fails if it is too long.
 impl<const K: usize> Field for Bytes<K> {
     fn write<const N: usize>(&self, out: &mut Bytes<N>) {
         out.extend(self);
@@ -146,7 +146,7 @@ impl<const K: usize> Field for Bytes<K> {
     }
 }
 
-/// Makes a struct a field: its own fields in this order.
+/// Implements [`Field`] for a struct: its fields in this order.
 macro_rules! fields {
     ($name:ident { $($field:ident),+ }) => {
         impl $crate::field::Field for $name {
@@ -161,8 +161,9 @@ macro_rules! fields {
     };
 }
 
-/// Defines an enum that is a field: the code of the variant, a byte, and then the variant's own fields in this order.
-/// An unknown code becomes the last variant, so that packets of a newer version can be read as far as they are known.
+/// Defines an enum that is a field: the code of the variant, a byte, followed by the variant's fields in this
+/// order. An unknown code becomes the last variant, so that the known part of a newer version's packets can
+/// be read.
 macro_rules! coded {
     ($(#[$of_enum:meta])* pub enum $name:ident {
         $($(#[$of_variant:meta])* $variant:ident $(($value:ident: $type:ty))?
@@ -173,12 +174,12 @@ macro_rules! coded {
         pub enum $name {
             $($(#[$of_variant])* $variant $(($type))?
                 $({ $($field: $field_type),+ })?,)+
-            /// One that this version does not know, by its code.
+            /// A code that this version does not define.
             $other(u8),
         }
 
         impl $name {
-            /// The code on the wire.
+            /// Returns the code on the wire.
             pub const fn code(&self) -> u8 {
                 match self {
                     $(Self::$variant { .. } => $code,)+
@@ -186,7 +187,7 @@ macro_rules! coded {
                 }
             }
 
-            /// The variant of a code; `None` if it has fields.
+            /// Returns the variant of a code; `None` if it has fields.
             pub fn from_code(code: u8) -> Option<Self> {
                 $crate::field::Reader(&[code]).get()
             }

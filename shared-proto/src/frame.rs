@@ -1,15 +1,15 @@
-//! Packets to frames: a mask that avoids awkward bytes, and COBS with a zero delimiter.
+//! Framing of packets: a mask that avoids certain bytes, and COBS with a zero delimiter.
 //!
-//! COBS (Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on
-//! Networking 7(2), 1999) removes the zeros from a packet at the cost of one byte, so that a zero
-//! marks the end of a frame and nothing else.
+//! COBS (Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on Networking 7(2),
+//! 1999) removes the zeros from a packet at the cost of one byte, so that a zero always marks the end of a
+//! frame.
 //!
-//! Escaped XBee API mode spends a second byte on each of four byte values. The first byte of a
-//! packet is a mask, to which all others but the CRC are exclusive-ored, chosen so that the frame holds
-//! none of the four: the length on the wire does not depend on the readings. The CRC is that of the bytes
-//! as they are sent, so it covers the mask and differs with it. Of 256 masks each byte rules out five
-//! at most (those that turn it into one of the four, or into zero), so one is left for packets of up to
-//! 51 bytes; in a sample a hundred are, of which the two bytes of the CRC rule out one in thirty.
+//! Escaped XBee API mode spends a second byte on each of four byte values. The first byte of a packet is a
+//! mask that is XORed into all other bytes except the CRC. It is chosen so that the frame contains none of
+//! the four values, which makes the length on the wire independent of the readings. The CRC covers the bytes
+//! as sent, so it covers the mask and depends on it. Each byte rules out at most five of the 256 masks (those
+//! that turn it into one of the four values or into zero), so a mask exists for packets of up to 51 bytes.
+//! For a sample, at least a hundred masks remain; the two CRC bytes rule out one in thirty of them.
 
 use crate::field::Bytes;
 
@@ -18,28 +18,29 @@ use crate::field::Bytes;
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum DecodeError {
-    /// The bytes are not COBS, or too short or too long for any packet.
+    /// The bytes are not COBS, or are too short or too long for a packet.
     Framing,
     /// The CRC does not match.
     Crc,
-    /// The CRC matches, the version is another one, which counts kinds anew; but a command has the same in all.
+    /// The CRC matches, but the version is another one. Kinds differ between versions, except that of a
+    /// command.
     UnknownVersion { version: u8, kind: u8 },
-    /// The CRC matches, the version too, but it has no such kind.
+    /// CRC and version match, but the kind is unknown.
     UnknownKind(u8),
-    /// The CRC matches and the kind is known, but the body is not one of that kind.
+    /// The CRC matches and the kind is known, but the body does not match it.
     Body,
 }
 
-/// Longest packet in bytes, mask and CRC included: the longest for which a mask always exists.
+/// Longest packet in bytes, including mask and CRC: the longest for which a mask always exists.
 pub const MAX_PACKET: usize = 51;
 
 /// Longest frame in bytes: a packet, the COBS code and the delimiter.
 pub const MAX_FRAME: usize = MAX_PACKET + 2;
 
-/// A packet as it goes out: COBS and the zero at the end.
+/// An encoded packet: COBS and the zero at the end.
 pub type Frame = Bytes<MAX_FRAME>;
 
-/// A packet; the first byte is the mask, still zero while the packet is plain.
+/// A packet whose first byte is the mask; zero while the packet is plain.
 pub(crate) type Plain = Bytes<MAX_PACKET>;
 
 /// The bytes that escaped API mode escapes: start, escape, XON and XOFF.
@@ -47,13 +48,13 @@ pub(crate) const fn is_escaped(byte: u8) -> bool {
     matches!(byte, 0x7E | 0x7D | 0x11 | 0x13)
 }
 
-/// Masks a plain packet, appends the CRC of what goes out, and frames both.
+/// Masks a plain packet, appends the CRC of the masked bytes, and frames both.
 pub(crate) fn encode(packet: Plain, crc: impl Fn(&[u8]) -> u16) -> Frame {
     let masks = (0..=255).filter(|&mask| last_code(&packet, mask).is_some());
     let mut tries = masks.map(|mask| masked(packet, mask, &crc));
     let is_good = |packet: &Plain| last_code(packet, 0).is_some_and(|code| !is_escaped(code));
-    // A length of 16 or 18 bytes is left without a mask where its COBS code is one of the four; no
-    // sample has such a length, and an escape more does no harm elsewhere.
+    // A packet of 16 or 18 bytes has no such mask if its COBS code is one of the four values. No sample has
+    // that length, and one more escape does no harm elsewhere.
     let first = tries.next().unwrap_or_else(|| masked(packet, 0, &crc));
     let packet = [first].into_iter().chain(tries).find(is_good).unwrap_or(first);
     cobs(&packet)
@@ -66,8 +67,8 @@ fn masked(mut packet: Plain, mask: u8, crc: impl Fn(&[u8]) -> u16) -> Plain {
     packet
 }
 
-/// The COBS code that is open at the end of a packet with this mask; `None` if a byte before it is
-/// escaped.
+/// Returns the COBS code that is open at the end of a packet with this mask; `None` if a byte before it needs
+/// an escape.
 fn last_code(packet: &[u8], mask: u8) -> Option<u8> {
     let mut code = 1;
     for byte in packet {
@@ -82,8 +83,8 @@ fn last_code(packet: &[u8], mask: u8) -> Option<u8> {
 
 fn cobs(packet: &[u8]) -> Frame {
     let mut frame = Frame::new();
-    // One block per zero, as if another zero stood after the packet. No block reaches the 254
-    // bytes that would need a block without a zero.
+    // One block per zero, as if another zero followed the packet. No block reaches the 254 bytes that would
+    // need a block without a zero.
     for block in packet.split(|&byte| byte == 0) {
         frame.push(block.len() as u8 + 1);
         frame.extend(block);
@@ -92,12 +93,12 @@ fn cobs(packet: &[u8]) -> Frame {
     frame
 }
 
-/// The packet in a frame, which is given without its delimiter; it is still masked.
+/// Returns the packet, still masked, in a frame that is given without its delimiter.
 pub(crate) fn decode(frame: &[u8]) -> Result<Plain, DecodeError> {
-    // Every byte but the first code stands where it belongs; the other codes stand for zeros.
+    // Every byte after the first code is in place; the other codes replace zeros.
     let (&code, bytes) = frame.split_first().ok_or(DecodeError::Framing)?;
     if bytes.is_empty() {
-        return Err(DecodeError::Framing); // not even a mask
+        return Err(DecodeError::Framing); // the mask is missing
     }
     let mut packet = Plain::copy_of(bytes).ok_or(DecodeError::Framing)?;
     let packet_bytes = packet.as_mut_slice();
@@ -123,7 +124,7 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// Any function of all bytes.
+    /// An arbitrary function of all bytes.
     fn crc(bytes: &[u8]) -> u16 {
         bytes.iter().fold(0xFFFF, |sum, &byte| sum.rotate_left(3) ^ u16::from(byte))
     }

@@ -1,10 +1,9 @@
 //! The wire protocol between the SkinProc board and `shellcal`, used by both ends.
 //!
-//! A [`Packet`] travels as a [`Frame`]: COBS with a zero delimiter. Over a transparent XBee the
-//! frames are the byte stream; in API mode they are the data of [`xbee`] frames. Either way a
-//! [`Decoder`] turns bytes, in slices of any size, back into packets and counts what was damaged.
-//! The layout, byte by byte, is in this crate's README; the literal bytes in `tests/golden.rs`
-//! keep it.
+//! A [`Packet`] travels as a [`Frame`]: COBS with a zero delimiter. Over a transparent XBee the frames are
+//! the byte stream; in API mode they are the data of [`xbee`] frames. In both cases a [`Decoder`] turns
+//! bytes, in slices of any size, back into packets and counts damage. This crate's README describes the
+//! layout byte by byte; the literal bytes in `tests/it/golden.rs` pin it.
 //!
 //! ```
 //! use shared_proto::{Decoder, Event, Framing, PacketOrigin, Packet, ReceivedPacket, Sample, Values};
@@ -28,9 +27,9 @@
 //! assert_eq!(packets, [Event::Packet(received)]);
 //! ```
 //!
-//! The crate does no input or output, allocates nothing and never panics on what it is fed. What
-//! to do about a loss (ask again, mark a gap) is left to the caller. The byte protocol of the
-//! original SkinProc board is in [`skinproc`].
+//! The crate does no input or output, allocates nothing and never panics on its input. The caller decides how
+//! to handle a loss (ask again, mark a gap). The byte protocol of the original SkinProc board is in
+//! [`skinproc`].
 #![no_std]
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -58,7 +57,7 @@ pub use packet::{
     Sample, Timing, VERSION, Values, Vitals, WRENCH_FRAME,
 };
 
-/// Photointerrupters on the board.
+/// Number of photointerrupters on the board.
 pub const CHANNELS: usize = 8;
 
 /// Axes of a wrench: Fx, Fy, Fz in N, then Mx, My, Mz in N·m.

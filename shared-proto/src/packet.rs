@@ -1,4 +1,4 @@
-//! The packets: what each kind holds and where.
+//! The packets: content and layout of each kind.
 
 use crate::board::{Board, BoardId, ResetCause};
 use crate::command::{Answer, Command};
@@ -10,23 +10,23 @@ use crc::{CRC_16_M17, Crc};
 /// Version of the protocol: the upper four bits of every header.
 pub const VERSION: u8 = 3;
 
-/// The version before, which is still read: its packets, as those of version 1, do not say where they come from, and their CRC
-/// leaves the mask out.
+/// The previous version, which is still read. Its packets, as those of version 1, do not name their origin,
+/// and their CRC does not cover the mask.
 const VERSION_2: u8 = 2;
 
 /// Steps of a reading per step of the board's 12-bit converter.
 ///
-/// A reading is a mean of conversions and carries four bits after the point, whatever the
-/// oversampling is, so that a calibration holds for all of them.
+/// A reading is a mean of conversions with four fractional bits, independent of the oversampling, so a
+/// calibration is valid for every oversampling.
 pub const COUNTS_PER_LSB: u16 = 16;
 
-/// CRC-16/M17, polynomial 0x5935: finds every error of up to four bits in up to 241 bits of
-/// content (P. Koopman, "Best CRC Polynomials", 16 bits, HD=5), and a packet of readings has 240.
-/// The common 0x1021 finds three.
+/// CRC-16/M17, polynomial 0x5935: detects every error of up to four bits in up to 241 bits of content (P.
+/// Koopman, "Best CRC Polynomials", 16 bits, HD=5); a packet of readings has 240. The common 0x1021 detects
+/// up to three.
 static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_M17);
 
-/// Kinds of packet, the lower four bits of the header. Those that would make the header one of the
-/// escaped bytes in versions 1 and 7 are not used: they would need a mask every time.
+/// Kinds of packet, the lower four bits of the header. Values that would make the header one of the escaped
+/// bytes in versions 1 and 7 are not used: they would always need a mask.
 const SAMPLE_READINGS: u8 = 0x4;
 const SAMPLE_WRENCH: u8 = 0x5;
 const HEALTH: u8 = 0x6;
@@ -35,37 +35,37 @@ pub(crate) const COMMAND: u8 = 0x8;
 const ANSWER: u8 = 0x9;
 const BOOT: u8 = 0xA;
 
-/// Everything that travels between board and host.
+/// A packet between board and host.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum Packet {
     /// One frame of the stream.
     Sample(Sample),
-    /// When readings are taken, and how the board is.
+    /// Times of the readings, and the state of the board.
     Health(Health),
     /// An edge at the sync input.
     Edge(Edge),
-    /// From the host: what to do, for one board or, `None`, for every board. The answer repeats the number.
+    /// A command from the host, for one board or, if `None`, for every board. The answer repeats the number.
     Command { number: u16, to: Option<BoardId>, command: Command },
-    /// From the board: what came of the command with this number.
+    /// The board's answer to the command with this number.
     Answer { number: u16, answer: Answer },
     /// The board has started.
     Boot(Boot),
 }
 
-/// The board that a packet comes from, and which of its runs.
+/// The board that sent a packet, and the run in which it did.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct PacketOrigin {
     /// See [`BoardId::short`].
     pub board: u16,
-    /// A number that is new at every start of the board.
+    /// A number that changes at every start of the board.
     pub start: u16,
 }
 
-/// A packet as it arrives.
+/// A received packet.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ReceivedPacket {
-    /// Where it comes from; commands and packets of version 2 do not say.
+    /// The origin, which commands and packets of version 2 lack.
     pub origin: Option<PacketOrigin>,
     /// The packet.
     pub packet: Packet,
@@ -74,63 +74,63 @@ pub struct ReceivedPacket {
 /// One frame of the stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sample {
-    /// Counts the samples that the board has sent since its reset, and wraps.
+    /// Number of samples that the board has sent since its reset; wraps.
     pub sequence: u16,
     /// The board's clock at the start of the frame, in µs since its reset; it wraps.
     pub clock_us: u32,
-    /// What was measured.
+    /// The measured values.
     pub values: Values,
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
-    /// Counts the frames that the board did not take or could not send, and wraps.
+    /// Number of frames that the board did not take or could not send; wraps.
     pub dropped: u8,
 }
 
-/// What a sample holds.
+/// Content of a sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Values {
-    /// Readings in counts, [`COUNTS_PER_LSB`] to a step of a 12-bit converter.
+    /// Readings in counts, [`COUNTS_PER_LSB`] per step of a 12-bit converter.
     Readings([u16; CHANNELS]),
     /// Fx, Fy, Fz in N, then Mx, My, Mz in N·m.
     Wrench([f32; AXES]),
 }
 
-/// A rising edge at the board's sync input, for a signal that another recorder has, too, so that its clock and the
+/// A rising edge at the board's sync input. Another recorder sees the same signal, so that its clock and the
 /// board's can be compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Edge {
-    /// Counts the edges that the board has seen since its reset, also those that it did not send, and
-    /// wraps: a gap is edges that came faster than the line carries them, or that were lost on the way.
+    /// Number of edges that the board has seen since its reset, including those that it did not send; wraps.
+    /// A gap means edges that came faster than the line can carry, or that were lost on the way.
     pub number: u16,
     /// The board's clock at the edge, in µs, as in samples.
     pub clock_us: u32,
 }
 
-/// What a board says of itself when it has started.
+/// The board's announcement after a start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Boot {
-    /// Where the firmware runs.
+    /// The hardware that the firmware runs on.
     pub board: Board,
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
-    /// Why it started.
+    /// Why the board started.
     pub cause: ResetCause,
 }
 
-/// Bytes of a sample of readings on the wire, whatever it holds: mask, header, sequence number, origin,
-/// clock, readings, saturation, dropped and CRC, with a code of COBS and the delimiter.
+/// Length in bytes of a sample of readings on the wire, for any values: mask, header, sequence number,
+/// origin, clock, readings, saturation, dropped and CRC, plus a COBS code and the delimiter.
 pub const READINGS_FRAME: usize = 16 + 2 * CHANNELS + 2;
 
-/// Bytes of a sample with a wrench on the wire.
+/// Length in bytes of a sample with a wrench on the wire.
 pub const WRENCH_FRAME: usize = 16 + 4 * AXES + 2;
 
 impl Packet {
-    /// The packet as a frame, delimiter included, of no board in particular.
+    /// Encodes the packet as a frame, including the delimiter, with a default origin.
     pub fn encode(&self) -> Frame {
         self.encode_from(PacketOrigin::default())
     }
 
-    /// The packet as a frame of a board, delimiter included. A command has no origin.
+    /// Encodes the packet as a frame of a board, including the delimiter. A command has no origin.
     pub fn encode_from(&self, origin: PacketOrigin) -> Frame {
         let (kind, number) = match self {
             Self::Sample(Sample { sequence, values: Values::Readings(_), .. }) => {
@@ -164,10 +164,10 @@ impl Packet {
         frame::encode(packet, |masked| CRC.checksum(masked))
     }
 
-    /// The packet in a frame that is given without its delimiter.
+    /// Decodes a frame that is given without its delimiter.
     ///
     /// # Errors
-    /// [`DecodeError`]: the bytes are not a frame, are damaged, or are of another version.
+    /// [`DecodeError`] if the bytes are not a frame, are damaged, or are of another version.
     pub fn decode(frame: &[u8]) -> Result<ReceivedPacket, DecodeError> {
         let wire = frame::decode(frame)?;
         let Some((masked, crc)) = wire.split_last_chunk() else { return Err(DecodeError::Framing) };
@@ -241,19 +241,19 @@ impl Sample {
     }
 }
 
-/// When the readings of a frame are taken, after the time that its sample says.
+/// Times of a frame's readings, relative to the time of its sample.
 ///
-/// A board has one converter, so its channels are read one after the other. A reading is the light at
-/// the middle of its lit conversions.
+/// A board has one converter and reads its channels one after the other. The time of a reading is the middle
+/// of its lit conversions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
-    /// From the start of the frame to the reading of the first channel, in µs.
+    /// From the start of the frame to the first channel's reading, in µs.
     pub first_us: u16,
-    /// From the reading of one channel to that of the next, in µs.
+    /// From one channel's reading to the next, in µs.
     pub step_us: u16,
 }
 
-/// Temperature and supply of a board, as far as it can measure them.
+/// Temperature and supply of a board, as far as the board measures them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Vitals {
     /// Temperature of the chip in hundredths of a degree Celsius.
@@ -264,24 +264,25 @@ pub struct Vitals {
     pub reference: Option<u16>,
 }
 
-/// Sent before the first sample of a stream, before the first with other settings, and once a second.
+/// A report that precedes the first sample of a stream and the first with other settings, and comes once a
+/// second.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Health {
-    /// Number of the sample that follows.
+    /// Sequence number of the next sample.
     pub sequence: u16,
     /// The board's clock, as in samples.
     pub clock_us: u32,
-    /// When readings are taken, from the sample that follows on.
+    /// Times of the readings, from the next sample on.
     pub timing: Timing,
     /// Temperature and supply.
     pub vitals: Vitals,
-    /// What the channels read with their emitters off, in counts.
+    /// Dark values of the channels (emitters off), in counts.
     pub dark: [u16; CHANNELS],
 }
 
 fields!(Timing { first_us, step_us });
 
-/// For a temperature that is not known.
+/// Code of an unknown temperature.
 const NO_TEMPERATURE: i16 = i16::MIN;
 
 impl Field for Vitals {
@@ -309,7 +310,7 @@ impl Health {
         self.dark.write(out);
     }
 
-    /// What a newer board adds is not looked at.
+    /// Ignores fields that a newer board appends.
     fn read(sequence: u16, mut body: Reader<'_>) -> Option<Self> {
         let (clock_us, timing) = (body.get()?, body.get()?);
         Some(Self { sequence, clock_us, timing, vitals: body.get()?, dark: body.get()? })

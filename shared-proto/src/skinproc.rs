@@ -1,15 +1,14 @@
-//! The byte protocol of the original SkinProc board, to read an existing robot.
+//! The byte protocol of the original SkinProc board, for reading an existing robot.
 //!
-//! An answer is the letter of its mode, a payload length (255: more follows) and the payload. A
-//! scan is `E`, 20, eight little-endian 16-bit readings of a 12-bit converter and the time in µs,
-//! 32 bits, little-endian. There is no delimiter, no sequence number and no checksum: what can
-//! be checked is the letter and the length, that readings have twelve bits, and that another answer
-//! follows.
+//! An answer is the letter of its mode, a payload length (255: more follows) and the payload. A scan is `E`,
+//! 20, eight little-endian 16-bit readings of a 12-bit converter and the time in µs, 32 bits, little-endian.
+//! The protocol has no delimiter, no sequence number and no checksum. A decoder can only check the letter and
+//! the length, that readings have twelve bits, and that another answer follows.
 
 use crate::CHANNELS;
 use crate::field::{Bytes, Reader};
 
-/// Length of a scan in bytes, letter and length included.
+/// Length of a scan in bytes, including letter and length.
 pub const SCAN_LEN: usize = 22;
 
 const SCAN: u8 = b'E';
@@ -25,7 +24,7 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// The scan as the board sends it.
+    /// Returns the bytes of the scan.
     pub fn encode(&self) -> [u8; SCAN_LEN] {
         let mut bytes = [0; SCAN_LEN];
         let fields = [SCAN, SCAN_PAYLOAD]
@@ -37,7 +36,7 @@ impl Scan {
     }
 }
 
-/// The scan that a payload is, `None` if it is anything else.
+/// Returns the scan in a payload, `None` if it is not a scan.
 pub fn decode_scan(payload: &[u8]) -> Option<Scan> {
     let mut rest = Reader(payload);
     if rest.array()? != [SCAN, SCAN_PAYLOAD] {
@@ -49,32 +48,32 @@ pub fn decode_scan(payload: &[u8]) -> Option<Scan> {
     rest.end(Scan { readings, clock_us }).filter(|_| is_scan)
 }
 
-/// Turns a byte stream into scans.
+/// Decodes a byte stream to scans.
 ///
-/// A scan is given out when the byte after it has arrived, which must begin another answer, unless
-/// the scan's clock follows on the one before: without a checksum, a scan that lost a byte can only
-/// be told by what it leaves for the next. Answers to other commands are skipped.
+/// A scan is emitted when the next byte has arrived, which must begin another answer, unless the scan's clock
+/// follows the previous one: without a checksum, a lost byte in a scan only shows in the bytes after it.
+/// Answers to other commands are skipped.
 #[derive(Clone, Debug, Default)]
 pub struct Decoder {
     /// A scan and the byte after it.
     pending: Bytes<{ SCAN_LEN + 1 }>,
     last_clock_us: Option<u32>,
-    /// Scans given out.
+    /// Scans emitted.
     pub scans: u64,
-    /// Bytes that belonged to no scan.
+    /// Bytes outside scans.
     pub skipped: u64,
 }
 
 impl Decoder {
-    /// Longest step of the clock from scan to scan that vouches for a scan, in µs.
+    /// Longest step of the clock between scans that confirms a scan, in µs.
     const PLAUSIBLE_STEP_US: u32 = 1_000_000;
 
-    /// Nothing has arrived.
+    /// Creates a decoder.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Takes bytes, in slices of any size, and calls `sink` for every scan.
+    /// Decodes bytes, in slices of any size, and calls `sink` for every scan.
     pub fn feed(&mut self, bytes: &[u8], mut sink: impl FnMut(Scan)) {
         for &byte in bytes {
             self.pending.push(byte);
@@ -91,7 +90,7 @@ impl Decoder {
         }
     }
 
-    /// Ends the stream: nothing more will come to vouch for a last scan.
+    /// Ends the stream: no further byte can confirm the last scan.
     pub fn finish(&mut self, mut sink: impl FnMut(Scan)) {
         match decode_scan(&self.pending) {
             Some(scan) => self.give(scan, &mut sink),
@@ -120,7 +119,7 @@ impl Decoder {
     }
 }
 
-/// Whether an answer can begin with this byte.
+/// Returns whether an answer can begin with this byte.
 fn is_letter(byte: u8) -> bool {
     matches!(byte, b'A'..=b'G' | b'S' | b'T' | b'Z')
 }
@@ -149,7 +148,7 @@ mod tests {
         (0..count).flat_map(|i| scan(i).encode()).collect()
     }
 
-    /// A payload as the base station logged it.
+    /// A payload from a log of the base station.
     const LOGGED: [u8; SCAN_LEN] =
         [69, 20, 169, 7, 75, 8, 50, 9, 238, 9, 13, 9, 34, 8, 37, 8, 168, 8, 37, 20, 0, 0];
 
@@ -186,8 +185,8 @@ mod tests {
             cut.remove(lost);
             let (scans, _) = decoded(&cut, 7);
             let expected: Vec<_> = [0, 1, 3, 4].map(scan).into();
-            // A byte may be lost where its neighbour is equal, which leaves no trace within the
-            // scan; the scans around it are there in any case.
+            // A byte may be lost next to an equal one, which leaves no trace within the scan; the
+            // neighbouring scans are intact in any case.
             assert!(expected.iter().all(|scan| scans.contains(scan)), "{lost}");
         }
     }

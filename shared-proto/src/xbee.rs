@@ -1,26 +1,25 @@
-//! API frames of an XBee: what a base station in API mode says and hears.
+//! API frames of an XBee, which a base station in API mode sends and receives.
 //!
-//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum that makes the sum
-//! of data and checksum 0xFF. With escapes (AP=2) 0x7E, 0x7D, 0x11 and 0x13 after the start are
-//! sent as 0x7D and the byte exclusive-or 0x20, so that 0x7E always starts a frame; without (AP=1)
-//! it can stand anywhere. Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982,
-//! chapter "API operation"; for 0x10 and 0x90 the "XBee/XBee-PRO S2C Zigbee User Guide",
-//! 90002002.
+//! A frame is 0x7E, a big-endian length, that many bytes of data and a checksum that makes the sum of data
+//! and checksum 0xFF. With escapes (AP=2), the bytes 0x7E, 0x7D, 0x11 and 0x13 after the start are sent as
+//! 0x7D and the byte XOR 0x20, so that 0x7E always starts a frame; without escapes (AP=1) it can occur
+//! anywhere. Source: Digi, "XBee/XBee-PRO S1 802.15.4 (Legacy) User Guide", 90000982, chapter "API
+//! operation"; for 0x10 and 0x90 the "XBee/XBee-PRO S2C Zigbee User Guide", 90002002.
 
 use crate::field::{Bytes, Reader};
 use crate::frame::is_escaped;
 
-/// Most data bytes in one radio packet of an 802.15.4 XBee.
+/// Maximum number of data bytes in one radio packet of an 802.15.4 XBee.
 pub const MAX_PAYLOAD: usize = 100;
 
 const START: u8 = 0x7E;
 const ESCAPE: u8 = 0x7D;
 const ESCAPED_BY: u8 = 0x20;
 
-/// An encoded frame: at worst every byte but the start is escaped.
+/// An encoded frame; in the worst case every byte but the start is escaped.
 pub type Encoded = Bytes<{ 1 + 2 * (2 + 14 + MAX_PAYLOAD + 1) }>;
 
-/// How the module is set (parameter AP).
+/// The module's API mode (parameter AP).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
     /// AP=1.
@@ -37,7 +36,7 @@ pub enum Address {
     Short(u16),
     /// 64 bits (802.15.4: frames 0x00, 0x80).
     Long(u64),
-    /// Both (Zigbee and DigiMesh: frames 0x10, 0x90); the short one is 0xFFFE if it is not known.
+    /// Both (Zigbee and DigiMesh: frames 0x10, 0x90); the short one is 0xFFFE if unknown.
     Zigbee { long: u64, short: u16 },
 }
 
@@ -46,16 +45,16 @@ pub enum Address {
 #[non_exhaustive]
 #[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum ApiFrame<'a> {
-    /// Data for the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, as the address has it. The status
-    /// repeats the id; 0 asks for none.
+    /// Data to the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, depending on the address.
+    /// The status repeats the id; 0 requests no status.
     Transmit { id: u8, to: Address, payload: &'a [u8] },
-    /// Data from the other side: 0x80, 0x81 or 0x90, as the address has it. Signal strength in −dBm; Zigbee does not
-    /// tell.
+    /// Data from the other side: 0x80, 0x81 or 0x90, depending on the address. Signal strength in −dBm, which
+    /// Zigbee does not report.
     Receive { from: Address, rssi: Option<u8>, payload: &'a [u8] },
 }
 
 impl<'a> ApiFrame<'a> {
-    /// The frame whose data, between length and checksum, this is; `None` if it is of another kind or too short.
+    /// Parses the bytes between length and checksum; `None` if the frame is of another kind or too short.
     pub fn parse(data: &'a [u8]) -> Option<Self> {
         let mut rest = Reader(data);
         let kind: u8 = rest.get()?;
@@ -78,7 +77,7 @@ impl<'a> ApiFrame<'a> {
         }
     }
 
-    /// The frame as it goes over the serial line; `None` if the payload is too long.
+    /// Encodes the frame for the serial line; `None` if the payload is too long.
     pub fn encode(&self, mode: Mode) -> Option<Encoded> {
         let mut header = Bytes::<14>::new();
         let payload = match *self {
@@ -87,7 +86,7 @@ impl<'a> ApiFrame<'a> {
                 header.push(id);
                 to.write(&mut header);
                 if matches!(to, Address::Zigbee { .. }) {
-                    header.push(0); // as many hops as the network needs
+                    header.push(0); // the network's maximum number of hops
                 }
                 header.push(0); // no options
                 payload
@@ -122,7 +121,7 @@ impl<'a> ApiFrame<'a> {
 }
 
 impl Address {
-    /// The address in a frame of this kind.
+    /// Reads the address in a frame of this kind.
     fn read(kind: u8, rest: &mut Reader<'_>) -> Option<Self> {
         let mut long = || rest.array().map(u64::from_be_bytes);
         Some(match kind {
@@ -132,7 +131,7 @@ impl Address {
         })
     }
 
-    /// The kinds of frame to transmit to such an address and to receive from it.
+    /// Returns the kinds of frame to transmit to such an address and to receive from it.
     const fn kinds(self) -> (u8, u8) {
         match self {
             Self::Long(_) => (0x00, 0x80),
@@ -153,28 +152,26 @@ impl Address {
     }
 }
 
-/// Most bytes of a frame between length and checksum that are followed. The longest with a payload
-/// has 14 bytes of header; room is left for other kinds.
+/// Maximum number of bytes between length and checksum that the decoder follows. The longest frame with a
+/// payload has 14 bytes of header; the rest is room for other kinds.
 const MAX_DATA: usize = 128;
 
 /// Start, length, data, checksum.
 const MAX_RAW: usize = MAX_DATA + 4;
 
-/// Turns a byte stream into API frames.
+/// Decodes a byte stream to API frames.
 ///
-/// Without escapes a start byte can stand anywhere. So after a damaged frame its bytes are looked
-/// through again for the start of the next, lest a wrong length swallow it; and a frame with a
-/// start byte in its data, which might be two frames of which the first has a wrong length, is
-/// believed when another start follows it.
+/// Without escapes a start byte can occur anywhere. So after a damaged frame, its bytes are searched again
+/// for the next start, in case a wrong length swallowed it. A frame with a start byte in its data might be
+/// two frames, the first with a wrong length; it is accepted only if another start follows.
 #[derive(Clone, Debug)]
 pub struct Deframer {
     mode: Mode,
-    /// Unescaped, from a start byte on; empty while none has been seen.
+    /// Unescaped bytes from a start byte on; empty before the first start.
     pending: Bytes<{ MAX_RAW + 1 }>,
     /// Bytes at the front of `pending` that belong to a frame already counted as damaged.
     condemned: usize,
-    /// Whether bytes outside a frame are left over from damage that has been counted, or from
-    /// before this end listened.
+    /// True if bytes outside a frame stem from damage already counted, or from before the first frame.
     skipping: bool,
     escape: bool,
     /// Frames with a wrong start, length or checksum, or cut short.
@@ -182,13 +179,13 @@ pub struct Deframer {
 }
 
 impl Deframer {
-    /// Nothing has arrived.
+    /// Creates a deframer.
     pub const fn new(mode: Mode) -> Self {
         let pending = Bytes::new();
         Self { mode, pending, condemned: 0, skipping: true, escape: false, damaged: 0 }
     }
 
-    /// Takes bytes, in slices of any size, and calls `sink` with every frame.
+    /// Decodes bytes, in slices of any size, and calls `sink` with every frame.
     pub fn feed(&mut self, mut bytes: &[u8], mut sink: impl FnMut(ApiFrame<'_>)) {
         while let Some((&byte, rest)) = bytes.split_first() {
             let whole = if self.pending.is_empty() { whole_frame(bytes) } else { None };
@@ -197,7 +194,7 @@ impl Deframer {
                 self.skipping = false;
                 give(data, &mut sink);
             } else if self.pending.is_empty() && byte != START {
-                // Damage counts once, however many bytes it leaves behind.
+                // Damage counts once, even if it leaves several bytes.
                 self.damaged += u64::from(!self.skipping);
                 self.skipping = true;
             } else {
@@ -242,7 +239,7 @@ impl Deframer {
             }
             self.skipping = !good;
             let len = if good { len } else { 1 };
-            // With escapes a start byte in what is left was data.
+            // In escaped mode, a start byte in the rest was data.
             let is_start = |&byte: &u8| is_plain && byte == START;
             let next = self.pending.iter().skip(len).position(is_start);
             let gone = next.map_or(self.pending.len(), |next| len + next);
@@ -258,7 +255,7 @@ enum Deframed<'a> {
     Damaged { len: usize },
 }
 
-/// How far a frame is that begins at the front of `bytes`.
+/// Classifies the frame that begins at the front of `bytes`.
 fn progress(bytes: &[u8]) -> Deframed<'_> {
     let [_, high, low, rest @ ..] = bytes else { return Deframed::Incomplete };
     let len = usize::from(u16::from_be_bytes([*high, *low]));
@@ -272,8 +269,8 @@ fn progress(bytes: &[u8]) -> Deframed<'_> {
     }
 }
 
-/// The data of a good frame at the front of `bytes`, if in either mode it can be read as it
-/// stands, and what follows it: most frames are, and this takes a quarter of the time that byte by byte takes.
+/// Returns the data of a valid frame at the front of `bytes` that reads the same in both modes, and the bytes
+/// after it. Most frames qualify, and this takes a quarter of the time of decoding byte by byte.
 fn whole_frame(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
     let Deframed::Whole(data) = progress(bytes) else { return None };
     let (frame, after) = bytes.split_at_checked(data.len() + 4)?;
@@ -283,7 +280,7 @@ fn whole_frame(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
 }
 
 fn give(data: &[u8], sink: &mut impl FnMut(ApiFrame<'_>)) {
-    // A frame of another kind, or too short for its own, is no damage, but nothing to read either.
+    // A frame of another kind, or too short for its kind, is not damage, but has no content to read.
     ApiFrame::parse(data).into_iter().for_each(sink);
 }
 
@@ -295,7 +292,7 @@ mod tests {
     use proptest::prelude::*;
     use std::vec::Vec;
 
-    /// Frames as text, for they borrow from the decoder.
+    /// Frames as text, since they borrow from the decoder.
     fn frames(mode: Mode, stream: &[u8], piece: usize) -> (Vec<std::string::String>, u64) {
         let (mut deframer, mut frames) = (Deframer::new(mode), Vec::new());
         for bytes in stream.chunks(piece) {
@@ -324,7 +321,7 @@ mod tests {
         ];
         let plain = ApiFrame::Transmit { id: 1, to, payload }.encode(Mode::Plain).unwrap();
         assert_eq!(&*plain, expected);
-        // The same with escapes: 0x13 in the address and as the checksum.
+        // The frame with escapes: 0x13 in the address and as the checksum.
         let escaped = ApiFrame::Transmit { id: 1, to, payload }.encode(Mode::Escaped).unwrap();
         let expected = [
             0x7E, 0x00, 0x16, 0x10, 0x01, 0x00, 0x7D, 0x33, 0xA2, 0x00, 0x40, 0x0A, 0x01, 0x27,
@@ -337,7 +334,7 @@ mod tests {
     fn frames_without_data_of_the_other_side_are_passed_over() {
         assert_eq!(ApiFrame::parse(&[0x8A, 6]), None);
         assert_eq!(ApiFrame::parse(&[0x81, 0x20, 0x52, 40]), None);
-        // The status of a transmission.
+        // A transmit status.
         let status = [START, 0, 3, 0x89, 5, 0, 0x71];
         let data = receive(b"data");
         let stream = [&status[..], &data.encode(Mode::Plain).unwrap()].concat();
@@ -393,12 +390,12 @@ mod tests {
             let encoded = [first, second, third].map(|p| receive(p).encode(mode).unwrap());
             let mut stream: Vec<u8> = encoded.iter().flat_map(|bytes| bytes.to_vec()).collect();
             stream[encoded[0].len() + at] ^= by;
-            // What can still be waiting for its length is pushed out.
+            // Zeros complete any frame that still waits for its length.
             stream.extend([0; 132]);
             let (frames, damaged) = frames(mode, &stream, piece);
             prop_assert!(frames.contains(&text(&receive(first))));
             prop_assert!(frames.contains(&text(&receive(third))));
-            // A byte that became a start makes two frames of one; the zeros count as well.
+            // A byte that became a start splits a frame in two; the zeros count as well.
             prop_assert!(damaged <= 3);
         }
     }

@@ -1,10 +1,10 @@
 //! A headless Chromium, driven over its DevTools protocol.
 //!
-//! The protocol goes over a pair of pipes (`--remote-debugging-pipe`): JSON documents, each ended by a
-//! zero byte, to descriptor 3 and from descriptor 4 of the browser. A shell puts them there, so that
-//! neither a port nor a library is needed.
+//! The protocol uses a pair of pipes (`--remote-debugging-pipe`): JSON documents, each terminated by a zero
+//! byte, to descriptor 3 and from descriptor 4 of the browser. A shell sets them up, so that neither a port
+//! nor a library is needed.
 //!
-//! For tests: what goes wrong is a panic that says what it was.
+//! For tests: errors are panics with a description.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::io::{BufRead, BufReader, Write};
@@ -16,7 +16,7 @@ use serde_json::{Value, json};
 
 use crate::program::Running;
 
-/// When to give up, which is no statement on how long it should take.
+/// Timeout, which says nothing about the expected duration.
 const PATIENCE: Duration = Duration::from_secs(300);
 
 /// A browser with one page.
@@ -35,7 +35,7 @@ impl Browser {
     /// Starts a browser with a page of this size in CSS pixels, as on a phone if `mobile`.
     pub fn start(chromium: &str, [width, height]: [u32; 2], mobile: bool) -> Self {
         let profile = tempfile::tempdir().unwrap();
-        // A test runs as whoever runs it, in a container that may have no room for a sandbox.
+        // Tests run as the current user, possibly in a container that does not allow a sandbox.
         let command = "exec \"$0\" --headless --no-sandbox --disable-gpu --disable-dev-shm-usage \
              --remote-debugging-pipe --user-data-dir=\"$1\" 3<&0 4>&1 0</dev/null 1>/dev/null";
         let mut process = Command::new("sh")
@@ -69,31 +69,31 @@ impl Browser {
         browser
     }
 
-    /// Is one whose user prefers dark pages, from the next page on.
+    /// Prefers dark pages, from the next page on.
     pub fn prefer_dark(&mut self) {
         let features = json!([{ "name": "prefers-color-scheme", "value": "dark" }]);
         self.call("Emulation.setEmulatedMedia", json!({ "features": features }));
     }
 
-    /// Runs a script in every page from now on, before those of the page.
+    /// Runs a script in every page from now on, before the page's scripts.
     pub fn run_first(&mut self, script: &str) {
         self.call("Page.addScriptToEvaluateOnNewDocument", json!({ "source": script }));
     }
 
-    /// Opens a file, and waits until it is loaded.
+    /// Opens a file and waits until it is loaded.
     pub fn open(&mut self, path: &Path) {
         self.visit(&format!("file://{}", path.canonicalize().unwrap().display()));
     }
 
-    /// Opens an address, and waits until it is loaded.
+    /// Opens an address and waits until it is loaded.
     pub fn visit(&mut self, url: &str) {
         self.call("Page.navigate", json!({ "url": url }));
         self.wait_for("document.readyState === 'complete'");
-        // A browser drops what is typed and clicked before the first frame of a page.
+        // A browser drops keys and clicks before the first frame of a page.
         self.wait_for_frame();
     }
 
-    /// What an expression is on the page; promises are waited for.
+    /// Evaluates an expression on the page, and awaits promises.
     pub fn evaluate(&mut self, expression: &str) -> Value {
         let wanted =
             json!({ "expression": expression, "returnByValue": true, "awaitPromise": true });
@@ -114,14 +114,15 @@ impl Browser {
         }
     }
 
-    /// Waits until what the page is now has been painted.
+    /// Waits until the page's present state has been painted.
     fn wait_for_frame(&mut self) {
         self.evaluate("new Promise((painted) => requestAnimationFrame(() => requestAnimationFrame(() => painted(0))))");
     }
 
-    /// Clicks in the middle of the element that an expression gives.
+    /// Clicks in the middle of the element that an expression returns.
     ///
-    /// Repeated until the element gets the click: a browser finds it in the last frame that it painted, and may drop input.
+    /// Repeats the click until the element receives it: a browser looks up the target in the last frame that
+    /// it painted, and may drop input.
     pub fn click(&mut self, element: &str) {
         let deadline = Instant::now() + PATIENCE;
         self.evaluate(&format!(
@@ -145,22 +146,23 @@ impl Browser {
         }
     }
 
-    /// Chooses files in the input that an expression gives.
+    /// Selects files in the input that an expression returns.
     pub fn choose(&mut self, input: &str, files: &[PathBuf]) {
         let found = self.call("Runtime.evaluate", json!({ "expression": input }));
         let object = &found["result"]["objectId"];
-        // The browser reads none whose path has `..` in it, and does not say so.
+        // The browser silently ignores files whose path contains `..`.
         let files: Vec<PathBuf> = files.iter().map(|file| file.canonicalize().unwrap()).collect();
         self.call("DOM.setFileInputFiles", json!({ "files": files, "objectId": object }));
     }
 
-    /// Saves what the page offers as `name` by clicking the element that an expression gives; its bytes.
+    /// Clicks the element that an expression returns, and returns the bytes of the download, which is called
+    /// `name`.
     pub fn save(&mut self, element: &str, name: &str) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let allow = json!({ "behavior": "allow", "downloadPath": folder.path() });
         self.call("Browser.setDownloadBehavior", allow);
         self.click(element);
-        // Under another name until it is whole.
+        // The download has another name until it is complete.
         let (file, deadline) = (folder.path().join(name), Instant::now() + PATIENCE);
         while !file.exists() {
             assert!(Instant::now() < deadline, "`{name}` is not saved");
@@ -169,7 +171,7 @@ impl Browser {
         std::fs::read(file).unwrap()
     }
 
-    /// Presses a key and lets it go: "Tab", "Enter", " ".
+    /// Presses and releases a key: "Tab", "Enter", " ".
     pub fn press(&mut self, key: &str) {
         let code = match key {
             "Tab" => 9,
@@ -191,21 +193,21 @@ impl Browser {
         }
     }
 
-    /// The whole page as PNG, in base64.
+    /// Returns the whole page as PNG, in base64.
     pub fn screenshot(&mut self) -> String {
         let wanted = json!({ "captureBeyondViewport": true, "format": "png" });
         self.call("Page.captureScreenshot", wanted)["data"].as_str().unwrap().to_owned()
     }
 
-    /// The page as printed: PDF, in base64.
+    /// Returns the printed page: PDF, in base64.
     pub fn print(&mut self) -> String {
         let wanted = json!({ "paperWidth": 8.27, "paperHeight": 11.69 });
         self.call("Page.printToPDF", wanted)["data"].as_str().unwrap().to_owned()
     }
 
-    /// What the page has complained of so far: errors, warnings of the console, exceptions.
+    /// Returns the page's complaints so far: errors, warnings of the console, exceptions.
     pub fn complaints(&mut self) -> Vec<String> {
-        // An answer comes after all that was said before it.
+        // The answer arrives after all earlier messages.
         self.evaluate("0");
         let told = |event: &&Value| {
             let parameters = &event["params"];
@@ -223,7 +225,7 @@ impl Browser {
         self.events.iter().filter(told).map(Value::to_string).collect()
     }
 
-    /// The addresses that the page has asked for beside its own file and what is in it.
+    /// Returns the addresses that the page has requested, other than its own file and its contents.
     pub fn requests(&mut self) -> Vec<String> {
         self.evaluate("0");
         let of = |event: &Value| {

@@ -1,8 +1,8 @@
-//! The image that is flashed, on the model of its microcontroller.
+//! The flashed image, run on the model of its microcontroller.
 //!
-//! The model is a Python program of its own (`firmware/emulation`). It obeys orders, one JSON object a
-//! line, and reports to each what the board has sent and how it is; the same orders always give the same
-//! reports.
+//! The model is a separate Python program (`firmware/emulation`). It executes orders, one JSON object per
+//! line, and reports after each the bytes that the board has sent and the board's state. The same orders
+//! always give the same reports.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::collections::BTreeMap;
@@ -19,28 +19,28 @@ use crate::program::Running;
 /// Dark and lit code of every channel.
 pub type PlayedFrame = [(u16, u16); CHANNELS];
 
-/// Names the image that tests run.
+/// Variable with the path of the tested image.
 pub const IMAGE: &str = "SHELLCAL_FLASHED_IMAGE";
 
-/// Names the Python that has what the model needs.
+/// Variable with the path of a Python that has the model's requirements.
 pub const PYTHON: &str = "SHELLCAL_MODEL_PYTHON";
 
 /// The serial number of the modelled chip.
 pub const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 
-/// Where the model is and what it runs.
+/// The model's files and board.
 #[derive(Clone, Debug)]
 pub struct Model {
-    /// Which board it is, as the model names it.
+    /// The board, by its name in the model.
     pub board: &'static str,
     /// The image, an ELF file.
     pub image: PathBuf,
-    /// The Python that has what the model needs.
+    /// A Python that has the model's requirements.
     pub python: PathBuf,
 }
 
 impl Model {
-    /// The model that `cargo xtask test` has set up.
+    /// Returns the model that `cargo xtask test` has set up.
     ///
     /// # Panics
     /// If there is none.
@@ -49,7 +49,7 @@ impl Model {
         Self { board: "skinproc", image: path(IMAGE), python: path(PYTHON) }
     }
 
-    /// As [`Self::find`], of the Nucleo-G491RE, whose image is beside the other.
+    /// Returns the model like [`Self::find`], but of the Nucleo-G491RE, whose image is in the same folder.
     ///
     /// # Panics
     /// If there is none.
@@ -59,8 +59,8 @@ impl Model {
         Self { board, image: image.with_file_name(board), python }
     }
 
-    /// The command that runs the model, up to where its serial line goes. What the converter gives is
-    /// handed over in a file in `dir`.
+    /// Returns the command that runs the model, without the destination of its serial line. The converter's
+    /// codes are passed in a file in `dir`.
     pub fn command(&self, played: &[PlayedFrame], dir: &Path) -> Command {
         let mut command = Command::new(&self.python);
         let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware/emulation");
@@ -77,43 +77,43 @@ impl Model {
     }
 }
 
-/// How the board is after an order.
+/// State of the board after an order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
     /// Bytes that the board has sent.
     pub sent: Vec<u8>,
-    /// Whether it has power.
+    /// True if the board has power.
     pub on: bool,
     /// Causes of the resets since the last report.
     pub resets: Vec<String>,
-    /// Sectors erased and double words written, in all.
+    /// Total number of sectors erased and double words written.
     pub operations: u64,
-    /// Instructions executed, in all.
+    /// Total number of instructions executed.
     pub instructions: u64,
-    /// The deepest that the stack has been, in bytes.
+    /// The greatest depth of the stack so far, in bytes.
     pub stack: u32,
-    /// The board's time since it was made, in s.
+    /// Simulated time since the board was created, in s.
     pub time_s: f64,
     /// The pulls on RX, on CTS and on the sync input.
     pub pulls: [String; 3],
-    /// The board's time at which its clock stood at 0, in s.
+    /// Simulated time at which the board's clock was 0, in s.
     pub clock_zero_s: f64,
     /// The rate of its line, baud.
     pub rate: f64,
-    /// How the bootloader in ROM was entered, if it was.
+    /// State in which the bootloader in ROM was entered, if it was.
     pub rom: Option<Rom>,
 }
 
-/// What the bootloader in ROM was given.
+/// The state in which the bootloader in ROM was entered.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Rom {
     /// The stack pointer.
     pub stack_pointer: u32,
-    /// Where the core has its vectors.
+    /// Address of the core's vectors.
     pub vectors: u32,
-    /// Interrupts that are on.
+    /// Enabled interrupts.
     pub interrupts_on: u32,
-    /// Registers of peripherals that are not as a reset leaves them, by their addresses.
+    /// Registers of peripherals that differ from their reset state, by address.
     pub changed: BTreeMap<String, u32>,
 }
 
@@ -130,10 +130,10 @@ impl Rom {
     }
 }
 
-/// The stack pointer that the modelled ROM begins with.
+/// The initial stack pointer of the modelled ROM.
 pub const ROM_STACK: u32 = 0x2000_2F40;
 
-/// A board that obeys.
+/// A board that executes orders.
 #[derive(Debug)]
 pub struct FlashedBoard {
     _process: Running,
@@ -180,33 +180,34 @@ impl FlashedBoard {
         self.order(&json!({ "run": time_s }))
     }
 
-    /// Bytes to the board, as fast as its line carries them.
+    /// Sends bytes to the board at its line's rate.
     pub fn send(&mut self, bytes: &[u8]) {
         let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
         self.order(&json!({ "send": hex }));
     }
 
-    /// Clear to send: `low` lets the board send, `high` holds it up, `open` is no wire.
+    /// Sets clear to send: `low` lets the board send, `high` holds it up, `open` is no wire.
     pub fn set_cts(&mut self, level: &str) {
         self.order(&json!({ "cts": level }));
     }
 
-    /// The sync input rises after each of these times, in s.
+    /// Schedules rising edges of the sync input after these times, in s.
     pub fn drive_edges(&mut self, delays_s: &[f64]) -> Report {
         self.order(&json!({ "edges": delays_s }))
     }
 
-    /// The rate of the other end of the line, baud; where the board has another, neither understands the other.
+    /// Sets the rate of the line's other end, baud; with another rate on the board, neither understands the
+    /// other.
     pub fn set_rate(&mut self, baud: f64) {
         self.order(&json!({ "rate": baud }));
     }
 
-    /// Ambient light flickers with this amplitude, in steps, and frequency.
+    /// Lets ambient light flicker with this amplitude, in steps, and frequency.
     pub fn set_flicker(&mut self, steps: f64, hz: f64) {
         self.order(&json!({ "flicker": [steps, hz] }));
     }
 
-    /// The stack pointer is at an address, as after so many calls.
+    /// Sets the stack pointer, as deeply nested calls would.
     pub fn set_stack(&mut self, address: u32) {
         self.order(&json!({ "stack": address }));
     }
@@ -216,28 +217,28 @@ impl FlashedBoard {
         self.order(&json!({ "converter": false }));
     }
 
-    /// The power will be cut at a flash operation, counted from now; `outcome` is what it has done:
+    /// Cuts the power at a flash operation, counted from now; `outcome` is the effect of that operation:
     /// `nothing`, `some bits`, `unreadable` or `complete`.
     pub fn cut_power(&mut self, operation: u64, outcome: &str) {
         self.order(&json!({ "cut": [operation, outcome] }));
     }
 
-    /// Switches on again.
+    /// Switches the power on again.
     pub fn restore_power(&mut self) {
         self.order(&json!({ "power": true }));
     }
 
-    /// What follows is undone by [`Self::leave_branch`].
+    /// Opens a branch, which [`Self::leave_branch`] undoes.
     pub fn open_branch(&mut self) {
         self.order(&json!({ "branch": true }));
     }
 
-    /// The board is as it was at [`Self::open_branch`].
+    /// Restores the state at [`Self::open_branch`].
     pub fn leave_branch(&mut self) {
         self.order(&json!({ "leave": true }));
     }
 
-    /// The core goes on at an address, as after a damaged return address.
+    /// Continues the core at an address, as after a damaged return address.
     pub fn jump(&mut self, address: u32) {
         self.order(&json!({ "jump": address }));
     }

@@ -1,5 +1,5 @@
-//! What tests across the crates share: the modelled board, a browser, running `shellcal`, packets as a host
-//! receives them, and where the real recordings are.
+//! Shared code of the tests across crates: the modelled board, a browser, running `shellcal`, packets as a
+//! host receives them, and the location of the real recordings.
 
 pub mod browser;
 pub mod chromium;
@@ -13,17 +13,16 @@ use std::path::PathBuf;
 use shared_proto::xbee::{Address, ApiFrame};
 use shared_proto::{Framing, Packet};
 
-/// The reference solution of the beam channel, as seen from the real recordings: not part of them, but it may lie
-/// beside them.
+/// The reference solution of the beam channel, relative to the real recordings. It is not part of them, but
+/// may be in a neighbouring folder.
 pub const REFERENCE_VALUES: &str = "../oracles/beam.json";
 
-/// The file `name` of the real recordings, for tests that are ignored where there are none.
+/// Returns the file `name` of the real recordings, for tests that are ignored without them.
 ///
-/// The recordings are not part of the repository: `SHELLCAL_REAL_DATA` names the directory that
-/// holds them.
+/// The recordings are not part of the repository: `SHELLCAL_REAL_DATA` is the directory that contains them.
 ///
 /// # Panics
-/// If the variable is not set, or there is no such file.
+/// If the variable is not set, or the file does not exist.
 pub fn real_recording(name: &str) -> PathBuf {
     let root =
         std::env::var_os("SHELLCAL_REAL_DATA").expect("SHELLCAL_REAL_DATA names a directory");
@@ -32,7 +31,7 @@ pub fn real_recording(name: &str) -> PathBuf {
     path
 }
 
-/// The bytes of a packet as the base station gives them to the host.
+/// Returns the bytes of a packet as the base station passes them to the host.
 ///
 /// # Panics
 /// Never: every packet fits into a frame.

@@ -1,4 +1,4 @@
-//! What the firmware is measured with: calibrations, and frames for the board to convert.
+//! Workloads for measuring the firmware: calibrations, and frames for the board to convert.
 
 use shared_proto::{
     AXES, CHANNELS, COUNTS_PER_LSB, Calibration, Cubic, FEATURES, Physics, PhysicsSensor,
@@ -7,11 +7,11 @@ use shared_proto::{
 use crate::flashed::PlayedFrame;
 use crate::random::Random;
 
-/// Steps of the converter between the plateaus of the modelled sensors, and at the lower one.
+/// Distance in converter steps between the plateaus of the modelled sensors, and the lower plateau.
 const RANGE: f64 = 2_000.0;
 const LEAST: f64 = 500.0;
 
-/// A cubic calibration with no number that is easier than others.
+/// A cubic calibration without special values that would be cheaper.
 pub fn cubic() -> Calibration {
     let mut coefficients = [[0.0; AXES]; FEATURES];
     for (i, value) in coefficients.as_flattened_mut().iter_mut().enumerate() {
@@ -25,7 +25,7 @@ pub fn cubic() -> Calibration {
     })
 }
 
-/// Eight sensors, each with gains of its own for every axis, known to a few hundredths.
+/// Eight sensors, each with different gains for every axis, known to a few hundredths.
 pub fn physics() -> Calibration {
     let counts = f64::from(COUNTS_PER_LSB);
     let mut prior = [0.0; shared_proto::PRIOR];
@@ -53,7 +53,7 @@ pub fn physics() -> Calibration {
     })
 }
 
-/// Readings from everywhere in the range, as some bytes take more than others to encode.
+/// Readings from the whole range, since some bytes take longer to encode.
 pub fn everywhere() -> Vec<PlayedFrame> {
     let codes = |frame: u32, channel: u32| {
         let dark = (frame * 7 + channel * 31) % 300;
@@ -63,8 +63,8 @@ pub fn everywhere() -> Vec<PlayedFrame> {
     (0..500).map(|frame| std::array::from_fn(|channel| codes(frame, channel as u32))).collect()
 }
 
-/// Readings of the sensors of [`physics`] under loads up to twice those that it was trained with, each off by as much
-/// as it says that readings are.
+/// Readings of the sensors of [`physics`] under loads up to twice the training loads, with errors as large as
+/// its reading variance states.
 pub fn poses() -> Vec<PlayedFrame> {
     let Calibration::Physics(model) = physics() else { return Vec::new() };
     let mut random = Random(1);

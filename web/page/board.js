@@ -12,7 +12,7 @@ const startLiveView = () => {
 let connection, view;
 const openConnection = async (port) => {
   const worker = new Worker(script), module = await compiled;
-  // The clock on the wall goes on while a computer sleeps.
+  // The wall clock continues while a computer sleeps.
   const [began, date] = [performance.now(), Date.now()];
   const writer = port.writable.getWriter();
   const arrived = [], orders = [], pieces = new Map();
@@ -56,7 +56,7 @@ const openConnection = async (port) => {
     byId('board-status').textContent = isError ? `error: ${said}` : `Disconnected: ${said}`;
     drawBoard();
   };
-  // A port closes once nobody holds its streams. What fails here has gone with the device.
+  // A port closes once its streams are released. Errors are ignored: the device is gone.
   const hangUp = async () => {
     reader?.cancel().catch(() => {});
     await reading;
@@ -64,7 +64,7 @@ const openConnection = async (port) => {
     writer.releaseLock();
     await port.close().catch(() => {});
   };
-  // Until the port is gone; why it is. After bytes that were damaged on the line, or came too fast, it goes on with a next stream.
+  // Reads until the port is gone; returns the reason. After line errors or an overrun, it continues with a new stream.
   const read = async () => {
     for (let stream = port.readable; stream && !ending; stream = port.readable) {
       reader = stream.getReader();
@@ -108,7 +108,7 @@ const openConnection = async (port) => {
 
 const describe = (error, hint) => (hint ? `${error}. Hint: ${hint}` : error);
 
-// A recording is a file like those that were dropped, and can be saved.
+// A recording is a file like a dropped one, and can be saved.
 const keepLog = (file) => {
   BOARD_LOGS.push(file);
   byId('recorded').append(element('a', { href: URL.createObjectURL(file), download: file.name }, `Save ${file.name}`));
@@ -140,7 +140,7 @@ byId('connect').onclick = async () => {
     await openConnection(port);
     drawBoard();
   } catch (error) {
-    // A choice that was cancelled is no error.
+    // A cancelled choice is not an error.
     if (error.name !== 'NotFoundError') byId('board-status').textContent = `error: ${error.message}`;
   }
 };

@@ -10,7 +10,7 @@ const inflated = (id) => {
   return new Response(new Blob([packed]).stream().pipeThrough(new DecompressionStream('gzip')));
 };
 
-// One worker does one thing after the other; to cancel is to end it.
+// A single worker handles requests in sequence; cancelling terminates it.
 const compiled = inflated('module').arrayBuffer().then((bytes) => WebAssembly.compile(bytes));
 const script = URL.createObjectURL(new Blob([byId('worker').textContent], { type: 'text/javascript' }));
 let worker, ending;
@@ -36,7 +36,7 @@ const ask = (request, files, progress) => {
   return (queue = queue.then(work).catch((error) => ({ answer: { error: error.message }, files: [] })));
 };
 
-// What the page knows: files with what they are, and the columns that the user has assigned.
+// State of the page: files with their kinds, and the columns assigned by the user.
 let logs = [];
 let columns = {};
 let made = [];
@@ -139,7 +139,7 @@ const assign = () => {
   examine(logs.filter(({ answer }) => answer && !answer.is_calibration));
 };
 
-// Work of which the user sees how far it is.
+// Runs a request and shows its progress.
 const work = async (doing, request, files) => {
   const all = files.reduce((sum, file) => sum + file.size, 0);
   const bar = byId('progress');
@@ -183,10 +183,10 @@ const fit = async () => {
   const { answer: { verdict, ok, remarks }, files } = answered;
   made = [new File([files[0].bytes], files[0].name)];
   draw();
-  // The style of the report is that of this page, whose policy allows no other.
+  // The report uses this page's style: the page's policy allows no other.
   const html = new TextDecoder().decode(files[1].bytes).replace(/<style>[^]*?<\/style>/, '');
   const report = new DOMParser().parseFromString(html, 'text/html');
-  // Its parts are named as those of this page are.
+  // Its ids get a prefix, since they also occur in this page.
   report.querySelectorAll('[id]').forEach((part) => { part.id = `report-${part.id}`; });
   report.querySelectorAll('[aria-labelledby]').forEach((part) => part.setAttribute('aria-labelledby', `report-${part.getAttribute('aria-labelledby')}`));
   report.querySelectorAll('a[href^="#"]').forEach((link) => { link.hash = `report-${link.hash.slice(1)}`; });

@@ -1,17 +1,17 @@
-// Answers requests, each in a fresh instance of the module; a connection with a board has one of its own, and a worker.
+// Answers requests, each in a fresh instance of the module. A connection with a board has its own instance and worker.
 'use strict';
 let module, board;
 
 const start = async () => {
   let told = 0;
-  // Messages cost more than chunks of a log.
+  // A message costs more than reading a chunk of a log.
   const progress = (bytes) => { if (bytes - told > 1e6) postMessage({ bytes: told = bytes }); };
   const folds = (done, of) => postMessage({ folds: { done, of } });
   return (await WebAssembly.instantiate(module, { page: { progress, folds } })).exports;
 };
 
 const run = async (exports, task, request, files) => {
-  // `memory.buffer` is looked up last: a call that makes the memory grow detaches the one before.
+  // `memory.buffer` is looked up last: a call that grows the memory detaches the previous buffer.
   const view = (start, length) => new Uint8Array(exports.memory.buffer, start >>> 0, length);
   const put = (bytes) => view(exports.buffer(bytes.length), bytes.length).set(bytes);
   const output = (at) => view(exports.output(at), exports.output_length(at)).slice();
@@ -31,7 +31,7 @@ const run = async (exports, task, request, files) => {
 
 onmessage = async ({ data }) => {
   if (data.module) return void (module = data.module);
-  // A page that nobody looks at has slow timers, its workers have not.
+  // A hidden page has slow timers, but its workers do not.
   if (data.every) return void setInterval(() => postMessage({ tick: true }), data.every);
   try {
     const done = data.board ? await run(board ??= await start(), 'board', data.board, data.files) : await run(await start(), 'answer', data.request, data.files);

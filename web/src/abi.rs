@@ -1,7 +1,8 @@
-//! How a page calls the module: it fills buffers, the last of which is the request, asks for the answer, and reads
-//! outputs, the first of which is JSON.
+//! The interface between page and module: the page fills buffers (the request is the last), asks for
+//! the answer, and reads the outputs (the first is JSON).
 //!
-//! A panic ends the instance and leaves what it said as the only output. Where memory is exhausted there is none.
+//! A panic ends the instance and leaves its message as the only output. If memory is exhausted there is no
+//! output.
 #![expect(unsafe_code, reason = "names that a page calls, and a function that it gives")]
 
 use std::cell::RefCell;
@@ -13,9 +14,9 @@ use crate::{Answer, BoardSession, Progress};
 
 #[link(wasm_import_module = "page")]
 unsafe extern "C" {
-    /// So many bytes of logs have been read.
+    /// Reports the number of bytes of logs read so far.
     safe fn progress(bytes: f64);
-    /// So many of these folds of the physics model are done.
+    /// Reports the number of completed folds of the physics model.
     safe fn folds(done: usize, of: usize);
 }
 
@@ -25,7 +26,7 @@ thread_local! {
     static OUTPUTS: RefCell<Vec<Vec<u8>>> = const { RefCell::new(Vec::new()) };
 }
 
-/// The start of a new buffer, to be filled before anything else is called.
+/// Returns the start of a new buffer, which has to be filled before any other call.
 #[unsafe(no_mangle)]
 extern "C" fn buffer(length: usize) -> *mut u8 {
     let mut bytes: Arc<[u8]> = std::iter::repeat_n(0, length).collect();
@@ -71,19 +72,19 @@ fn give(Answer { document, files }: Answer) {
     OUTPUTS.set([vec![document], contents].concat());
 }
 
-/// The number of outputs.
+/// Returns the number of outputs.
 #[unsafe(no_mangle)]
 extern "C" fn outputs() -> usize {
     OUTPUTS.with_borrow(Vec::len)
 }
 
-/// Where an output starts.
+/// Returns the start of an output.
 #[unsafe(no_mangle)]
 extern "C" fn output(number: usize) -> *const u8 {
     OUTPUTS.with_borrow(|all| all.get(number).map_or(std::ptr::null(), |bytes| bytes.as_ptr()))
 }
 
-/// How long it is.
+/// Returns the length of an output.
 #[unsafe(no_mangle)]
 extern "C" fn output_length(number: usize) -> usize {
     OUTPUTS.with_borrow(|all| all.get(number).map_or(0, Vec::len))

@@ -1,5 +1,5 @@
-//! A board at a serial port of the page: its bytes and the orders of the user come in; pictures, pieces of logs, and bytes
-//! to send go out. The port and the clock are the page's.
+//! A board at a serial port of the page. Input: its bytes, and the user's orders. Output: pictures, pieces of
+//! logs, and bytes to send. The page owns the port and the clock.
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
@@ -24,43 +24,43 @@ use shellcal::workflow::live::{Feed, LiveAction, LiveSession, LogSeries, guide_t
 use crate::request::FileRef;
 use crate::{Answer, Failure};
 
-/// The span of time that is shown first, s.
+/// The initial time span, s.
 const WINDOW_S: f64 = 10.0;
 
-/// What a connection begins with.
+/// The request that begins a connection.
 #[derive(Deserialize)]
 pub(crate) struct Begin {
-    /// The port.
+    /// Name of the port.
     name: String,
-    /// As `--framing` takes it; recognised if it is `None`.
+    /// As for `--framing`; detected if `None`.
     framing: Option<String>,
-    /// Whether the board is told to stream.
+    /// True to start the board's stream.
     starts: bool,
-    /// Whether a log is written from the first byte on.
+    /// True to write a log from the first byte on.
     records: bool,
-    /// How many logs the page has of boards already, which their names count.
+    /// Number of logs of boards in the page so far, which their names count.
     logs: usize,
     calibration: Option<FileRef>,
-    /// Loads to be led through.
+    /// Planned loads for the guide.
     plan: Option<FileRef>,
 }
 
-/// What has happened since the turn before; the bytes that have come are its file.
+/// Events since the previous turn; the received bytes are passed as its file.
 #[derive(Deserialize)]
 struct BoardEvents {
-    /// Since the connection began, by a clock that only goes forward.
+    /// Time since the connection began, by a monotonic clock.
     elapsed_ms: f64,
-    /// The same by the clock on the wall, which goes on while a computer sleeps.
+    /// Time since then by the wall clock, which continues while a computer sleeps.
     arrival_ms: f64,
-    /// What the user wants.
+    /// Order of the user.
     order: Option<String>,
-    /// Whether a picture is wanted.
+    /// True to draw a picture.
     draws: bool,
-    /// Whether the connection is over.
+    /// True if the connection ends.
     ends: bool,
 }
 
-/// A connection with a board, recorded and shown.
+/// A connection with a board, recorded and displayed.
 pub struct BoardSession {
     recorder: Recorder,
     session: LiveSession,
@@ -69,7 +69,7 @@ pub struct BoardSession {
 }
 
 impl BoardSession {
-    /// Begins one as is asked for in JSON with `files`; its first bytes to send are in the answer.
+    /// Begins a connection as requested in JSON with `files`; the answer contains the first bytes to send.
     pub fn begin(request: &[u8], files: &[Arc<[u8]>]) -> (Option<Self>, Answer) {
         let begin = || serde_json::from_slice::<Begin>(request)?.run(files);
         match begin() {
@@ -78,12 +78,13 @@ impl BoardSession {
         }
     }
 
-    /// Takes a turn, which is asked for in JSON. The answer has what to send, a picture if one is wanted, what the board
-    /// has said it is, the names of logs that have ended; its files are pieces of logs, each to be added to those of its
-    /// name. An error ends the connection: the board is told to stop, and what came before is in the files all the same.
+    /// Takes a turn as requested in JSON. The answer contains the bytes to send, a picture if requested, the
+    /// board's identity, and the names of completed logs; its files are pieces of logs, to be appended to the
+    /// log of that name. An error ends the connection: the board is told to stop, and the files keep the data
+    /// received before.
     pub fn turn(&mut self, request: &[u8], bytes: &[u8]) -> Answer {
         let mut document = self.take(request, bytes).unwrap_or_else(|failure| {
-            // What has arrived is kept; more is not known than the failure says.
+            // Received data are kept; the first failure is the one reported.
             let _ = self.recorder.finish();
             let _ = self.recorder.close();
             let mut document = Answer::from(failure).document;
@@ -111,7 +112,7 @@ impl BoardSession {
         }
         if turn.ends {
             commands.extend(self.recorder.last_commands());
-            // Loads that were held to the end are labelled.
+            // Labels loads that were held until the end.
             self.session.advance(elapsed, true).map_err(RecordError::from)?;
             self.recorder.finish()?;
             let recorded = self.recorder.recorded(elapsed);
@@ -210,7 +211,7 @@ impl PageLogs {
         Box::new(PageLog { path, is_empty: true, logs })
     }
 
-    /// The log after `made` others.
+    /// Creates a log after `made` others.
     fn numbered(&self, made: usize) -> Box<dyn LogSink> {
         self.log(match made {
             0 => "board.csv".to_owned(),

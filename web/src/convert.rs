@@ -1,4 +1,4 @@
-//! From a log of readings to a table of forces.
+//! Conversion of a log of readings to a table of forces.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! What a file is, what its columns are, and what is wrong with it.
+//! Detection of a file's kind, its columns, and its faults.
 
 use std::sync::Arc;
 
@@ -68,7 +68,7 @@ fn calibration(text: &[u8]) -> Result<Answer, Failure> {
     Ok(json!({ "kind": kind, "is_calibration": true, "columns": [], "findings": [] }).into())
 }
 
-/// A table of loads, if it is one.
+/// Parses a table of loads, if it is one.
 fn plan(text: &[u8]) -> Option<Answer> {
     let loads = HungLoads::parse(str::from_utf8(text).ok()?).ok()?;
     let kind = format!("table of {} loads", loads.loads().len());

@@ -1,4 +1,4 @@
-//! From training logs to a calibration with its report.
+//! Fit of training logs: a calibration with its report.
 
 use std::sync::Arc;
 
@@ -27,10 +27,10 @@ pub(crate) struct FitRequest {
     #[serde(default)]
     columns: ColumnsGiven,
     model: String,
-    /// As `--cv` takes it.
+    /// As for `--cv`.
     #[serde(default)]
     hold_out: Option<String>,
-    /// Now, in UTC, RFC 3339 to the second.
+    /// The current time in UTC, RFC 3339 to the second.
     date: String,
 }
 
@@ -86,7 +86,7 @@ impl FitRequest {
         })
     }
 
-    /// The training and the test logs.
+    /// Returns the training and the test logs.
     fn logs(&self, files: &[Arc<[u8]>], mapping: &Mapping) -> Result<[Vec<Log>; 2], Failure> {
         let open = |logs: &[FileRef]| {
             let logs = logs.iter().map(|log| log.log(files, mapping));
@@ -97,7 +97,7 @@ impl FitRequest {
         Ok([train, test])
     }
 
-    /// Why a fit failed, with the names of its files where their rows are the reason.
+    /// Returns the reason why a fit failed, with the names of its files if their rows are the reason.
     fn failure(&self, error: FitError) -> Failure {
         let is_about_rows = error.is_about_rows();
         let failure = Failure::from(WorkflowError::from(error));
@@ -107,7 +107,7 @@ impl FitRequest {
         }
     }
 
-    /// What does the same in a terminal, but for columns that were assigned.
+    /// Returns the equivalent command line, without assigned columns.
     fn command(&self) -> String {
         let names = |files: &[FileRef]| -> String {
             files.iter().map(|file| format!(" '{}'", file.name.replace('\'', r"'\''"))).collect()

@@ -1,14 +1,14 @@
-//! What the page does, over the libraries of the program: a request and files in memory go in, a document and files
-//! come out.
+//! The functions of the page, based on the libraries of the program: a request and files in memory go in, a
+//! document and files come out.
 //!
 //! ```text
 //! page.js ─▶ worker.js ─▶ abi ─▶ answer ─▶ examine | fit | convert ─▶ Answer ─▶ worker.js ─▶ page.js
 //! port ◀─▶ board.js ◀─▶ worker.js ◀─▶ abi ◀─▶ BoardSession
 //! ```
 //!
-//! [`answer`] and [`BoardSession`] are pure, and tested without a browser. Every request gets a fresh instance of the
-//! module, so that nothing is left of the one before, not even of one that was cancelled; a connection with a board
-//! has one of its own.
+//! [`answer`] and [`BoardSession`] are pure, and tested without a browser. Every request gets a fresh
+//! instance of the module, so that no state remains from a previous request, even a cancelled one. A
+//! connection with a board has its own instance.
 
 #[cfg(target_family = "wasm")]
 mod abi;
@@ -35,10 +35,10 @@ use convert::Convert;
 use examine::Examine;
 use fit::FitRequest;
 
-/// What a page gets for a request.
+/// The answer to a request.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
-    /// What to show; `error` and perhaps `hint` where it could not be done.
+    /// The document to show; contains `error` and possibly `hint` after a failure.
     pub document: Value,
     /// Files to save, by name.
     pub files: Vec<(String, Vec<u8>)>,
@@ -50,7 +50,7 @@ impl From<Value> for Answer {
     }
 }
 
-/// Why something could not be done, as the terminal says it: an error with its causes, and the next step.
+/// An error as the terminal shows it: with its causes, and a hint on the next step.
 struct Failure {
     error: String,
     hint: Option<String>,
@@ -61,7 +61,7 @@ impl Failure {
         Self { error: with_causes(error), hint }
     }
 
-    /// The same of some files.
+    /// Adds the names of files to the error.
     fn about(self, names: &str) -> Self {
         Self { error: format!("{names}: {}", self.error), ..self }
     }
@@ -98,28 +98,28 @@ impl From<Failure> for Answer {
     }
 }
 
-/// Who is told how far the work is.
+/// Callbacks that receive the progress.
 #[derive(Clone, Copy)]
 pub struct Progress<'a> {
-    /// How many bytes of logs have been read.
+    /// Receives the number of bytes of logs read so far.
     pub bytes: &'a (dyn Fn(u64) + Sync),
-    /// How many folds of the physics model are done, and of how many.
+    /// Receives the number of completed folds of the physics model, and the total.
     pub folds: &'a (dyn Fn(usize, usize) + Sync),
 }
 
-/// What a page can ask for.
+/// A request of the page.
 #[derive(Deserialize)]
 #[serde(tag = "task", rename_all = "snake_case")]
 enum PageRequest {
-    /// What a file is, and what is wrong with it.
+    /// Detect a file's kind and its faults.
     Examine(Examine),
-    /// From training logs to a calibration.
+    /// Fit training logs.
     Fit(FitRequest),
-    /// From readings to forces.
+    /// Convert readings to forces.
     Convert(Convert),
 }
 
-/// Does what is asked for in JSON with `files`, which the request numbers in this order.
+/// Executes a request in JSON with `files`, which it refers to by position.
 pub fn answer(request: &[u8], files: &[Arc<[u8]>], progress: Progress<'_>) -> Answer {
     let work = || match serde_json::from_slice(request)? {
         PageRequest::Examine(examine) => examine.run(files, progress.bytes),

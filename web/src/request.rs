@@ -1,4 +1,4 @@
-//! What requests have in common: files, and what is said of their columns.
+//! Common parts of requests: files, and assignments of their columns.
 
 use std::error::Error;
 use std::path::Path;
@@ -25,7 +25,7 @@ impl FileRef {
         files.get(self.file).cloned().ok_or_else(|| missing().into())
     }
 
-    /// What `parse` makes of it, or why it makes nothing, with the file's name.
+    /// Parses the file with `parse`; an error contains the file's name.
     pub(crate) fn parsed<T, E: Error>(
         &self,
         files: &[Arc<[u8]>],
@@ -44,12 +44,12 @@ impl FileRef {
     }
 }
 
-/// What the user says of the columns, by their positions from 1; what is `None` is recognised.
+/// The user's assignments of columns, by position from 1; `None` is detected.
 #[derive(Default, Deserialize)]
 #[serde(default)]
 pub(crate) struct ColumnsGiven {
     sensors: Option<Vec<usize>>,
-    /// In the order Fx … Mz, of the axes that there are.
+    /// In the order Fx … Mz; `None` for missing axes.
     wrench: Option<PerAxis<Option<usize>>>,
     time: Option<usize>,
     group: Option<usize>,

@@ -1,4 +1,4 @@
-//! What the page is answered, without a browser.
+//! The answers to the page, without a browser.
 
 use std::io::Write;
 use std::sync::Arc;

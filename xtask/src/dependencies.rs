@@ -1,4 +1,4 @@
-//! The dependencies: their licences, duplicates and sources by `deny.toml`, and what the program says of them.
+//! Dependencies: their licences, duplicates and sources by `deny.toml`, and the program's list of them.
 
 use std::collections::BTreeSet;
 
@@ -7,10 +7,10 @@ use anyhow::{Context, Result, ensure};
 use crate::python;
 use crate::steps::{self, cargo, workspace};
 
-/// What the program says of what it is made of.
+/// The program's list of its components.
 const NOTICES: &str = "host-cli/assets/licences.tsv";
 
-/// Systems that there are releases for.
+/// Systems with releases.
 const SYSTEMS: [&str; 4] = [
     "x86_64-unknown-linux-gnu",
     "aarch64-unknown-linux-gnu",
@@ -23,7 +23,7 @@ pub(crate) fn write_notices() -> Result<()> {
     std::fs::write(workspace().join(NOTICES), notices()?).context(NOTICES)
 }
 
-/// Advisories need a database from the network: the public workflow checks them.
+/// Checks the dependencies. Advisories need a database from the network: the public workflow checks them.
 pub(crate) fn check() -> Result<()> {
     let written = std::fs::read_to_string(workspace().join(NOTICES)).context(NOTICES)?;
     ensure!(
@@ -36,7 +36,7 @@ pub(crate) fn check() -> Result<()> {
     steps::run("licences, duplicates and sources", &mut deny)
 }
 
-/// Name, version and licence of the packages in the program, in a line each.
+/// Returns name, version and licence of the packages in the program, one per line.
 fn notices() -> Result<String> {
     let mut packages = BTreeSet::new();
     for system in SYSTEMS {
@@ -51,7 +51,8 @@ fn notices() -> Result<String> {
         .collect())
 }
 
-/// Reads `name v1.2.3 (a note)|licence (*)`; `None` for packages of this workspace, whose note is their folder.
+/// Parses `name v1.2.3 (a note)|licence (*)`; `None` for packages of this workspace, whose note is their
+/// folder.
 fn notice(line: &str) -> Option<(String, String, String)> {
     let (package, licence) = line.split_once('|')?;
     let mut words = package.split(' ');

@@ -1,4 +1,5 @@
-//! `cargo xtask emulate`: the flashed image on the model of its microcontroller, on a pty, for anyone to play with.
+//! `cargo xtask emulate`: runs the flashed image on the model of its microcontroller, on a pty, for
+//! interactive use.
 
 use std::path::{Path, PathBuf};
 
@@ -21,7 +22,7 @@ pub(crate) struct EmulateArgs {
     board: Board,
 }
 
-/// What the converter sees with the emitter off, in steps.
+/// The converter's value with the emitter off, in steps.
 const DARK: u16 = 100;
 
 pub(crate) fn run(args: &EmulateArgs) -> Result<()> {
@@ -33,7 +34,7 @@ pub(crate) fn run(args: &EmulateArgs) -> Result<()> {
     steps::run("the modelled board", command.arg("--pty"))
 }
 
-/// The frames of a recording.
+/// Reads the frames of a recording.
 fn read(path: &Path) -> Result<Vec<PlayedFrame>> {
     let text = std::fs::read_to_string(path);
     let text = text.with_context(|| format!("cannot read `{}`", path.display()))?;
@@ -53,7 +54,7 @@ fn read(path: &Path) -> Result<Vec<PlayedFrame>> {
     Ok(frames)
 }
 
-/// The codes that make the board measure these readings.
+/// Returns the codes from which the board measures these readings.
 fn frame(fields: &[&str], positions: &[usize]) -> Option<PlayedFrame> {
     let mut frame = PlayedFrame::default();
     for (codes, &position) in frame.iter_mut().zip(positions) {

@@ -1,9 +1,9 @@
-//! `cargo xtask firmware`: builds the boards' images and says what they take of the boards.
+//! `cargo xtask firmware`: builds the boards' images and reports their resource use.
 //!
-//! Flash, RAM and a bound on the stack are read off an image. Instructions and the deepest that the stack has been
-//! seen are those of the flashed image on the model of its microcontroller, the same every run with the same
-//! compiler. All are printed beside those of `firmware/measured.toml`. An error is only what does not fit into the
-//! part, and a frame that costs far more than it did.
+//! Flash, RAM and a bound on the stack are read from an image. Instructions and the observed stack depth come
+//! from running the image on the model of its microcontroller, which gives the same results in every run with
+//! the same compiler. All are printed next to the values in `firmware/measured.toml`. An error is only an
+//! image that does not fit into the chip, or a frame that costs far more than before.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -25,19 +25,20 @@ use crate::steps::{self, workspace};
 
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct FirmwareArgs {
-    /// Keep what was measured in firmware/measured.toml, for later runs to compare with
+    /// Store the measurements in firmware/measured.toml, for comparison in later runs
     #[arg(long)]
     record: bool,
 }
 
-/// The boards' core, and the rate at which frames are due.
+/// Clock of the boards' core, and frame rate.
 const CORE_HZ: f64 = 80e6;
 const RATE_HZ: f64 = 100.0;
 
-/// How many times the recorded instructions a frame may take: more than two compilers differ by.
+/// Maximum instructions of a frame relative to the recorded value: more than the difference between two
+/// compilers.
 const INSTRUCTIONS_FACTOR: f64 = 1.25;
 
-/// Where measurements are recorded.
+/// File of recorded measurements.
 const RECORD: &str = "firmware/measured.toml";
 const RECORD_HEAD: &str = "\
 # What the images take, as `cargo xtask firmware --record` measured it: bytes, and instructions from one
@@ -45,7 +46,7 @@ const RECORD_HEAD: &str = "\
 
 ";
 
-/// Lints and builds all images, measures, prints, and is an error where something does not fit.
+/// Lints, builds and measures all images and prints the results; an error if something does not fit.
 pub(crate) fn run(args: FirmwareArgs) -> Result<()> {
     let record = workspace().join(RECORD);
     let recorded = std::fs::read_to_string(&record).context(RECORD)?;
@@ -72,7 +73,7 @@ pub(crate) fn run(args: FirmwareArgs) -> Result<()> {
     Ok(())
 }
 
-/// What was measured of all boards.
+/// Measurements of all boards.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct MeasuredImages {
     compiler: String,
@@ -80,16 +81,16 @@ struct MeasuredImages {
     boards: BTreeMap<String, Taken>,
 }
 
-/// What an image takes.
+/// Resource use of an image.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 struct Taken {
     flash: u64,
     ram: u64,
-    /// A bound, and the deepest that was seen.
+    /// A bound, and the greatest depth observed.
     stack_bound: u64,
     stack_seen: u64,
-    /// From one frame to the next, by workload.
+    /// Instructions from one frame to the next, by workload.
     instructions: BTreeMap<String, f64>,
 }
 
@@ -119,7 +120,8 @@ impl Taken {
         Ok(taken)
     }
 
-    /// Prints it; returns what does not fit into the part, and frames that cost far more than they did.
+    /// Prints the measurements; returns the resources that do not fit into the chip, and frames that cost far
+    /// more than before.
     fn report(&self, board: Board, before: &Self, compiler: &str) -> Vec<String> {
         let [flash, ram, stack] = board.memory();
         let kib = |bytes: u64| format!("{:8.1} KiB", bytes as f64 / 1024.0);
@@ -148,10 +150,10 @@ impl Taken {
     }
 }
 
-/// Name, what is streamed, with which calibration, and what the converter sees.
+/// Name, stream, calibration, and the scene of the converter.
 type Workload = (&'static str, Stream, fn() -> Calibration, fn() -> Vec<PlayedFrame>);
 
-/// No wrench explains the last, at which the steps of the inversion end last.
+/// No wrench explains the last workload, for which the inversion takes the most steps.
 const WORKLOADS: [Workload; 4] = [
     ("readings", Stream::Raw, workload::cubic, workload::everywhere),
     ("wrenches, cubic", Stream::Wrench, workload::cubic, workload::everywhere),
@@ -159,23 +161,23 @@ const WORKLOADS: [Workload; 4] = [
     ("physics, no wrench fits", Stream::Wrench, workload::physics, workload::everywhere),
 ];
 
-/// Time that an order takes at most: two pages erased, a slot written, and the answer.
+/// Maximum duration of an order: two pages erased, a slot written, and the answer.
 const ORDER_S: f64 = 0.12;
 
-/// Time until a stream runs as it will, and the time that is counted, in s.
+/// Time for a stream to settle, and time counted, in s.
 const SETTLE_S: f64 = 0.2;
 const COUNTED_S: f64 = 1.0;
 
-/// The Python of the environment, which is made where it is not there.
+/// Returns the Python of the model's environment, which is created if missing.
 pub(crate) fn set_up_model() -> Result<PathBuf> {
     let requirements = workspace().join("firmware/emulation/requirements.txt");
     python::environment("emulation-python", &["--requirement", &requirements.to_string_lossy()])
 }
 
-/// The model of a board with its image that was built last.
+/// Starts the model of a board with its most recent image.
 ///
 /// # Errors
-/// Why the model cannot run.
+/// The reason why the model cannot run.
 pub(crate) fn model(board: Board) -> Result<Model> {
     let image = board.image();
     ensure!(image.exists(), "the board's image has not been built");
@@ -183,8 +185,8 @@ pub(crate) fn model(board: Board) -> Result<Model> {
     Ok(Model { board: board.name(), image, python })
 }
 
-/// Streams after an upload, at the settings after a reset. Returns the instructions from one frame to the next, and the
-/// deepest that the stack has been, in bytes.
+/// Streams after an upload, at the settings after a reset. Returns the instructions from one frame to the
+/// next, and the greatest depth of the stack, in bytes.
 fn stream(
     model: &Model,
     stream: Stream,

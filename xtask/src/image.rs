@@ -1,4 +1,4 @@
-//! The images of the firmware: building and flashing them, and what they take.
+//! The images of the firmware: building, flashing, and resource use.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -10,10 +10,10 @@ use crate::compiler::{BOARD_TARGET, Compiler};
 use crate::need;
 use crate::steps::{self, installed, workspace};
 
-/// Where the RAM of all boards begins.
+/// Start of the RAM on all boards.
 const RAM: u32 = 0x2000_0000;
 
-/// How an image is linked, and names of functions that say of which types they are (stack.rs).
+/// Linker arguments of an image, and symbol names that contain types (for stack.rs).
 const FLAGS: &str = "-C link-arg=-Tlink.x -C link-arg=--nmagic -C link-arg=-Tdefmt.x \
     -C symbol-mangling-version=v0";
 
@@ -31,7 +31,7 @@ pub(crate) enum Board {
 impl Board {
     pub(crate) const ALL: [Self; 2] = [Self::SkinProc, Self::NucleoG491re];
 
-    /// That of the feature, the binary, and the linker's map.
+    /// Returns the name of the feature, of the binary, and of the linker's map.
     pub(crate) fn name(self) -> &'static str {
         match self {
             Self::SkinProc => "skinproc",
@@ -39,7 +39,7 @@ impl Board {
         }
     }
 
-    /// Its microcontroller by the name that probe-rs has for it.
+    /// Returns the name of the microcontroller in probe-rs.
     pub(crate) fn chip(self) -> &'static str {
         match self {
             Self::SkinProc => "STM32L432KCUx",
@@ -47,8 +47,8 @@ impl Board {
         }
     }
 
-    /// In bytes: flash for code, without the pages of the calibration, and what the linker script gives to
-    /// variables, all of SRAM2, and to the stack, all of SRAM1.
+    /// Returns sizes in bytes: flash for code without the calibration's pages, and the RAM that the linker
+    /// script assigns to variables (all of SRAM2) and to the stack (all of SRAM1).
     pub(crate) fn memory(self) -> [u64; 3] {
         match self {
             Self::SkinProc => [248, 16, 48].map(|kib| kib * 1024),
@@ -56,13 +56,13 @@ impl Board {
         }
     }
 
-    /// Lints what only the board's target compiles; warnings are errors.
+    /// Lints the code that only the board's target compiles; warnings are errors.
     pub(crate) fn lint(self, compiler: &Compiler) -> Result<()> {
         let mut cargo = self.cargo("clippy", compiler);
         steps::run(&format!("lints of {}", self.name()), cargo.args(["--", "-D", "warnings"]))
     }
 
-    /// Builds its image and returns where it is.
+    /// Builds the image and returns its path.
     pub(crate) fn build(self) -> Result<PathBuf> {
         let compiler = need::compiler(BOARD_TARGET)?;
         let title = format!("build {} ({})", self.name(), compiler.version);
@@ -77,19 +77,19 @@ impl Board {
         cargo
     }
 
-    /// Where its image is once it has been built.
+    /// Returns the path of the image once it is built.
     pub(crate) fn image(self) -> PathBuf {
         target_dir().join(BOARD_TARGET).join("firmware").join(self.name())
     }
 }
 
-/// A directory of its own: the compiler may be another one than the host's.
+/// Returns a separate directory, since the compiler may differ from the host's.
 fn target_dir() -> PathBuf {
     workspace().join("target/firmware")
 }
 
-/// Memory that an image takes whatever it does, in bytes: flash for code, constants and initial values, and RAM for
-/// variables, the futures of all tasks among them, but not for the stack.
+/// Returns the static memory use of an image in bytes: flash for code, constants and initial values, and RAM
+/// for variables, including the futures of all tasks, but without the stack.
 pub(crate) fn footprint(image: &object::File<'_>) -> (u64, u64) {
     let (mut flash, mut ram) = (0, 0);
     for section in image.sections() {
@@ -109,11 +109,11 @@ pub(crate) fn footprint(image: &object::File<'_>) -> (u64, u64) {
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct FlashArgs {
-    /// Board that is at the probe
+    /// Board at the probe
     #[arg(long, value_enum, default_value = "skinproc")]
     board: Board,
 
-    /// Probe to use where there are several, as `probe-rs list` names it
+    /// Probe to use if there are several, as `probe-rs list` names it
     #[arg(long, value_name = "VID:PID[:SERIAL]")]
     probe: Option<String>,
 
@@ -124,7 +124,7 @@ pub(crate) struct FlashArgs {
 
 /// `cargo xtask flash`: builds a board's image and flashes it with probe-rs.
 pub(crate) fn flash(args: &FlashArgs) -> Result<()> {
-    // Before minutes are spent on the image.
+    // Checked before spending minutes on the image.
     ensure!(
         installed("probe-rs", &["--version"]),
         "`probe-rs` is missing, which talks to the debug probe; install it with \

@@ -1,4 +1,4 @@
-//! The picture of the crates in `docs/architecture.md`: in layers, each above all that it depends on.
+//! The diagram of the crates in `docs/architecture.md`: in layers, each above the layers that it depends on.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::steps::{self, cargo};
 
-/// Packages that are no part of what is shipped.
+/// Packages that are not shipped.
 const LEFT_OUT: [&str; 2] = ["system-tests", "xtask"];
 
 /// Width and height of a box, and the gaps between boxes of a layer and between layers.
@@ -16,7 +16,7 @@ const BOX: [f64; 2] = [112.0, 26.0];
 const GAPS: [f64; 2] = [14.0, 52.0];
 const MARGIN: f64 = 12.0;
 
-/// The packages of the workspace, each with those that it depends on.
+/// The packages of the workspace, each with its dependencies.
 type Dependencies = BTreeMap<String, BTreeSet<String>>;
 
 /// Draws the crates as SVG.
@@ -33,7 +33,7 @@ fn dependencies(metadata: &Value) -> Option<Dependencies> {
     let is_drawn = |name: &str| named.contains_key(name) && !LEFT_OUT.contains(&name);
     let of = |package: &Value| {
         let all = package["dependencies"].as_array()?.iter();
-        // A kind stands with those for tests and build scripts alone.
+        // A dependency with a kind is only for tests or build scripts.
         let normal = all.filter(|dependency| dependency["kind"].is_null());
         let names = normal.filter_map(|dependency| dependency["name"].as_str());
         Some(names.filter(|name| is_drawn(name)).map(str::to_owned).collect())
@@ -42,12 +42,12 @@ fn dependencies(metadata: &Value) -> Option<Dependencies> {
     drawn.map(|(name, package)| Some(((*name).to_owned(), of(package)?))).collect()
 }
 
-/// How many crates lie below another at most, one below the other.
+/// Returns the length of the longest chain of dependencies below a crate.
 fn layer(of: &str, all: &Dependencies) -> usize {
     all[of].iter().map(|below| 1 + layer(below, all)).max().unwrap_or(0)
 }
 
-/// True where one crate reaches another by way of a third: an arrow would say nothing new.
+/// Returns true if one crate reaches another through a third, which makes an arrow redundant.
 fn is_implied(from: &str, to: &str, all: &Dependencies) -> bool {
     fn reaches(from: &str, to: &str, all: &Dependencies) -> bool {
         all[from].contains(to) || all[from].iter().any(|next| reaches(next, to, all))
@@ -66,7 +66,7 @@ fn picture(all: &Dependencies) -> String {
     let widest = layers.iter().map(Vec::len).max().unwrap_or(0) as f64;
     let width = widest * step[0] - GAPS[0] + 2.0 * MARGIN;
     let height = layers.len() as f64 * step[1] - GAPS[1] + 2.0 * MARGIN;
-    // The upper left corners, the lowest layer at the bottom.
+    // Upper left corners, with the lowest layer at the bottom.
     let mut corners = BTreeMap::new();
     for (at, names) in layers.iter().enumerate() {
         let y = height - MARGIN - BOX[1] - at as f64 * step[1];

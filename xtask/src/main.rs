@@ -1,4 +1,4 @@
-//! `cargo xtask …`: the tasks of this workspace that take more than one word of cargo.
+//! `cargo xtask …`: the tasks of this workspace that need more than a single cargo command.
 
 mod book;
 mod check;
@@ -33,19 +33,19 @@ struct Xtask {
 enum Task {
     /// Test that the program works on this machine: Rust, flashed images, Python, browser
     Test(test::TestArgs),
-    /// Check what a change has to pass beside the tests; exit code 1 if anything fails
+    /// Run the checks that a change must pass in addition to the tests; exit code 1 if any fails
     Check(check::CheckArgs),
-    /// Install what tests and checks need; each command is printed before it runs
+    /// Install the requirements of tests and checks; each command is printed before it runs
     Setup(need::SetupArgs),
-    /// Write the list of packages that a release is made of, with their licences
+    /// Write the list of packages in a release, with their licences
     Licences,
-    /// Write the manual pages, and what shells need to complete command lines, into `man` and `completions`
+    /// Write the manual pages and the shell completions into `man` and `completions`
     Manual(manual::ManualArgs),
-    /// Make the pictures of README and of the architecture anew
+    /// Redraw the pictures of README and of the architecture
     Pictures,
     /// Build the page that fits and converts in a browser, and print its size; exit code 1 above the limit
     Web,
-    /// Lint and build the boards' images and print what they take; exit code 1 if they do not fit
+    /// Lint and build the boards' images and print their sizes; exit code 1 if they do not fit
     Firmware(firmware::FirmwareArgs),
     /// Build a board's image and flash it, with probe-rs
     Flash(image::FlashArgs),

@@ -1,4 +1,4 @@
-//! `cargo xtask manual`: manual pages and completions for a release, by the test that writes them.
+//! `cargo xtask manual`: manual pages and completions for a release, written by a test.
 
 use std::path::PathBuf;
 
@@ -6,12 +6,12 @@ use anyhow::{Context, Result};
 
 use crate::steps::{self, PROFILE, cargo};
 
-/// Names the folder to the test.
+/// Passes the folder to the test.
 const FOLDER: &str = "SHELLCAL_MANUAL";
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct ManualArgs {
-    /// The folder of `man` and `completions`, made if it is not there
+    /// Folder for `man` and `completions`, created if missing
     directory: PathBuf,
 }
 

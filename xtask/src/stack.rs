@@ -1,12 +1,11 @@
-//! How deep the stack of an image can get, by its machine code.
+//! A bound on the stack depth of an image, from its machine code.
 //!
-//! A function takes what its instructions take off the stack pointer (all of them together, so a
-//! function with several ways through is taken at more than it needs), and calls what its branches
-//! lead to. A call through a pointer can lead to every function whose address is somewhere in the
-//! image, other than a task of the executor, which the executor alone calls. Such calls are
-//! followed [`INDIRECT`] deep. On top comes the interrupt whose executor runs the urgent task, and on that the
-//! deepest of all others, with the registers that the core saves each time: the others have one priority, above
-//! that of the first, so they do not nest.
+//! The frame of a function is the sum of all instructions that lower the stack pointer (which overestimates
+//! functions with several paths), and its callees are the targets of its branches. A call through a pointer
+//! can reach every function whose address occurs in the image, except tasks, which only the executor calls.
+//! These calls are followed [`INDIRECT`] deep. The interrupt whose executor runs the urgent task is added,
+//! and on top of it the deepest of all other interrupts, each with the registers that the core saves. The
+//! other interrupts share one priority, above the first, so they do not nest.
 //!
 //! Encodings: Arm DDI0403 (ARMv7-M), chapter A7.
 
@@ -15,15 +14,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use anyhow::{Result, bail};
 use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
 
-/// Calls through pointers that are followed one below the other, below that of a task: a waker
-/// (1), or the formatting of a panic's message into its sink (3).
+/// Depth to which calls through pointers are followed below a task: a waker (1), or formatting a panic's
+/// message into its sink (3).
 const INDIRECT: usize = 3;
 
-/// Registers that the core saves for an interrupt, with those of the floating-point unit, and an
-/// alignment.
+/// Size of the registers that the core saves for an interrupt, including those of the floating-point unit,
+/// plus alignment.
 const EXCEPTION_FRAME: u32 = 104 + 4;
 
-/// Part of the name of a function that runs a task, and of that of the urgent one (tasks.rs).
+/// Part of the name of functions that run a task, and of the one for the urgent task (tasks.rs).
 const TASK: &str = "TaskStorage";
 const URGENT_TASK: &str = "stamp_task";
 
@@ -45,13 +44,13 @@ struct Function {
 #[derive(Debug)]
 struct Code {
     functions: BTreeMap<u32, Function>,
-    /// Functions whose addresses are in the image.
+    /// Functions whose addresses occur in the image.
     pointed_at: BTreeSet<u32>,
     reset: u32,
     interrupts: BTreeSet<u32>,
 }
 
-/// A bound on the stack of an image, in bytes.
+/// Returns a bound on the stack of an image, in bytes.
 pub(crate) fn bound(image: &object::File<'_>) -> Result<u32> {
     let code = Code::read(image)?;
     let split = |all: BTreeSet<u32>, part: &str| -> (BTreeSet<u32>, BTreeSet<u32>) {
@@ -67,7 +66,7 @@ pub(crate) fn bound(image: &object::File<'_>) -> Result<u32> {
     for _ in 0..INDIRECT {
         below = code.deepest(&others, below)?;
     }
-    // The executor calls tasks, and nothing that it calls itself is as deep.
+    // The executor calls tasks, and its other calls are less deep.
     let thread = code.deepest(&BTreeSet::from([code.reset]), code.deepest(&tasks, below)?)?;
     let urgent = code.deepest(&urgent, below.max(code.deepest(&urgent_tasks, below)?))?;
     Ok(thread + urgent + code.deepest(&interrupts, below)? + 2 * EXCEPTION_FRAME)
@@ -99,7 +98,7 @@ impl Code {
                 let ends = starts.range(address..).skip(1).map(|(&start, _)| start);
                 let ends = ends.chain([address + bytes.len() as u32]);
                 for ((&start, (name, size)), next) in starts.range(address..).zip(ends) {
-                    // What is between functions is no code; assembly does not say how long it is.
+                    // Gaps between functions are not code; assembly does not declare its length.
                     let end = if *size == 0 { next } else { next.min(start + size) };
                     let end = end.min(address + bytes.len() as u32);
                     let Some(body) =
@@ -129,7 +128,7 @@ impl Code {
         Ok(Self { reset: reset & !1, interrupts, pointed_at, functions })
     }
 
-    /// The deepest of some functions, where a call through a pointer goes `below` deep.
+    /// Returns the depth of the deepest of some functions, with `below` for calls through pointers.
     fn deepest(&self, roots: &BTreeSet<u32>, below: u32) -> Result<u32> {
         let mut known = BTreeMap::new();
         let mut deepest = 0;
@@ -149,13 +148,13 @@ impl Code {
         if let Some(&depth) = known.get(&address) {
             return Ok(depth);
         }
-        // A branch into the middle of a function is one of its own that has a second entry.
+        // A branch into the middle of a function uses a second entry of that function.
         let Some((&start, function)) = self.functions.range(..=address).next_back() else {
             bail!("a call to {address:#x}, where there is no function");
         };
         if path.contains(&start) {
             if function.name.contains(PANIC) {
-                return Ok(0); // a panic while one is told of resets the board
+                return Ok(0); // a panic during a panic resets the board
             }
             bail!("`{}` calls itself: no bound on the stack", function.name);
         }
@@ -174,7 +173,7 @@ fn words(bytes: &[u8]) -> Vec<u32> {
     bytes.as_chunks().0.iter().map(|&word| u32::from_le_bytes(word)).collect()
 }
 
-/// Goes through the instructions of a function.
+/// Decodes the instructions of a function.
 fn scan(
     function: &mut Function,
     pointers: &mut BTreeSet<u32>,
@@ -211,7 +210,7 @@ fn scan(
             Some(Branch::Pointer) => function.calls_pointers = true,
             None => {}
         }
-        // MOVW and MOVT put an address together.
+        // MOVW and MOVT together load an address.
         let register = (second >> 8 & 0xF) as usize;
         let half =
             (first & 0xF) << 12 | (first >> 10 & 1) << 11 | (second >> 12 & 7) << 8 | second & 0xFF;
@@ -223,7 +222,7 @@ fn scan(
     }
 }
 
-/// What an instruction takes off the stack pointer, in bytes.
+/// Returns the bytes by which an instruction lowers the stack pointer.
 fn taken(instruction: u32, wide: bool) -> u32 {
     let low = instruction & 0xFFFF;
     match (wide, instruction >> 16) {
@@ -238,12 +237,12 @@ fn taken(instruction: u32, wide: bool) -> u32 {
     }
 }
 
-/// The twelve bits of an immediate.
+/// Returns the twelve bits of an immediate.
 fn immediate(instruction: u32) -> u32 {
     (instruction >> 26 & 1) << 11 | (instruction >> 12 & 7) << 8 | instruction & 0xFF
 }
 
-/// ThumbExpandImm, A5.3.2; the patterns of repeated bytes are no sizes of frames.
+/// Evaluates ThumbExpandImm, A5.3.2; its patterns of repeated bytes do not occur as frame sizes.
 fn modified(instruction: u32) -> u32 {
     let bits = immediate(instruction);
     match bits >> 10 {
@@ -253,12 +252,12 @@ fn modified(instruction: u32) -> u32 {
 }
 
 enum Branch {
-    /// So many bytes from the instruction after the next.
+    /// Offset in bytes from the instruction after the next.
     By(i32),
     Pointer,
 }
 
-/// Where an instruction branches to: B, BL, BLX and BX but to return.
+/// Returns the branch of an instruction: B, BL, BLX and BX, except returns.
 fn branch(instruction: u32, wide: bool) -> Option<Branch> {
     let signed = |value: u32, bits: u32| (value << (32 - bits)).cast_signed() >> (32 - bits);
     let bit = |at: u32| instruction >> at & 1;
@@ -275,13 +274,13 @@ fn branch(instruction: u32, wide: bool) -> Option<Branch> {
     }
     let (sign, j1, j2) = (bit(26), bit(13), bit(11));
     if bit(12) == 1 {
-        // B and BL: the bits J are kept as whether they differ from the sign.
+        // B and BL: the bits J encode whether they differ from the sign.
         let (i1, i2) = (1 ^ j1 ^ sign, 1 ^ j2 ^ sign);
         let offset = sign << 23 | i1 << 22 | i2 << 21 | (instruction >> 16 & 0x3FF) << 11;
         return Some(Branch::By(signed(offset | instruction & 0x7FF, 24) * 2));
     }
     if bit(14) == 1 || instruction >> 22 & 0xF >= 0xE {
-        return None; // no branch but a barrier, a hint or a special register
+        return None; // a barrier, a hint or a special register, not a branch
     }
     let offset = sign << 19 | j2 << 18 | j1 << 17 | (instruction >> 16 & 0x3F) << 11;
     Some(Branch::By(signed(offset | instruction & 0x7FF, 20) * 2))

@@ -1,5 +1,5 @@
-//! Running other programs, one step after the other, and saying what was run; and side by side, because many of them wait:
-//! for a board's line, an emulator, a browser.
+//! Runs other programs and reports them, one after the other or in parallel. Parallel jobs pay off because
+//! many of them wait: for a board's line, an emulator, a browser.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
@@ -9,13 +9,14 @@ use std::time::Instant;
 
 use anyhow::{Context, Result, ensure};
 
-/// Names the directory of the real recordings, which are not part of the repository.
+/// Variable with the directory of the real recordings, which are not part of the repository.
 pub(crate) const REAL_DATA: &str = "SHELLCAL_REAL_DATA";
 
 /// The profile of tests and lints: optimised, with the checks of a debug build.
 pub(crate) const PROFILE: [&str; 2] = ["--profile", "checked"];
 
-/// Builds all that is tested: another choice of packages would have other features, and compile all again.
+/// Builds everything that is tested: another choice of packages would have other features, and recompile
+/// everything.
 pub(crate) const BUILD: [&str; 5] = ["build", "--workspace", "--lib", "--bins", "--tests"];
 
 /// The root of the workspace.
@@ -23,10 +24,10 @@ pub(crate) fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask lies in the workspace")
 }
 
-/// The cargo that runs this task, to be run in the root of the workspace.
+/// Returns the cargo that runs this task, with the workspace's root as its directory.
 ///
-/// The variable of the recordings is the same for every command, because build scripts depend on it:
-/// another value would compile the program once more.
+/// The variable of the recordings is the same for every command, because build scripts depend on it: another
+/// value would recompile the program.
 pub(crate) fn cargo(args: &[&str]) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.args(args).current_dir(workspace());
@@ -37,17 +38,17 @@ pub(crate) fn cargo(args: &[&str]) -> Command {
     command
 }
 
-/// The directory of the real recordings as an absolute path, because the tests of every package run in a
-/// directory of their own. An empty variable names none.
+/// Returns the directory of the real recordings as an absolute path, because the tests of every package run
+/// in the package's directory. An empty variable counts as unset.
 pub(crate) fn real_data() -> Option<PathBuf> {
     let path = std::env::var_os(REAL_DATA).filter(|path| !path.is_empty())?;
     Some(std::path::absolute(&path).unwrap_or_else(|_| path.into()))
 }
 
-/// Names where tests leave the screens that they see, in base64.
+/// Variable with the folder where tests leave screens, in base64.
 pub(crate) const SCREENS: &str = "SHELLCAL_SCREENSHOTS";
 
-/// Where tests leave screens unless they are told otherwise.
+/// Returns the folder of the tests' screens, with its default.
 pub(crate) fn screens() -> PathBuf {
     std::env::var_os(SCREENS).map_or_else(|| target().join("screens"), PathBuf::from)
 }
@@ -62,13 +63,13 @@ pub(crate) fn run(title: &str, command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// The program as the tests build it.
+/// Builds the program like the tests and returns its path.
 pub(crate) fn build_shellcal() -> Result<PathBuf> {
     run("build", &mut cargo(&[&BUILD[..], &PROFILE].concat()))?;
     Ok(target().join("checked").join("shellcal"))
 }
 
-/// Runs `command` and returns what it prints.
+/// Runs `command` and returns its output.
 pub(crate) fn output(command: &mut Command) -> Result<String> {
     let output = command.output().with_context(|| format!("cannot start {command:?}"))?;
     let errors = String::from_utf8_lossy(&output.stderr);
@@ -76,10 +77,10 @@ pub(crate) fn output(command: &mut Command) -> Result<String> {
     Ok(String::from_utf8(output.stdout)?)
 }
 
-/// A command as one would type it, without its folder and environment.
+/// Returns a command as a user would type it, without its folder and environment.
 pub(crate) fn line(command: &Command) -> String {
     let program = Path::new(command.get_program());
-    // The path of the cargo that runs this task says nothing.
+    // The path of the cargo that runs this task is irrelevant.
     let program = if program.file_stem().is_some_and(|name| name == "cargo") {
         "cargo".into()
     } else {
@@ -92,43 +93,43 @@ pub(crate) fn line(command: &Command) -> String {
     [program.into_owned()].into_iter().chain(quoted).collect::<Vec<_>>().join(" ")
 }
 
-/// Whether `program` can be started here.
+/// Returns whether `program` can be started here.
 pub(crate) fn installed(program: &str, check: &[&str]) -> bool {
     let run =
         Command::new(program).args(check).stdout(Stdio::null()).stderr(Stdio::null()).status();
     run.is_ok_and(|status| status.success())
 }
 
-/// Where cargo puts what it builds.
+/// Returns cargo's target directory.
 pub(crate) fn target() -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR")
         .map_or_else(|| workspace().join("target"), |dir| workspace().join(dir))
 }
 
-/// A directory below `target` for what a task makes.
+/// Returns a directory below `target` for a task's files.
 pub(crate) fn scratch(name: &str) -> Result<PathBuf> {
     let dir = workspace().join("target").join(name);
     std::fs::create_dir_all(&dir).with_context(|| format!("cannot make `{}`", dir.display()))?;
     Ok(dir)
 }
 
-/// A program with a name for it.
+/// A program to run, with a name.
 pub(crate) struct Job {
     pub(crate) name: String,
     pub(crate) command: Command,
 }
 
-/// How a job ended.
+/// The result of a job.
 #[derive(Debug)]
 pub(crate) struct EndedJob {
     pub(crate) name: String,
     pub(crate) succeeded: bool,
-    /// What it has printed, errors last.
+    /// Its output, errors last.
     pub(crate) output: String,
 }
 
-/// Runs all jobs, the first ones first, `at_once` at a time, and each that `next` has after one that ended. The output
-/// of one that fails is printed as it ends.
+/// Runs all jobs in their order, `at_once` at a time, and each job that `next` returns for one that ended.
+/// The output of a failed job is printed when it ends.
 pub(crate) fn run_side_by_side(
     jobs: Vec<Job>,
     at_once: usize,

@@ -1,9 +1,10 @@
-//! `cargo xtask test`: that the program works on this machine.
+//! `cargo xtask test`: tests that the program works on this machine.
 //!
-//! What is needed is set up first, then everything is built once, then the programs of the tests run side by
-//! side. A test that needs more than the compiler is marked `#[ignore = "needs …"]`, so that plain `cargo
-//! test` leaves it out; here it runs where its need is met. Tests in modules of this name are left to `cargo xtask
-//! check studies`: how far methods err, over hundreds of sensors, sessions or trials, is the same on every machine.
+//! Requirements are set up first, then everything is built once, then the test programs run in parallel. A
+//! test that needs more than the compiler is marked `#[ignore = "needs …"]`, so that plain `cargo test`
+//! leaves it out; here it runs if its requirement is met. Tests in modules named `studies` are left to `cargo
+//! xtask check studies`: they measure errors of methods over hundreds of sensors, sessions or trials, with
+//! the same results on every machine.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -25,12 +26,12 @@ use crate::{firmware, python, web};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct TestArgs {
-    /// Leave out what this machine cannot have
+    /// Leave out the tests that need this
     #[arg(long, value_enum, value_delimiter = ',')]
     without: Vec<Part>,
 }
 
-/// What needs more than a compiler.
+/// A group of tests that needs more than a compiler.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Part {
     /// The flashed images on a model of their microcontrollers
@@ -54,19 +55,19 @@ impl Part {
     }
 }
 
-/// Modules of tests that hold methods against the truth, over many cases.
+/// Name of the test modules that compare methods with the truth, over many cases.
 const STUDIES: &str = "studies::";
 
-/// Names the file of axe-core to the tests.
+/// Variable with the path of axe-core for the tests.
 const AXE: &str = "SHELLCAL_AXE";
 
-/// Names the page that fits and converts to the tests.
+/// Variable with the path of the page that fits and converts, for the tests.
 const PAGE: &str = "SHELLCAL_WEB_PAGE";
 
-/// What the tests have at hand.
+/// Equipment available to the tests.
 #[derive(Default)]
 struct TestEquipment {
-    /// Reasons to ignore a test that do not hold.
+    /// Reasons to ignore a test that do not apply here.
     met: Vec<&'static str>,
     variables: Vec<(&'static str, OsString)>,
     python: Option<PathBuf>,
@@ -95,7 +96,7 @@ pub(crate) fn studies() -> Result<()> {
     report(&run_all(jobs, &programs, &equipment)?, &[])
 }
 
-/// Runs jobs, and after each the tests that it has ignored and that need no more than there is.
+/// Runs jobs, and after each its ignored tests whose requirements are met.
 fn run_all(
     jobs: Vec<Job>,
     programs: &[Program],
@@ -105,12 +106,12 @@ fn run_all(
         let program = programs.iter().find(|program| program.name == ended.name)?;
         program.job_of_ignored(&ended.output, equipment)
     };
-    // Most of the time of many tests is spent waiting.
+    // Many tests mostly wait.
     let at_once = 1 + thread::available_parallelism()?.get();
     steps::run_side_by_side(jobs, at_once, more)
 }
 
-/// Sets up the environments of Python while the compiler is at work.
+/// Sets up the Python environments while the compiler works.
 fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     let needs = parts.iter().flat_map(|part| part.needs());
     let missing: Vec<_> = needs.filter_map(|need| need.meet().err()).collect();
@@ -144,13 +145,13 @@ fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
 }
 
 impl TestEquipment {
-    /// A variable that names what tests need.
+    /// Sets a variable for tests with this requirement.
     fn give(&mut self, reason: &'static str, variable: &'static str, value: impl Into<OsString>) {
         self.met.push(reason);
         self.variables.push((variable, value.into()));
     }
 
-    /// Browser and recordings.
+    /// Adds browser and recordings.
     fn add_rest(&mut self, has_browser: bool) -> Result<()> {
         if has_browser {
             self.met.push("needs Chromium");
@@ -179,7 +180,7 @@ impl TestEquipment {
     }
 }
 
-/// The rules of accessibility that pages are held against: fetched from npm's registry into `target`.
+/// Fetches the accessibility rules for pages from npm's registry into `target`; returns their file.
 fn axe() -> Result<PathBuf> {
     let folder = steps::scratch("axe-core")?;
     let file = folder.join("node_modules/axe-core/axe.min.js");
@@ -191,7 +192,7 @@ fn axe() -> Result<PathBuf> {
     file.canonicalize().context("npm has installed no axe-core")
 }
 
-/// A program with tests.
+/// A test program.
 #[derive(Debug)]
 struct Program {
     name: String,
@@ -200,8 +201,8 @@ struct Program {
     folder: PathBuf,
 }
 
-/// Builds all tests, the program and the extension of Python by one command, so that no crate is built twice,
-/// and returns the programs of the tests, those of the largest packages first.
+/// Builds all tests, the program and the Python extension with one command, so that no crate is built twice;
+/// returns the test programs, those of the largest packages first.
 fn programs() -> Result<Vec<Program>> {
     let format = ["--message-format", "json-render-diagnostics"];
     let mut build = cargo(&[&BUILD[..], &format, &PROFILE].concat());
@@ -231,7 +232,7 @@ fn programs() -> Result<Vec<Program>> {
 }
 
 impl Program {
-    /// Tests that are not ignored, in the surroundings that cargo gives them.
+    /// Returns the job of the tests that are not ignored, in the environment that cargo would provide.
     fn job(&self, which: &[&str], equipment: &TestEquipment) -> Job {
         let mut command = Command::new(&self.file);
         command.args(which);
@@ -240,7 +241,7 @@ impl Program {
         Job { name: self.name.clone(), command }
     }
 
-    /// Those that were ignored for reasons that do not hold.
+    /// Returns the job of the ignored tests whose reasons do not apply.
     fn job_of_ignored(&self, said: &str, equipment: &TestEquipment) -> Option<Job> {
         let met = ignored(said).filter(|(_, reason)| equipment.met.contains(reason));
         let names: Vec<&str> = met.map(|(name, _)| name).collect();
@@ -250,12 +251,12 @@ impl Program {
     }
 }
 
-/// The tests that a program has ignored, with the reasons.
+/// Returns the tests that a program has ignored, with the reasons.
 fn ignored(said: &str) -> impl Iterator<Item = (&str, &str)> {
     said.lines().filter_map(|line| line.strip_prefix("test ")?.split_once(" ... ignored, "))
 }
 
-/// Prints how many tests have passed, and which were left out; an error where one has failed.
+/// Prints the number of passed tests and the parts left out; an error if a test failed.
 fn report(ended: &[EndedJob], without: &[Part]) -> Result<()> {
     let failed: Vec<_> = ended.iter().filter(|it| !it.succeeded).map(|it| &*it.name).collect();
     println!("\n{} passed", ended.iter().map(|it| passed(&it.output)).sum::<u64>());
@@ -273,7 +274,7 @@ fn report(ended: &[EndedJob], without: &[Part]) -> Result<()> {
     Ok(())
 }
 
-/// Tests that have passed, by the closing lines of libtest and pytest.
+/// Returns the number of passed tests, from the closing lines of libtest and pytest.
 fn passed(output: &str) -> u64 {
     let count = |line: &str| line.split_once(" passed")?.0.rsplit(' ').next()?.parse::<u64>().ok();
     output.lines().filter_map(count).sum()

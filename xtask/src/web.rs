@@ -1,7 +1,7 @@
 //! The page that fits and converts in a browser: one file, which works from any folder.
 //!
-//! The module and the example data stand in it compressed, and its scripts and styles are named in its
-//! Content-Security-Policy by their hashes.
+//! It contains the module and the example data in compressed form, and its Content-Security-Policy lists the
+//! hashes of its scripts and styles.
 
 use std::fs;
 use std::io::Write;
@@ -35,7 +35,7 @@ pub(crate) fn build() -> Result<PathBuf> {
     let data = |bytes: &[u8]| Ok::<_, anyhow::Error>(base64(&pack(bytes)?));
     let example =
         |name: &str| data(read(&format!("calibration-data/synthetic-{name}.csv"))?.as_bytes());
-    // That of the reports, because the page shows one.
+    // The style of the reports, because the page shows a report.
     let style = read("crates/report/assets/report.css")? + &read("web/page/page.css")?;
     let script = ["host-cli/assets/live/live.js", "web/page/page.js", "web/page/board.js"];
     let script = script.map(read).into_iter().collect::<Result<String>>()?;
@@ -63,12 +63,12 @@ pub(crate) fn build() -> Result<PathBuf> {
     Ok(file)
 }
 
-/// The source of a policy that allows this very text.
+/// Returns the policy source that allows exactly this text.
 fn hash(text: &str) -> String {
     format!("'sha256-{}'", base64(&Sha256::digest(text)))
 }
 
-/// As small as gzip can be, which takes seconds.
+/// Compresses as far as gzip can, which takes seconds.
 fn pack(bytes: &[u8]) -> Result<Vec<u8>> {
     let mut packed = Vec::new();
     zopfli::compress(Options::default(), zopfli::Format::Gzip, bytes, &mut packed)?;
@@ -81,7 +81,7 @@ fn gzip(bytes: &[u8]) -> Result<Vec<u8>> {
     Ok(packed.finish()?)
 }
 
-/// Bytes as letters (RFC 4648, section 4).
+/// Encodes bytes in base64 (RFC 4648, section 4).
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);

@@ -1,4 +1,4 @@
-//! Clamped beams that bend, against a physics engine, against shooting, and against the energy that they hold.
+//! Clamped bending beams, compared with a physics engine, with shooting, and with their stored energy.
 
 use beam_channel::{Model, Normal, Setup, SetupError, Wall};
 
@@ -10,27 +10,29 @@ fn setup(width_m: f64, friction: f64) -> Setup {
     setup
 }
 
-/// Mean drags of the paper's channels by the elastica's equation, integrated along the beam and shot at the place of its
-/// tip by SciPy 1.17.1, and in MuJoCo 4.0.0 as chains of six hinges whose last link touches.
+/// Mean drags of the paper's channels from the elastica's equation, integrated along the beam and shot at the
+/// position of its tip by SciPy 1.17.1, and from MuJoCo 4.0.0 with chains of six hinges whose last link
+/// touches.
 #[test]
 fn mean_drag_of_clamped_beams_is_that_of_shooting_and_of_a_physics_engine() {
     for (width_m, shooting_n, engine_n) in
         [(0.08, 0.276, 0.277), (0.06, 0.597, 0.614), (0.04, 1.219, 1.226)]
     {
         let plateau = Model::new(&setup(width_m, 0.53)).unwrap().plateau().unwrap();
-        // Half a unit of the last digit; six links for a beam.
+        // Half a unit of the last digit; six links per beam.
         assert!((plateau.mean_drag_n - shooting_n).abs() < 5.1e-4, "{width_m}: {plateau:?}");
         assert!((plateau.mean_drag_n / engine_n - 1.0).abs() < 0.03, "{width_m}: {plateau:?}");
     }
 }
 
-/// A beam that a frictionless body hardly touches is a cantilever: a force `P` across it moves its tip by `P·L³/3EI`.
+/// A beam that a frictionless body hardly touches is a cantilever: a force `P` across it moves its tip by
+/// `P·L³/3EI`.
 #[test]
 fn force_at_the_first_touch_is_that_of_a_cantilever() {
     let setup = setup(0.06, 0.0);
     let model = Model::new(&setup).unwrap();
     let side = model.side(Wall::Left).unwrap();
-    // 10⁻⁵ of the way; the next order of the beam's curve is of the square of its turn.
+    // 10⁻⁵ of the way; the next order of the beam's curve is quadratic in its turn.
     let x_m = -side.engagement_m + 1e-5 * side.travel_m();
     let (_, contact, force) = model.beams(Wall::Left, x_m).next().unwrap();
     let flexural = setup.beam.torsional_stiffness() * setup.beam.length_m;
@@ -38,7 +40,7 @@ fn force_at_the_first_touch_is_that_of_a_cantilever() {
     assert!((-force.fx_n / across - 1.0).abs() < 1e-3, "{force:?} {across}");
 }
 
-/// The work of the drag is the same by quadrature over the tip's way, and by sums over positions of the body.
+/// The work of the drag agrees between quadrature over the tip's path and sums over positions of the body.
 #[test]
 fn energy_of_clamped_beams_is_the_sum_of_the_drag_over_the_way() {
     for (offset_m, yaw_rad) in [(0.0, 0.0), (0.004, 0.2)] {
@@ -50,12 +52,12 @@ fn energy_of_clamped_beams_is_the_sum_of_the_drag_over_the_way() {
         let step = (to - from) / f64::from(count);
         let drag = |i: u32| -model.total(from + (f64::from(i) + 0.5) * step).fx_n;
         let sum = (0..count).map(drag).sum::<f64>() * step;
-        // Each of 22 beams slips off within a step: 0.1 N times half a step each, of random sign.
+        // Each of 22 beams slips off within a step: 0.1 N times half a step each, with random sign.
         assert!((sum / model.energy() - 1.0).abs() < 1e-4, "{sum} {}", model.energy());
     }
 }
 
-/// A body that moves forward leaves tips ever farther behind.
+/// A body that moves forward leaves tips farther and farther behind.
 #[test]
 fn tips_of_clamped_beams_advance_without_gaps() {
     for friction in [0.0, 0.2, 0.53, 1.5] {
@@ -73,7 +75,7 @@ fn tips_of_clamped_beams_advance_without_gaps() {
     }
 }
 
-/// The narrow channel at much friction: the tips cannot slide out of the body's way.
+/// The narrow channel with high friction: the tips cannot slide out of the body's way.
 #[test]
 fn friction_that_holds_clamped_tips_jams_the_body() {
     let mut narrow = setup(0.02, 6.0);

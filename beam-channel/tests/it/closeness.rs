@@ -1,9 +1,9 @@
-//! How close figures are to those of the reference solution.
+//! Tolerances for comparison with the reference solution.
 
-/// The reference is printed to 15 digits; ten more roundings lie within this.
+/// The reference has 15 digits; ten more roundings are within this.
 const RELATIVE: f64 = 1e-12;
-/// In SI: a decimal position rounds by up to 5e-17 m, and near a release a force changes by 1 N/m and
-/// more. It shows where the forces of the reference all but cancel.
+/// In SI: a decimal position rounds by up to 5e-17 m, and near a release a force changes by 1 N/m or more. It
+/// matters where the forces of the reference nearly cancel.
 const ABSOLUTE: f64 = 2e-16;
 
 #[track_caller]

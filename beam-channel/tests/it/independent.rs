@@ -1,5 +1,5 @@
-//! Against an independent finder of contacts: the quartic of a tip on an ellipse, in the tangent of
-//! half the beam's angle, its roots by bisection in double-double arithmetic.
+//! Comparison with an independent contact finder: the quartic of a tip on an ellipse, in the tangent of half
+//! the beam's angle, with roots by bisection in double-double arithmetic.
 use std::f64::consts::TAU;
 
 use crate::quartic::{Intersection, Tip, intersections};
@@ -9,12 +9,12 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 
 const GEOMETRIES: u64 = 100_000;
 
-/// Of `φ`, in rad. Both ends are right to rounding, and so is the travel in between; near a release
-/// `φ` hangs on it by a square root, and 1e-16 of a length can move it by this within 1e-8 of the way,
-/// which is where none of these positions are.
+/// Tolerance of `φ`, in rad. Both ends are exact to rounding, and so is the travel in between. Near a release
+/// `φ` depends on the travel by a square root, so 1e-16 of a length can move it by this within 1e-8 of the
+/// path; none of these positions is that close.
 const TOLERANCE: f64 = 1e-12;
 
-/// Threads, each with random numbers of its own, so that the geometries are the same anywhere.
+/// Threads, each with its own random numbers, so that the geometries do not depend on the machine.
 const THREADS: u64 = 4;
 
 struct Random(ChaCha8Rng);
@@ -28,13 +28,13 @@ impl Random {
         low + (high - low) * (self.0.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Over decades.
+    /// A log-uniform number.
     fn scale(&mut self, low: f64, high: f64) -> f64 {
         self.between(low.ln(), high.ln()).exp()
     }
 
-    /// Needles along and across, circles, beams much shorter and longer than the body, grazing and
-    /// nearly jammed.
+    /// Needles along and across, circles, beams much shorter and longer than the body, grazing and nearly
+    /// jammed.
     fn setup(&mut self) -> Setup {
         let mut setup = Setup::default();
         let semi_width_m = self.scale(0.01, 0.1);
@@ -48,14 +48,14 @@ impl Random {
             1 => deepest * (1.0 - self.scale(1e-6, 1.0)),
             _ => deepest * self.between(0.0, 1.0),
         };
-        // Neither quite nothing nor quite all.
+        // Neither grazing with zero depth nor jammed completely.
         let depth = depth.clamp(1e-6 * deepest, (1.0 - 1e-6) * deepest);
         setup.channel.width_m = (2.0 * (semi_width_m - depth)).max(1e-6);
         setup
     }
 }
 
-/// The tip as the finder is to see it.
+/// The tip as input of the finder.
 fn tip(setup: &Setup, ahead_m: f64) -> Tip {
     let Pose { offset_m, yaw_rad } = setup.pose;
     Tip {
@@ -68,8 +68,8 @@ fn tip(setup: &Setup, ahead_m: f64) -> Tip {
     }
 }
 
-/// The intersection at which the tip lies: of an upright ellipse that which lies furthest forward, as
-/// the paper has it; of a yawed one that to which the body has pushed it, the first beyond the
+/// Picks the intersection at which the tip lies. For an upright ellipse that is the one furthest forward, as
+/// in the paper. For a yawed ellipse it is the one to which the body has pushed the tip, the first beyond the
 /// first touch, because a yawed ellipse may come round to the tip from behind.
 fn pick(setup: &Setup, side: &Side, found: Vec<Intersection>) -> Option<f64> {
     let found = found.into_iter();
@@ -82,15 +82,15 @@ fn pick(setup: &Setup, side: &Side, found: Vec<Intersection>) -> Option<f64> {
     picked.map(|at| at.phi)
 }
 
-/// What came of a number of geometries.
+/// Counts over a number of geometries.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     in_contact: u64,
-    /// Of those, where the tip had snapped across.
+    /// Contacts whose tip had snapped across.
     snapped: u64,
 }
 
-/// Fails where the finder finds otherwise than the crate.
+/// Fails if the finder and the crate disagree.
 fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally {
     let mut random = Random::new(seed);
     let mut tally = Tally::default();
@@ -101,7 +101,7 @@ fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally 
         if side.meets_faces_first() {
             continue;
         }
-        // Somewhat more than the way on which they touch.
+        // Somewhat more than the stretch of contact.
         let travel = side.travel_m() * random.between(-0.1, 1.1);
         let ahead = side.engagement_m - travel;
         let found = side.contact_after(side.engagement_m - ahead);

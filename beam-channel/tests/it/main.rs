@@ -1,4 +1,4 @@
-//! The tests of the library, one module for each source of truth.
+//! The tests of the library, one module per source of truth.
 
 #![allow(clippy::unwrap_used, reason = "a test may panic and say why")]
 

@@ -1,4 +1,4 @@
-//! Against a reference solution in 40-digit arithmetic, printed to 15 digits.
+//! Comparison with a reference solution in 40-digit arithmetic, printed to 15 digits.
 
 use beam_channel::{Angle, Model, Normal, Rules, Setup, Wall};
 
@@ -178,9 +178,9 @@ fn the_reference_solution_is_met() {
     }
 }
 
-/// Mean drag where the moment of a force about its beam's base is that of the spring, of the paper's robot: by
-/// an independent quadrature over the position of the tip (numpy, 400 nodes of Gauss and Legendre), whose figures
-/// of the paper's force are those above.
+/// Mean drag of the paper's robot if the moment of a force about its beam's base balances the spring: from an
+/// independent quadrature over the position of the tip (numpy, 400 Gauss–Legendre nodes), which reproduces
+/// the figures above for the paper's force.
 #[test]
 fn forces_that_balance_their_springs_have_the_means_of_an_independent_computation() {
     for (width_m, expected) in
@@ -190,11 +190,11 @@ fn forces_that_balance_their_springs_have_the_means_of_an_independent_computatio
         setup.channel.width_m = width_m;
         setup.rules = Rules { angle: Angle::True, normal: Normal::MomentBalance };
         let plateau = Model::new(&setup).unwrap().plateau().unwrap();
-        // Its stiffness was 8.48·10⁻⁴ N·m/rad; the digits given are twelve.
+        // Its stiffness was 8.48·10⁻⁴ N·m/rad; twelve digits are given.
         assert!((plateau.mean_drag_n / expected - 1.0).abs() < 1e-10, "{plateau:?}");
         let (low, high) = (plateau.minimum.drag_n, plateau.peak.drag_n);
         assert!(low < plateau.mean_drag_n && plateau.mean_drag_n < high, "{plateau:?}");
-        // The slope that extremes are roots of is that of the drag.
+        // Checks the slope whose roots are the extremes against the drag.
         let model = Model::new(&setup).unwrap();
         for step in 0..400 {
             let x = plateau.extent_m[0] + f64::from(step) / 400.0 * setup.channel.pitch_m;
@@ -204,7 +204,7 @@ fn forces_that_balance_their_springs_have_the_means_of_an_independent_computatio
     }
 }
 
-/// Friction that holds the tips is named.
+/// The error names the friction that holds the tips.
 #[test]
 fn a_body_that_friction_holds_is_refused() {
     let rules = Rules { angle: Angle::True, normal: Normal::MomentBalance };

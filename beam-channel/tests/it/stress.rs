@@ -1,9 +1,8 @@
-//! Geometries at the edge of what the model can say: figures or a named error, never a panic or
-//! something that is not a number.
+//! Geometries at the limits of the model: results or a named error, never a panic or NaN.
 use beam_channel::{Angle, Model, Normal, Pose, Rules, Setup, SetupError, Wall};
 use proptest::prelude::*;
 
-/// Everything the model can be asked, looked at.
+/// Calls every function of the model and checks the results.
 fn check(setup: &Setup) -> Result<Model, SetupError> {
     let model = Model::new(setup)?;
     let finite = |what: &str, value: f64| assert!(value.is_finite(), "{what}: {value}, {setup:?}");
@@ -11,7 +10,7 @@ fn check(setup: &Setup) -> Result<Model, SetupError> {
     if let Some(plateau) = model.plateau() {
         finite("mean", plateau.mean_drag_n);
         let (least, greatest) = (plateau.minimum.drag_n, plateau.peak.drag_n);
-        // The mean of rounded figures may be off by its own rounding.
+        // The mean of rounded values may be off by its own rounding error.
         let slack = 1e-9 * greatest.abs().max(least.abs());
         assert!(least - slack <= plateau.mean_drag_n, "{plateau:?} {setup:?}");
         assert!(plateau.mean_drag_n <= greatest + slack, "{plateau:?} {setup:?}");
@@ -31,7 +30,7 @@ fn check(setup: &Setup) -> Result<Model, SetupError> {
                 assert!(force.deflection_rad >= 0.0 && contact.reach_m >= 0.0);
             }
         }
-        // Beams that are solved side by side are the same, to the bit, as each by itself.
+        // Beams that are solved together give the same bits as each alone.
         let of_wall = |wall| model.beams(wall, x).map(|(_, _, force)| force.fx_n);
         let sum = if setup.pose == Pose::default() {
             2.0 * of_wall(Wall::Left).fold(0.0, |sum, fx| sum + fx)
@@ -83,7 +82,7 @@ fn a_body_as_deep_in_as_a_beam_is_long_and_deeper() {
             }));
             let model = model.unwrap();
             let side = model.side(Wall::Left).unwrap();
-            // Nearer to the edge than rounding can tell, it may be either.
+            // Nearer to the limit than rounding can resolve, either answer is right.
             if (depth - 0.027).abs() > 1e-15 {
                 assert_eq!(side.turns_past_a_right_angle(), depth > 0.027, "{depth}");
             }
@@ -135,7 +134,7 @@ fn a_position_that_is_no_number_touches_nothing() {
     }
 }
 
-/// Anything that a person might type, and more.
+/// Arbitrary inputs, beyond what a person might type.
 fn setups() -> impl Strategy<Value = Setup> {
     let decades = |low: f64, high: f64| (low.log10()..high.log10()).prop_map(|x| 10_f64.powf(x));
     let rules = prop::sample::select(vec![
@@ -169,13 +168,13 @@ proptest! {
 
     #[test]
     fn nothing_panics_and_everything_is_a_number(setup in setups()) {
-        // An error is named; anything else has been looked at.
+        // An error has a name; a success was checked.
         if let Err(error) = check(&setup) {
             prop_assert!(!error.to_string().contains("NaN"));
         }
     }
 
-    /// The same channel, with left and right exchanged.
+    /// The channel with left and right exchanged.
     #[test]
     fn a_mirrored_body_has_mirrored_forces(setup in setups(), position in 0.0..1.0_f64) {
         let mut mirrored = setup;
@@ -184,14 +183,14 @@ proptest! {
         let Some([first, last]) = one.extent_m() else { return Ok(()) };
         let x = first + (last - first) * position;
         let (one, other) = (one.total(x), other.total(x));
-        // The two walls are summed in turns.
+        // The two walls are summed in alternation.
         let size = one.fx_n.abs() + one.fy_n.abs() + 1e-300;
         prop_assert!((one.fx_n - other.fx_n).abs() <= 1e-9 * size, "{one:?} {other:?}");
         prop_assert!((one.fy_n + other.fy_n).abs() <= 1e-9 * size, "{one:?} {other:?}");
         prop_assert_eq!(one.contacts, [other.contacts[1], other.contacts[0]]);
     }
 
-    /// Twice as large, the same angles: forces per stiffness over length.
+    /// Twice the size with the same angles: forces scale with stiffness over length.
     #[test]
     fn the_model_has_no_scale_of_its_own(setup in setups(), position in 0.0..1.0_f64) {
         let Ok(model) = Model::new(&setup) else { return Ok(()) };
@@ -206,12 +205,12 @@ proptest! {
         }
         let x = first + (last - first) * position;
         let (small, large) = (model.total(x), Model::new(&large).unwrap().total(2.0 * x));
-        // Powers of two round to nothing: k_t/L falls to a quarter.
+        // Powers of two do not round: k_t/L falls to a quarter.
         prop_assert_eq!(small.fx_n, 4.0 * large.fx_n);
         prop_assert_eq!(small.contacts, large.contacts);
     }
 
-    /// Peak and minimum against a fine sweep over one spacing.
+    /// Peak and minimum, compared with a fine sweep over one spacing.
     #[test]
     fn no_position_on_the_plateau_has_a_greater_or_smaller_drag(
         semi_width in 0.045..0.06_f64, width in 0.04..0.085_f64, friction in 0.0..3.0_f64,
@@ -233,7 +232,7 @@ proptest! {
         let slack = 1e-13 * greatest.abs();
         prop_assert!(plateau.peak.drag_n >= greatest - slack, "{plateau:?} {greatest}");
         prop_assert!(plateau.minimum.drag_n <= least + slack, "{plateau:?} {least}");
-        // Near a jump the drag changes like a root: a hundredth of a spacing's share.
+        // Near a jump the drag changes like a square root: a hundredth of a spacing's share.
         prop_assert!(plateau.peak.drag_n - greatest < 0.03 * greatest.abs(), "{plateau:?} {greatest}");
         prop_assert!(least - plateau.minimum.drag_n < 0.03 * greatest.abs(), "{plateau:?} {least}");
     }
@@ -243,7 +242,7 @@ proptest! {
     // Each case sums twenty thousand positions.
     #![proptest_config(ProptestConfig::with_cases(30))]
 
-    /// The work is the integral of the drag, here by the trapezium rule on positions.
+    /// The work equals the integral of the drag, here by the trapezoidal rule over positions.
     #[test]
     fn work_is_the_integral_of_drag(width in 0.04..0.099_f64, friction in 0.0..2.0_f64) {
         let mut setup = Setup::default();
@@ -254,12 +253,12 @@ proptest! {
         let steps = 20_000;
         let step = (last - first) / f64::from(steps);
         let sum: f64 = (0..=steps).map(|i| -model.total(first + step * f64::from(i)).fx_n).sum();
-        // The drag jumps 22 times, by less than its maximum: half a step of it each.
+        // The drag jumps 22 times by less than its maximum: an error of half a step each.
         let peak = model.plateau().unwrap().peak.drag_n;
         let tolerance = 11.0 * step * peak;
         prop_assert!((step * sum - model.energy()).abs() < tolerance);
         let work = model.work(first - 1.0, 0.11) + model.work(0.11, last + 1.0);
-        // Two sums of some twenty integrals, each right to rounding.
+        // Two sums of about twenty integrals, each exact to rounding.
         prop_assert!((work / model.energy() - 1.0).abs() < 1e-13);
     }
 }

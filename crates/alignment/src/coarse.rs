@@ -1,18 +1,17 @@
-//! Where two recordings match: all offsets at once, whatever the map from wrench to readings.
+//! The coarse match of two recordings: all offsets at once, for any map from wrench to readings.
 //!
-//! Both sides are averaged into bins, differenced (which takes off drift and long holds) and
-//! whitened, so that the six columns x of the wrench and the columns y of the readings each have
-//! unit covariance. At an offset of l bins the share of the readings' changes that a linear map of
-//! the wrench explains is then
+//! Both sides are averaged into bins, differenced (which removes drift and long holds) and whitened, so that
+//! the six columns x of the wrench and the columns y of the readings each have unit covariance. At an offset
+//! of l bins, a linear map of the wrench then explains this share of the readings' changes:
 //!
 //! ```text
 //! R²(l) = Σ_ij c_ij(l)² / (E_x(l)/d_x · E_y(l))      c_ij(l) = Σ_k x_i[k + l] y_j[k]
 //! ```
 //!
-//! with E the energies in the overlap; the mean square of the canonical correlations, up to the
-//! whitening being that of the whole. All c_ij come from fast Fourier transforms. The *score*
-//! weighs R² with the share of the readings' energy that overlaps, so that a little overlap cannot
-//! win by chance. A match counts if R² is large there. Other peaks whose score comes near are *rivals*, which the
+//! with E the energies in the overlap. It is the mean square of the canonical correlations, except that the
+//! whitening uses the whole recordings. All c_ij come from fast Fourier transforms. The *score* weights R²
+//! with the share of the readings' energy in the overlap, so that a short overlap cannot win by chance. A
+//! match is accepted if its R² is large. Other peaks with a score close to the best are *rivals*, which the
 //! refinement has to rule out.
 
 use faer::{Mat, Side as Triangle};
@@ -23,28 +22,26 @@ use rustfft::{Fft as _, FftDirection, Length as _};
 use super::error::{AlignError, HIGHEST_RATIO, LEAST_EXPLAINED, LEAST_OVERLAP_S};
 use super::recording::Clean;
 
-/// The finest bins, s: below the duration of a tap.
+/// The smallest bin width, s: below the duration of a tap.
 const BIN_S: f64 = 0.02;
-/// With more rivals than this a load is periodic.
+/// With more rivals than this, the load is periodic.
 const MOST_RIVALS: usize = 4;
-/// Changes beyond this many standard deviations count as that many: a damaged frame must not
-/// decide.
+/// Changes are clipped to this number of standard deviations, so that a damaged frame does not decide.
 const CLIP: f64 = 6.0;
-/// Directions weaker than this fraction of the strongest are not blown up to unit variance.
+/// Directions weaker than this fraction of the strongest are not scaled up to unit variance.
 const FLOOR: f64 = 0.02;
 
-/// A match of the two recordings.
 #[derive(Clone, Debug)]
 pub(super) struct Match {
-    /// Reference time minus board time, both since the start of their recording, s.
+    /// Reference time minus board time, each since the start of its recording, s.
     pub(super) offset_s: f64,
     /// Share of the readings' changes explained.
     pub(super) explained: f64,
-    /// Score of the second-best peak over that of the best.
+    /// Score of the second-best peak relative to the best.
     pub(super) ratio: f64,
-    /// Offsets of peaks that come near the best, s, the highest first.
+    /// Offsets of peaks close to the best, s, the highest first.
     pub(super) rivals: Vec<f64>,
-    /// Score over offset (s), relative to the best, for a figure.
+    /// Score against offset (s), relative to the best, for a figure.
     pub(super) scores: Vec<(f64, f64)>,
 }
 
@@ -90,8 +87,8 @@ fn argmax(values: &[f64], range: std::ops::Range<usize>) -> Option<usize> {
     range.max_by(|&a, &b| values[a].total_cmp(&values[b]))
 }
 
-/// The peaks beside the one at `best`, the highest first, up to the first that is not above `high`; at most one more than
-/// may be rivals.
+/// The peaks other than `best`, the highest first, down to `high`; at most one more than the maximum number
+/// of rivals.
 fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
     let mut left = scores.to_vec();
     let mut peaks = Vec::new();
@@ -109,7 +106,7 @@ fn peaks(scores: &[f64], best: usize, high: f64) -> Vec<usize> {
     peaks
 }
 
-/// The peak at `best`: down to the first minimum on each side that is below half of it.
+/// The extent of the peak at `best`: to the first minimum on each side that is below half of it.
 fn lobe(scores: &[f64], best: usize) -> (usize, usize) {
     let half = 0.5 * scores[best];
     let is_foot = |i: usize| {
@@ -121,13 +118,13 @@ fn lobe(scores: &[f64], best: usize) -> (usize, usize) {
     (low, high)
 }
 
-/// Whitened changes from bin to bin; zero where there are none.
+/// Whitened changes from bin to bin; zero for bins without data.
 struct Changes {
     bins: usize,
     columns: Vec<Vec<f64>>,
-    /// Squared length of each change, 0 where there is none.
+    /// Squared length of each change, 0 for none.
     squared: Vec<f64>,
-    /// 1 where there is a change.
+    /// 1 for each change.
     present: Vec<f64>,
     energy: f64,
 }
@@ -172,7 +169,7 @@ impl Changes {
     }
 }
 
-/// Gives the columns unit covariance, but for directions in which next to nothing happens.
+/// Gives the columns unit covariance, except for directions with hardly any signal.
 fn whiten(columns: &mut Vec<Vec<f64>>, present: &[f64]) {
     let rows: f64 = present.iter().sum::<f64>().max(1.0);
     columns.retain_mut(|column| {
@@ -204,8 +201,8 @@ fn whiten(columns: &mut Vec<Vec<f64>>, present: &[f64]) {
         .collect();
 }
 
-/// The share of the readings' changes that the wrench explains at each offset, from −(y.bins − 1) on, and their energy
-/// in the overlap; zero where so few bins or next to no energy overlap.
+/// The share of the readings' changes that the wrench explains at each offset, from −(y.bins − 1) on, and
+/// their energy in the overlap; zero if fewer than `fewest_bins` bins or hardly any energy overlap.
 fn explained(x: &Changes, y: &Changes, fewest_bins: f64) -> (Vec<f64>, Vec<f64>) {
     let fft = Fft::new(x.bins + y.bins - 1, y.bins);
     let xs: Vec<_> = x.columns.iter().map(|column| fft.forward(column)).collect();
@@ -239,7 +236,7 @@ struct Fft {
     forward: Radix4<f64>,
     inverse: Radix4<f64>,
     lags: usize,
-    /// The smallest offset is minus this, plus one.
+    /// The smallest offset is `1 − behind`.
     behind: usize,
 }
 

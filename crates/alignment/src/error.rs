@@ -1,62 +1,59 @@
-//! Why two recordings could not be lined up.
+//! Reasons why two recordings cannot be aligned.
 
 use shell_data::hint::Hint;
 
-/// The least time that both recordings must cover, s.
+/// The minimum time covered by both recordings, s.
 pub(crate) const LEAST_OVERLAP_S: f64 = 5.0;
 
-/// The readings' changes that the reference must explain.
+/// The minimum share of the readings' changes that the reference must explain.
 pub(crate) const LEAST_EXPLAINED: f64 = 0.25;
 
-/// The highest score of another peak, relative to the best, that is no rival.
+/// The highest score of another peak, relative to the best, that is not a rival.
 pub(crate) const HIGHEST_RATIO: f64 = 0.7;
 
-/// The largest skew that is believed, ppm: ten times what crystals differ by, and enough for most
-/// ceramic resonators.
+/// The largest plausible skew, ppm: ten times the tolerance of crystals, and enough for most ceramic
+/// resonators.
 pub(crate) const LARGEST_SKEW_PPM: f64 = 1000.0;
 
-/// More edges than this are no signal to line recordings up by.
+/// The maximum number of edges of a sync signal.
 pub(crate) const MOST_EDGES: usize = 4096;
 
-/// One of the two recordings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecordingSide {
-    /// The reference sensor's.
     #[error("reference")]
     Reference,
-    /// The board's.
     #[error("board log")]
     Board,
 }
 
-/// Two recordings that cannot be lined up, or not with certainty.
+/// Two recordings that cannot be aligned, or not with certainty.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum AlignError {
-    /// Columns of unequal length, or none: the number of times, and the first other length (0 without columns).
+    /// Columns of unequal length, or none. The fields are the number of times, and the first other length (0
+    /// without columns).
     #[error("{side}: columns of {found} rows beside {expected} times")]
     Shape { side: RecordingSide, expected: usize, found: usize },
-    /// The clock of a recording goes backward more than now and then: in `rows` rows, which are not later than all
-    /// before them.
+    /// The clock of a recording goes backward too often: `rows` rows are not later than all rows before them.
     #[error("{side}: time does not go forward in {rows} of {of} rows")]
     TimeGoesBack { side: RecordingSide, rows: usize, of: usize },
-    /// Too little was recorded: too few usable rows, or too short a time from the first to the last.
+    /// The recording is too short: too few usable rows, or too short a time from the first to the last.
     #[error(
         "{side}: {rows} usable rows over {span_s:.3} s, where {LEAST_OVERLAP_S} s and 100 rows are needed"
     )]
     TooShort { side: RecordingSide, rows: usize, span_s: f64 },
-    /// Nothing moves in a recording.
+    /// No column of a recording changes.
     #[error("{0}: no column changes")]
     Constant(RecordingSide),
-    /// No offset makes the two recordings agree: the share of the readings' changes that the reference explains at
-    /// the best offset.
+    /// The recordings agree at no offset. The field is the share of the readings' changes that the reference
+    /// explains at the best offset.
     #[error(
         "no common load found: at the best offset the reference explains {:.0} % of what the \
          readings do, and {:.0} % are needed",
         100.0 * .0, 100.0 * LEAST_EXPLAINED
     )]
     NoMatch(f64),
-    /// Two offsets (reference minus board, s) fit about equally well; `ratio` is the score of the second over that of
-    /// the best.
+    /// Two offsets (reference minus board, s) fit about equally well; `ratio` is the score of the second
+    /// relative to the best.
     #[error(
         "the match is ambiguous: an offset of {second_s:.3} s is {:.0} % as good as the best, \
          {best_s:.3} s (up to {:.0} % is accepted)",
@@ -66,22 +63,22 @@ pub enum AlignError {
     /// The overlap of the recordings, s, is too short for offset and skew.
     #[error("the recordings overlap for {0:.3} s, where {LEAST_OVERLAP_S} s are needed")]
     ShortOverlap(f64),
-    /// The refinement left the neighbourhood of the match: its last step of the offset, s.
+    /// The refinement left the neighbourhood of the match; the field is its last step of the offset, s.
     #[error("the refinement of the match does not settle (last step {0:.6} s)")]
     NotConverged(f64),
-    /// More edges than a signal to line recordings up by has.
+    /// More edges than a sync signal has.
     #[error(
         "{side}: {edges} edges, where a sync signal has {MOST_EDGES} at most; is it the right column?"
     )]
     TooManyEdges { side: RecordingSide, edges: usize },
-    /// Which edge is which follows neither from the gaps between them nor from the loads; the best of the ways to pair
-    /// them has `matched` pairs.
+    /// Neither the gaps between edges nor the loads determine which edge is which; the best pairing has
+    /// `matched` pairs.
     #[error(
         "which edge is which is not clear: there are {ways} ways to pair them, the best of {matched} \
          pairs, and the loads do not tell"
     )]
     EdgesUnclear { ways: usize, matched: usize },
-    /// The clocks drift apart faster than clocks do; the drift, ppm.
+    /// The drift between the clocks, ppm, exceeds the tolerance of any crystal.
     #[error(
         "the clocks differ by {0:.0} ppm, more than the {LARGEST_SKEW_PPM:.0} ppm of any crystal"
     )]
@@ -116,7 +113,7 @@ impl Hint for AlignError {
 }
 
 impl AlignError {
-    /// Whether the recordings could be compared, but the match is not to be trusted.
+    /// Returns true if the recordings could be compared, but the match is unreliable.
     pub fn is_refusal(&self) -> bool {
         matches!(
             self,

@@ -1,7 +1,6 @@
-//! Inner products on the widest registers that the processor has.
+//! Inner products on the widest registers of the processor.
 //!
-//! Sums are kept in eight lanes whatever the registers, so that results are the same bits on every
-//! machine.
+//! Sums use eight lanes whatever the registers, so results have the same bits on every machine.
 
 use shell_data::vectorised;
 
@@ -26,7 +25,7 @@ vectorised! {
         }
     }
 
-    /// Σ_j w_j r_j, where the rows r_j follow one another in `rows`, for two sets of weights.
+    /// Σ_j w_j r_j for two sets of weights, where `rows` holds the rows r_j consecutively.
     pub(super) fn combine(
         rows: &[f64],
         weights: [[f64; 4]; 2],

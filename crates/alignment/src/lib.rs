@@ -1,19 +1,19 @@
-//! Lining up a reference sensor's recording with a board log that has a clock of its own.
+//! Alignment of a reference sensor's recording with a board log that has a separate clock.
 //!
 //! ```text
 //! t_reference = t_board + offset + skew · (t_board − pivot)
 //! ```
 //!
-//! Both saw the same loads, through a map from wrench to readings that nobody knows yet: the
-//! calibration is what the result is for. `coarse` finds the offset among all possible ones by
-//! correlation and refuses where it is not clear; `refine` then estimates offset, skew and the
-//! map together, with the spring's memory as part of it, close to the bound of Cramér and Rao.
-//! [`Aligned::resample`] evaluates the low-passed reference at the board's own times.
+//! Both recordings contain the same loads, but the map from wrench to readings is still unknown: the aligned
+//! data serve to calibrate it. `coarse` finds the offset among all possible ones by correlation, and fails if
+//! it is ambiguous. `refine` then estimates offset, skew and the map together, including the memory of the
+//! springs, close to the Cramér-Rao bound. [`Aligned::resample`] evaluates the low-passed reference at the
+//! board's own times.
 //!
-//! Where both have recorded the edges of one signal, the clocks follow from these ([`Edges`]).
+//! If both sides recorded the edges of one signal, these determine the clocks ([`Edges`]).
 //!
-//! The derivations are in `docs/alignment.md`. Left out: clocks whose skew changes during a
-//! recording by more than the uncertainty, and loads faster than the board samples.
+//! The derivations are in `docs/alignment.md`. Not supported: clocks whose skew changes during a recording by
+//! more than the uncertainty, and loads faster than the board samples.
 
 mod choice;
 mod coarse;
@@ -41,45 +41,43 @@ use resample::{Resampler, STOPBAND_DB};
 use shell_data::statistics::RunningVariance;
 use trajectory::Trajectory;
 
-/// Loads faster than this are not matched: hands and taps are slower, and there are fewer rows to
-/// work through.
+/// The upper limit of the matched band. Loads by hand and taps are slower, and a lower rate leaves fewer rows
+/// to process.
 const HIGHEST_MATCHED_RATE_HZ: f64 = 250.0;
-/// What offsets are first searched with: long enough for many contacts, and short enough that 200
+/// The length of the stretch for the first search: long enough for many contacts, and short enough that 200
 /// ppm of skew blur it by less than a tap.
 const PROBE_S: f64 = 120.0;
-/// As many stretches are tried before giving up.
+/// The maximum number of stretches tried.
 const PROBES: usize = 8;
-/// Skew of clocks before anything is known about them (standard deviation).
+/// Prior standard deviation of the skew between clocks.
 const PRIOR_SKEW: f64 = 2e-4;
 
-/// How much more of the readings' variance a rival has to leave unexplained to be ruled out.
+/// The ratio of unexplained variances above which a rival is ruled out.
 const CLEARLY: f64 = 4.0;
 
-/// How recordings are aligned.
+/// Options of an alignment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
-    /// Time that the board averages a frame over, s; 0 for an instant.
+    /// Time over which the board averages a frame, s; 0 for an instant.
     pub exposure_s: f64,
-    /// Whether equal readings in a row are one frame logged repeatedly, at rest as well.
+    /// True if consecutive equal readings are one frame logged repeatedly, even at rest.
     pub repeats_are_stale: bool,
-    /// The edges of a signal that both have recorded. If given, they align the clocks.
+    /// The edges of a signal that both sides recorded. If given, they align the clocks.
     pub edges: Option<Edges>,
 }
 
-/// From the board's clock to the reference's.
+/// The relation from the board's clock to the reference's.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ClockMap {
     /// Reference time minus board time at the pivot, s.
     pub offset_s: f64,
-    /// How much faster the reference's clock runs: (dt_reference/dt_board) − 1.
+    /// The relative rate of the reference's clock: (dt_reference/dt_board) − 1.
     pub skew: f64,
-    /// Board time at which the offset is given, s: the middle of what overlaps.
+    /// Board time at which the offset is given, s: the middle of the overlap.
     pub pivot_s: f64,
-    /// Standard error of the offset at the pivot, s.
     pub offset_se_s: f64,
-    /// Standard error of the skew.
     pub skew_se: f64,
-    /// Covariance of the two, s.
+    /// Covariance of offset and skew, s.
     pub covariance_s: f64,
 }
 
@@ -104,70 +102,69 @@ impl ClockMap {
     }
 }
 
-/// How well two recordings match.
+/// The quality of a match.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Quality {
-    /// Share of the readings' variance that the aligned reference explains, through the map with
-    /// memory, mean over the channels.
+    /// Share of the readings' variance that the aligned reference explains, through the map with memory,
+    /// averaged over the channels.
     pub explained: f64,
-    /// RMS of what it does not explain, per channel that changes, counts where the channel is mostly.
+    /// RMS of the unexplained part, for each changing channel, in counts around the usual reading of the
+    /// channel.
     pub residual_counts: Vec<f64>,
-    /// Rows of the board (averaged down to 250 Hz) that were compared.
+    /// Number of the board's rows (averaged down to 250 Hz) compared.
     pub rows: usize,
     /// Share of the readings' changes explained at the best offset of the search.
     pub search_explained: f64,
-    /// Score of the second-best offset over that of the best.
+    /// Score of the second-best offset relative to the best.
     pub search_ratio: f64,
-    /// The score over all offsets (s), the best being 1.
+    /// The score over all offsets (s), with a maximum of 1.
     pub search: Vec<(f64, f64)>,
-    /// How late the springs' memory makes the readings, s: part of the model, not of the offset.
+    /// Delay of the readings due to the memory of the springs, s: part of the model, not of the offset.
     pub spring_delay_s: f64,
     /// Standard errors of offset (s) and skew if residuals were white noise.
     pub white_se: [f64; 2],
-    /// A lively stretch, to look at.
+    /// A stretch with much motion, for a figure.
     pub excerpt: Excerpt,
 }
 
-/// A channel around its steepest change: what it read and what the aligned reference predicts.
+/// A channel around its steepest change: readings and predictions from the aligned reference.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Excerpt {
-    /// The channel, from 0, of those that change.
+    /// The channel, from 0, among those that change.
     pub channel: usize,
-    /// Board time (s), reading and prediction (counts).
     pub points: Vec<[f64; 3]>,
 }
 
-/// Two recordings lined up.
+/// Two aligned recordings.
 #[derive(Debug)]
 pub struct Aligned {
-    /// The clocks.
     pub clock: ClockMap,
-    /// The match of the loads; `None` if they do not match and the clocks are those of edges.
+    /// The match of the loads; `None` if they do not match and the clocks come from edges.
     pub quality: Option<Quality>,
-    /// The edges, where the clocks are by these.
+    /// The edges, if they determined the clocks.
     pub edges: Option<EdgeMatch>,
-    /// Rows of the reference that took no part.
+    /// Rows of the reference that were not used.
     pub reference_left_out: LeftOut,
-    /// Rows of the board that took no part.
+    /// Rows of the board that were not used.
     pub board_left_out: LeftOut,
     reference: Clean,
     board: Clean,
-    /// Time that the board averages a frame over, s.
+    /// Time over which the board averages a frame, s.
     exposure_s: f64,
 }
 
-/// Lines up `reference` (six axes, or those there are) with `board` (readings of any number of
-/// channels).
+/// Aligns `reference` (six axes, or fewer) with `board` (readings of any number of channels).
 ///
-/// Neither sampling needs to be even; rows may be missing, repeated or out of range. What the board
-/// delays, be it in its filter or on the way to its clock, is part of the offset, so that a row of
-/// the board is paired with the load that made it.
+/// Neither sampling needs to be even; rows may be missing, repeated or out of range. Delays of the board, in
+/// its filter or on the way to its clock, become part of the offset, so that each row of the board is paired
+/// with the load that caused it.
 ///
-/// Where there are edges, the loads tell which edge is which where these do not, and need not match otherwise.
+/// If edges are given, the loads only decide which edge is which if the gaps do not, and otherwise need not
+/// match.
 ///
 /// # Errors
-/// [`AlignError`] if a recording is too short or does not change, if the match is not clear, or if it is not
-/// clear which edge is which.
+/// [`AlignError`] if a recording is too short or does not change, if the match is ambiguous, or if it is
+/// unclear which edge is which.
 pub fn align(
     reference: Recording,
     board: Recording,
@@ -200,7 +197,7 @@ pub fn align(
     })
 }
 
-/// The clocks by the loads that both have seen.
+/// The clock relation from the common loads.
 fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), AlignError> {
     let (found, probe) = search(reference, board)?;
     let rate_hz = HIGHEST_MATCHED_RATE_HZ.min(1.0 / board.period_s).min(1.0 / reference.period_s);
@@ -228,8 +225,8 @@ fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), Ali
     Ok((clock, Quality { search_explained, search_ratio, search, ..quality }))
 }
 
-/// Searches with one stretch of the board log after another, the liveliest first, until one has a
-/// clear match.
+/// Searches with one stretch of the board log after another, those with the most motion first, until one has
+/// a clear match.
 fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), AlignError> {
     let count = (board.span_s() / PROBE_S).ceil().max(1.0);
     let length_s = board.span_s() / count;
@@ -247,26 +244,25 @@ fn search(reference: &Clean, board: &Clean) -> Result<(Match, (f64, f64)), Align
     Err(refused.unwrap_or(AlignError::Constant(RecordingSide::Board)))
 }
 
-/// How much the readings change in a stretch, relative to what they do overall.
+/// The change of the readings in a stretch, relative to the whole recording.
 fn activity(board: &Clean, (from_s, to_s): (f64, f64)) -> f64 {
     let first = board.time_s.partition_point(|&t| t < from_s);
     let last = board.time_s.partition_point(|&t| t <= to_s);
     let spread = |values: &[f64]| RunningVariance::new(values).rms_about_mean();
-    // 0 / 0 where a channel rests, or a stretch has no rows.
+    // 0 / 0 if a channel rests, or a stretch has no rows.
     let relative = |column: &Vec<f64>| (spread(&column[first..last]) / spread(column)).powi(2);
     board.columns.iter().map(relative).filter(|relative| relative.is_finite()).sum()
 }
 
-/// What a match is refined on.
+/// The data for the refinement of a match.
 struct Refinement {
     trajectory: Trajectory,
     frames: BoardFrames,
-    /// Length of the board's recording, s.
     span_s: f64,
 }
 
 impl Refinement {
-    /// Refines the match, and its rivals: what one of them explains has to be far more than what any other does.
+    /// Refines the match and its rivals. One of them must explain far more than any other.
     fn clearest(&self, found: &Match, probe: (f64, f64)) -> Result<WarpEstimate, AlignError> {
         if found.rivals.is_empty() {
             return self.grow(found.offset_s, probe);
@@ -283,13 +279,13 @@ impl Refinement {
             [best, second, ..] if unexplained(second) < CLEARLY * unexplained(best) => {
                 Err(unclear(second.warp.offset_s))
             }
-            // Where no rival settles, the one that does has to explain the readings by itself.
+            // If only one of several candidates converges, it has to explain the readings by itself.
             [best] if CLEARLY * unexplained(best) > 1.0 => Err(unclear(found.rivals[0])),
             _ => Ok(estimates.swap_remove(0)),
         }
     }
 
-    /// Refines the match of a stretch, then of ever longer ones around it, up to all.
+    /// Refines the match of a stretch, then of ever longer ones around it, up to the whole recording.
     fn grow(
         &self,
         offset_s: f64,
@@ -311,20 +307,18 @@ impl Refinement {
 }
 
 impl Aligned {
-    /// Number of channels of the board.
     pub fn channels(&self) -> usize {
         self.board.columns.len()
     }
 
-    /// The reference at the times of the board's rows, low-passed below the board's Nyquist frequency and averaged
-    /// over its exposure.
+    /// The reference at the times of the board's rows, low-passed below the board's Nyquist frequency and
+    /// averaged over its exposure.
     ///
-    /// Calls `row` with board time (s, on its own clock), readings and wrench for every row that is
-    /// neither a repeat nor without a reference; returns how many rows the reference does not
-    /// cover.
+    /// Calls `row` with board time (s, on its own clock), readings and wrench for each row that is not a
+    /// repeat and is covered by the reference. Returns the number of rows that the reference does not cover.
     ///
     /// # Errors
-    /// Whatever `row` says.
+    /// Any error of `row`.
     pub fn resample<E>(
         &self,
         mut row: impl FnMut(f64, &[f64], &[f64]) -> Result<(), E>,

@@ -1,4 +1,4 @@
-//! Normal equations from a Gram matrix, with directions that the data do not excite left out.
+//! Normal equations from a Gram matrix, without the directions that the data do not excite.
 
 use faer::linalg::matmul::matmul;
 use faer::linalg::solvers::Solve;
@@ -6,24 +6,23 @@ use faer::{Accum, Mat, MatRef, Par};
 
 use super::optics::{Bend, POWERS};
 
-/// A pivot below this fraction of its diagonal is a feature that the ones before explain: features
-/// of a load that never goes there, say.
+/// A pivot below this fraction of its diagonal means that previous features explain the feature: for example,
+/// features of a load that never occurs.
 const TOLERANCE: f64 = 1e-9;
 
-/// Beside the bends, this fraction of the powers' squares holds a bend at zero that the rows do not
-/// tell.
+/// Regularisation of the bends, as a fraction of the powers' squares: it holds a bend at zero if the rows do
+/// not determine it.
 const HELD: f64 = 1e-9;
 
 /// The Gram matrix of the columns [X | D | tD | Y | P], summed over the rows.
 ///
-/// X are the features, D the slopes of the prediction with the offset, t the time from the pivot, Y
-/// the readings and P their [`POWERS`] powers, channel by channel.
+/// X are the features, D the slopes of the prediction with the offset, t the time from the pivot, Y the
+/// readings and P their [`POWERS`] powers, channel by channel.
 #[derive(Debug)]
 pub(super) struct GramSums {
     sums: Mat<f64>,
     features: usize,
     channels: usize,
-    /// The sum of the weights.
     pub(super) total: f64,
 }
 
@@ -37,8 +36,8 @@ impl GramSums {
         self.sums.ncols()
     }
 
-    /// Adds rows that follow one another in `rows`, each times the root of its weight; `weights` is
-    /// the sum of the weights.
+    /// Adds consecutive `rows`, each multiplied by the root of its weight; `weights` is the sum of the
+    /// weights.
     pub(super) fn add(&mut self, rows: &[f64], weights: f64) {
         let width = self.width();
         let rows = MatRef::from_row_major_slice(rows, rows.len() / width, width);
@@ -47,25 +46,24 @@ impl GramSums {
     }
 }
 
-/// Columns [D | tD | Z] after X is projected out, Z = Y + P β the readings made straight.
+/// Columns [D | tD | Z] after projecting out X, where Z = Y + P β are the straightened readings.
 #[derive(Debug)]
 pub(super) struct Projected {
     /// Least-squares coefficients of Z on X.
     pub(super) map: Mat<f64>,
-    /// β, channel by channel.
     pub(super) bends: Vec<Bend>,
     /// Coefficients of [D | tD] on X.
     pub(super) along: Mat<f64>,
-    /// How many features are used.
+    /// Number of features used.
     pub(super) used: usize,
-    /// Gram matrix of what is left.
+    /// Gram matrix of the remainder.
     left: Mat<f64>,
     channels: usize,
     total: f64,
 }
 
 impl Projected {
-    /// With the features that `keep` says. `None` if there are no more rows than features.
+    /// Uses the features selected by `keep`. Returns `None` if there are no more rows than features.
     pub(super) fn new(gram: &GramSums, keep: impl Fn(usize) -> bool) -> Option<Self> {
         let GramSums { sums: ref gram, features, channels, total } = *gram;
         if total.is_nan() || total <= (features + channels) as f64 {
@@ -73,8 +71,8 @@ impl Projected {
         }
         let kept: Vec<usize> = (0..features).filter(|&k| keep(k)).collect();
         let columns: Vec<usize> = kept.iter().copied().chain(features..gram.ncols()).collect();
-        // Cholesky by rows of the upper triangle, with the right-hand sides carried along: `work` ends as
-        // [R | R⁻ᵀ XᵀZ] above the projected block.
+        // Cholesky by rows of the upper triangle, applied to the right-hand sides at the same time: `work`
+        // ends as [R | R⁻ᵀ XᵀZ] above the projected block.
         let row = |&i: &usize| columns.iter().map(|&j| gram[(i.min(j), i.max(j))]).collect();
         let mut work: Vec<Vec<f64>> = columns.iter().map(row).collect();
         let mut used = Vec::with_capacity(kept.len());
@@ -140,7 +138,7 @@ impl Projected {
     fn residual_covariance(&self, count: f64) -> Mat<f64> {
         let n = self.channels;
         let entry = |i: usize, j: usize| self.left[(2 * n + i, 2 * n + j)] / count;
-        // A channel that is fitted to rounding would get all the weight.
+        // A channel that is fitted down to rounding errors would get all the weight.
         let largest = (0..n).map(|i| entry(i, i)).fold(0.0, f64::max);
         let floor = 1e-6 * largest + 1e-300;
         Mat::from_fn(n, n, |i, j| entry(i, j) + if i == j { floor } else { 0.0 })
@@ -167,12 +165,12 @@ impl Projected {
     }
 }
 
-/// `values − factor·other`, in the place of the values.
+/// Replaces the values by `values − factor·other`.
 fn subtract_multiple(values: &mut [f64], factor: f64, other: &[f64]) {
     values.iter_mut().zip(other).for_each(|(value, other)| *value -= other * factor);
 }
 
-/// β that minimises ‖y + P β‖² after X is projected out: the columns `powers` and `reading`.
+/// β that minimises ‖y + P β‖² after projecting out X, for the columns `powers` and `reading`.
 fn bend(
     powers: std::ops::Range<usize>,
     reading: usize,
@@ -194,7 +192,6 @@ fn bend(
     }
 }
 
-/// The inverse of a symmetric positive definite 2 × 2 matrix.
 pub(super) fn inverse([[a, b], [_, c]]: [[f64; 2]; 2]) -> Option<[[f64; 2]; 2]> {
     let determinant = a * c - b * b;
     if !(a > 0.0 && c > 0.0 && determinant > 1e-12 * a * c) {
@@ -213,8 +210,8 @@ mod tests {
         gram
     }
 
-    /// Two features, one channel whose straight reading is 2 X₀ − X₁ + 0.5 D + 0.25 tD without error,
-    /// and that reading bent: `z = y + bend · p₂`.
+    /// Two features, and one channel whose straight reading is 2 X₀ − X₁ + 0.5 D + 0.25 tD without error, but
+    /// which is recorded bent: `z = y + bend · p₂`.
     fn rows(repeat_a_feature: bool, bend: f64) -> Vec<Vec<f64>> {
         let row = |i: i32| {
             let t = f64::from(i) / 20.0;
@@ -241,7 +238,7 @@ mod tests {
             let (hessian, gradient) = projected.normal_equations();
             let inverse = inverse(hessian).unwrap();
             let step = inverse.map(|row| row[0] * gradient[0] + row[1] * gradient[1]);
-            // Exact but for rounding; the Gram matrix has a condition number of some 1e3.
+            // Exact except for rounding; the Gram matrix has a condition number of some 1e3.
             assert!((step[0] - 0.5).abs() < 1e-9 && (step[1] - 0.25).abs() < 1e-9, "{step:?}");
         }
     }
@@ -249,11 +246,11 @@ mod tests {
     #[test]
     fn a_bend_is_found_beside_the_map() {
         let mut rows = rows(false, 0.3);
-        // The slopes are taken off, so that nothing but the bend is left.
+        // Subtract the slopes, so that only the bend remains.
         rows.iter_mut().for_each(|row| row[4] -= 0.5 * row[2] + 0.25 * row[3]);
         let projected = Projected::new(&gram(&rows, 2), |_| true).unwrap();
         let expected = [0.3, 0.0, 0.0];
-        // The powers are held at zero by 1e-9 of their squares.
+        // The regularisation holds the powers at zero by 1e-9 of their squares.
         let near = |(a, b): (f64, f64)| (a - b).abs() < 1e-8;
         assert!(projected.bends[0].into_iter().zip(expected).all(near), "{:?}", projected.bends);
         assert!(near((projected.map[(0, 0)], 2.0)) && near((projected.map[(1, 0)], -1.0)));
@@ -272,7 +269,7 @@ mod tests {
             Projected::new(&gram(rows, features), keep).unwrap()
         };
         let all = with(3, &rows(true, 0.1), |i| i != 1);
-        // Without the second feature, the third does as well.
+        // Without the second feature, the third one replaces it.
         assert_eq!((all.used, all.map[(1, 0)]), (2, 0.0));
         let two = with(2, &rows(false, 0.1), |_| true);
         assert!((all.log_volume() - two.log_volume()).abs() < 1e-9);

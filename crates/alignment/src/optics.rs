@@ -1,40 +1,40 @@
-//! Readings made straight: the inverse of each channel's optics, as far as a polynomial is one.
+//! Straightened readings: the inverse of each channel's optics, approximated by a polynomial.
 //!
-//! A channel answers one displacement, monotonically; the displacement is what is linear in the
-//! load and in what springs remember of it. So it is the reading that is bent back,
+//! A channel responds to one displacement, monotonically. The displacement is linear in the load and in the
+//! memory of the springs, so the reading is bent back:
 //!
 //! ```text
 //! z = y + r Σₖ βₖ xᵏ      x = (y − ȳ) / r      k = 2, 3, 4
 //! ```
 //!
-//! with ȳ the median of a channel's readings and r the distance from it that 1 % exceed. The βₖ come from the
-//! same least-squares problem as the map: with the coefficient of y held at 1, they minimise what
-//! the load does not explain of z. Powers of the load would be the other way; they need the memory
-//! before it is known, and a model that errs in it errs in the offset.
+//! with ȳ the median of a channel's readings, and r the distance from it that 1 % of them exceed. The βₖ come
+//! from the same least-squares problem as the map: with the coefficient of y held at 1, they minimise the
+//! part of z that the load does not explain. The alternative, powers of the load, would require the memory
+//! before it is known, and a model with a wrong memory gives a wrong offset.
 
-/// As many powers of each reading, from the square on.
+/// Number of powers of each reading, from the square on.
 pub(super) const POWERS: usize = 3;
 
-/// How much of its powers is added to a reading.
+/// Coefficients of the powers that are added to a reading.
 pub(super) type Bend = [f64; POWERS];
 
-/// Damaged readings are farther out than this, in r: their powers are held.
+/// Limit on x, in units of r: powers of damaged readings, which are farther out, are held there.
 const FARTHEST: f64 = 2.0;
 
-/// Median of a channel's readings and the distance from it that 1 % exceed.
+/// Median of a channel's readings, and the distance from it that 1 % exceed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ReadingReach {
     median: f64,
     reach: f64,
 }
 
-/// A reading made straight.
+/// A straightened reading.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Straight {
     pub(super) reading: f64,
-    /// Its change with the reading itself.
+    /// Its derivative with respect to the raw reading.
     pub(super) gain: f64,
-    /// The powers that the bend adds shares of, counts.
+    /// The powers to which the bend gives coefficients, counts.
     pub(super) powers: [f64; POWERS],
 }
 
@@ -46,7 +46,7 @@ impl ReadingReach {
         let median = *readings.select_nth_unstable_by(last / 2, f64::total_cmp).1;
         readings.iter_mut().for_each(|y| *y = (*y - median).abs());
         let reach = *readings.select_nth_unstable_by(last - last / 100, f64::total_cmp).1;
-        // A channel that rests but for a few rows has no bend to speak of.
+        // A channel that rests in all but a few rows has no bend.
         Self { median, reach: reach.max(1e-300) }
     }
 

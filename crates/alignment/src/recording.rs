@@ -1,10 +1,10 @@
-//! A recording made ready: rows in order of time, repeats left out, saturated rows marked.
+//! Prepared recordings: rows in order of time, without repeats, and with saturated rows marked.
 
 use super::error::{AlignError, LEAST_OVERLAP_S, RecordingSide};
 use super::optics::ReadingReach;
 use shell_data::statistics::{extremes, upper_median};
 
-/// What one sensor recorded on its own clock.
+/// The recording of one sensor on its own clock.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recording {
     /// Time of each row, s, on the sensor's clock.
@@ -13,38 +13,36 @@ pub struct Recording {
     pub columns: Vec<Vec<f64>>,
 }
 
-/// Rows that take no part.
+/// Numbers of rows that are not used.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct LeftOut {
-    /// Not finite.
     pub not_finite: usize,
-    /// Not later than the row before.
+    /// Not later than the previous row.
     pub not_later: usize,
-    /// All columns as in the row before: the sensor had nothing new.
+    /// All columns equal to the previous row: the sensor had no new value.
     pub repeated: usize,
-    /// At an end of the range: they are kept, but not matched.
+    /// At an end of the range: kept, but not matched.
     pub saturated: usize,
 }
 
-/// A logger that runs faster than its sensor repeats a row for no longer than this, s.
+/// A logger that runs faster than its sensor repeats a row for at most this time, s.
 const LONGEST_REPEAT_S: f64 = 0.02;
-/// A change by as many of its smallest steps is a column on the move.
+/// A change by this number of its smallest steps means that a column moves.
 const MOVE: f64 = 3.0;
-/// The smallest step is taken to be at least this fraction of the range, for columns of no fixed
-/// resolution.
+/// The minimum smallest step, as a fraction of the range, for columns without a fixed resolution.
 const LEAST_STEP: f64 = 1e-4;
-/// As many equal values in a row at the extreme of a column mark the end of the range.
+/// This number of consecutive equal values at the extreme of a column marks the end of the range.
 const SATURATED_RUN: usize = 5;
-/// Rows out of order are errors of transmission up to this share.
+/// Rows out of order up to this share are transmission errors.
 const OUT_OF_ORDER: f64 = 0.01;
 
-/// A recording whose rows can be relied on.
+/// A recording with valid rows only.
 #[derive(Clone, Debug)]
 pub(super) struct Clean {
     /// Time since `start_s`, strictly increasing.
     pub(super) time_s: Vec<f64>,
     pub(super) columns: Vec<Vec<f64>>,
-    /// Whether a row is within the range in every column.
+    /// True for each row that is within the range in every column.
     pub(super) in_range: Vec<bool>,
     pub(super) start_s: f64,
     /// Median time between rows.
@@ -76,7 +74,7 @@ impl Clean {
         }
         let rows = time_s.len();
         let span_s = time_s.last().zip(time_s.first()).map_or(0.0, |(last, first)| last - first);
-        // Written so that a span that is not a number is refused.
+        // Written so that a NaN span is refused.
         if rows < 100 || span_s.is_nan() || span_s < LEAST_OVERLAP_S {
             return Err(AlignError::TooShort { side, rows, span_s });
         }
@@ -97,12 +95,10 @@ impl Clean {
     }
 }
 
-/// The board's rows that are matched, at the rate of the band that is.
+/// The board's rows to match, averaged to the rate of the matched band.
 #[derive(Debug)]
 pub(super) struct BoardFrames {
-    /// Since the start of the recording.
     pub(super) time_s: Vec<f64>,
-    /// Row by row.
     readings: Vec<f64>,
     pub(super) channels: usize,
     pub(super) ranges: Vec<ReadingReach>,
@@ -115,7 +111,7 @@ impl BoardFrames {
             board.columns.iter().filter(|c| c.iter().any(|&x| x != c[0])).collect();
         let mut frames =
             Self { time_s: vec![], readings: vec![], channels: moving.len(), ranges: vec![] };
-        // With a little margin, so that rows at the rate itself are not paired by rounding.
+        // With a small margin, so that rounding does not pair rows at exactly that rate.
         let cell_s = if rate_hz * board.period_s > 0.75 { 0.0 } else { 1.0 / rate_hz };
         let rows: Vec<usize> = (0..board.time_s.len()).filter(|&row| board.in_range[row]).collect();
         let cell = |row: usize| match cell_s > 0.0 {
@@ -140,12 +136,12 @@ impl BoardFrames {
     }
 }
 
-/// Finite rows in order of time that hold something new.
+/// Selects finite rows in order of time with new values.
 ///
-/// A load that rests leaves equal rows, and so does a logger that runs faster than its sensor. The
-/// latter repeats rows amid a movement, with a jump before and after: only such are left out,
-/// unless it is known that all repeats are the logger's. (At rest they do no harm. Leaving out rows
-/// at rest would: it takes away one side of each tap.)
+/// A resting load leaves equal rows, and so does a logger that runs faster than its sensor. The latter
+/// repeats rows during a movement, with a jump before and after. Only these are dropped, unless all repeats
+/// are known to be the logger's. (Repeats at rest are harmless, whereas dropping rows at rest would remove
+/// one side of each tap.)
 fn rows_to_keep(time_s: &[f64], columns: &[Vec<f64>], all_repeats: bool) -> (Vec<bool>, LeftOut) {
     let mut left_out = LeftOut::default();
     let mut keep = vec![true; time_s.len()];
@@ -183,10 +179,10 @@ fn rows_to_keep(time_s: &[f64], columns: &[Vec<f64>], all_repeats: bool) -> (Vec
     (keep, left_out)
 }
 
-/// Rows in which no column stays at its own extreme.
+/// Selects rows in which no column stays at its own extreme.
 ///
-/// A load that truly rests at its extreme is marked too; it has no slope there, so that it would
-/// say nothing about time.
+/// A load that truly rests at its extreme is excluded too; it has no slope there, so it carries no
+/// information about time.
 fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
     let mut inside = vec![true; columns.first().map_or(0, Vec::len)];
     for column in columns {
@@ -212,7 +208,7 @@ fn in_range(columns: &[Vec<f64>]) -> Vec<bool> {
     inside
 }
 
-/// The smallest change from row to row that is not none.
+/// The smallest nonzero change from row to row.
 fn smallest_step(column: &[f64]) -> f64 {
     let steps = column.windows(2).map(|pair| (pair[1] - pair[0]).abs()).filter(|&step| step > 0.0);
     steps.fold(f64::INFINITY, f64::min)

@@ -1,4 +1,4 @@
-//! Offset and skew to a small part of a sample, by variable projection.
+//! Estimates offset and skew to a small part of a sample, by variable projection.
 //!
 //! Model, for board rows at times t_i with readings y_i:
 //!
@@ -7,7 +7,7 @@
 //! ```
 //!
 //! y are the [straightened](super::optics) readings, x the [features](super::response) of the reference, a
-//! constant and a drift. For given o and s the map B is a linear least-squares problem; the steps in (o, s)
+//! constant and a drift. For given o and s the map B is a linear least-squares problem. The steps in (o, s)
 //! are Gauss–Newton steps with B eliminated (Golub & Pereyra, SIAM J. Numer. Anal. 10, 413, 1973, in
 //! Kaufman's form): with d_i = Bᵀ ẋ(τ_i), J = (d, (t − t̄) d) projected off the features, and W = Σ̂⁻¹,
 //!
@@ -15,14 +15,13 @@
 //! H = Jᵀ W J      g = Jᵀ W y      (o, s) ← (o, s) + H⁻¹ g
 //! ```
 //!
-//! All that is needed from the rows is one Gram matrix per step, so that memory does not grow. H⁻¹
-//! would be the covariance of (o, s) if the residuals were white. They are not, where the model of
-//! the springs is not theirs; so the covariance is H⁻¹ S H⁻¹ with S the long-run covariance of the
-//! scores (Newey & West, Econometrica 55, 703, 1987), and more for what [`choice`](super::choice)
-//! and [`uncertainty`](super::uncertainty) say of the model.
+//! Each step needs only one Gram matrix over the rows, so memory does not grow. H⁻¹ would be the covariance
+//! of (o, s) if the residuals were white. They are not if the model of the springs is inexact. The covariance
+//! is therefore H⁻¹ S H⁻¹ with S the long-run covariance of the scores (Newey & West, Econometrica 55, 703,
+//! 1987), increased by the model errors in [`choice`](super::choice) and [`uncertainty`](super::uncertainty).
 //!
-//! The model is refined in three turns: with memories on the axes, which finds what each channel
-//! sees; with all kinds of memory; and with those that the readings need.
+//! The model is refined in three rounds: with memories on the axes, which determines the direction that each
+//! channel senses; with all kinds of memory; and with those that the readings need.
 
 use faer::{Mat, MatRef};
 
@@ -37,42 +36,41 @@ use super::trajectory::Trajectory;
 use super::uncertainty::{MatchedRow, ResidualSums, Solution};
 use super::{Excerpt, Quality};
 
-/// Rows per Gram update.
 const BLOCK: usize = 256;
 const STEPS: usize = 40;
-/// Features that are none of the load: a constant and a drift.
+/// Number of features that do not depend on the load: a constant and a drift.
 const CONSTANTS: usize = 2;
-/// In the first steps the share of the memory in the products is found as well; then it stays, so
-/// that the steps can settle.
+/// Number of first steps that also estimate the share of the memory in the products; it is then fixed, so
+/// that the steps can converge.
 const MEMORY_STEPS: usize = 4;
-/// Steps are small below this share of the standard error that white residuals would have.
+/// Steps are small below this share of the standard error for white residuals.
 const SMALL: f64 = 0.01;
-/// Models are compared where steps are this small.
+/// Models are compared once steps are this small.
 const ROUGH: f64 = 0.1;
-/// After as many steps they are halved: bends and weights of outliers may take turns with them.
+/// Number of full steps; later ones are halved, since bends and outlier weights may oscillate with them.
 const FULL_STEPS: usize = 8;
-/// All kinds of memory are tried where there are as many rows for each feature.
+/// The minimum number of rows per feature for a trial of all kinds of memory.
 const ROWS_PER_FEATURE: usize = 4;
-/// Readings are straightened by at least this slope where they are drawn.
+/// The minimum slope by which readings are straightened for the figure.
 const LEAST_GAIN: f64 = 0.1;
-/// A row whose residual is farther out than this (squared, per channel) counts less (Huber).
+/// A row with a larger residual (squared, per channel) is downweighted (Huber).
 const OUTLIER: f64 = 4.0;
-/// Where steps go to and fro by less than this, the offset is known that well, s: jumps of the load between two frames
-/// make it a function with corners.
+/// Oscillating steps below this are accepted, s: jumps of the load between two frames make the objective a
+/// function of the offset with corners.
 const NEARLY_S: f64 = 5e-4;
-/// A step as long as this has lost the match, s.
+/// A step of this length has lost the match, s.
 const LOST_S: f64 = 10.0;
-/// The excerpt reaches this far to both sides, s.
+/// Half-length of the excerpt, s.
 const EXCERPT_S: f64 = 0.6;
-/// The largest step of the offset, s: features hardly change in less.
+/// The largest step of the offset, s: features hardly change over a shorter one.
 const LARGEST_STEP_S: f64 = 0.01;
 
-/// From board time to reference time, both since the start of their recording.
+/// The map from board time to reference time, each since the start of its recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Warp {
     pub(super) offset_s: f64,
     pub(super) skew: f64,
-    /// Where the offset is that, s of board time.
+    /// Board time of the offset, s.
     pub(super) pivot_s: f64,
 }
 
@@ -81,32 +79,30 @@ impl Warp {
         time_s + self.offset_s + self.skew * (time_s - self.pivot_s)
     }
 
-    /// The same warp, written about another time.
+    /// Rewrites the warp about another pivot.
     pub(super) fn about(&self, pivot_s: f64) -> Self {
         let offset_s = self.offset_s + self.skew * (pivot_s - self.pivot_s);
         Self { offset_s, pivot_s, ..*self }
     }
 }
 
-/// What the rows say about the warp.
+/// An estimate of the warp from the rows.
 #[derive(Clone, Debug)]
 pub(super) struct WarpEstimate {
     pub(super) warp: Warp,
-    /// Covariance of offset (s) and skew.
     pub(super) covariance: [[f64; 2]; 2],
-    /// What is known without the search; times since the start of the board's recording.
+    /// The quality without the results of the search; times since the start of the board's recording.
     pub(super) quality: Quality,
 }
 
-/// What is known of the sensor so far.
+/// The current model of the sensor.
 struct KnownSensor {
-    /// From features to straight readings.
+    /// The map from features to straight readings.
     map: Mat<f64>,
-    /// The inverse of the residual covariance.
     weights: Option<Mat<f64>>,
     bends: Vec<Bend>,
     model: MemoryModel,
-    /// Which features take part.
+    /// The features in use.
     keep: Vec<bool>,
 }
 
@@ -115,7 +111,7 @@ impl KnownSensor {
         let model = MemoryModel::on_axes(axes);
         let features = CONSTANTS + model.features();
         let of_load = model.families();
-        // They take part in the comparison of models only.
+        // Quick lags take part only in the comparison of models.
         let is_kept = |family: &Option<Family>| *family != Some(Family::QuickLags);
         let keep = [true; CONSTANTS].into_iter().chain(of_load.iter().map(is_kept));
         Self {
@@ -127,7 +123,7 @@ impl KnownSensor {
         }
     }
 
-    /// With plays beside the axes, whose share is not known yet.
+    /// Adds plays beyond those on the axes, whose share is not yet known.
     fn with_channels(mut self, trajectory: &Trajectory) -> Self {
         let linear = linear(&self.map);
         self.model = self.model.with_channels(linear, |direction| trajectory.reach(direction));
@@ -137,7 +133,7 @@ impl KnownSensor {
         self
     }
 
-    /// The family of each feature that is a memory.
+    /// The family of each memory feature.
     fn families(&self) -> Vec<Option<Family>> {
         let mut families = vec![None; CONSTANTS];
         families.extend(self.model.families());
@@ -156,20 +152,20 @@ fn linear(map: &Mat<f64>) -> MatRef<'_, f64> {
     map.subrows(CONSTANTS, map.nrows() - CONSTANTS)
 }
 
-/// Where the steps came to rest.
+/// The result of converged steps.
 struct SettledWarp {
     gram: GramSums,
     projected: Projected,
     /// H⁻¹.
     white: [[f64; 2]; 2],
-    /// The last step of the offset (s) and the skew, where they go to and fro.
+    /// The last step of the offset (s) and the skew, if the steps oscillate.
     left: [f64; 2],
 }
 
-/// Fits the warp, from near it, to the rows with board times in `window`.
+/// Fits the warp to the rows with board times in `window`, starting nearby.
 ///
-/// `prior_skew` holds the skew near zero with that standard deviation, where the window is too
-/// short to tell it; only memories on the axes are then looked for.
+/// `prior_skew` is the standard deviation of a prior that holds the skew near zero, for windows too short to
+/// determine it. Only memories on the axes are then used.
 pub(super) fn refine(
     trajectory: &Trajectory,
     frames: &BoardFrames,
@@ -196,7 +192,7 @@ pub(super) fn refine(
         if let Some(chosen) = Candidates::new(&settled.gram, &families, frames.channels).best() {
             current.keep.clone_from(chosen);
             settled = problem.settle(&mut warp, &mut current, None, (0, SMALL))?;
-            // Once more, with the slopes of the model that was chosen.
+            // Once more, with the slopes of the chosen model.
             let candidates = Candidates::new(&settled.gram, &families, frames.channels);
             spread = candidates.spread_about(&current.keep);
         }
@@ -222,7 +218,7 @@ impl<'a> WarpProblem<'a> {
     ) -> Self {
         let first = frames.time_s.partition_point(|&t| t < from_s);
         let last = frames.time_s.partition_point(|&t| t <= to_s);
-        // The middle of what overlaps, which the offset is nearly independent of the skew about.
+        // The middle of the overlap, at which the offset is nearly independent of the skew.
         let inside = |i: &usize| {
             let tau = near.apply(frames.time_s[*i]);
             tau >= 0.0 && tau <= trajectory.span_s()
@@ -242,8 +238,8 @@ impl<'a> WarpProblem<'a> {
         }
     }
 
-    /// Gauss–Newton steps until they are `small`; map, weights and bends follow, and in the first
-    /// `memory_steps` the shares of the memory, too.
+    /// Takes Gauss–Newton steps until they are `small`. Each step updates map, weights and bends, and in the
+    /// first `memory_steps` also the shares of the memory.
     fn settle(
         &self,
         warp: &mut Warp,
@@ -295,7 +291,7 @@ impl<'a> WarpProblem<'a> {
         nearly.ok_or(AlignError::NotConverged(step_s))
     }
 
-    /// Calls `each` with every row that the reference has a value for.
+    /// Calls `each` with every row that the reference covers.
     fn for_each(&self, warp: &Warp, current: &KnownSensor, mut each: impl FnMut(&MatchedRow<'_>)) {
         let channels = self.frames.channels;
         let mut window = self.trajectory.features(current.model.clone());
@@ -341,7 +337,7 @@ impl<'a> WarpProblem<'a> {
         }
     }
 
-    /// What the rows say, at a warp.
+    /// The Gram matrix of the rows at a warp.
     fn gram(&self, warp: &Warp, current: &KnownSensor) -> GramSums {
         let mut gram = GramSums::new(current.map.nrows(), self.frames.channels);
         let width = gram.width();
@@ -380,7 +376,7 @@ impl<'a> WarpProblem<'a> {
         let mut sums = ResidualSums::new(channels, -self.half_span_s);
         self.for_each(&warp, current, |row| sums.add(row, &row.features[CONSTANTS..], &solution));
         let covariance = sums.covariance(*white, spread);
-        // The excerpt is of the channel and around the time where a reading changes fastest.
+        // The excerpt shows the channel with the fastest change of a reading, around that time.
         let (_, channel, centre_s) = sums.steepest;
         let mut points = Vec::new();
         self.for_each(&warp, current, |row| {

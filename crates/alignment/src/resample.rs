@@ -1,52 +1,51 @@
-//! The reference at any time, through a low-pass.
+//! The reference at any time, after a low-pass.
 //!
 //! ```text
 //! w(t) = Σ h(t − t_k) v_k x_k / Σ h(t − t_k) v_k      v_k = (t_{k+1} − t_{k−1}) / 2
 //! ```
 //!
-//! which is the convolution with the kernel h by the trapezoidal rule over the times at which the reference was
-//! really sampled. Where the kernel would reach over a gap, over rows out of range, or past an end there is no
-//! value. It is a sinc under a Kaiser window, optionally averaged over an exposure:
+//! This is the convolution with the kernel h by the trapezoidal rule over the actual sample times of the
+//! reference. It has no value if the kernel would reach over a gap, over rows out of range, or past an end.
+//! The kernel is a sinc under a Kaiser window, optionally averaged over an exposure:
 //!
 //! ```text
 //! h(x) = 2 f_c sinc(2 f_c x) · I₀(β √(1 − (x/L)²)) / I₀(β)      |x| ≤ L
 //! ```
 //!
-//! β and L follow from the stopband attenuation and the width of the transition (Kaiser 1974;
-//! Oppenheim & Schafer, Discrete-Time Signal Processing, 3rd ed., eqs 7.75 and 7.76). The kernel is
-//! symmetric, so it delays nothing.
+//! β and L follow from the stopband attenuation and the width of the transition (Kaiser 1974; Oppenheim &
+//! Schafer, Discrete-Time Signal Processing, 3rd ed., eqs 7.75 and 7.76). The kernel is symmetric, so it has
+//! no delay.
 
 use std::f64::consts::PI;
 
 use super::inner_products::dots;
 use super::recording::Clean;
 
-/// Attenuation from the end of the transition on, dB.
+/// Attenuation beyond the transition, dB.
 pub(super) const STOPBAND_DB: f64 = 80.0;
-/// Half of the transition, as a fraction of the rate that the output is sampled at.
+/// Half of the transition, as a fraction of the output rate.
 const HALF_TRANSITION: f64 = 0.1;
 /// Table entries per unit of 1/(2 f_c): linear interpolation errs by (π/512)²/8 = 5e-6, −106 dB.
 const PER_LOBE: f64 = 512.0;
 
-/// A gap is bridged up to this many periods of the sampling …
+/// A gap is bridged up to this number of sampling periods …
 const GAP_PERIODS: f64 = 2.5;
 /// … or this fraction of a period at the cut-off, whichever is longer.
 const GAP_OF_OUTPUT_PERIOD: f64 = 0.5;
 
-/// A recording that can be asked for its values at any time.
+/// A recording that can be evaluated at any time.
 #[derive(Debug)]
 pub(super) struct Resampler<'a> {
     source: &'a Clean,
     kernel: Kernel,
-    /// v_k, s.
     spacing_s: Vec<f64>,
-    /// First row of the stretch without gaps that a row is in, and the row after its last.
+    /// First row of the gap-free stretch around a row, and the row after its last.
     stretch: Vec<(u32, u32)>,
     weights: Vec<f64>,
 }
 
 impl<'a> Resampler<'a> {
-    /// For outputs `rate_hz` times per second, averaged over an exposure, with faster loads weaker by `stopband_db`.
+    /// For outputs at `rate_hz`, averaged over an exposure, with faster loads attenuated by `stopband_db`.
     pub(super) fn new(source: &'a Clean, rate_hz: f64, exposure_s: f64, stopband_db: f64) -> Self {
         let time = &source.time_s;
         let gap_s = (GAP_PERIODS * source.period_s).max(GAP_OF_OUTPUT_PERIOD / rate_hz);
@@ -71,7 +70,7 @@ impl<'a> Resampler<'a> {
         Self { source, kernel, spacing_s, stretch, weights: Vec::new() }
     }
 
-    /// The columns at `time_s` (on the reference's clock, since its start); false if there is no
+    /// The columns at `time_s` (on the reference's clock, since its start). Returns false if there is no
     /// value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64]) -> bool {
         let time = &self.source.time_s;
@@ -100,7 +99,7 @@ impl<'a> Resampler<'a> {
     }
 }
 
-/// A symmetric low-pass kernel, in 1/s, tabulated.
+/// A tabulated symmetric low-pass kernel, 1/s.
 #[derive(Clone, Debug)]
 struct Kernel {
     /// The kernel is zero beyond this distance, s.
@@ -110,9 +109,10 @@ struct Kernel {
 }
 
 impl Kernel {
-    /// For an output sampled `rate_hz` times per second: passes frequencies up to 0.3 times the
-    /// rate unchanged, halves those at 0.4, and stops those above half of it by `stopband_db`, of
-    /// at least 50; the passband is as flat. `exposure_s` > 0 averages over that time on top.
+    /// Designs the kernel for an output at `rate_hz`: it passes frequencies up to 0.3 times the rate
+    /// unchanged, halves 0.4 times the rate, and attenuates those above half of the rate by `stopband_db`, at
+    /// least 50; the passband ripple corresponds. If `exposure_s` > 0, the kernel also averages over that
+    /// time.
     fn new(rate_hz: f64, exposure_s: f64, stopband_db: f64) -> Self {
         let cutoff_hz = (0.5 - HALF_TRANSITION) * rate_hz;
         let transition_hz = 2.0 * HALF_TRANSITION * rate_hz;
@@ -131,7 +131,7 @@ impl Kernel {
         let half_width_s = half_s + 0.5 * exposure_s;
         let per_s = PER_LOBE * 2.0 * cutoff_hz;
         let entries = (half_width_s * per_s).ceil() as usize + 2;
-        // The exposure is averaged by the midpoint rule, fine against the lobes of the kernel.
+        // The exposure is averaged by the midpoint rule, with steps much finer than the lobes of the kernel.
         let parts = (exposure_s * 2.0 * cutoff_hz * 64.0).ceil().clamp(1.0, 4096.0) as usize;
         let value = |x_s: f64| {
             let part = |i: usize| x_s + exposure_s * ((i as f64 + 0.5) / parts as f64 - 0.5);
@@ -141,7 +141,7 @@ impl Kernel {
         Self { half_width_s, per_s, table }
     }
 
-    /// The kernel at a distance of at most `half_width_s` either way, 1/s.
+    /// The kernel at a distance of at most `half_width_s` in either direction, 1/s.
     #[inline]
     fn at(&self, distance_s: f64) -> f64 {
         let position = distance_s.abs() * self.per_s;
@@ -181,7 +181,7 @@ mod tests {
         (0..=(6.0 * rate_hz) as usize).map(|k| k as f64 / rate_hz).collect()
     }
 
-    /// Largest error against `expected` at uneven times.
+    /// Largest error relative to `expected` at uneven times.
     fn worst(source: &Clean, expected: impl Fn(f64) -> f64) -> f64 {
         let mut resampler = Resampler::new(source, 100.0, 0.0, STOPBAND_DB);
         let mut value = [0.0];
@@ -197,7 +197,7 @@ mod tests {
         for frequency_hz in [0.7, 8.3, 21.0, 29.0] {
             let sine = |t: f64| (TAU * frequency_hz * t).sin();
             for rate_hz in [500.0, 1000.0, 10_000.0] {
-                // The ripple of 80 dB.
+                // The ripple at 80 dB.
                 assert!(worst(&clean(even(rate_hz), sine), sine) < 2e-4, "{frequency_hz}");
             }
         }
@@ -221,7 +221,7 @@ mod tests {
             .map(|p| p.1)
             .collect();
         let slope = |t: f64| 3.0 * t - 1.0;
-        // The trapezoidal rule over steps of 1 and 2 ms against a lobe of 12.5 ms.
+        // The error of the trapezoidal rule with steps of 1 and 2 ms and a lobe of 12.5 ms.
         assert!(worst(&clean(time_s, slope), slope) < 2e-3);
     }
 
@@ -257,7 +257,7 @@ mod tests {
         assert!(forward.iter().eq(backward.iter().rev()));
     }
 
-    /// The kernel's gain at a frequency, by the trapezoidal rule over fine steps.
+    /// The kernel's gain at a frequency, by the trapezoidal rule with fine steps.
     fn gain(kernel: &Kernel, frequency_hz: f64) -> f64 {
         let steps = 200_000;
         let step_s = 2.0 * kernel.half_width_s / f64::from(steps);
@@ -278,7 +278,7 @@ mod tests {
     fn passes_the_band_halves_the_cutoff_and_stops_the_rest() {
         for db in [50.0, 80.0] {
             let kernel = Kernel::new(100.0, 0.0, db);
-            // The table's own error is 5e-6.
+            // The interpolation error of the table is 5e-6.
             let ripple = 1.3 * 10.0_f64.powf(-db / 20.0) + 5e-6;
             for frequency_hz in [0.0, 3.0, 11.0, 20.0, 29.9] {
                 assert!((gain(&kernel, frequency_hz) - 1.0).abs() < ripple, "{frequency_hz}");

@@ -1,28 +1,28 @@
-//! What a spring-borne optical sensor may do with a wrench, as features that its straightened
-//! readings are a linear map of.
+//! Possible responses of an optical sensor on springs to a wrench, as features. The straightened readings are
+//! a linear map of these features.
 //!
-//! Springs answer late: they creep, and their friction makes the answer depend on where the load
-//! came from. Both shift a reading against the load by milliseconds in one direction, whatever the
-//! clocks do, so that an alignment without a model of them is biased by as much. Which kind of
-//! memory a sensor has, and in which directions, is not known; so there are several, and
-//! [`choice`](super::choice) finds which of them the readings need:
+//! Springs respond late: they creep, and their friction makes the response depend on the history of the load.
+//! Both shift readings relative to the load by milliseconds in one direction, independent of the clocks, so
+//! an alignment without a model of them is biased by that much. The kinds of memory of a sensor, and their
+//! directions, are unknown. The features therefore cover several kinds, and [`choice`](super::choice) finds
+//! those that the readings need:
 //!
-//! - *plays* on each axis, `p ← clamp(p, w − r, w + r)`, of several half-widths: any
-//!   rate-independent hysteresis with a convex loop is a sum of them (Prandtl–Ishlinskii; Brokate &
-//!   Sprekels, Hysteresis and Phase Transitions, 1996);
+//! - *plays* on each axis, `p ← clamp(p, w − r, w + r)`, of several half-widths: any rate-independent
+//!   hysteresis with a convex loop is a sum of them (Prandtl–Ishlinskii; Brokate & Sprekels, Hysteresis and
+//!   Phase Transitions, 1996);
 //! - *lags* on each axis, `τ ḷ = w − l`: creep;
-//! - *quick lags* on each axis, whose time constants are below those of the load: viscous friction, and friction that
-//!   depends on the speed;
-//! - plays along what each *channel* sees, the direction of the wrench that the map so far gives it;
-//! - *joint* plays of all axes, `p ← w + min(1, r / ‖p − w‖) (p − w)`: friction that yields in the
-//!   direction of the load, whatever the axes are (the ball for the interval);
-//! - products of two axes: what one displacement does not describe.
+//! - *quick lags* on each axis, with time constants below those of the load: viscous friction, and friction
+//!   that depends on the speed;
+//! - plays along the direction that each *channel* senses, as given by the current map;
+//! - *joint* plays of all axes, `p ← w + min(1, r / ‖p − w‖) (p − w)`: friction that yields in the direction
+//!   of the load, whatever the axes are (a ball in place of the interval);
+//! - products of two axes: effects that a single displacement does not describe.
 
 use faer::MatRef;
 
 /// Half-widths of the plays, as fractions of the largest load in the direction.
 const PLAY: [f64; 6] = [0.04, 0.08, 0.14, 0.21, 0.3, 0.42];
-/// Time constants of the lags, s, and what they belong to.
+/// Time constants of the lags, s, with their families.
 const LAGS: [(f64, Family); 6] = [
     (0.15, Family::Lags),
     (0.5, Family::Lags),
@@ -33,10 +33,10 @@ const LAGS: [(f64, Family); 6] = [
 ];
 /// Radii of the joint plays; the largest load on each axis is 1.
 const JOINT: [f64; 5] = [0.05, 0.1, 0.2, 0.35, 0.6];
-/// Plays and lags of an axis.
+/// Number of plays and lags per axis.
 const MEMORIES: usize = PLAY.len() + LAGS.len();
 
-/// A kind of memory, which a sensor may have or not.
+/// A kind of memory that a sensor may have.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Family {
     AxisPlays,
@@ -51,32 +51,32 @@ impl Family {
         [Self::AxisPlays, Self::Lags, Self::QuickLags, Self::ChannelPlays, Self::JointPlays];
 }
 
-/// What the features are made of.
+/// The definition of the features.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct MemoryModel {
     axes: usize,
-    /// How much of the answer to each axis goes through each of its plays and lags.
+    /// The share of the response to each axis that passes through each of its plays and lags.
     shares: Vec<f64>,
-    /// A direction of the scaled wrench for each channel, row by row, in which the load reaches 1;
-    /// empty where neither plays along them nor joint plays are made.
+    /// A direction of the scaled wrench for each channel, row by row, scaled so that the load reaches 1.
+    /// Empty if the model has neither plays along channels nor joint plays.
     directions: Vec<f64>,
 }
 
 impl MemoryModel {
-    /// Plays and lags on the axes; all of the answer is taken to be immediate.
+    /// Plays and lags on the axes, with the whole response immediate.
     pub(super) fn on_axes(axes: usize) -> Self {
         Self { axes, shares: vec![0.0; axes * MEMORIES], directions: Vec::new() }
     }
 
-    /// Features of a model that has all kinds of memory.
+    /// Number of features of a model with all kinds of memory.
     pub(super) fn most_features(axes: usize, channels: usize) -> usize {
         Self { directions: vec![0.0; channels * axes], ..Self::on_axes(axes) }.features()
     }
 
-    /// Shares from the map (features × channels) that the readings were found to follow.
+    /// Learns shares from the fitted map (features × channels).
     ///
-    /// Over the channels, the coefficients of one axis' play are a share of those of all that the
-    /// axis does.
+    /// The share of a play is the projection of its coefficients, over the channels, on the total
+    /// coefficients of its axis.
     pub(super) fn learn_shares(&mut self, map: MatRef<'_, f64>) {
         let row = |i: usize| (0..map.ncols()).map(move |c| map[(i, c)]);
         self.shares.clear();
@@ -94,8 +94,8 @@ impl MemoryModel {
         }
     }
 
-    /// With plays along what each channel sees by `map`, and joint ones; `reach` is how far the
-    /// load goes in a direction of the scaled wrench.
+    /// Adds plays along the direction that each channel senses by `map`, and joint plays; `reach` gives the
+    /// largest load in a direction of the scaled wrench.
     pub(super) fn with_channels(
         mut self,
         map: MatRef<'_, f64>,
@@ -121,22 +121,21 @@ impl MemoryModel {
         self.axes * (self.axes + 1) / 2
     }
 
-    /// Plays along the channels.
+    /// Number of plays along the channels.
     fn channel_plays(&self) -> usize {
         self.directions.len() / self.axes * PLAY.len()
     }
 
-    /// Joint plays, a feature for each axis.
+    /// Number of features of joint plays, one for each axis.
     fn joint_plays(&self) -> usize {
         if self.directions.is_empty() { 0 } else { JOINT.len() * self.axes }
     }
 
-    /// Number of features.
     pub(super) fn features(&self) -> usize {
         self.axes * (1 + MEMORIES) + self.products() + self.channel_plays() + self.joint_plays()
     }
 
-    /// The family of each feature that is a memory.
+    /// The family of each memory feature.
     pub(super) fn families(&self) -> Vec<Option<Family>> {
         let mut families = vec![None; self.axes];
         for _ in 0..self.axes {
@@ -149,7 +148,7 @@ impl MemoryModel {
         families
     }
 
-    /// What each feature of a row has through memory: itself less what it would be at once.
+    /// The delayed part of each feature: the feature minus its immediate value.
     pub(super) fn late(&self, features: &[f64], late: &mut [f64]) {
         let wrench = &features[..self.axes];
         late.fill(0.0);
@@ -175,15 +174,14 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Turns samples of a wrench, one after another, into features.
+/// Converts consecutive samples of a wrench to features.
 #[derive(Clone, Debug)]
 pub(super) struct MemoryResponse {
     model: MemoryModel,
     largest: Vec<f64>,
     retained: [f64; LAGS.len()],
-    /// Plays and lags, axis by axis.
     on_axes: Vec<f64>,
-    /// Plays, channel by channel, then joint ones.
+    /// Plays, channel by channel, then joint plays.
     beside: Vec<f64>,
     at_rest: bool,
     effective: Vec<f64>,
@@ -203,8 +201,8 @@ impl MemoryResponse {
         }
     }
 
-    /// Writes the features of the next sample, all of order 1: the wrench, its plays and lags axis
-    /// by axis, the products of what the axes effectively do, plays channel by channel, joint plays.
+    /// Writes the features of the next sample, all of order 1: the wrench, its plays and lags axis by axis,
+    /// the products of the effective responses of the axes, plays channel by channel, joint plays.
     pub(super) fn next(&mut self, wrench: &[f64], features: &mut [f64]) {
         let (immediate, rest) = features.split_at_mut(self.model.axes);
         let (memories, rest) = rest.split_at_mut(self.on_axes.len());
@@ -215,7 +213,7 @@ impl MemoryResponse {
         memories.copy_from_slice(&self.on_axes);
         let mut products = products.iter_mut();
         for (i, a) in self.effective.iter().enumerate() {
-            // In this order: a product taken for no factor would be lost.
+            // In this order: the iterator would lose a product that has no factor left.
             for (b, product) in self.effective[i..].iter().zip(products.by_ref()) {
                 *product = a * b;
             }
@@ -267,7 +265,7 @@ impl MemoryResponse {
 
 fn follow(plays: &mut [f64], w: f64) {
     for (play, width) in plays.iter_mut().zip(PLAY) {
-        // Not `clamp`: it would check the order of its bounds.
+        // Not `clamp`, which would check the order of its bounds.
         *play = play.max(w - width).min(w + width);
     }
 }
@@ -276,7 +274,7 @@ fn follow(plays: &mut [f64], w: f64) {
 mod tests {
     use super::*;
 
-    /// Features of two axes, which reach 2 and 4.
+    /// Features of two axes with ranges of 2 and 4.
     fn run(wrench: &[[f64; 2]], model: &MemoryModel) -> Vec<Vec<f64>> {
         let mut response = MemoryResponse::new(&[2.0, 4.0], 0.01, model.clone());
         let mut features = vec![0.0; model.features()];
@@ -287,7 +285,7 @@ mod tests {
         wrench.iter().map(&mut next).collect()
     }
 
-    /// Two axes and one channel, which sees 0.6 of the first and 0.8 of the second.
+    /// Two axes and one channel, which senses 0.6 of the first and 0.8 of the second.
     fn beside() -> MemoryModel {
         let on_axes = MemoryModel::on_axes(2);
         let mut map = faer::Mat::<f64>::zeros(on_axes.features(), 1);
@@ -338,7 +336,7 @@ mod tests {
     fn a_joint_play_is_the_same_in_every_direction() {
         let model = beside();
         let first = model.features() - model.joint_plays();
-        // The same way on axes turned by 45°.
+        // Repeat the path on axes rotated by 45°.
         let straight = run(&[[0.0, 0.0], [2.0, 0.0], [0.6, 0.0]], &model);
         let half = std::f64::consts::FRAC_1_SQRT_2;
         let turned = run(&[[0.0, 0.0], [2.0 * half, 4.0 * half], [0.6 * half, 1.2 * half]], &model);

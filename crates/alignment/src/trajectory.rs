@@ -1,30 +1,29 @@
-//! The reference on a fine, even grid, and features of it between the grid points.
+//! The reference on a fine, even grid, and its features between the grid points.
 
 use super::inner_products::combine;
 use super::recording::Clean;
 use super::resample::Resampler;
 use super::response::{MemoryModel, MemoryResponse};
 
-/// Grid points per sample of the output rate: cubic interpolation then errs by less than 0.4 % at
-/// the cut-off and 1e-5 at a quarter of it.
+/// Grid points per output sample: cubic interpolation then errs by less than 0.4 % at the cut-off, and 1e-5
+/// at a quarter of it.
 const PER_OUTPUT: f64 = 4.0;
 
-/// What is left of faster loads is small against the noise; a longer kernel would only take longer.
+/// The attenuation of faster loads leaves them small against the noise; a longer kernel would only take
+/// longer.
 const STOPBAND_DB: f64 = 50.0;
 
-/// The low-passed reference on an even grid.
 #[derive(Debug)]
 pub(super) struct Trajectory {
     pub(super) step_s: f64,
     pub(super) axes: usize,
-    /// Row by row; zero mean.
     values: Vec<f64>,
     valid: Vec<bool>,
     largest: Vec<f64>,
 }
 
 impl Trajectory {
-    /// The band that is matched is that of an output sampled `rate_hz` times per second.
+    /// Prepares the band of an output sampled at `rate_hz`.
     pub(super) fn new(reference: &Clean, rate_hz: f64) -> Self {
         let mut resampler = Resampler::new(reference, rate_hz, 0.0, STOPBAND_DB);
         let step_s = 1.0 / (PER_OUTPUT * rate_hz);
@@ -50,14 +49,14 @@ impl Trajectory {
             if valid {
                 last = axes.iter().map(|&axis| row[axis] - mean[axis]).collect();
             }
-            // Over a gap the load is taken to hold; no row of the board is compared with it there.
+            // Hold the load over a gap; no row of the board is compared with it there.
             values.extend_from_slice(&last);
         }
         let largest = axes.iter().map(|&axis| largest[axis]).collect();
         Self { step_s, axes: axes.len(), values, valid, largest }
     }
 
-    /// How far the load goes in a direction of the wrench, of which each axis is scaled to 1.
+    /// The largest load in a direction of the wrench, with each axis scaled to 1.
     pub(super) fn reach(&self, direction: &[f64]) -> f64 {
         let scaled: Vec<f64> = direction.iter().zip(&self.largest).map(|(d, w)| d / w).collect();
         let along = |row: &[f64]| row.iter().zip(&scaled).map(|(w, d)| w * d).sum::<f64>().abs();
@@ -81,7 +80,7 @@ impl Trajectory {
     }
 }
 
-/// The features at a few grid points, which move forward in time.
+/// The features at a few grid points; the window moves forward in time.
 #[derive(Debug)]
 pub(super) struct FeatureWindow<'a> {
     trajectory: &'a Trajectory,
@@ -94,8 +93,8 @@ pub(super) struct FeatureWindow<'a> {
 }
 
 impl FeatureWindow<'_> {
-    /// The features and their slopes (1/s) at `time_s`, by cubic interpolation; times must not go
-    /// back. False where the reference has no value.
+    /// The features and their slopes (1/s) at `time_s`, by cubic interpolation; times must not go back.
+    /// Returns false if the reference has no value.
     pub(super) fn at(&mut self, time_s: f64, values: &mut [f64], slopes: &mut [f64]) -> bool {
         let position = time_s / self.trajectory.step_s;
         if !(position >= 1.0 && position < self.trajectory.valid.len() as f64 - 2.0) {
@@ -142,7 +141,7 @@ impl FeatureWindow<'_> {
             self.rows.resize(start + self.width, 0.0);
             self.response.next(wrench, &mut self.rows[start..]);
             self.end += 1;
-            // On the way to a far k nothing needs to be kept.
+            // On the way to a distant k no row needs to be kept.
             if self.end <= k {
                 self.rows.clear();
                 self.first = self.end;

@@ -1,4 +1,4 @@
-//! What the residuals say about a warp: covariance and figures of merit, in one pass over the rows.
+//! The covariance and the figures of merit of a warp from its residuals, in one pass over the rows.
 
 use faer::{Mat, MatRef};
 
@@ -6,37 +6,36 @@ use super::inner_products::dots;
 use super::optics::Straight;
 use super::response::MemoryModel;
 
-/// Residuals correlated over longer than this are drift, which the model has, s.
+/// Residuals correlated for longer than this are drift, which the model includes, s.
 const CORRELATED_S: f64 = 0.5;
-/// Bins that scores are summed in before their correlations are, s.
+/// Width of the bins in which scores are summed before their correlations are computed, s.
 const SCORE_BIN_S: f64 = 0.01;
-/// Residuals that are alike from row to row are of the model. This share of them is taken to lie
-/// along the slopes, where the offset takes it up and no residual shows it: what was found of
+/// Residuals that are similar from row to row come from the model. This share of the model error is assumed
+/// to lie along the slopes, where the offset absorbs it and no residual shows it. The value was found with
 /// sensors of six kinds of hysteresis (`docs/alignment.md`).
 const HIDDEN_SHARE: f64 = 0.025;
-/// No model of the memory has just its widths, times and directions: this share of the delay that it makes is
-/// not known, however small the residuals are (found as the share above).
+/// No model of the memory has exactly the right widths, times and directions: this share of its delay is
+/// uncertain, however small the residuals are (found in the same way).
 const UNKNOWN_DELAY: f64 = 0.012;
-/// Of a load that jumps between two frames, frames do not tell when: this share of their period is not known (found as
-/// the shares above).
+/// Frames do not show when a load jumps between two of them: this share of their period is uncertain (found
+/// in the same way).
 const UNKNOWN_JUMP: f64 = 0.4;
-/// Products of successive residuals scatter about zero if there is only noise: as many standard
-/// deviations of that are taken off.
+/// Pure noise makes products of successive residuals scatter about zero: this number of standard deviations
+/// of that scatter is subtracted.
 const CHANCE: f64 = 2.0;
 
-/// One row of the board beside what the reference says.
+/// One row of the board with the prediction from the reference.
 pub(super) struct MatchedRow<'a> {
-    /// Time from the pivot, s.
     pub(super) from_pivot_s: f64,
     pub(super) features: &'a [f64],
-    /// The change of the predicted straight readings with the offset, counts/s.
+    /// The derivative of the predicted straight readings with respect to the offset, counts/s.
     pub(super) slope: &'a [f64],
     pub(super) readings: &'a [f64],
-    /// The readings made straight.
+    /// The straightened readings.
     pub(super) straight: &'a [Straight],
-    /// What the row counts: 1, or less for an outlier.
+    /// The weight of the row: 1, or less for an outlier.
     pub(super) weight: f64,
-    /// Straight reading less the predicted one, counts.
+    /// Straight reading minus the predicted one, counts.
     pub(super) residual: &'a [f64],
 }
 
@@ -44,7 +43,6 @@ pub(super) struct MatchedRow<'a> {
 pub(super) struct Solution<'a> {
     /// Coefficients of [slope | slope · time] on the features.
     pub(super) along: &'a Mat<f64>,
-    /// W, the inverse of the residual covariance.
     pub(super) weights: &'a Mat<f64>,
     /// B without constant and drift.
     pub(super) map: MatRef<'a, f64>,
@@ -61,18 +59,18 @@ pub(super) struct ResidualSums {
     scores: Vec<[f64; 2]>,
     /// Per channel: Σ e², Σ y, Σ y² of straight readings y.
     squares: Vec<[f64; 3]>,
-    /// dᵀ W m and dᵀ W d, of slopes d and remembered parts m.
+    /// dᵀ W m and dᵀ W d, with slopes d and delayed parts m.
     late: [f64; 2],
-    /// Σ eᵀ W e′ over successive rows: the squares of what is alike in them.
+    /// Σ eᵀ W e′ over successive rows: the squares of their common part.
     alike: f64,
-    /// The residual of the row before, times its weight.
+    /// The residual of the previous row, times its weight.
     before: Vec<f64>,
     /// Σ (d − d′)ᵀ W (d − d′) over successive slopes.
     jumps: f64,
     slope_before: Vec<f64>,
     /// Time of the last row from the pivot, s.
     end_s: f64,
-    /// Slope, channel and time from the pivot where a reading changes fastest.
+    /// The fastest change of a reading: slope, channel and time from the pivot.
     pub(super) steepest: (f64, usize, f64),
     late_features: Vec<f64>,
     late_part: Vec<f64>,
@@ -86,7 +84,7 @@ impl ResidualSums {
         Self { start_s, end_s, squares, before, slope_before, late_part, ..Self::default() }
     }
 
-    /// `of_load` are the features of the model, without those that are none of the load.
+    /// Adds a row; `of_load` are the features without those that do not depend on the load.
     pub(super) fn add(&mut self, row: &MatchedRow<'_>, of_load: &[f64], at: &Solution<'_>) {
         self.rows += 1;
         self.late_features.resize(of_load.len(), 0.0);
@@ -128,17 +126,17 @@ impl ResidualSums {
         }
     }
 
-    /// The covariance of offset (s) and skew. `white` is H⁻¹, `spread` the variances over models
-    /// that are not ruled out.
+    /// The covariance of offset (s) and skew. `white` is H⁻¹, `spread` the variances over the plausible
+    /// models.
     ///
-    /// What is alike in successive residuals, eᵀWe′ in all, has the squared error `HIDDEN_SHARE²
-    /// eᵀWe′ H⁻¹` if that share of it lies along the slopes.
+    /// The common part of successive residuals sums to eᵀWe′. If a share `HIDDEN_SHARE` of it lies along the
+    /// slopes, its squared error is `HIDDEN_SHARE² eᵀWe′ H⁻¹`.
     pub(super) fn covariance(&self, white: [[f64; 2]; 2], spread: [f64; 2]) -> [[f64; 2]; 2] {
         let longest = (CORRELATED_S / SCORE_BIN_S) as usize;
         let mut covariance = sandwich(white, long_run_covariance(&self.scores, longest));
         let chance = CHANCE * ((self.rows * self.squares.len()) as f64).sqrt();
         let hidden = HIDDEN_SHARE * HIDDEN_SHARE * (self.alike - chance).max(0.0);
-        // Long-run covariances are biased downward, more so the shorter the recording.
+        // Long-run covariances are biased downward, more so for shorter recordings.
         for (i, row) in covariance.iter_mut().enumerate() {
             row[i] = row[i].max(white[i][i]) + spread[i];
         }
@@ -148,15 +146,15 @@ impl ResidualSums {
         covariance
     }
 
-    /// The period of the frames if the load jumps between them; next to nothing if it takes its time.
+    /// The period of the frames if the load jumps between them; nearly zero for a gradual load.
     fn jump_s(&self) -> f64 {
         let period_s = (self.end_s - self.start_s) / self.rows.max(1) as f64;
         let roughness = if self.late[1] > 0.0 { self.jumps / self.late[1] } else { 0.0 };
-        // 2 for slopes that do not follow from those before, below 0.5 for taps.
+        // 2 for slopes unrelated to the previous ones, below 0.5 for taps.
         period_s * (0.5 * roughness).powi(4).min(1.0)
     }
 
-    /// How late the memory makes the readings, s.
+    /// The delay of the readings due to the memory, s.
     pub(super) fn delay_s(&self) -> f64 {
         match self.late {
             [late, along] if along > 0.0 => -late / along,
@@ -169,7 +167,7 @@ impl ResidualSums {
         self.squares.iter().map(|[squares, ..]| (squares / self.rows as f64).sqrt()).collect()
     }
 
-    /// Share of the readings' variance that is explained, mean over the channels that change.
+    /// Share of the readings' variance that is explained, averaged over the channels that change.
     pub(super) fn explained(&self) -> f64 {
         let left = self.squares.iter().filter_map(|[squares, sum, sum_of_squares]| {
             let spread = sum_of_squares - sum * sum / self.rows as f64;
@@ -213,9 +211,9 @@ mod tests {
         let scores: Vec<_> =
             (0..1000).map(|i| [if i % 2 == 0 { 1.0 } else { -1.0 }, 0.5]).collect();
         let sum = long_run_covariance(&scores, 49);
-        // Bartlett's window over ±1 leaves 1/50 of the variance, but for the ends.
+        // Bartlett's window over ±1 leaves 1/50 of the variance, except at the ends.
         assert!(sum[0][0] > 0.0 && sum[0][0] < 0.03 * 1000.0, "{sum:?}");
-        // A constant adds up over all lags: 50 times the variance, but for the ends.
+        // A constant adds up over all lags: 50 times the variance, except at the ends.
         assert!((sum[1][1] / (0.25 * 50.0 * 1000.0) - 1.0).abs() < 0.02, "{sum:?}");
         assert_eq!(sum[0][1], sum[1][0]);
     }

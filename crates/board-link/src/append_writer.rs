@@ -1,10 +1,9 @@
-//! Where a recording is kept: as a rule a file that grows while it runs.
+//! Output of a recording, usually a file that grows while the recording runs.
 //!
-//! All other results appear whole or not at all ([`output_file`]). A recording is the exception:
-//! it cannot be made again, so what has arrived goes to the file within half a second, and stays
-//! there whatever happens to the program. Pieces are written whole: when the disk is full, the file
-//! is cut back to the end of the last piece that fits. Only a kill in the middle of a write may leave a
-//! part of a line, which a reader of logs leaves out.
+//! All other results are written completely or not at all ([`output_file`]). A recording is the exception: it
+//! cannot be repeated, so received data reach the file within half a second and stay there if the program
+//! fails. Pieces are written atomically: when the disk is full, the file is cut back to the end of the last
+//! complete piece. Only a kill in the middle of a write may leave a partial line, which readers of logs skip.
 
 use std::fmt::Debug;
 use std::fs::{self, File, OpenOptions};
@@ -13,27 +12,27 @@ use std::path::{Path, PathBuf};
 
 use output_file::OutputError;
 
-/// Where a log or the bytes of a port are kept while they grow: a file, or the memory of a page.
+/// A growing output for a log or for raw bytes: a file, or the memory of a web page.
 pub trait LogSink: Debug + Send {
-    /// Adds a piece, whole or not at all.
+    /// Appends a piece, completely or not at all.
     ///
     /// # Errors
     /// [`OutputError`] if there is no room for it.
     fn append(&mut self, piece: &[u8]) -> Result<(), OutputError>;
 
-    /// Ends it.
+    /// Closes the output.
     ///
     /// # Errors
-    /// [`OutputError`] if not all of it is kept.
+    /// [`OutputError`] if part of the data is lost.
     fn close(self: Box<Self>) -> Result<(), OutputError>;
 
-    /// Its name.
+    /// Returns the path or name.
     fn path(&self) -> &Path;
 
-    /// One for a further board, which its name names.
+    /// Creates an output for another board, whose name becomes part of the path.
     ///
     /// # Errors
-    /// [`OutputError`] if it cannot be made.
+    /// [`OutputError`] if it cannot be created.
     fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError>;
 }
 
@@ -44,15 +43,16 @@ pub struct AppendWriter {
     file: File,
     length: u64,
     regular: bool,
-    /// After an error nothing more is written: a hole would be taken for a loss on the way.
+    /// Set after an error; no more data are written, since a hole would look like a transmission loss.
     failed: bool,
 }
 
 impl AppendWriter {
-    /// Makes the file as [`open_growing`] does.
+    /// Creates the file like [`open_growing`].
     ///
     /// # Errors
-    /// [`OutputError`] if it cannot be made, or is named as a table in binary; its source has kind `AlreadyExists` if it is there.
+    /// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the
+    /// file exists, the error's source has kind `AlreadyExists`.
     pub fn create(path: &Path, overwrite: bool) -> Result<Self, OutputError> {
         if path.as_os_str() == "-" {
             return Err(OutputError::Stdout);
@@ -61,8 +61,8 @@ impl AppendWriter {
         Ok(Self { path: path.to_path_buf(), file, length: 0, regular, failed: false })
     }
 
-    /// Whether the file still has a name: where it was removed while it grew, all in it is lost. Elsewhere than on Unix
-    /// a file that is open cannot be removed.
+    /// Checks that the file still has a name: if it was removed while it grew, its content is lost. Outside
+    /// Unix an open file cannot be removed.
     fn check_there(&self) -> io::Result<()> {
         #[cfg(unix)]
         if std::os::unix::fs::MetadataExt::nlink(&self.file.metadata()?) == 0 {
@@ -79,7 +79,7 @@ impl LogSink for AppendWriter {
         }
         if let Err(source) = self.file.write_all(piece) {
             self.failed = true;
-            // If it cannot be cut back, a part of a line stays at the end; nothing else can be done.
+            // If cutting back fails, a partial line stays at the end; there is no other remedy.
             let _ = self.file.set_len(self.length);
             return Err(OutputError::failed(&self.path, source));
         }
@@ -87,7 +87,7 @@ impl LogSink for AppendWriter {
         Ok(())
     }
 
-    /// Ends the file: on the disk if it holds anything, gone if it does not.
+    /// Closes the file: syncs it to disk, or removes it if it is empty.
     fn close(self: Box<Self>) -> Result<(), OutputError> {
         if !self.regular {
             return Ok(());
@@ -103,8 +103,8 @@ impl LogSink for AppendWriter {
         &self.path
     }
 
-    /// A log whose name has that of the board in it: `log-2052.csv` beside `log.csv`; where there is one
-    /// already, `log-2052-2.csv` and so on, for a recording that runs cannot ask.
+    /// Creates a log with the board's name in its path: `log-2052.csv` next to `log.csv`. If that exists, the
+    /// name is `log-2052-2.csv` and so on, because a running recording cannot ask.
     fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError> {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));
@@ -118,11 +118,12 @@ impl LogSink for AppendWriter {
     }
 }
 
-/// Opens a file that is to grow, and tells whether it is one: devices and pipes are written to. A file that exists is left
-/// alone unless `overwrite`.
+/// Opens a file for appending, and returns whether it is a regular file; devices and pipes are just written
+/// to. An existing file is kept unless `overwrite` is set.
 ///
 /// # Errors
-/// [`OutputError`] if it cannot be made, or is named as a table in binary; its source has kind `AlreadyExists` if it is there.
+/// [`OutputError`] if the file cannot be created or its name has the extension of a binary table; if the file
+/// exists, the error's source has kind `AlreadyExists`.
 pub fn open_growing(path: &Path, overwrite: bool) -> Result<(File, bool), OutputError> {
     OutputError::check_text(path)?;
     let is_device = path.exists() && !path.is_file() && !path.is_dir();
@@ -136,5 +137,5 @@ pub fn open_growing(path: &Path, overwrite: bool) -> Result<(File, bool), Output
     Ok((file, !is_device))
 }
 
-/// Names that are tried for the log of a further board.
+/// Maximum number of names tried for the log of another board.
 const MOST_NAMES: u32 = 1000;

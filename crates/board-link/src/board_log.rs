@@ -1,4 +1,4 @@
-//! The log of one board while it is recorded.
+//! The log of one board during a recording.
 
 use std::path::PathBuf;
 
@@ -8,36 +8,36 @@ use super::LogSink;
 use super::record_options::{RecordError, RecordOptions};
 use crate::recording::{Annotations, BoardFrame, BoardSource, LiveForces, Losses, RowWriter};
 
-/// The most frames that wait for a label: 82 s at 100 Hz, in case the view has stopped to settle them.
+/// Maximum number of frames that wait for a label: 82 s at 100 Hz, in case the view no longer settles them.
 pub(super) const MOST_WAITING: usize = 8192;
 
-/// What came of one board of several.
+/// Result of one board in a recording of several.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordedBoard {
-    /// Address of its module, or what its packets call it.
+    /// Address of the board's radio module, or the board's name in its packets.
     pub address: String,
-    /// Its log, if one is written.
+    /// The board's log, if one is written.
     pub log: Option<PathBuf>,
     /// Distinct frames.
     pub frames: u64,
-    /// What was lost of it, without API frames that were damaged: nobody knows whose they were.
+    /// Losses, excluding damaged API frames, which cannot be attributed to a board.
     #[serde(flatten)]
     pub losses: Losses,
 }
 
-/// Frames of a board on their way into its log.
+/// A board's log during the recording, with the frames on their way into it.
 #[derive(Debug, Default)]
 pub(super) struct BoardLog {
     pub(super) sender: BoardSource,
     pub(super) log: Option<Box<dyn LogSink>>,
-    /// Made for the first frame, which tells the columns.
+    /// Created for the first frame, which determines the columns.
     pub(super) rows: Option<RowWriter>,
     pub(super) annotations: Annotations,
     /// Frames that wait for a label.
     pub(super) waiting: Vec<BoardFrame>,
-    /// Whether frames wait until they are settled.
+    /// True if frames wait until they are settled.
     pub(super) waits: bool,
-    /// Frames that its logs have no columns for.
+    /// Frames that do not match the log's columns.
     pub(super) other_content: u64,
     pub(super) frames: u64,
     /// Earliest and latest time of a frame.
@@ -45,7 +45,7 @@ pub(super) struct BoardLog {
 }
 
 impl BoardLog {
-    /// Writes frames, and empties them; those that may be labelled wait.
+    /// Writes frames and empties the list; frames that may still be labelled wait.
     pub(super) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
@@ -55,7 +55,7 @@ impl BoardLog {
         self.count(frames);
         let (Some(log), Some(first)) = (&mut self.log, frames.first()) else {
             frames.clear();
-            // What nobody records is marked on the screen only.
+            // Without a log, marks only appear on the screen.
             self.forget_annotations();
             return Ok(());
         };
@@ -67,7 +67,7 @@ impl BoardLog {
         }
         if self.waits {
             self.waiting.append(frames);
-            // By position: the indices of a board that starts anew begin again.
+            // Search by position, since the indices of a restarted board begin again.
             let is_first = |frame: &BoardFrame| Some(frame.index) == self.annotations.settled;
             let settled = self.waiting.iter().rposition(is_first).unwrap_or(0);
             let due = settled.max(self.waiting.len().saturating_sub(MOST_WAITING));
@@ -76,7 +76,7 @@ impl BoardLog {
         self.write_rows(frames, false)
     }
 
-    /// Writes frames to the log, if there are both.
+    /// Writes frames to the log, if there is one.
     fn write_rows(&mut self, frames: &mut Vec<BoardFrame>, ended: bool) -> Result<(), RecordError> {
         let (Some(rows), Some(log)) = (&mut self.rows, &mut self.log) else { return Ok(()) };
         let mut text = Vec::new();
@@ -84,7 +84,7 @@ impl BoardLog {
         Ok(log.append(&text)?)
     }
 
-    /// Ends the log, which may be followed by another.
+    /// Closes the log; another may follow.
     pub(super) fn close(&mut self) -> Result<(), RecordError> {
         self.finish()?;
         if self.rows.take().is_some() {
@@ -94,7 +94,7 @@ impl BoardLog {
         Ok(())
     }
 
-    /// Writes the frames that wait for those after them.
+    /// Writes the frames that wait for later ones.
     pub(super) fn finish(&mut self) -> Result<(), RecordError> {
         let mut waiting = std::mem::take(&mut self.waiting);
         self.write_rows(&mut waiting, true)
@@ -113,12 +113,12 @@ impl BoardLog {
         }
     }
 
-    /// The board's time from the first frame to the last.
+    /// Returns the board's time from the first frame to the last.
     pub(super) fn board_time_us(&self) -> i64 {
         self.extent_us.map_or(0, |(first, last)| last - first)
     }
 
-    /// What came of it, with the books of its board.
+    /// Returns the result of the board, with its losses.
     pub(super) fn recorded(&self, losses: Losses) -> RecordedBoard {
         let log = self.log.as_ref().map(|log| log.path().to_path_buf());
         RecordedBoard { address: self.sender.text(), log, frames: self.frames, losses }

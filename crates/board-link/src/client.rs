@@ -1,4 +1,4 @@
-//! Asking the board: commands, and answers that are matched by their numbers.
+//! Commands to the board, and answers matched by number.
 
 use std::io::{Read, Write};
 use std::time::{Duration, Instant};
@@ -13,28 +13,26 @@ use super::LinkError;
 use super::record::read_port;
 use crate::recording::PacketWire;
 
-/// How often a command is sent before the board is taken for deaf.
+/// Number of attempts before a board counts as not answering.
 pub(crate) const ATTEMPTS: u32 = 5;
 
-/// How long an answer is waited for. A radio takes tens of ms, a flash that is erased 25.
+/// Timeout of an answer. A radio takes tens of ms, erasing flash 25 ms.
 pub(crate) const WAIT: Duration = Duration::from_millis(400);
 
-/// How long other boards have to answer after the first.
+/// Time for answers of other boards after the first.
 const OTHERS: Duration = Duration::from_millis(100);
 
-/// The way to the board.
+/// The path to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uplink {
-    /// How the base station is set.
+    /// Framing of the base station.
     pub framing: Framing,
-    /// The board's module, where the base station is in API mode; 0xFFFF is all of them.
+    /// Address of the board's module if the base station is in API mode; 0xFFFF addresses all modules.
     pub to: u16,
 }
 
 impl Uplink {
-    /// A command as the bytes to send.
-    ///
-    /// `board` is the one that it is for, `None` for every board.
+    /// Encodes a command for a board; `None` is every board.
     pub fn encode(&self, number: u16, board: Option<BoardId>, command: Command) -> Vec<u8> {
         let frame = Packet::Command { number, to: board, command }.encode();
         match self.framing {
@@ -48,7 +46,7 @@ impl Uplink {
     }
 }
 
-/// One end of a conversation with a board.
+/// The host's end of a conversation with a board.
 #[derive(Debug)]
 pub struct Client<P> {
     port: P,
@@ -56,27 +54,27 @@ pub struct Client<P> {
     uplink: Uplink,
     downlink: PacketWire,
     number: u16,
-    /// The board that commands are for, where several hear; once it is known, where it was not named.
+    /// The board that commands address. If unset, it is set to the board that answers.
     pub board: Option<BoardId>,
     /// Serial numbers in the answers to the last command.
     serials: Vec<[u8; 12]>,
 }
 
 impl<P: Read + Write> Client<P> {
-    /// Over an open port, which `name` names in errors. Numbers go on from `number`: choose one that
-    /// a late answer to somebody else is unlikely to have.
+    /// Creates a client on an open port, which is called `name` in errors. Command numbers start after
+    /// `number`: choose one that a late answer to another program is unlikely to carry.
     pub fn new(port: P, name: &str, uplink: Uplink, number: u16) -> Self {
         let (name, downlink) = (name.to_owned(), PacketWire::new(uplink.framing));
         Self { port, name, uplink, downlink, number, board: None, serials: Vec::new() }
     }
 
-    /// Sends a command until its answer comes.
+    /// Sends a command repeatedly until its answer arrives.
+    ///
+    /// A command that must name its board goes to the board that answers [`Command::Identify`], unless a
+    /// board was chosen.
     ///
     /// # Errors
-    /// [`LinkError`]: no answer, a refusal, another version, or the port is gone.
-    ///
-    /// A command that needs to name its board has the one that answers to [`Command::Identify`],
-    /// unless one was chosen.
+    /// [`LinkError`]: no answer, a refusal, another protocol version, or a lost port.
     pub fn ask(&mut self, command: Command) -> Result<Answer, LinkError> {
         if self.board.is_none() && !command.is_for_all() {
             self.board = Some(self.identify()?.id());
@@ -87,7 +85,7 @@ impl<P: Read + Write> Client<P> {
         let mut silent = true;
         for _ in 0..ATTEMPTS {
             match self.port.write_all(&bytes) {
-                // The line is held up; perhaps not for long.
+                // The line is held up, perhaps only briefly.
                 Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {}
                 sent => sent.map_err(|error| self.lost(&error))?,
             }
@@ -101,11 +99,11 @@ impl<P: Read + Write> Client<P> {
         Err(LinkError::NoAnswer { port: self.name.clone(), command, silent })
     }
 
-    /// The answer with the number of the last command, `None` if it does not come in time.
+    /// Returns the answer with the last command's number, `None` if it does not arrive in time.
     fn wait(&mut self, time: Duration, silent: &mut bool) -> Result<Option<Answer>, LinkError> {
         let deadline = Instant::now() + time;
         let mut buffer = [0; 1024];
-        // It reads at least once: an answer may have arrived while this process was not running.
+        // Read at least once: an answer may have arrived while this process was suspended.
         loop {
             let count =
                 read_port(&mut self.port, &mut buffer).map_err(|error| self.lost(&error))?;
@@ -123,7 +121,7 @@ impl<P: Read + Write> Client<P> {
                         found = Some(answer);
                     }
                 }
-                // Version 2, whose samples are read but which takes other commands.
+                // Version 2: its samples can be read, but its commands differ.
                 Event::Packet(ReceivedPacket { origin: None, packet: Packet::Sample(_) }) => {
                     other = Some(VERSION - 1);
                 }
@@ -142,7 +140,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Does a command that has nothing to tell.
+    /// Sends a command whose answer carries no data.
     ///
     /// # Errors
     /// As [`ask`](Self::ask).
@@ -153,7 +151,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// What the board is.
+    /// Returns the board's identity.
     ///
     /// # Errors
     /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one answers.
@@ -161,7 +159,7 @@ impl<P: Read + Write> Client<P> {
         let Answer::Identity(identity) = self.ask(Command::Identify)? else {
             return Err(LinkError::WrongAnswer(Command::Identify));
         };
-        // Others may answer a little later.
+        // Other boards may answer a little later.
         let heard = std::mem::take(&mut self.serials);
         let deadline = Instant::now() + OTHERS;
         while let Some(rest) = deadline.checked_duration_since(Instant::now()) {
@@ -176,7 +174,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// What the board said before its last reset, empty if nothing.
+    /// Returns the board's words before its last reset, or an empty string.
     ///
     /// # Errors
     /// As [`ask`](Self::ask).
@@ -195,7 +193,7 @@ impl<P: Read + Write> Client<P> {
         Ok(String::from_utf8_lossy(&words).into_owned())
     }
 
-    /// By how many steps of the converter an emitter raises each channel.
+    /// Returns the rise of each channel under an emitter, in steps of the converter.
     ///
     /// # Errors
     /// As [`ask`](Self::ask).
@@ -207,7 +205,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// How the board does.
+    /// Returns the board's state.
     ///
     /// # Errors
     /// As [`ask`](Self::ask).
@@ -218,11 +216,11 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Uploads a calibration and checks that the board has kept it. Returns its CRC-32.
+    /// Uploads a calibration and checks that the board stores it. Returns its CRC-32.
     ///
     /// # Errors
-    /// As [`ask`](Self::ask); [`LinkError::UnknownKind`] if its firmware is older than this kind;
-    /// [`LinkError::NotKept`] if the board then has another.
+    /// As [`ask`](Self::ask); [`LinkError::UnknownKind`] if the firmware is too old for this kind;
+    /// [`LinkError::NotKept`] if the board has another calibration afterwards.
     pub fn upload(&mut self, calibration: &Calibration) -> Result<u32, LinkError> {
         let bytes = calibration.to_bytes();
         let sent = crc32(&bytes);
@@ -238,8 +236,8 @@ impl<P: Read + Write> Client<P> {
             let offset = (i * MAX_PIECE) as u16;
             self.order(Command::CalibrationPiece { offset, data })?;
         }
-        // The board keeps the upload, so a commit whose answer was lost is done once more. The status
-        // tells what came of it.
+        // The board keeps the upload, so a commit whose answer was lost can be repeated. The status shows the
+        // result.
         self.order(Command::CommitCalibration)?;
         let found = self.status()?.calibration_crc32;
         match found == sent {
@@ -253,7 +251,7 @@ impl<P: Read + Write> Client<P> {
     }
 }
 
-/// What a command that is refused could have asked for, and else what tells more; nothing where that is not known.
+/// Returns a hint on a refused command, such as the values that would be accepted; empty if there is none.
 pub(crate) fn what_fits(command: &Command, refusal: Refusal) -> String {
     let text = match (refusal, command) {
         (Refusal::PeriodTooShort { shortest_us } | Refusal::LineTooSlow { shortest_us }, _) => {
@@ -291,21 +289,22 @@ pub(crate) fn name_of(command: &Command) -> String {
     }
 }
 
-/// What an emitter raises its own channel by at least, in steps of the converter; a photointerrupter
-/// over a reflector gives a thousand.
+/// Minimum rise of an emitter's own channel, in steps of the converter; a photointerrupter over a reflector
+/// gives a thousand.
 const LEAST_RISE: i16 = 100;
 
-/// What an emitter raises another channel by at most, as a share of its own; light that leaks under a
-/// shell stays below.
+/// Maximum rise of another channel, as a share of the own channel's; light that leaks under a shell stays
+/// below.
 const MOST_LEAK: f64 = 0.05;
 
-/// Rise that is noise whatever the emitter, in steps.
+/// Rise that noise alone can cause, in steps.
 const NOISE: f64 = 8.0;
 
-/// Judges what an emitter raises each channel by.
+/// Checks the rise of each channel under an emitter.
 ///
 /// # Errors
-/// Unless it raises its own channel and no other: what is wrong, in words, in which channels count from 1.
+/// A description of the fault, with channels counted from 1, unless the emitter raises its own channel and no
+/// other.
 pub fn judge(emitter: usize, rise: &[i16; CHANNELS]) -> Result<(), String> {
     let number = emitter + 1;
     let own = rise.get(emitter).copied().unwrap_or(0);

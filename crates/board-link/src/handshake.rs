@@ -1,6 +1,6 @@
-//! Asking a board all that can be asked, and listening to its stream for a while.
+//! A complete query of a board, and a short recording of its stream.
 //!
-//! Nothing that the board holds is changed; a stream that stood still is started and stopped again.
+//! The board's state is not changed; a stream that was off is started and stopped again.
 
 use std::io::Write;
 use std::sync::atomic::AtomicBool;
@@ -17,71 +17,71 @@ use super::{
 use crate::recording::BoardFrame;
 use shell_data::lock::lock;
 
-/// Bits per second that boards and XBees are set to, the likeliest first.
+/// Bit rates of boards and XBees, most likely first.
 const BAUDS: [u32; 9] =
     [57_600, 115_200, 9_600, 230_400, 460_800, 38_400, 19_200, 921_600, 1_000_000];
 
-/// How long an answer is waited for where one is not expected. At 9,600 baud that is 240 bytes.
+/// Timeout of an unexpected answer. At 9,600 baud that is 240 bytes.
 const GLANCE: Duration = Duration::from_millis(250);
 
-/// Bytes that are enough to tell what they are.
+/// Number of bytes that suffices to detect the protocol.
 const ENOUGH: usize = 2048;
 
-/// How to ask.
+/// Options of the handshake.
 #[derive(Clone, Debug)]
 pub struct HandshakeOptions {
-    /// The port and how it should be set.
+    /// The port and its expected settings.
     pub port: PortOptions,
-    /// How the base station should be set.
+    /// The expected settings of the base station.
     pub uplink: Uplink,
-    /// How long the stream is listened to.
+    /// Duration of the recorded stretch.
     pub listen: Duration,
-    /// The number of the first command: one that late answers to others do not have.
+    /// Number of the first command, which late answers to other programs are unlikely to carry.
     pub number: u16,
 }
 
-/// What comes from the port.
+/// The kind of data on the port.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Heard {
-    /// A board, at this speed, bits per second, and with this protocol.
+    /// A board, at this speed in bits per second, and with this protocol.
     Board { baud: u32, protocol: Protocol },
-    /// Bytes without a frame in them, at any speed; so many at the speed that was asked for.
+    /// Bytes without a frame, at any speed; `bytes` is the number at the requested speed.
     Noise { bytes: usize },
-    /// Nothing, at any speed.
+    /// No data, at any speed.
     #[default]
     Silence,
 }
 
-/// All that a board said.
+/// Result of a handshake.
 #[derive(Debug, Default)]
 pub struct Handshake {
-    /// What came from the port.
+    /// The kind of data on the port.
     pub heard: Heard,
-    /// What the board is.
+    /// Identity of the board.
     pub identity: Option<Identity>,
-    /// How it did before it was made to stream.
+    /// State of the board before its stream was started.
     pub status: Option<Status>,
-    /// What it said before its last reset, if that was a crash.
+    /// The board's last words before its last reset, if that was a crash.
     pub last_words: Option<String>,
-    /// A question that it did not answer.
+    /// The error of a query without an answer.
     pub trouble: Option<LinkError>,
-    /// A stretch of its stream; `None` if it was not got so far.
+    /// A stretch of the board's stream; `None` if the handshake ended before it.
     pub stream: Option<Result<Stretch, RecordError>>,
 }
 
 /// A stretch of a stream.
 #[derive(Clone, Debug)]
 pub struct Stretch {
-    /// What was recorded, with the books of what was lost.
+    /// Summary of the recording, with its losses.
     pub recorded: Recorded,
-    /// The frames, in the order in which they arrived.
+    /// The frames, in order of arrival.
     pub frames: Vec<BoardFrame>,
 }
 
-/// Asks the board at a port; `stop` ends it early.
+/// Queries the board at a port; `stop` ends it early.
 ///
 /// # Errors
-/// [`LinkError`] if the port cannot be opened or goes away.
+/// [`LinkError`] if the port cannot be opened or is lost.
 pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handshake, LinkError> {
     let heard = listen(options)?;
     let mut found = Handshake { heard, ..Handshake::default() };
@@ -112,7 +112,7 @@ pub fn handshake(options: &HandshakeOptions, stop: &AtomicBool) -> Result<Handsh
     Ok(found)
 }
 
-/// Keeps the frames.
+/// A watcher that collects the frames.
 #[derive(Debug)]
 struct Keep(Arc<Mutex<Vec<BoardFrame>>>);
 
@@ -132,14 +132,14 @@ fn ask(client: &mut Client<Box<dyn Connection>>, found: &mut Handshake) -> Resul
     Ok(())
 }
 
-/// What comes from the port as it should be set and, if that is no board, at other speeds.
+/// Listens at the requested speed and, if there is no board, at other speeds.
 fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
     let asked = options.port.baud;
     let others = BAUDS.into_iter().filter(|&baud| baud != asked && !options.port.is_tcp());
     let mut at_first = 0;
     for (turn, baud) in [asked].into_iter().chain(others).enumerate() {
         let port = PortOptions { baud, ..options.port.clone() };
-        // An adapter that cannot be so fast is not talked to so fast.
+        // Skip speeds that the adapter does not support.
         let mut port = match port.open() {
             Err(LinkError::Open { .. }) if turn > 0 => continue,
             port => port?,
@@ -148,7 +148,7 @@ fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
         let others = Framing::ALL.into_iter().filter(|&framing| framing != asked_in);
         for framing in [asked_in].into_iter().chain(others) {
             let uplink = Uplink { framing, ..options.uplink };
-            // What cannot be sent is not answered, which is what is found out here.
+            // A failed write only means that no answer comes, which shows below.
             let _ = port.write_all(&uplink.encode(options.number, None, Command::Identify));
             collect(&mut *port, &mut bytes)
                 .map_err(|error| LinkError::lost(&options.port.port, &error))?;
@@ -166,14 +166,14 @@ fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
     })
 }
 
-/// What comes in a moment.
+/// Collects bytes for a moment.
 fn collect(port: &mut dyn Connection, bytes: &mut Vec<u8>) -> std::io::Result<()> {
     let until = Instant::now() + GLANCE;
     let mut buffer = [0; 1024];
     while Instant::now() < until && bytes.len() < ENOUGH {
         let count = read_port(port, &mut buffer)?;
         bytes.extend_from_slice(&buffer[..count]);
-        // An answer is there at once, more often than not.
+        // An answer usually arrives at once.
         if count > 0 && bytes.len() > 64 && detect(bytes).is_some() {
             break;
         }

@@ -1,8 +1,9 @@
-//! The link to a board: serial ports, recording from them, and commands.
+//! The link to a board: serial ports, recording, and commands.
 //!
-//! [`record()`] takes bytes from a [`Source`] (a port, or raw bytes that were recorded before) into a
-//! log by way of a [`Recorder`], which needs neither port nor clock, and [`crate::recording`]; [`Client`] asks the
-//! board for things and waits for its answers. Only one of them has a port at a time: ports are opened for exclusive use.
+//! [`record()`] reads bytes from a [`Source`] (a port, or a file of recorded raw bytes) into a log, through a
+//! [`Recorder`], which needs neither port nor clock, and [`crate::recording`]. [`Client`] sends commands to
+//! the board and waits for its answers. Ports are opened for exclusive use, so only one of the two can have a
+//! port at a time.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "opens ports, keeps time")]
 
@@ -31,37 +32,37 @@ pub use upload::{NotForBoard, for_board};
 use shared_proto::{Board, Command, Refusal};
 use shell_data::hint::Hint;
 
-/// What can go wrong between a board and the host.
+/// Errors between a board and the host.
 ///
-/// What the system said is kept as text: to lose the board is never to be mistaken for the reader
-/// of our output having gone, which is an ordinary end.
+/// System errors are stored as text, so that a lost board cannot be mistaken for a closed output pipe, which
+/// is a normal end.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {
-    /// There is no such port.
+    /// The port does not exist.
     #[error("there is no port `{0}`")]
     Missing(String),
     /// Another program has the port.
     #[error("port `{0}` is in use by another program")]
     Busy(String),
-    /// The user may not open the port.
+    /// The user has no permission to open the port.
     #[error("no permission to open port `{0}`")]
     Denied(String),
-    /// The port cannot be opened for another reason, which the system gives.
+    /// The port cannot be opened for another reason, given by the system.
     #[error("cannot open port `{port}`: {reason}")]
     Open { port: String, reason: String },
-    /// The port is gone: unplugged, as a rule; and what the system said.
+    /// The port was lost, usually unplugged; with the system's reason.
     #[error("port `{port}` is gone: {reason}")]
     Lost { port: String, reason: String },
-    /// The recording to replay cannot be read, for a reason that the system gives.
+    /// The recording to replay cannot be read, for a reason given by the system.
     #[error("cannot read `{path}`: {reason}")]
     Replay { path: String, reason: String },
-    /// No answer to a command, however often it was sent; if `silent`, nothing at all has arrived.
+    /// A command had no answer in all attempts; if `silent`, not a single byte arrived.
     #[error(
         "no answer to `{}` on `{port}` ({} attempts, {} ms each{})",
         client::name_of(command), client::ATTEMPTS, client::WAIT.as_millis(), if *silent { ", not a byte" } else { "" }
     )]
     NoAnswer { port: String, command: Command, silent: bool },
-    /// The board does not do what it was asked, for a reason that it gives.
+    /// The board refused a command, with its reason.
     #[error(
         "the board refuses `{}`: {}{}",
         client::name_of(command), refusal_text(*refusal), client::what_fits(command, *refusal)
@@ -73,16 +74,16 @@ pub enum LinkError {
         VERSION = shared_proto::VERSION
     )]
     OtherVersion(u8),
-    /// A command that only one board is to do reaches several, with these serial numbers.
+    /// A command for one board reached several, with these serial numbers.
     #[error("{} boards answer on `{port}`: {}", serials.len(), serials.iter().map(serial_text).collect::<Vec<_>>().join(", "))]
     SeveralBoards { port: String, serials: Vec<[u8; 12]> },
-    /// An answer of the wrong kind.
+    /// An answer of a kind that does not match the command.
     #[error("the board's answer to `{}` is not one to it", client::name_of(_0))]
     WrongAnswer(Command),
-    /// The board has firmware from before calibrations of this kind.
+    /// The board's firmware is older than calibrations of this kind.
     #[error("the board's firmware does not know calibrations of kind `{0}`")]
     UnknownKind(&'static str),
-    /// After an upload the board does not have the calibration that it was sent: the CRC-32 of both.
+    /// The board's calibration after an upload differs from the one sent: the CRC-32 of both.
     #[error("after the upload the board has calibration {found:#010x}, sent was {sent:#010x}")]
     NotKept { sent: u32, found: u32 },
 }
@@ -140,7 +141,7 @@ impl Hint for LinkError {
     }
 }
 
-/// A refusal in words.
+/// Describes a refusal.
 fn refusal_text(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::UnknownCommand => "its firmware does not know the command",
@@ -161,12 +162,12 @@ fn refusal_text(refusal: Refusal) -> &'static str {
     }
 }
 
-/// A serial number as `shellcal board identify` prints it.
+/// Formats a serial number as `shellcal board identify` prints it.
 pub fn serial_text(serial: &[u8; 12]) -> String {
     serial.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// What a board calls itself, as `shellcal board identify` prints it.
+/// Formats a board type as `shellcal board identify` prints it.
 pub fn board_text(board: Board) -> String {
     match board {
         Board::Other(code) => format!("number {code}, which this program does not know"),

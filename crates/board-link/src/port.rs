@@ -1,7 +1,7 @@
-//! Serial ports: which there are, opening one, and what the system says of one before anything is sent: who may open
-//! it, who has it open, and how long its adapter keeps bytes back. Or a connection over TCP in place of one.
+//! Serial ports and connections over TCP: listing, opening, and diagnosis before anything is sent: who may
+//! open a port, which process has it open, and the latency of its adapter.
 //!
-//! Linux tells all of that in files; elsewhere only whether the port can be opened is known.
+//! Linux exposes all of that in files. On other systems only the result of opening is known.
 
 use std::io::{Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -15,48 +15,48 @@ use serialport::{ErrorKind, SerialPortType};
 
 use super::LinkError;
 
-/// How long a read waits: the longest time until Ctrl-C is heard.
+/// Timeout of a read, which bounds the response time to Ctrl-C.
 const READ_TIMEOUT: Duration = Duration::from_millis(50);
 
-/// What the name of a port over TCP begins with: `tcp://HOST:PORT`.
+/// Prefix of a port over TCP: `tcp://HOST:PORT`.
 pub const TCP: &str = "tcp://";
 
-/// How long a host over TCP may take to answer.
+/// Timeout of a TCP connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// An open way to a board.
+/// An open connection to a board.
 pub trait Connection: Read + Write + Send + fmt::Debug {}
 
 impl<C: Read + Write + Send + fmt::Debug + ?Sized> Connection for C {}
 
-/// A port and how to open it: 8 data bits, no parity, 1 stop bit.
+/// A port and its settings: 8 data bits, no parity, 1 stop bit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PortOptions {
-    /// Its name or path.
+    /// Name or path of the port.
     pub port: String,
     /// Bits per second.
     pub baud: u32,
-    /// Who may hold up whom.
+    /// Flow control of the line.
     pub flow_control: FlowControl,
 }
 
 /// A port of this computer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PortInfo {
-    /// What to call it.
+    /// Name of the port.
     pub port: String,
     /// `usb`, `bluetooth`, `pci` or `unknown`.
     pub kind: &'static str,
-    /// Product and manufacturer, where the system tells.
+    /// Product and manufacturer, if the system reports them.
     pub description: String,
-    /// Serial number of a USB adapter, where the system tells.
+    /// Serial number of a USB adapter, if the system reports it.
     pub serial: Option<String>,
 }
 
-/// The serial ports of this computer, by name.
+/// Lists the serial ports of this computer, by name.
 ///
 /// # Errors
-/// What the system says.
+/// The system's error.
 pub fn ports() -> Result<Vec<PortInfo>, serialport::Error> {
     let mut ports: Vec<_> = serialport::available_ports()?
         .into_iter()
@@ -80,7 +80,7 @@ pub fn ports() -> Result<Vec<PortInfo>, serialport::Error> {
 }
 
 impl PortOptions {
-    /// Whether the port is one over TCP, which has no speed of its own.
+    /// Returns whether the port is a TCP connection, which has no speed.
     pub fn is_tcp(&self) -> bool {
         self.port.starts_with(TCP)
     }
@@ -88,7 +88,7 @@ impl PortOptions {
     /// Opens the port for exclusive use.
     ///
     /// # Errors
-    /// [`LinkError`] that tells a port that is missing, in use, or not permitted.
+    /// [`LinkError`], which distinguishes a missing port, a port in use, and a lack of permission.
     pub fn open(&self) -> Result<Box<dyn Connection>, LinkError> {
         if let Some(address) = self.port.strip_prefix(TCP) {
             let connection = connect(address)
@@ -100,7 +100,7 @@ impl PortOptions {
             .timeout(READ_TIMEOUT)
             .open()
             .map_err(|error| self.explain(&error))?;
-        // What the system has kept from before is old.
+        // Data that the system has buffered earlier are stale.
         port.clear(serialport::ClearBuffer::Input).map_err(|error| self.explain(&error))?;
         Ok(Box::new(port))
     }
@@ -111,8 +111,7 @@ impl PortOptions {
         match error.kind() {
             ErrorKind::Io(Io::NotFound) => LinkError::Missing(port),
             ErrorKind::Io(Io::PermissionDenied) => LinkError::Denied(port),
-            // What the library reports of a port that is locked, and Windows of one that is not
-            // there.
+            // The library's error for a locked port, and on Windows for a missing one.
             ErrorKind::NoDevice if cfg!(unix) => LinkError::Busy(port),
             ErrorKind::NoDevice => LinkError::Missing(port),
             _ => LinkError::Open { port, reason: error.to_string() },
@@ -120,7 +119,7 @@ impl PortOptions {
     }
 }
 
-/// Connects to the first address of a host that answers; why not, where none does.
+/// Connects to the first address of a host that answers; returns the reason if none does.
 fn connect(address: &str) -> Result<TcpStream, String> {
     let named = |error: std::io::Error| format!("{error}; a board over TCP is `tcp://HOST:PORT`");
     let mut reason = "the host has no address".to_owned();
@@ -139,27 +138,28 @@ fn connect(address: &str) -> Result<TcpStream, String> {
     Err(reason)
 }
 
-/// What is known of a port.
+/// Diagnosis of a port.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PortState {
-    /// The port as it was named.
+    /// Name of the port as given.
     pub port: String,
-    /// Why it cannot be opened, if it cannot.
+    /// The error of opening the port, if any.
     pub refusal: Option<LinkError>,
-    /// The group that may open it.
+    /// The group with permission to open it.
     pub group: Option<String>,
-    /// Whether the user of this process is in that group.
+    /// True if the process's user is in that group.
     pub in_group: Option<bool>,
-    /// A process that has it open: its name and number.
+    /// Name and id of a process that has it open.
     pub holder: Option<(String, u32)>,
-    /// How long the USB adapter waits for more bytes before it passes a few on, in ms.
+    /// Latency timer of the USB adapter in ms: its wait for more bytes before it passes on a few.
     pub latency_ms: Option<u32>,
-    /// The file that holds that time.
+    /// The file that holds the latency timer.
     pub latency_file: Option<PathBuf>,
 }
 
 impl PortState {
-    /// Looks at a port, and opens it for a moment. The system's files are in the folder `root`: `/`, but for a test.
+    /// Examines a port, and opens it briefly. `root` is the folder of the system's files: `/`, except in
+    /// tests.
     pub fn new(options: &PortOptions, root: &Path) -> Self {
         let path = fs::canonicalize(&options.port).unwrap_or_else(|_| PathBuf::from(&options.port));
         let latency_file = latency_file(&path, root);
@@ -167,7 +167,7 @@ impl PortState {
             fs::read_to_string(file).ok().and_then(|text| text.trim().parse().ok())
         });
         let refusal = options.open().err();
-        // Whose it is only matters where we are kept out.
+        // The holder only matters if the port is in use.
         let is_busy = matches!(refusal, Some(LinkError::Busy(_)));
         let holder = if is_busy { holder(&path, root) } else { None };
         let (port, (group, in_group)) = (options.port.clone(), group(&path, root));
@@ -175,14 +175,14 @@ impl PortState {
     }
 }
 
-/// The file with the latency timer of an FTDI adapter.
+/// Returns the file with the latency timer of an FTDI adapter.
 fn latency_file(port: &Path, root: &Path) -> Option<PathBuf> {
     let name = port.file_name()?;
     let file = root.join("sys/bus/usb-serial/devices").join(name).join("latency_timer");
     file.exists().then_some(file)
 }
 
-/// A process that has the port open, as far as its files may be looked at.
+/// Returns a process that has the port open, among those whose files are readable.
 fn holder(port: &Path, root: &Path) -> Option<(String, u32)> {
     for entry in fs::read_dir(root.join("proc")).ok()?.flatten() {
         let Some(id) = entry.file_name().to_str().and_then(|name| name.parse().ok()) else {
@@ -201,7 +201,7 @@ fn holder(port: &Path, root: &Path) -> Option<(String, u32)> {
     None
 }
 
-/// The group of the port, and whether this process is in it.
+/// Returns the group of the port, and whether this process is in it.
 #[cfg(unix)]
 fn group(port: &Path, root: &Path) -> (Option<String>, Option<bool>) {
     use std::os::unix::fs::MetadataExt;
@@ -230,7 +230,7 @@ mod tests {
     use super::*;
     use std::os::unix::fs::{MetadataExt, symlink};
 
-    /// A system whose files say what the test wants.
+    /// A fake system with the files that the test needs.
     #[test]
     fn adapter_holder_and_group_are_read_from_the_files_of_the_system() {
         let dir = tempfile::tempdir().unwrap();
@@ -253,7 +253,7 @@ mod tests {
         let state = PortState::new(&options, dir.path());
         assert_eq!(state.latency_ms, Some(16));
         assert_eq!((state.group.as_deref(), state.in_group), (Some("dialout"), Some(false)));
-        // A file is no port.
+        // A regular file is not a port.
         assert!(matches!(state.refusal, Some(LinkError::Open { .. })), "{state:?}");
         let canonical = fs::canonicalize(at("adapter")).unwrap();
         assert_eq!(holder(&canonical, dir.path()), Some(("minicom".to_owned(), 4242)));

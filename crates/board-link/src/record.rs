@@ -1,4 +1,4 @@
-//! Recording: bytes from a port, or from a file of bytes that were recorded before, into a log and a raw file.
+//! Recording of a port, or of a file of raw bytes, into a log and a raw file.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -10,38 +10,38 @@ use super::record_options::{RecordError, RecordOptions, RecordingProgress};
 use super::recorder::{Recorded, Recorder, Sinks};
 use super::{Connection, LinkError, PortOptions};
 
-/// Time between two attempts to open a port that is gone.
+/// Interval between attempts to reopen a lost port.
 const RETRY: Duration = Duration::from_millis(500);
 
-/// Time between two reads of a port that has bytes, at least. What arrives faster, three frames at 1 kHz, is taken together:
-/// to wake for each takes thrice the processor time.
+/// Minimum interval between reads of a busy port. Faster data, three frames at 1 kHz, are read together:
+/// waking for each takes three times the processor time.
 const PACE: Duration = Duration::from_millis(3);
 
 /// A stream of bytes.
 #[derive(Debug)]
 pub struct Source {
     name: String,
-    /// The port or file; `None` while a port is gone.
+    /// The port or file; `None` while a port is lost.
     connection: Option<Box<dyn Connection>>,
-    /// `None` of a file.
+    /// `None` for a file.
     port: Option<PortOptions>,
-    /// Whether a port that goes away is waited for.
+    /// True to wait for a lost port.
     reconnect: bool,
-    /// When it was tried last to open it again.
+    /// Time of the last attempt to reopen.
     tried_at: Instant,
-    /// When bytes were read last.
+    /// Time of the last read.
     read_at: Instant,
     started: Instant,
     wall: SystemTime,
-    /// Times that a port that was gone has come back.
+    /// Number of times that a lost port has come back.
     pub reconnections: u64,
 }
 
 impl Source {
-    /// Opens a port. With `reconnect`, one that goes away is waited for.
+    /// Opens a port. With `reconnect`, a lost port is waited for.
     ///
     /// # Errors
-    /// [`LinkError`] if it cannot be opened now.
+    /// [`LinkError`] if the port cannot be opened now.
     pub fn port(options: PortOptions, reconnect: bool) -> Result<Self, LinkError> {
         let (name, connection) = (options.port.clone(), options.open()?);
         Ok(Self { port: Some(options), reconnect, ..Self::new(name, connection) })
@@ -53,7 +53,7 @@ impl Source {
     /// [`LinkError::Replay`] if it cannot be opened.
     pub fn replay(path: &Path) -> Result<Self, LinkError> {
         let refused = |error: io::Error| replay_error(path.display(), &error);
-        // Before it is opened: whoever opens a pipe waits for its writer.
+        // Checked before opening, since opening a pipe would wait for its writer.
         if !std::fs::metadata(path).map_err(refused)?.is_file() {
             return Err(refused(io::Error::other("it is not a regular file")));
         }
@@ -76,19 +76,20 @@ impl Source {
         }
     }
 
-    /// Time since the start; a replay takes none.
+    /// Returns the time since the start; zero for a replay.
     fn elapsed(&self) -> Duration {
         self.port.as_ref().map_or(Duration::ZERO, |_| self.started.elapsed())
     }
 
-    /// When bytes that are read now were sent, or so, since the start; of a replay nobody knows.
+    /// Returns the approximate sending time of bytes read now, since the start; unknown for a replay.
     fn arrival(&self) -> Option<Duration> {
-        // While a computer sleeps, only the clock on its wall goes on.
+        // While a computer sleeps, only its wall clock continues.
         let on_the_wall = self.wall.elapsed().unwrap_or_default();
         self.port.as_ref().map(|_| self.started.elapsed().max(on_the_wall))
     }
 
-    /// Reads bytes into `buffer` and waits briefly for the first. Returns their number, or `None` at the end.
+    /// Reads bytes into `buffer`, and waits briefly for the first. Returns their number, or `None` at the
+    /// end.
     fn read(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, LinkError> {
         let Some(connection) = &mut self.connection else {
             std::thread::sleep(Duration::from_millis(20));
@@ -119,8 +120,8 @@ impl Source {
         }
     }
 
-    /// Sends bytes to the board; a replay has none. What cannot be sent is lost: the caller repeats
-    /// it until the board has heard.
+    /// Sends bytes to the board, unless this is a replay. Errors are ignored: the caller repeats commands
+    /// until the board reacts.
     fn send(&mut self, bytes: &[u8]) {
         if let (Some(connection), Some(_)) = (&mut self.connection, &self.port) {
             let _ = connection.write_all(bytes);
@@ -128,10 +129,10 @@ impl Source {
     }
 }
 
-/// Records until the source ends, the time is over or `stop` is set; `observe` is told about twice
-/// a second how it goes.
+/// Records until the source ends, the time is over or `stop` is set; calls `observe` with the progress about
+/// twice a second.
 ///
-/// Every frame that arrived is in the log when this returns, with an error as without.
+/// Every frame that arrived is in the log when this returns, even after an error.
 ///
 /// # Errors
 /// [`RecordError`].
@@ -146,7 +147,7 @@ pub fn record(
     let ran = run(&mut recorder, source, options.duration, stop, observe);
     source.send(&recorder.last_commands());
     let is_about_a_file = |error: &RecordError| matches!(error, RecordError::Output(_));
-    // Whatever has happened: what has arrived is kept.
+    // In any case, the received data are kept.
     let finished = match ran {
         Ok(()) => recorder.finish(),
         Err(error) => Err(recorder.finish().err().filter(is_about_a_file).unwrap_or(error)),
@@ -185,7 +186,7 @@ fn run(
     }
 }
 
-/// Reads what a port or file has ready, which may be zero bytes.
+/// Reads the bytes that a port or file has ready, possibly none.
 pub(super) fn read_port(port: &mut (impl Read + ?Sized), buffer: &mut [u8]) -> io::Result<usize> {
     match port.read(buffer) {
         Ok(0) => Err(io::ErrorKind::UnexpectedEof.into()),

@@ -1,4 +1,4 @@
-//! How a recording is made, who looks on meanwhile and what they may want of it, and why it ends before its time.
+//! Options of a recording, watchers and their commands, and errors that end a recording early.
 
 use std::time::Duration;
 
@@ -11,91 +11,91 @@ use shell_data::wrench::AxisValues;
 use super::{LinkError, LogSink, Uplink};
 use crate::recording::{BoardFrame, LiveForces, Losses, NoFrame, UnsuitableCalibration};
 
-/// How a recording is made.
+/// Options of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct RecordOptions {
-    /// The protocol, if it is not to be recognised.
+    /// The protocol; `None` to detect it.
     pub protocol: Option<Protocol>,
-    /// For forces beside the readings.
+    /// Calibration for forces in addition to the readings.
     pub forces: Option<LiveForces>,
-    /// When to end.
+    /// Duration after which the recording ends.
     pub duration: Option<Duration>,
-    /// Tells the board to start streaming, again as before if it restarts, and to stop at the end.
+    /// Uplink for starting the board's stream, restoring it after a restart, and stopping it at the end.
     pub start: Option<Uplink>,
-    /// Channels are not brought to one time.
+    /// Keeps the channels at their sampling times, without alignment to a common time.
     pub as_sampled: bool,
-    /// Stretches are labelled while they are recorded ([`RecordCommand::Label`]): there is a
-    /// column for the labels, and rows of the first board wait until they are
-    /// [settled](RecordCommand::Settled), so that a stretch may have begun when it is found.
+    /// Enables labels during the recording ([`RecordCommand::Label`]): adds a label column, and delays rows
+    /// of the first board until they are [settled](RecordCommand::Settled), so that a stretch may begin
+    /// before it is found.
     pub labels: bool,
 }
 
-/// Looks on while a recording is made. It is called on the thread that records, so it must not wait.
+/// An observer of a recording. It is called on the recording thread, so it must not block.
 pub trait Watcher: std::fmt::Debug + Send {
-    /// Frames that have just arrived, in the order in which they did; of several boards those of the first.
+    /// Receives newly arrived frames in order of arrival; with several boards, those of the first.
     fn see(&mut self, frames: &[BoardFrame]);
 
-    /// What is to happen to the log from now on; asked about twice a second, until there is nothing more.
+    /// Returns the next command for the log. Called about twice a second, until it returns `None`.
     fn next_command(&mut self) -> Option<RecordCommand> {
         None
     }
 }
 
-/// What a watcher wants.
+/// A command of a watcher.
 #[derive(Debug)]
 pub enum RecordCommand {
-    /// A new log, in place of those that are being written; of several boards of the first, others beside it.
+    /// Starts a new log in place of the current ones; it belongs to the first board, and other boards get
+    /// logs next to it.
     Record(Box<dyn LogSink>),
-    /// No log.
+    /// Ends the log.
     StopLog,
-    /// A flag with the number of the mark on the first row, from the frame of this index on, that has not been
-    /// written.
+    /// Adds a flag with the mark's number to the first unwritten row from the frame with this index on.
     Mark { index: i64, number: u32 },
-    /// A label for the rows of a stretch of the first board that have not been written.
+    /// Labels the unwritten rows of a stretch of the first board.
     Label(FrameLabel),
-    /// Frames of the first board before the one of this index get no label any more.
+    /// Declares that frames of the first board before this index get no more labels.
     Settled(i64),
 }
 
-/// How a recording is going, about twice a second.
+/// Progress of a recording, reported about twice a second.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingProgress {
-    /// Time since its start.
+    /// Time since the start.
     pub elapsed: Duration,
-    /// Frames per second since the report before.
+    /// Frames per second since the previous report.
     pub rate_hz: f64,
     /// Frames so far.
     pub frames: u64,
     /// Bytes so far.
     pub bytes: u64,
-    /// What was lost so far.
+    /// Losses so far.
     pub losses: Losses,
     /// The protocol, once it is known.
     pub protocol: Option<Protocol>,
-    /// Whether the port is there.
+    /// True if the port is connected.
     pub connected: bool,
-    /// The newest wrench in N and N·m, where forces are wanted.
+    /// The newest wrench in N and N·m, if forces are enabled.
     pub wrench: Option<AxisValues<f64>>,
-    /// What to send, so that boards stream as they did; nothing as a rule.
+    /// Bytes to send, so that boards continue to stream; usually empty.
     pub commands: Vec<u8>,
 }
 
-/// A recording that has ended before its time. What arrived until then is in the files.
+/// An error that ends a recording early. The data received until then are in the files.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The source.
+    /// The source failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// A file.
+    /// A file failed.
     #[error(transparent)]
     Output(#[from] OutputError),
-    /// There is no frame from the port or file, for a reason.
+    /// No frame in the data of the port or file, with the reason.
     #[error("`{source_name}`: {problem}")]
     NoFrame { source_name: String, problem: NoFrame },
-    /// The calibration.
+    /// The calibration is unsuitable.
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),
-    /// The low-pass of the forces.
+    /// The forces cannot be computed.
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
 }

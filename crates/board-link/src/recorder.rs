@@ -1,5 +1,5 @@
-//! A recording without port and clock: [`record`](super::record()) gives it the bytes of a port, a page in a browser those of
-//! its own.
+//! The core of a recording, without port and clock: [`record`](super::record()) feeds it the bytes of a port,
+//! a web page the bytes that it reads itself.
 
 use std::time::Duration;
 
@@ -17,69 +17,68 @@ use crate::recording::{
     protocol_name,
 };
 
-/// How long frames wait for those that overtook them before they are written. A kill loses as much,
-/// and what the recognition of the protocol holds at the start.
+/// Time for which frames wait for earlier ones that may arrive late. A kill loses that much, plus the data
+/// that protocol detection holds at the start.
 const FLUSH: Duration = Duration::from_millis(400);
 
-/// Most frames that wait, which bounds memory in a replay.
+/// Maximum number of waiting frames, which bounds memory in a replay.
 const BATCH: usize = 4096;
 
-/// Where a recording goes.
+/// Outputs of a recording.
 #[derive(Debug, Default)]
 pub struct Sinks {
-    /// The log; where several boards are heard, of the first of them. Those of others are made beside it.
+    /// The log; with several boards, of the first one. Logs of the others are created next to it.
     pub log: Option<Box<dyn LogSink>>,
     /// The bytes as they arrive.
     pub raw: Option<Box<dyn LogSink>>,
-    /// Who looks on.
+    /// The observer.
     pub watcher: Option<Box<dyn Watcher>>,
 }
 
-/// What a whole recording was.
+/// Summary of a recording.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recorded {
-    /// The protocol, `None` if nothing arrived.
+    /// The protocol, `None` if no data arrived.
     pub framing: Option<&'static str>,
     /// Distinct frames, all of them written.
     pub frames: u64,
-    /// Bytes that arrived.
+    /// Number of bytes that arrived.
     pub bytes: u64,
     /// The board's time from the first frame to the last, s.
     pub board_time_s: f64,
-    /// Time that it took, s.
+    /// Duration of the recording, s.
     pub elapsed_s: f64,
-    /// What was lost.
+    /// Losses.
     #[serde(flatten)]
     pub losses: Losses,
-    /// Frames that are not in the log, because they hold wrenches and the first held readings, or
-    /// the other way round.
+    /// Frames that are not in the log because they hold wrenches and the first held readings, or vice versa.
     pub other_content: u64,
-    /// Times that the port has come back.
+    /// Number of times that a lost port has come back.
     pub reconnections: u64,
-    /// What the board said when it last started, if it did.
+    /// The board's message at its last start, if any.
     #[serde(skip)]
     pub boot: Option<Boot>,
-    /// The boards, where there are several.
+    /// The boards, if there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub boards: Vec<RecordedBoard>,
 }
 
-/// A recording that is going on: bytes and times in, lines of logs out. It reads no clock and no port.
+/// A running recording: takes bytes and times, writes lines of logs. It reads no clock and no port.
 #[derive(Debug, Default)]
 pub struct Recorder {
     /// The port or file.
     name: String,
     recognition: Recognition,
-    /// Once the protocol is known.
+    /// Set once the protocol is known.
     receiving: Option<(Protocol, Boards)>,
     options: RecordOptions,
-    /// Its log is for the first board, which takes it.
+    /// The outputs; the first board takes the log.
     sinks: Sinks,
-    /// Waiting frames of the first board that the watcher has seen.
+    /// Number of waiting frames of the first board that the watcher has seen.
     shown: usize,
-    /// For the first board's log, until there is one.
+    /// Annotations for the first board's log, until that exists.
     annotations: Annotations,
-    /// One for each board that has sent frames, in the order in which they began.
+    /// One log per board, in order of their first frames.
     logs: Vec<BoardLog>,
     bytes: u64,
     flushed_at: Duration,
@@ -88,32 +87,33 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Of a port or file of this name.
+    /// Creates a recorder for a port or file of this name.
     pub fn new(name: &str, sinks: Sinks, options: RecordOptions) -> Self {
         let recognition = Recognition::new(options.protocol);
         Self { name: name.to_owned(), recognition, options, sinks, ..Self::default() }
     }
 
-    /// What to send at `arrival`, so that every board streams, if they are to be started: see [`RecordingProgress::commands`].
+    /// Returns the bytes to send at `arrival` so that every board streams, if enabled: see
+    /// [`RecordingProgress::commands`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         let heard = self.receiving.as_mut().map_or(&mut [][..], |(_, boards)| &mut boards.heard);
         commands(uplink, heard, arrival.unwrap_or_default())
     }
 
-    /// What to send at the end, so that boards that were started stop.
+    /// Returns the bytes to send at the end, so that started boards stop.
     pub fn last_commands(&self) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
-        // Nobody waits for the answer, so once more in case the first is lost.
+        // Sent twice, in case the first is lost: no code waits for the answer.
         (0..2).flat_map(|number| uplink.encode(number, None, Command::Stop)).collect()
     }
 
-    /// What the boards have said they are, since they were asked.
+    /// Returns the identities that the boards have reported since the start.
     pub fn identities(&self) -> impl Iterator<Item = Identity> {
         heard(&self.receiving).iter().filter_map(|board| board.reception.identity)
     }
 
-    /// Writes what is due `now`, a time since the start; how it goes, about twice a second.
+    /// Writes the data due at `now`, a time since the start; returns the progress about twice a second.
     ///
     /// # Errors
     /// [`RecordError`].
@@ -150,10 +150,11 @@ impl Recorder {
         }))
     }
 
-    /// Takes bytes that arrived `now`, a time since the start; `arrival` is when they were sent, or so, where that is known.
+    /// Takes bytes that arrived at `now`, a time since the start; `arrival` is their approximate sending
+    /// time, if known.
     ///
     /// # Errors
-    /// [`RecordError::NoFrame`] once there is little hope of frames.
+    /// [`RecordError::NoFrame`] once frames are unlikely to come.
     pub fn take(
         &mut self,
         bytes: &[u8],
@@ -192,7 +193,7 @@ impl Recorder {
         RecordError::NoFrame { source_name: self.name.clone(), problem }
     }
 
-    /// Shows the watcher what has arrived of the first board.
+    /// Shows new frames of the first board to the watcher.
     fn show(&mut self) {
         let Some(watcher) = &mut self.sinks.watcher else { return };
         let first = self.logs.first().map(|log| log.sender);
@@ -208,7 +209,7 @@ impl Recorder {
         self.shown = waiting.len();
     }
 
-    /// Writes what waits.
+    /// Writes the waiting frames.
     fn flush(&mut self) -> Result<(), RecordError> {
         self.show();
         self.shown = 0;
@@ -225,14 +226,14 @@ impl Recorder {
                 let new = BoardLog { sender, log, waits, annotations, ..BoardLog::default() };
                 self.logs.push(new);
             }
-            // A calibration is of one sensor.
+            // A calibration belongs to one sensor.
             let forces = self.options.forces.as_ref().filter(|_| at == 0);
             self.logs[at].write(&mut board.frames, numbered, (forces, &self.options))?;
         }
         Ok(())
     }
 
-    /// Does what the watcher wants. A log ends with all that was seen before that.
+    /// Executes the watcher's commands. All frames seen before a command go to the old log.
     fn follow(&mut self) -> Result<(), RecordError> {
         while let Some(command) =
             self.sinks.watcher.as_mut().and_then(|watcher| watcher.next_command())
@@ -268,18 +269,18 @@ impl Recorder {
         Ok(())
     }
 
-    /// Takes what the end of the stream gives free, and writes all.
+    /// Decodes the remaining data, and writes all frames.
     ///
     /// # Errors
-    /// [`RecordError`], after all that can be written is.
+    /// [`RecordError`], after everything that can be written is written.
     pub fn finish(&mut self) -> Result<(), RecordError> {
-        // Of what was recognised already there is nothing left.
+        // Empty if the protocol was recognised before.
         let recognised = self.recognition.finish();
         let recognised = self.recognised(recognised);
         if let Some((_, boards)) = &mut self.receiving {
             boards.finish();
         }
-        // Marks and labels that were set just before the end.
+        // Handles marks and labels that were set just before the end.
         let followed = self.follow();
         self.flush()?;
         self.logs.iter_mut().try_for_each(BoardLog::finish)?;
@@ -292,7 +293,7 @@ impl Recorder {
         }
     }
 
-    /// Frames of all boards so far.
+    /// Returns the number of frames of all boards so far.
     fn frames(&self) -> u64 {
         self.logs.iter().map(|log| log.frames).sum::<u64>() + self.waiting() as u64
     }
@@ -305,7 +306,7 @@ impl Recorder {
         self.receiving.as_ref().map(|(protocol, boards)| (*protocol, boards.losses())).unzip()
     }
 
-    /// What it was, after this time.
+    /// Returns the summary after this time.
     pub fn recorded(&self, elapsed: Duration) -> Recorded {
         let (protocol, losses) = self.state();
         let longest_us = self.logs.iter().map(BoardLog::board_time_us).max().unwrap_or(0);
@@ -328,7 +329,7 @@ impl Recorder {
         }
     }
 
-    /// Ends its files: all of them, whatever becomes of one.
+    /// Closes all files, even if closing one fails.
     ///
     /// # Errors
     /// [`RecordError::Output`].
@@ -344,7 +345,7 @@ fn heard(receiving: &Option<(Protocol, Boards)>) -> &[HeardBoard] {
     receiving.as_ref().map_or(&[], |(_, boards)| &boards.heard)
 }
 
-/// The log of the next board: the one that was asked for, then others beside that of the first.
+/// Creates the log of the next board: first the requested one, then others next to it.
 fn log_of(
     first: &mut Option<Box<dyn LogSink>>,
     logs: &[BoardLog],
@@ -368,7 +369,7 @@ mod tests {
     use std::collections::VecDeque;
     use std::sync::atomic::AtomicBool;
 
-    /// A watcher that wants these things.
+    /// A watcher with these commands.
     #[derive(Debug)]
     struct Wants(VecDeque<RecordCommand>);
 
@@ -412,9 +413,9 @@ mod tests {
         session.follow().unwrap();
         session.take(&bytes_of(1000..1500), Duration::ZERO, None).unwrap();
         session.flush().unwrap();
-        // The rows themselves wait for the few frames after them, whose channels they are brought to one time with.
+        // The last rows wait for the next few frames, which alignment to a common time needs.
         assert!((390..=400).contains(&rows()), "{} rows", rows());
-        // Eleven seconds late, and no frame comes after it.
+        // Eleven seconds late, without any later frame.
         let label = FrameLabel { from: 400, until: 499, group: "ahead".to_owned() };
         session.sinks.watcher = wants([RecordCommand::Label(label), RecordCommand::StopLog]);
         session.follow().unwrap();
@@ -423,7 +424,8 @@ mod tests {
         assert!(rows() >= 1400, "{} rows", rows());
     }
 
-    /// A recording that is killed keeps all but its last second, once it has waited 1.2 s for the board's word.
+    /// A killed recording keeps all but its last second, after an initial wait of 1.2 s for the board's
+    /// timing.
     #[test]
     fn frames_are_written_within_a_second() {
         let dir = tempfile::tempdir().unwrap();

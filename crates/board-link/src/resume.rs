@@ -1,4 +1,4 @@
-//! Keeping a board at what it was started with: one that resets has lost its settings and does not stream.
+//! Restoration of a board's settings and stream after a reset, which loses both.
 
 use std::time::Duration;
 
@@ -7,10 +7,10 @@ use shared_proto::{Command, Identity, Status};
 use crate::Uplink;
 use crate::recording::HeardBoard;
 
-/// How long nothing may be heard of a board before it is asked for its state.
+/// Duration of a silence after which a board is asked for its state.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// What has to be sent now so that every board streams as it did at first; nothing as a rule.
+/// Returns the bytes to send now so that every board streams as it did at first; usually none.
 pub(super) fn commands(uplink: &Uplink, heard: &mut [HeardBoard], now: Duration) -> Vec<u8> {
     let mut bytes = Vec::new();
     if heard.is_empty() {
@@ -21,7 +21,7 @@ pub(super) fn commands(uplink: &Uplink, heard: &mut [HeardBoard], now: Duration)
         let (identity, status) = (reception.identity, reception.status);
         match (&board.started, identity, status) {
             (None, Some(_), Some(status)) if status.streaming => board.started = Some(status),
-            // Version 2 says neither.
+            // Version 2 reports neither.
             (None, ..) if reception.start.is_some() => {
                 let commands = [Command::Identify, Command::Start, Command::Status];
                 bytes.extend(to_all(uplink, &commands));
@@ -56,8 +56,8 @@ fn is_as(wanted: &Status, status: &Status) -> bool {
     status.streaming && settings(status) == settings(wanted)
 }
 
-/// Settings and start. Which of two settings fits first depends on which is longer, so those of the
-/// conversions come before the period and after it.
+/// Returns the commands that restore settings and stream. The order in which settings fit depends on the
+/// longer of the two, so the commands for the conversions come before the period and after it.
 fn restart(uplink: &Uplink, identity: &Identity, wanted: &Status) -> Vec<u8> {
     let Status { period_us, conversions, settling_us, stream, .. } = *wanted;
     let settling = Command::SetSettling { settling_us };

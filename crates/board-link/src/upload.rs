@@ -1,4 +1,4 @@
-//! A calibration of the host as one for the board.
+//! Conversion of a host calibration to one for the board.
 
 use shared_proto::{
     AXES, CHANNELS, COUNTS_PER_LSB, Cubic, FACTOR, FEATURES, PRIOR, Physics, PhysicsSensor,
@@ -12,13 +12,13 @@ use shell_data::wrench::Axes;
 /// Why a calibration cannot be used on the board.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NotForBoard {
-    /// It is of a kind that the board does not compute.
+    /// The board does not compute models of this kind.
     #[error("the board computes models `linear`, `cubic` and `physics`, this calibration is `{0}`")]
     Basis(&'static str),
-    /// It is for another number of channels.
+    /// The calibration has another number of channels.
     #[error("the board has {CHANNELS} channels, this calibration is for {0}")]
     Channels(usize),
-    /// It gives fewer axes than the board sends.
+    /// The calibration has fewer axes than the board sends.
     #[error(
         "the board sends all six axes of a wrench, this calibration gives {0}: stream readings, and \
          convert them on the host"
@@ -27,7 +27,7 @@ pub enum NotForBoard {
     /// The board keeps no memory of past readings.
     #[error("the board computes no memory terms: stream readings, and convert them on the host")]
     MemoryTerms,
-    /// A number is not one that the board can compute with.
+    /// A number is out of the board's range.
     #[error("a number of the calibration is too large for the board's single precision")]
     Overflow,
 }
@@ -39,8 +39,8 @@ impl Hint for NotForBoard {
     }
 }
 
-/// The same model in single precision, for readings in counts of which [`COUNTS_PER_LSB`] are a step
-/// of the converter.
+/// Converts a calibration to single precision, for readings in counts of 1/[`COUNTS_PER_LSB`] step of the
+/// converter.
 ///
 /// # Errors
 /// [`NotForBoard`].
@@ -59,7 +59,7 @@ pub fn for_board(calibration: &Calibration) -> Result<shared_proto::Calibration,
         Kind::Polynomial(polynomial) => shared_proto::Calibration::Cubic(cubic(polynomial)?),
         Kind::Physics(model) => shared_proto::Calibration::Physics(physics(model.model())),
     };
-    // The board says no to numbers that it could not compute with.
+    // The board rejects numbers that it cannot compute with.
     match shared_proto::Calibration::from_bytes(&board.to_bytes()) {
         Some(_) => Ok(board),
         None => Err(NotForBoard::Overflow),
@@ -84,7 +84,7 @@ fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
         let row = row.map(|value| value as f32);
         match term.factors() {
             [] => board.intercept = row,
-            // Of these models a term is a power of one channel.
+            // In these models a term is a power of one channel.
             factors @ [channel, ..] => {
                 board.coefficients[3 * usize::from(*channel) + factors.len() - 1] = row;
             }
@@ -93,8 +93,8 @@ fn cubic(polynomial: &Polynomial) -> Result<Cubic, NotForBoard> {
     Ok(board)
 }
 
-/// The same model in single precision, for readings in counts of which [`COUNTS_PER_LSB`] are a step of the
-/// converter. The board solves for the wrench alone: factors that the sensors share are noise of each.
+/// Converts a physics model to single precision, for readings in counts of 1/[`COUNTS_PER_LSB`] step of the
+/// converter. The board solves for the wrench alone: factors shared by the sensors become noise of each.
 fn physics(model: &PhysicsModel) -> Physics {
     let model = model.without_factors();
     let mut sensors = [PhysicsSensor::default(); CHANNELS];
@@ -132,14 +132,14 @@ fn one_for_board(sensor: &Sensor) -> PhysicsSensor {
     }
 }
 
-/// The lower triangle of a matrix, row by row.
+/// Packs the lower triangle of a matrix, row by row.
 fn pack(packed: &mut [f32], at: impl Fn(usize, usize) -> f64, rows: usize) {
     let positions = (0..rows).flat_map(|i| (0..=i).map(move |j| (i, j)));
     packed.iter_mut().zip(positions).for_each(|(value, (i, j))| *value = at(i, j) as f32);
 }
 
-/// The lower factor of a covariance `L·Lᵀ` (Golub & Van Loan, 4th ed., §4.2.8). A direction of which rounding has
-/// left no variance has none.
+/// Returns the lower factor of a covariance `L·Lᵀ` (Golub & Van Loan, 4th ed., §4.2.8). A direction without
+/// variance left after rounding is zero.
 fn factor<const N: usize>(covariance: &[[f64; N]; N]) -> [[f64; N]; N] {
     let mut l = [[0.0; N]; N];
     for j in 0..N {
@@ -172,7 +172,7 @@ mod tests {
         Calibration::new(model, scaling, coefficients)
     }
 
-    /// By the definition of the upload's layout, in double precision.
+    /// The wrench by the definition of the upload's layout, in double precision.
     fn on_the_board(calibration: &Cubic, counts: [u16; 8]) -> [f64; 6] {
         std::array::from_fn(|axis| {
             let features = (0..FEATURES).map(|j| {
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn the_factor_squared_is_the_covariance() {
-        // Of rank three, with no variance in the second direction.
+        // Rank three, with no variance in the second direction.
         let covariance = [
             [4.0, 0.0, 2.0, -1.0],
             [0.0, 0.0, 0.0, 0.0],

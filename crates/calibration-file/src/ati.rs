@@ -1,7 +1,8 @@
-//! Calibrations of ATI's force/torque sensors: a file `.cal`, which is XML.
+//! Calibrations of ATI's force/torque sensors: XML files `.cal`.
 //!
-//! Each element `UserAxis` is a row of a linear matrix: what a volt of each gauge adds to its axis, in the units that the
-//! element `Calibration` names. Elements `Axis` hold the same scaled and moved, for ATI's own library.
+//! Each element `UserAxis` is a row of a linear matrix: the contribution of one volt of each gauge to that
+//! axis, in the units that the element `Calibration` names. The elements `Axis` hold the same matrix, scaled
+//! and shifted, for ATI's own library.
 
 use calibration::Calibration;
 use calibration::model::{Basis, MAX_CHANNELS, Model};
@@ -10,7 +11,7 @@ use shell_data::{Quantity, Scale, Unit};
 
 use super::matrix::{ImportOptions, divisor, from_raw_readings};
 
-/// Whether a file is such a calibration.
+/// Returns true if the bytes are a calibration of ATI.
 pub(super) fn is_one(bytes: &[u8]) -> bool {
     memchr::memmem::find(bytes, b"<FTSensor").is_some()
 }
@@ -75,7 +76,7 @@ fn without_comments(text: &str) -> String {
     parts.fold(first, |all, part| all + part.split_once("-->").map_or("", |(_, after)| after))
 }
 
-/// What stands in the opening tags of the elements of a name, after it.
+/// The text of every opening tag `name`, without the name.
 fn elements<'a>(text: &'a str, name: &'a str) -> impl Iterator<Item = &'a str> {
     text.split('<').filter_map(move |part| {
         let rest = part.strip_prefix(name)?;
@@ -84,7 +85,6 @@ fn elements<'a>(text: &'a str, name: &'a str) -> impl Iterator<Item = &'a str> {
     })
 }
 
-/// The value of an attribute in an opening tag.
 fn attribute<'a>(tag: &'a str, wanted: &str) -> Option<&'a str> {
     let mut rest = tag;
     loop {

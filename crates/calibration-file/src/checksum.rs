@@ -1,28 +1,29 @@
-//! The checksum of a document: its last field, XXH3 of 128 bits of all bytes before it.
+//! The checksum of a document: its last field, the 128-bit XXH3 of all bytes before it.
 //!
-//! It tells what was damaged on the way and what somebody has edited. It keeps nobody from writing another one.
+//! It detects damage in transit and edits. It does not prevent forgery: anyone can write a new checksum.
 
 use std::borrow::Cow;
 
 use memchr::memmem;
 use twox_hash::XxHash3_128;
 
-/// How every document ends.
+/// The end of every document.
 pub(super) const END: &str = "\n}\n";
 
-/// What stands before the checksum, which is of all that stands before this.
+/// The text between the content and the checksum; the checksum covers everything before it.
 const FIELD: &str = ",\n  \"checksum\": \"xxh128:";
 
-/// The document with a checksum as its last field.
+/// Appends the checksum to a document, as its last field.
 pub(super) fn add(document: &str) -> String {
     let content = document.strip_suffix(END).unwrap_or(document);
     format!("{content}{}", seal(content.as_bytes()))
 }
 
-/// Whether the document is what was written. Line ends of Windows, which version control makes, are none of its content.
+/// Checks the checksum of a document. Windows line ends, which version control may introduce, are read as
+/// plain line feeds.
 ///
 /// # Errors
-/// Why it is not.
+/// The reason, if the document is not as written.
 pub(super) fn check(document: &[u8]) -> Result<(), &'static str> {
     let document = with_line_feeds(document);
     let at =
@@ -34,7 +35,7 @@ pub(super) fn check(document: &[u8]) -> Result<(), &'static str> {
     }
 }
 
-/// What stands after the content of a document.
+/// The checksum field and the end of a document, for this content.
 fn seal(content: &[u8]) -> String {
     format!("{FIELD}{:032x}\"{END}", XxHash3_128::oneshot(content))
 }

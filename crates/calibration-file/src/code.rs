@@ -1,9 +1,10 @@
-//! Calibrations as functions in Python and MATLAB, for programs without `shellcal`.
+//! Exports calibrations as Python and MATLAB functions, for programs without `shellcal`.
 //!
-//! A file is a head of constants and a fixed body (`assets/export`), which computes what
-//! [`Calibration::wrench`](calibration::Calibration::wrench) does: of polynomials on standardised readings,
-//! in the order of [`Model::terms`](calibration::Model::terms); of the physics model by the same steps. Memory terms
-//! take the times of the frames, and a state that is passed on from call to call.
+//! A file is a block of constants and a fixed body (`assets/export`), which computes the same as
+//! [`Calibration::wrench`](calibration::Calibration::wrench). A polynomial is evaluated on standardised
+//! readings, in the order of [`Model::terms`](calibration::Model::terms); the physics model takes the same
+//! steps as there. Memory terms need the times of the frames and a state that the caller passes from call to
+//! call.
 
 use calibration::memory::{MemoryTerms, TimeBase};
 use calibration::model::Term;
@@ -14,19 +15,19 @@ use shell_data::wrench::Axes;
 
 use super::CalibrationFile;
 
-/// A language.
+/// A programming language.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Language {
-    /// With numpy.
+    /// Python with numpy.
     Python,
-    /// With MATLAB or Octave.
+    /// MATLAB or Octave.
     Matlab,
 }
 
-/// A matrix: the name that the body has for it, what it is, and its rows.
+/// A matrix: its name in the body, its description and its rows.
 type Constant = (&'static str, &'static str, Vec<Vec<f64>>);
 
-/// The function `name` of a calibration. `name` has to be an identifier, which MATLAB wants to be the name
+/// The calibration as a function `name`, which must be an identifier. MATLAB also requires it to be the name
 /// of the file.
 pub fn to_code(file: &CalibrationFile, language: Language, name: &str) -> String {
     let axes = file.calibration.axes;
@@ -79,7 +80,7 @@ fn memory_constants(memory: &MemoryTerms) -> [Constant; 3] {
     ]
 }
 
-/// What the function is, in a line; whatever the file says, as it says it.
+/// A line that describes the function, with the file's text unescaped.
 fn head(file: &CalibrationFile) -> String {
     let model = file.calibration.name();
     let serial = file.origin.sensor_serial.as_ref();
@@ -116,7 +117,7 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     let gains = model.sensors.iter().map(|sensor| {
         sensor.parameters[1..7].iter().chain(&sensor.loadings[..factors]).copied().collect()
     });
-    // Loads, and then factors of variance one.
+    // Precisions of the loads first; the shared factors have unit variance.
     let prior = |i: usize, j: usize| match model.load_precision.get(i).and_then(|row| row.get(j)) {
         Some(x) => model.lambda * x,
         None => f64::from(u8::from(i == j)),
@@ -142,7 +143,7 @@ fn physics_constants(model: &PhysicsModel) -> Vec<Constant> {
     ]
 }
 
-/// A module of Python; `head` is [escaped](escape::python).
+/// A Python module; `head` is already [escaped](escape::python).
 fn python(
     constants: &[Constant],
     head: &str,
@@ -168,7 +169,7 @@ fn python(
     text + "\n\n"
 }
 
-/// A function of MATLAB; `head` is [escaped](escape::matlab_comment).
+/// A MATLAB function; `head` is already [escaped](escape::matlab_comment).
 fn matlab(
     constants: &[Constant],
     head: &str,

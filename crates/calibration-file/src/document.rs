@@ -1,4 +1,4 @@
-//! The JSON documents, field by field: of polynomials, and of physics models.
+//! The fields of the JSON documents of polynomials and physics models.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -40,20 +40,20 @@ struct PolynomialDocument {
     lag: Option<ReferenceLag>,
 }
 
-/// What a document of some axes says before all else: which, where these are not all six.
+/// The axes of a document, which are read first; absent if they are all six.
 #[derive(Deserialize)]
 struct AxesHeader {
     axes: Option<Axes>,
 }
 
-/// Reads a document that has values of its axes alone.
+/// Reads a document whose per-axis values are given for its own axes only.
 pub(super) fn read<T: DeserializeOwned>(text: &[u8]) -> Result<T, Problem> {
     let AxesHeader { axes } = serde_json::from_slice(text)?;
     let document = || serde_json::from_slice(text);
     Ok(by_axis::among(axes.unwrap_or(Axes::ALL), document)?)
 }
 
-/// Of a polynomial.
+/// The document of a polynomial.
 pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String {
     let calibration = &file.calibration;
     let axes = calibration.axes;
@@ -73,7 +73,6 @@ pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String 
     to_json(&Among(axes, document))
 }
 
-/// The names of the terms of a model.
 fn term_names(model: &Model) -> Vec<String> {
     model.terms().iter().map(|term| model.term_name(term)).collect()
 }
@@ -85,7 +84,7 @@ pub(super) fn parse(text: &[u8]) -> Result<CalibrationFile, Problem> {
 
 impl PolynomialDocument {
     /// # Errors
-    /// What does not fit together.
+    /// The inconsistency, if the parts do not fit together.
     fn value(mut self) -> Result<CalibrationFile, String> {
         if let Some(covariance) = &mut self.covariance {
             set_absent_to_zero(covariance, self.axes, self.terms.len());
@@ -101,7 +100,7 @@ impl PolynomialDocument {
         Ok(CalibrationFile { calibration, origin: self.origin })
     }
 
-    /// Whether the parts fit together, as the rest of the program takes for granted.
+    /// Checks that the parts are consistent; the rest of the program relies on that.
     fn check(&self) -> Result<(), String> {
         let axes = self.axes;
         let is_allowed = match self.schema_version {
@@ -125,7 +124,7 @@ impl PolynomialDocument {
         let is_small = |value: &f64| value.abs() <= LARGEST;
         let lag = self.lag.as_ref();
         ensure!(lag.is_none_or(|lag| is_small(&lag.by)), "`lag` has a number beyond {LARGEST:e}");
-        // Before the terms are listed, of which there may be millions.
+        // Compare counts before listing the terms: there may be millions.
         check_count("terms", self.terms.len(), model.term_count())?;
         let terms = term_names(model);
         check_count("coefficients", self.coefficients.len(), terms.len())?;
@@ -167,7 +166,7 @@ fn set_absent_to_zero(covariance: &mut Covariance, axes: Axes, terms: usize) {
     }
 }
 
-/// Whether the parts of a covariance of the coefficients of so many terms fit together.
+/// Checks that the parts of a covariance are consistent with `terms` terms.
 fn check_covariance(covariance: &Covariance, terms: usize) -> Result<(), String> {
     let Covariance { residual, coefficients, shape, shared, intervals, .. } = covariance;
     let factors: Vec<(String, &Vec<Vec<f64>>)> = match coefficients {
@@ -212,7 +211,7 @@ fn check_count(name: &str, found: usize, expected: usize) -> Result<(), String> 
     Ok(())
 }
 
-/// Whether memory terms fit to a model of so many time constants, and are any.
+/// Checks that the memory terms match the model's number of time constants, and have at least one if present.
 fn check_memory(memory: Option<&MemoryTerms>, expected: usize) -> Result<(), String> {
     let found = memory.map_or(0, |memory| memory.time_constants.len());
     let is_whole = found == expected;
@@ -224,7 +223,7 @@ fn check_memory(memory: Option<&MemoryTerms>, expected: usize) -> Result<(), Str
     Ok(())
 }
 
-/// Whether the parts of intervals, in the field of this name, fit together.
+/// Checks that the parts of the intervals in the field `name` are consistent.
 pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<(), String> {
     let GroupIntervals { levels, factors, .. } = intervals;
     let ascending = levels.windows(2).all(|pair| pair[0] < pair[1]);
@@ -233,7 +232,7 @@ pub(super) fn check_intervals(name: &str, intervals: &GroupIntervals) -> Result<
     Ok(())
 }
 
-/// What `model` says.
+/// The value of the field `model`.
 const NAME: &str = "physics";
 
 #[derive(Serialize, Deserialize)]
@@ -278,7 +277,7 @@ pub(super) fn parse_physics(text: &[u8]) -> Result<CalibrationFile, Problem> {
 
 impl PhysicsDocument {
     /// # Errors
-    /// What does not fit together.
+    /// The inconsistency, if the parts do not fit together.
     fn value(self) -> Result<CalibrationFile, String> {
         self.check()?;
         let mut physics = PhysicsCalibration::new(self.physics, self.standard_error_scale);
@@ -292,7 +291,7 @@ impl PhysicsDocument {
         Ok(CalibrationFile { calibration, origin: self.origin })
     }
 
-    /// Whether the parts fit together, as the rest of the program takes for granted.
+    /// Checks that the parts are consistent; the rest of the program relies on that.
     fn check(&self) -> Result<(), String> {
         let is_physics = self.model == NAME;
         ensure!(is_physics, "`model` is `{}`, expected `{NAME}`", self.model);
@@ -437,7 +436,7 @@ mod tests {
         assert!(fault.message.contains("`axes` has `mz_nm`, `fz_n`, expected"), "{fault:?}");
         let short = text.replacen("[0.3333333333333333, 1.0]", "[1.0]", 1);
         let Err(Problem::Field(fault)) = parse(short.as_bytes()) else { panic!() };
-        // The parser is at the next row when it is told.
+        // The parser has already reached the next row when it reports the error.
         let line = 2 + text[..text.find("[0.3333333333333333").unwrap()].matches('\n').count();
         assert_eq!((fault.message.as_str(), fault.line), ("`1` values for `2` axes", line));
     }

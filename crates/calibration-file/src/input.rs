@@ -1,7 +1,7 @@
-//! Reading a document whole: within a budget, and only if it begins as what it should be.
+//! Reads whole documents, within a budget and only if the beginning has the expected form.
 //!
-//! Logs are streamed and may be of any length. Calibrations, tables, manifests and profiles are read
-//! whole, so that a wrong file, a device or an endless pipe must not fill the memory first.
+//! Logs are streamed and may have any length. Calibrations, tables, manifests and profiles are read whole.
+//! The budget keeps a wrong file, a device or an endless pipe from filling the memory.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -9,19 +9,19 @@ use std::path::Path;
 
 use super::{CalibrationFileError, Problem};
 
-/// What a document is.
+/// The form of a document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DocumentKind {
     /// JSON: calibrations and partial fits.
     Json,
     /// Lines of text: tables, manifests, profiles.
     Text,
-    /// A matrix, as text or in a format of its own.
+    /// A matrix, as text or in a binary format.
     Matrix,
 }
 
 impl DocumentKind {
-    /// The most bytes that are read.
+    /// The maximum number of bytes that are read.
     pub const fn budget(self) -> u64 {
         match self {
             // A calibration of the largest model with a covariance by groups.
@@ -33,12 +33,12 @@ impl DocumentKind {
         }
     }
 
-    /// That it is longer.
+    /// The error for a document beyond the budget.
     pub(crate) fn too_long(self) -> io::Error {
         refusal(format!("it is longer than the {} MB that are read", self.budget() >> 20))
     }
 
-    /// What is wrong with how it begins.
+    /// Rejects a document whose beginning has the wrong form.
     fn check(self, first: &[u8]) -> Result<(), &'static str> {
         match self {
             DocumentKind::Json | DocumentKind::Text if first.contains(&0) => Err("it is not text"),
@@ -48,12 +48,12 @@ impl DocumentKind {
     }
 }
 
-/// The bytes of a document.
+/// Reads the bytes of a document.
 ///
 /// # Errors
-/// What the system says; `InvalidData` if it is too long or begins as no such document does.
+/// An error of the system; `InvalidData` if the document is too long or its beginning has the wrong form.
 pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {
-    // Before it is opened: whoever opens a pipe waits for its writer.
+    // Check before opening: opening a pipe blocks until it has a writer.
     let metadata = std::fs::metadata(path)?;
     if !metadata.is_file() && !metadata.is_dir() {
         return Err(refusal("it is not a regular file"));
@@ -69,7 +69,7 @@ pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {
     document.check(&bytes).map_err(refusal)?;
     let first = bytes.trim_ascii_start().first();
     if document == DocumentKind::Json && first != Some(&b'{') {
-        // The beginning is enough to say what is wrong with it.
+        // The beginning is enough for an error message.
         return Ok(bytes);
     }
     file.read_to_end(&mut bytes)?;
@@ -79,7 +79,7 @@ pub fn read(path: &Path, document: DocumentKind) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// What `parse` makes of the document at `path`.
+/// Reads the document at `path` and passes it to `parse`.
 pub(crate) fn document<T>(
     path: &Path,
     kind: DocumentKind,
@@ -89,7 +89,7 @@ pub(crate) fn document<T>(
     content.map_err(|problem| CalibrationFileError { path: path.to_path_buf(), problem })
 }
 
-/// The text of a document.
+/// Reads the text of a document.
 ///
 /// # Errors
 /// As for [`read`]; `InvalidData` if it is not UTF-8.

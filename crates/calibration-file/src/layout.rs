@@ -1,11 +1,11 @@
-//! How the JSON document is laid out: objects over several lines, rows of numbers on one.
+//! The layout of the JSON documents: objects over several lines, rows of numbers on one.
 
 use std::io::{self, Write};
 
 use serde::Serialize;
 use serde_json::ser::Formatter;
 
-/// A document as text.
+/// Formats a document.
 pub(super) fn to_json(document: &impl Serialize) -> String {
     let mut json = Vec::new();
     let mut serializer = serde_json::Serializer::with_formatter(&mut json, Layout::default());
@@ -22,7 +22,7 @@ struct Layout {
 }
 
 impl Layout {
-    /// Whether the next value stays on the line.
+    /// Returns true if the next value stays on the current line.
     fn inline(&self) -> bool {
         self.arrays > 1
     }

@@ -1,7 +1,7 @@
-//! Calibrations as files: one JSON document, and the matrices that labs exchange.
+//! Calibrations as files: a JSON document, and the coefficient matrices that labs exchange.
 //!
-//! The document holds all that is needed to apply a calibration, to trust it and to make it again.
-//! Numbers are written with the fewest digits that read back as the same `f64`.
+//! The document holds everything needed to apply a calibration, to judge it and to reproduce it. Numbers are
+//! written with the fewest digits that read back as the same `f64`.
 //!
 //! | field | content |
 //! |---|---|
@@ -9,27 +9,27 @@
 //! | `made_by`, `date`, `sensor_serial` | program and version, UTC, the label of the sensor |
 //! | `model`, `terms` | features and intercept; the name of each term |
 //! | `scaling` | `z = (s − centre) / scale` for each channel, counts |
-//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m; of fewer than six axes, whatever is given by axis has these alone |
+//! | `axes`, `coefficients` | one row per term of `z`, one column per axis, N and N·m; with fewer than six axes, all per-axis values are for these only |
 //! | `solver` | its name and the ridge parameter; absent for an imported matrix |
 //! | `diagnostics` | rows, condition number, rank, errors on training and test data; optional: held-out errors, model selection, excitation |
 //! | `covariance` | see [`calibration::uncertainty`] |
 //! | `valid_range` | the smallest and largest reading of each channel in the training data |
 //! | `sources` | files, their checksums and rows |
-//! | `columns` | optional: the columns of the training logs that were specified, by name, and their units; taken of other logs that have them |
-//! | `checksum` | last: XXH3 of 128 bits of all bytes before it |
+//! | `columns` | optional: columns of the training logs that were specified, by name, and their units; also used for other logs that have these columns |
+//! | `checksum` | last: 128-bit XXH3 of all bytes before it |
 //!
-//! That of a physics model has instead of terms, scaling, coefficients and covariance:
+//! The document of a physics model replaces terms, scaling, coefficients and covariance by:
 //!
 //! | field | content |
 //! |---|---|
 //! | `model` | `physics` |
 //! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`]; a sensor without `loadings` has none |
-//! | `standard_error_scale` | what the model's standard errors are multiplied by on each axis; 1 if absent |
+//! | `standard_error_scale` | factor on the model's standard errors for each axis; 1 if absent |
 //! | `intervals` | standard errors of an interval by level and axis, see [`calibration::physics::intervals`] |
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 
-/// Returns what does not fit together as text, unless a condition holds.
+/// Returns an error with this text unless a condition holds.
 macro_rules! ensure {
     ($holds:expr, $($text:tt)+) => {
         let holds: bool = $holds;
@@ -66,24 +66,24 @@ use calibration::{Calibration, Kind};
 use input::DocumentKind;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The version of the documents that this program writes: of any model, with a checksum.
+/// The version of the documents that this program writes: any model, with a checksum.
 pub const SCHEMA_VERSION: u64 = 4;
 
-/// The version of the documents of polynomials of six axes before there was a checksum.
+/// The last version of six-axis polynomial documents without a checksum.
 pub(crate) const SIX_AXES_SCHEMA_VERSION: u64 = 1;
 
-/// The version of the documents of physics models before there was a checksum.
+/// The last version of physics model documents without a checksum.
 pub(crate) const PHYSICS_SCHEMA_VERSION: u64 = 2;
 
-/// The version of the documents of polynomials of fewer than six axes before there was a checksum.
+/// The last version without a checksum of polynomial documents with fewer than six axes.
 pub(crate) const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
 
 /// A calibration with its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationFile {
-    /// What converts readings.
+    /// The calibration.
     pub calibration: Calibration,
-    /// Where it comes from.
+    /// Its origin.
     pub origin: Origin,
 }
 
@@ -93,7 +93,7 @@ pub struct CalibrationFile {
 pub struct CalibrationFileError {
     /// The file.
     pub path: PathBuf,
-    /// What is wrong with it.
+    /// The reason.
     #[source]
     pub problem: Problem,
 }
@@ -121,7 +121,7 @@ impl Hint for CalibrationFileError {
     }
 }
 
-/// What is wrong with a calibration file.
+/// The reason why a calibration file cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
     /// It cannot be read.
@@ -133,40 +133,40 @@ pub enum Problem {
     /// A field is missing or of another type.
     #[error("line {}, column {}: not a calibration: {}", .0.line, .0.column, .0.message)]
     Field(JsonFault),
-    /// Written by a program of another time.
+    /// A version that this program does not know.
     #[error("its schema version is `{found}`, this program reads up to `{SCHEMA_VERSION}`")]
     SchemaVersion {
         /// The version of the file.
         found: u64,
     },
-    /// Parts that do not fit together.
+    /// Parts that are inconsistent with each other.
     #[error("{0}")]
     Inconsistent(String),
-    /// It was damaged or edited.
+    /// The checksum does not match: the file was damaged or edited.
     #[error("it is not what was written: {0}")]
     Checksum(&'static str),
-    /// It is of a version that had no checksum, or says so after an edit.
+    /// The version predates checksums, or was edited to claim so.
     #[error("version `{version}` has no checksum, so nobody knows whether it is what was written")]
     Unsealed {
-        /// The version that it says it is of.
+        /// The version in the file.
         version: u64,
     },
-    /// Numbers that no calibration has.
+    /// Values that no calibration has.
     #[error("it cannot be a calibration: {0}")]
     Implausible(Implausible),
-    /// A coefficient matrix that cannot be read as one.
+    /// An invalid coefficient matrix.
     #[error("{0}")]
     Matrix(matrix::MatrixError),
 }
 
-/// What is wrong with a JSON document, and where.
+/// An error in a JSON document, with its position.
 #[derive(Debug)]
 pub struct JsonFault {
     /// Line, from 1.
     pub line: usize,
     /// Column, from 1.
     pub column: usize,
-    /// What the parser says; of a field, which, and what was expected.
+    /// The parser's message; for a field, its name and the expected type.
     pub message: String,
 }
 
@@ -179,7 +179,7 @@ impl From<&serde_json::Error> for JsonFault {
 }
 
 impl Problem {
-    /// The same where so many lines stand before the document.
+    /// Shifts the position by the number of lines before the document.
     fn after_lines(mut self, before: usize) -> Self {
         if let Self::NotJson(fault) | Self::Field(fault) = &mut self {
             fault.line += before;
@@ -195,25 +195,25 @@ impl From<serde_json::Error> for Problem {
     }
 }
 
-/// What is read of a document before all else.
+/// The fields of a document that are read first.
 #[derive(Deserialize)]
 struct DocumentHeader {
     schema_version: u64,
-    /// The name of a model, or what a polynomial is made of.
+    /// The name of a model, or the features of a polynomial.
     model: Option<serde_json::Value>,
-    /// Whether there is one, wherever it stands.
+    /// Present if the document has a checksum.
     checksum: Option<IgnoredAny>,
 }
 
 impl CalibrationFile {
-    /// The share of the loads' variance that the calibration leaves unexplained, 1 − R² of each axis, if that is known: of
-    /// the training loads, by a physics model of loads that were held out.
+    /// The unexplained share of the loads' variance, 1 − R² per axis, if known. It is computed from the
+    /// training loads, or for a physics model from held-out loads.
     pub fn unexplained(&self) -> Option<PerAxis<f64>> {
         let diagnostics = self.origin.diagnostics.as_ref()?;
         let train = diagnostics.train;
         let has = |axis: Axis| train[axis.index()].r_squared.is_some();
         let known = self.calibration.axes.iter().all(has);
-        // A physics model has no coefficients that would say what new loads add.
+        // A physics model has no coefficients from which to estimate the error on new loads.
         let is_physics = self.calibration.polynomial().is_none();
         let held_out = diagnostics.cross_validation.as_ref().filter(|_| is_physics);
         let share = |axis: usize| {
@@ -233,10 +233,10 @@ impl CalibrationFile {
         input::document(path, DocumentKind::Json, Self::parse)
     }
 
-    /// Reads the JSON document at `path`, which somebody has edited.
+    /// Reads the JSON document at `path` although it was edited.
     ///
     /// # Errors
-    /// Those of [`Self::read`] but for the checksum.
+    /// As for [`Self::read`], except for the checksum.
     pub fn read_edited(path: &Path) -> Result<Self, CalibrationFileError> {
         input::document(path, DocumentKind::Json, Self::parse_edited)
     }
@@ -248,7 +248,7 @@ impl CalibrationFile {
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
         let file = Self::parse_edited(text)?;
         let DocumentHeader { schema_version, checksum, .. } = serde_json::from_slice(text)?;
-        // After the parts: what can be named says more.
+        // Check the checksum last: an error that names a field is more informative.
         if schema_version < SCHEMA_VERSION && checksum.is_none() {
             return Err(Problem::Unsealed { version: schema_version });
         }
@@ -256,12 +256,12 @@ impl CalibrationFile {
         Ok(file)
     }
 
-    /// Reads a JSON document that somebody has edited.
+    /// Reads a JSON document although it was edited.
     ///
     /// # Errors
-    /// Those of [`Self::parse`] but for the checksum.
+    /// As for [`Self::parse`], except for the checksum.
     pub fn parse_edited(text: &[u8]) -> Result<Self, Problem> {
-        // The version first: a document of another version may differ in any other field.
+        // Check the version first: any other field may differ between versions.
         let DocumentHeader { schema_version, model, .. } = serde_json::from_slice(text)?;
         let is_physics = model.is_some_and(|model| model.is_string());
         let file = match schema_version {
@@ -277,13 +277,13 @@ impl CalibrationFile {
         Ok(file)
     }
 
-    /// The largest training load of each axis, either way, N and N·m, if it is known.
+    /// The largest absolute training load of each axis, N and N·m, if known.
     pub fn largest_loads(&self) -> Option<PerAxis<f64>> {
         let excitation = self.origin.diagnostics.as_ref()?.excitation.as_ref()?;
         Some(excitation.largest_loads())
     }
 
-    /// The JSON document.
+    /// Formats the JSON document.
     pub fn to_json(&self) -> String {
         checksum::add(&match &self.calibration.kind {
             Kind::Polynomial(polynomial) => document::format(self, polynomial),
@@ -291,12 +291,12 @@ impl CalibrationFile {
         })
     }
 
-    /// Makes a calibration from the coefficient matrix at `path`: CSV, or MATLAB 5 if the file
-    /// begins like one. `options` says what the file does not. The origin names the file and is
-    /// otherwise empty.
+    /// Imports a calibration from the coefficient matrix at `path`: CSV, a calibration of ATI, or MATLAB 5,
+    /// as the beginning of the file shows. `options` supplies the information that the file lacks. The origin
+    /// names the file and is otherwise empty.
     ///
     /// # Errors
-    /// [`CalibrationFileError`] if the file cannot be read or is no such matrix.
+    /// [`CalibrationFileError`] if the file cannot be read or is not such a matrix.
     pub fn import(
         path: &Path,
         options: &matrix::ImportOptions,

@@ -1,10 +1,9 @@
 //! Coefficient matrices as labs exchange them: one row per feature of raw readings, six axes.
 //!
-//! The CSV has a header `feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm`, of fewer axes where there are
-//! fewer, and rows that begin with
-//! `s1^1`, `s1^2`, …; products are `s1^1*s2^2`, the intercept is `1`. Moments are in mN·m. Reading
-//! also takes bare numbers, features by axes or the other way round, in the order of
-//! [`Model::terms`]. Calibrations of ATI's sensors are read too.
+//! The CSV has a header `feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm`, or fewer axes. Its rows begin with
+//! `s1^1`, `s1^2`, …; products are `s1^1*s2^2`, and the intercept is `1`. Moments are in mN·m. The reader
+//! also accepts bare numbers, features by axes or transposed, in the order of [`Model::terms`], and
+//! calibrations of ATI's sensors.
 
 use std::collections::HashMap;
 
@@ -16,43 +15,41 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 
 use super::{LARGEST, ati};
 
-/// What a matrix file does not say itself.
+/// Information that a matrix file lacks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ImportOptions {
-    /// The unit of moments; by default the one in the header, and mN·m where there is none.
+    /// The unit of moments; by default the unit in the header, or mN·m without a header.
     pub moment_unit: Option<MomentUnit>,
-    /// The variable of a MATLAB file; by default `N`, `C`, or the only one.
+    /// The variable of a MATLAB file; by default `N`, `C`, or the only variable.
     pub variable: Option<String>,
 }
 
-/// Why a file is no coefficient matrix.
+/// The reason why a file is not a coefficient matrix.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum MatrixError {
-    /// A MATLAB file without the variable.
+    /// A MATLAB file without the requested variable.
     #[error("no matrix `{wanted}`; found `{}`", found.join("`, `"))]
     Variable {
-        /// The variable that was looked for.
         wanted: String,
-        /// Those that there are.
+        /// The variables in the file.
         found: Vec<String>,
     },
-    /// The file is not a matrix; the text says what is wrong, and where.
+    /// The file is not a matrix; the text gives the reason and the position.
     #[error("{0}")]
     Unusable(String),
 }
 
-/// The names of the columns of an exported matrix.
 const HEADER: [&str; 7] = ["feature", "Fx_N", "Fy_N", "Fz_N", "Mx_mNm", "My_mNm", "Mz_mNm"];
 
-/// Channels of a matrix without names.
+/// Number of channels of a matrix without names.
 const BARE_CHANNELS: usize = 8;
 
 const MILLI: f64 = 1e3;
 
-/// The names that a calibration matrix usually has, in the order in which they are looked for.
+/// The usual names of a calibration matrix, in order of preference.
 const USUAL_NAMES: [&str; 2] = ["N", "C"];
 
-/// The coefficients of some axes for raw readings as CSV in the lab's format, moments in mN·m.
+/// Formats coefficients for raw readings as CSV in the lab's format, moments in mN·m.
 pub fn to_csv(polynomial: &Polynomial, axes: Axes) -> String {
     let names = axes.iter().map(|axis| HEADER[axis.index() + 1]);
     let mut csv = HEADER[..1].iter().copied().chain(names).collect::<Vec<_>>().join(",") + "\n";
@@ -61,8 +58,8 @@ pub fn to_csv(polynomial: &Polynomial, axes: Axes) -> String {
         csv += &feature_name(term);
         for (axis, coefficient) in axes.values(&row) {
             let unit = if axis.is_moment() { MILLI } else { 1.0 };
-            // Debug is the shortest text that reads back as the same number, with an exponent
-            // where that is shorter.
+            // Debug prints the shortest text that reads back as the same number, with an exponent where that
+            // is shorter.
             csv += &format!(",{:?}", coefficient * unit);
         }
         csv.push('\n');
@@ -79,8 +76,8 @@ fn feature_name(term: &Term) -> String {
     powers.map(|run| format!("s{}^{}", run[0] + 1, run.len())).collect::<Vec<_>>().join("*")
 }
 
-/// Reads a matrix: CSV, a calibration of ATI, or MATLAB 5 if the file begins as these do, with a text of 116 bytes and
-/// the byte order at 126.
+/// Reads a matrix: CSV, a calibration of ATI, or MATLAB 5. A MATLAB 5 file begins with a text of 116 bytes
+/// and has its byte order mark at byte 126.
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
     if bytes.starts_with(b"MATLAB") && matches!(bytes.get(126..128), Some(b"IM" | b"MI")) {
         parse_matlab(bytes, options)
@@ -171,7 +168,7 @@ fn bare(records: &[csv::StringRecord], options: &ImportOptions) -> Result<Calibr
     from_values(records.len(), columns, |row, column| values[row * columns + column], options)
 }
 
-/// In MATLAB 5 files, plain or compressed.
+/// Reads a MATLAB 5 file, plain or compressed.
 fn parse_matlab(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
     if bytes.starts_with(b"MATLAB 7.3") {
         return Err(unreadable("it is of version 7.3; save it with `-v6` or `-v7`"));
@@ -197,17 +194,17 @@ fn parse_matlab(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, Ma
     if !is_whole || values.iter().any(|value| !value.is_finite()) {
         return Err(wrong("has missing or infinite elements"));
     }
-    // MATLAB stores columns one after the other.
+    // MATLAB stores matrices column by column.
     from_values(rows, columns, |row, column| values[column * rows + row], options)
         .map_err(MatrixError::Unusable)
 }
 
-/// The error for a file that looks like one of MATLAB.
+/// The error for a file that looks like MATLAB's.
 fn unreadable(why: &str) -> MatrixError {
     MatrixError::Unusable(format!("cannot be read as a MATLAB 5 file: {why}"))
 }
 
-/// A calibration from a matrix without names, features by axes or axes by features.
+/// Makes a calibration from a matrix without names, features by axes or axes by features.
 fn from_values(
     rows: usize,
     columns: usize,
@@ -236,7 +233,6 @@ fn from_values(
     from_raw_readings(model, coefficients)
 }
 
-/// The calibration of raw readings with these coefficients.
 pub(super) fn from_raw_readings(
     model: Model,
     coefficients: Vec<PerAxis<f64>>,
@@ -253,20 +249,20 @@ fn model_of(coefficients: &HashMap<Term, PerAxis<f64>>) -> Option<Model> {
     let intercept = coefficients.contains_key(&Term::INTERCEPT);
     let last = coefficients.keys().flat_map(|term| term.factors()).max()?;
     models(usize::from(*last) + 1).find(|model| {
-        // Counted first: a file that names one channel 200 must not make a million terms.
+        // Compare counts first: a file that names channel 200 must not create a million terms.
         model.intercept == intercept
             && model.term_count() == coefficients.len()
             && model.terms().iter().all(|term| coefficients.contains_key(term))
     })
 }
 
-/// All models of some number of channels.
+/// All models with this number of channels.
 fn models(channels: usize) -> impl Iterator<Item = Model> {
     let model = move |basis, intercept| Model { basis, intercept, channels, memory: 0 };
     Basis::ALL.into_iter().flat_map(move |basis| [model(basis, false), model(basis, true)])
 }
 
-/// `s1`, `s1^2`, `s1*s2^2`, `1`.
+/// Parses `s1`, `s1^2`, `s1*s2^2` or `1`.
 fn parse_feature(name: &str) -> Option<Term> {
     if name == "1" {
         return Some(Term::INTERCEPT);
@@ -294,7 +290,7 @@ fn number(text: &str) -> Option<f64> {
     text.parse().ok().filter(|value: &f64| value.is_finite())
 }
 
-/// By what moments are divided to be in N·m.
+/// The divisor that converts moments to N·m.
 pub(super) fn divisor(unit: MomentUnit) -> f64 {
     match unit {
         MomentUnit::NewtonMetre => 1.0,
@@ -414,7 +410,7 @@ mod tests {
 
         use super::*;
 
-        /// A data element: type, length, content padded to eight bytes (MAT-File Format, "Level 5").
+        /// A data element: type, length, and content padded to eight bytes (MAT-File Format, "Level 5").
         fn element(kind: u32, content: &[u8]) -> Vec<u8> {
             let mut bytes = [kind.to_le_bytes(), (content.len() as u32).to_le_bytes()].concat();
             bytes.extend(content);
@@ -422,7 +418,7 @@ mod tests {
             bytes
         }
 
-        /// A matrix of doubles whose elements, column by column, are 1, 2, 3, …
+        /// A matrix of doubles with the elements 1, 2, 3, … column by column.
         fn matrix(name: &str, rows: i32, columns: i32) -> Vec<u8> {
             let (int32, uint32, int8, double, double_class) = (5, 6, 1, 9, 6_u32);
             let size = [rows.to_le_bytes(), columns.to_le_bytes()].concat();

@@ -1,4 +1,4 @@
-//! Where a calibration comes from, and how well it was fitted.
+//! The origin of a calibration, and the quality of its fit.
 
 use std::path::{Path, PathBuf};
 
@@ -12,50 +12,50 @@ use shell_data::ColumnNames;
 use shell_data::by_axis;
 use shell_data::wrench::PerAxis;
 
-/// Where a calibration comes from.
+/// The origin of a calibration.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// Program and version.
     pub made_by: String,
-    /// When, in UTC, RFC 3339.
+    /// Date and time, UTC, RFC 3339.
     pub date: String,
     /// The label of the sensor.
     pub sensor_serial: Option<String>,
     /// The solver; `None` for an imported matrix.
     pub solver: Option<SolverRecord>,
-    /// How well the fit went; `None` for an imported matrix.
+    /// The quality of the fit; `None` for an imported matrix.
     pub diagnostics: Option<Diagnostics>,
-    /// The files it was made from.
+    /// The files that the calibration was made from.
     pub sources: Vec<SourceFile>,
-    /// Which of their columns are what, where that was specified.
+    /// The roles of their columns, if these were specified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<ColumnNames>,
 }
 
-/// Which solver was used, and how.
+/// The solver and its options.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SolverRecord {
-    /// Its name.
+    /// The name of the solver.
     pub name: SolverKind,
     /// The ridge parameter, 0 for none.
     pub ridge: f64,
-    /// Directions are left out whose singular value is below this share of the largest.
+    /// Directions with a singular value below this share of the largest are omitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub truncate: Option<f64>,
 }
 
-/// How well a fit went.
+/// The quality of a fit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Diagnostics {
-    /// Rows fitted.
+    /// Number of rows fitted.
     pub rows: u64,
-    /// Wrong rows that were left out.
+    /// Number of invalid rows that were skipped.
     pub skipped_rows: u64,
-    /// Rows whose readings repeat those of the row before.
+    /// Number of rows with the same readings as the previous row.
     pub repeated_rows: u64,
-    /// Independent features.
+    /// Number of independent features.
     pub rank: usize,
-    /// Condition number of the features, columns scaled to norm one; `None` if infinite.
+    /// Condition number of the features, with columns scaled to norm one; `None` if infinite.
     pub condition: Option<f64>,
     /// Errors on the training data, per axis.
     #[serde(with = "by_axis")]
@@ -63,19 +63,21 @@ pub struct Diagnostics {
     /// Errors on the test data, per axis.
     #[serde(with = "by_axis::option")]
     pub test: Option<PerAxis<AxisQuality>>,
-    /// Errors on training groups that were held out, if that was asked for.
+    /// Errors on held-out training groups, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cross_validation: Option<CrossValidation>,
-    /// What models were compared, if that was asked for.
+    /// The model comparison, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
     /// How well the training loads cover the six axes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub excitation: Option<Excitation>,
-    /// The share of test rows at poses of the training data, where the test says nothing of new poses.
+    /// The share of test rows at poses of the training data, if so many that the test cannot assess new
+    /// poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub test_leak: Option<f64>,
-    /// The share of training rows whose pose other groups have rows of, where held-out groups say nothing of new poses.
+    /// The share of training rows whose pose also occurs in other groups, if so many that held-out groups
+    /// cannot assess new poses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group_leak: Option<f64>,
 }
@@ -83,38 +85,38 @@ pub struct Diagnostics {
 /// A file that a calibration was made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceFile {
-    /// What it was used for.
+    /// The role of the file.
     pub role: Role,
-    /// The file as it was named.
+    /// The path as it was given.
     #[serde(serialize_with = "as_unicode")]
     pub path: PathBuf,
-    /// As `log_file::checksum` gives it.
+    /// The checksum from `log_file::checksum`.
     pub checksum: Option<String>,
-    /// What tells its rows from others, as [`Fingerprint`](shell_data::fingerprint::Fingerprint) is written: of the
-    /// values that were parsed, whatever the file looks like.
+    /// The identity of the rows, as written by [`Fingerprint`](shell_data::fingerprint::Fingerprint). It
+    /// covers the parsed values, whatever the format of the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<String>,
-    /// Rows used.
+    /// Number of rows used.
     pub rows: u64,
 }
 
-/// What a source file was used for.
+/// The role of a source file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
-    /// Fitted to.
+    /// Training data.
     Train,
-    /// Tested on.
+    /// Test data.
     Test,
-    /// The wrench of the source before it, row by row.
+    /// The wrench for the previous source, row by row.
     Wrench,
-    /// A coefficient matrix that was imported.
+    /// An imported coefficient matrix.
     Matrix,
-    /// The calibration that was brought up to date.
+    /// The calibration that was updated.
     Calibration,
 }
 
-/// Writes names that are not Unicode, which JSON cannot hold, with replacement characters.
+/// Serializes a path. Characters that are not Unicode, which JSON cannot hold, are replaced.
 pub(crate) fn as_unicode<S: Serializer>(path: &Path, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(&path.to_string_lossy())
 }

@@ -1,14 +1,14 @@
-//! What a sensor carries, as a JSON document.
+//! The payload of a sensor as a JSON document.
 //!
 //! | field | content |
 //! |---|---|
 //! | `kind`, `schema_version` | `payload`, [`SCHEMA_VERSION`] |
 //! | `made_by`, `date`, `sources` | program and version, UTC, the logs and their rows |
 //! | `mass_kg`, `centre_m`, `force_bias_n`, `moment_bias_nm` | see [`forces::payload::Payload`] |
-//! | `standard_errors` | of each of these |
+//! | `standard_errors` | for each of these |
 //! | `residual_rms_n`, `residual_rms_nm`, `poses`, `spread_rad` | see [`PayloadFit`] |
-//! | `gravity_m_s2` | gravity that the mass was found with; 9.80665 where a document of before does not say it |
-//! | `accelerometer` | see [`Accelerometer`]; `null` where there was none |
+//! | `gravity_m_s2` | gravity used to find the mass; 9.80665 in earlier documents, which do not state it |
+//! | `accelerometer` | see [`Accelerometer`]; `null` without one |
 
 use std::path::{Path, PathBuf};
 
@@ -22,32 +22,30 @@ use forces::payload::{Accelerometer, Payload, PayloadFit};
 /// The version of the documents that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
 
-/// What `kind` says.
+/// The value of `kind`.
 const KIND: &str = "payload";
 
-/// What a sensor carries, with its origin.
+/// The payload of a sensor, with its origin.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PayloadFile {
     /// Program and version.
     pub made_by: String,
-    /// When, in UTC, RFC 3339.
+    /// Date and time, UTC, RFC 3339.
     pub date: String,
     /// The logs.
     pub sources: Vec<PayloadSource>,
-    /// What it carries.
+    /// The fitted payload.
     #[serde(flatten)]
     pub fit: PayloadFit,
-    /// How its accelerometer sits.
+    /// The orientation and offsets of the accelerometer.
     pub accelerometer: Option<Accelerometer>,
 }
 
-/// A log that a payload was found from.
+/// A log that a payload was fitted to.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PayloadSource {
-    /// The file.
     #[serde(serialize_with = "as_unicode")]
     pub path: PathBuf,
-    /// The number of its rows.
     pub rows: u64,
 }
 
@@ -69,16 +67,16 @@ impl PayloadFile {
         input::document(path, DocumentKind::Json, parse)
     }
 
-    /// Reads a document; what is wrong with it otherwise.
+    /// Reads a document.
     ///
     /// # Errors
-    /// What is wrong, and where.
+    /// The reason and the position.
     pub fn parse(text: &[u8]) -> Result<Self, String> {
         let said = |error: serde_json::Error| {
             let JsonFault { line, column, message } = JsonFault::from(&error);
             format!("line {line}, column {column}: {message}")
         };
-        // A document of another kind or version may differ in any other field.
+        // Check kind and version first: any other field may differ between them.
         let version: serde_json::Value = serde_json::from_slice(text).map_err(said)?;
         let is_payload = version.get("kind").and_then(|kind| kind.as_str()) == Some(KIND);
         ensure!(is_payload, "it is no payload: `kind` is not `{KIND}`");
@@ -91,13 +89,13 @@ impl PayloadFile {
         Ok(file)
     }
 
-    /// The JSON document.
+    /// Formats the JSON document.
     pub fn to_json(&self) -> String {
         let document = PayloadDocument { kind: KIND, schema_version: SCHEMA_VERSION, file: self };
         serde_json::to_string_pretty(&document).expect("plain numbers are always JSON") + "\n"
     }
 
-    /// Whether its numbers are such as the rest of the program takes for granted.
+    /// Checks that the numbers are plausible; the rest of the program relies on that.
     fn check(&self) -> Result<(), String> {
         let Payload { mass_kg, centre_m, force_bias_n, moment_bias_nm } = &self.fit.payload;
         let is_positive = *mass_kg > 0.0 && *mass_kg <= LARGEST;

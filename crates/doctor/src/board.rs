@@ -1,4 +1,4 @@
-//! Checks of a board, by its answers and a stretch of its stream.
+//! Checks of a board, based on its answers and a short part of its stream.
 
 use calibration::Calibration;
 use shared_proto::{CHANNELS, Identity, Protocol, ResetCause, Status, Stream, crc32};
@@ -10,31 +10,31 @@ use board_link::recording::{BoardFrame, Losses, Measured, protocol_name};
 use board_link::{Handshake, Heard, LinkError, Stretch, for_board, serial_text};
 use log_file::summary::LogSummary;
 
-/// What a board is checked against.
+/// The observations of a board, and the expectations to check them against.
 #[derive(Clone, Copy, Debug)]
 pub struct BoardObservations<'a> {
-    /// What it said.
+    /// The board's answers.
     pub handshake: &'a Handshake,
-    /// The speed that was asked for, bits per second.
+    /// The requested speed, bits per second.
     pub baud: u32,
-    /// The framing that was asked for.
+    /// The requested framing.
     pub protocol: Protocol,
-    /// The calibration that it should work with, and the label in it.
+    /// The expected calibration, and the label in it.
     pub calibration: Option<(&'a Calibration, Option<&'a str>)>,
-    /// The version of the firmware that comes with this program.
+    /// The firmware version that comes with this program.
     pub firmware: [u8; 3],
 }
 
-/// A radio loses a packet now and then; more than this share leaves holes that show.
+/// A radio loses a packet now and then; above this share, gaps become visible.
 const FEW_LOST: f64 = 1e-3;
 
-/// More than this share is no longer a nuisance.
+/// Above this share, losses are a fault.
 const MANY_LOST: f64 = 1e-2;
 
-/// A quartz is right to some 10⁻⁴, and a period in whole µs to 10⁻³ at 1 kHz.
+/// A quartz is accurate to some 10⁻⁴, and a period in whole µs to 10⁻³ at 1 kHz.
 const RATE_ERROR: f64 = 0.01;
 
-/// What is wrong with a board.
+/// Checks a board.
 pub fn check_board(facts: &BoardObservations<'_>) -> Vec<Finding> {
     let mut findings = heard(facts);
     let Heard::Board { .. } = facts.handshake.heard else { return findings };
@@ -79,7 +79,7 @@ fn heard(facts: &BoardObservations<'_>) -> Vec<Finding> {
                 let advice = format!("give `--baud {baud}`, or set the radio to {asked}");
                 findings.push(Finding::fault("baud", seen, advice));
             }
-            // Who reads the original board has to say so nowhere.
+            // The original board needs no framing option.
             let is_told = protocol == Protocol::Original;
             if protocol != facts.protocol && !is_told {
                 let asked = protocol_name(facts.protocol);
@@ -127,7 +127,7 @@ fn check_identity(identity: &Identity, facts: &BoardObservations<'_>, findings: 
         ),
         false => Finding::fine("firmware", format!("version {has}")),
     });
-    // A label may be anything; one that looks like a board's number is meant as one.
+    // A label may be any text; if it looks like a board's serial number, it is compared as one.
     let label = facts.calibration.and_then(|(_, label)| label);
     let serial = serial_text(&identity.serial);
     let is_number =
@@ -187,7 +187,7 @@ fn reset(status: &Status, facts: &BoardObservations<'_>) -> Finding {
     }
 }
 
-/// The calibration on the board beside the one of the file.
+/// Compares the calibration on the board with that in the file.
 fn calibrated(status: &Status, facts: &BoardObservations<'_>) -> Option<Finding> {
     let is_streaming_wrenches = status.stream == Stream::Wrench;
     if !status.calibrated {
@@ -268,7 +268,7 @@ fn check_losses(stretch: &Stretch, findings: &mut Vec<Finding>) {
     }
 }
 
-/// The frames in the order of their numbers, with their readings where all have some.
+/// The frames in order of index, with their readings if all frames have some.
 fn in_order(frames: &[BoardFrame]) -> Block {
     let mut ordered: Vec<&BoardFrame> = frames.iter().collect();
     ordered.sort_by_key(|frame| frame.index);

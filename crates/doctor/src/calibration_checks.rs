@@ -14,25 +14,26 @@ use crate::channels::channel_name;
 use crate::{Finding, percent};
 use calibration_file::{CalibrationFile, Diagnostics};
 
-/// Singular values that are so far apart leave some ten digits of a coefficient in doubt.
+/// Above this condition number, the last ten or so digits of a coefficient are in doubt.
 const CONDITION: f64 = 1e6;
 
-/// How many times the error on new data may be that on the training data.
+/// Limit on the ratio of the error on new data to that on the training data.
 const OVERFIT: f64 = 2.0;
 
-/// Rows per feature, fewer of which a fit follows rather than averages.
+/// With fewer rows per feature, a fit follows the noise instead of averaging it.
 const ROWS_PER_FEATURE: u64 = 10;
 
-/// A share of the variance of an axis, less of which a calibration should explain.
+/// The minimum explained share of the variance of an axis.
 const EXPLAINED: f64 = 0.9;
 
-/// A calibration of more days should be made again, or at least tested.
+/// A calibration older than this should be repeated, or at least tested.
 const OLD_DAYS: f64 = 365.0;
 
-/// The share of the training rows that may have been left out as wrong.
+/// Limit on the share of training rows that were skipped as invalid.
 const SKIPPED: f64 = 0.01;
 
-/// Reads a calibration file, and checks it. `age` gives how many days ago a date was, `None` if it is no date.
+/// Reads a calibration file, and checks it. `age` returns the number of days since a date, `None` if it is
+/// not a date.
 pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Vec<Finding> {
     let file = match CalibrationFile::read(path) {
         Ok(file) => file,
@@ -85,7 +86,6 @@ pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Ve
     findings
 }
 
-/// The checksum of a file, if it can be read.
 fn checksum_of(path: &Path) -> Option<String> {
     let file = File::open(path).ok().filter(|_| path.is_file())?;
     checksum::of_stream(file).ok()
@@ -100,7 +100,7 @@ fn check_skipped(known: &Diagnostics, findings: &mut Vec<Finding>) {
     }
 }
 
-/// Whether the training data tell so many features of a polynomial.
+/// Checks that the training data determine this number of features of a polynomial.
 fn check_features(known: &Diagnostics, features: usize, findings: &mut Vec<Finding>) {
     let Diagnostics { rank, rows, condition, .. } = *known;
     if rank < features {
@@ -123,7 +123,7 @@ fn check_features(known: &Diagnostics, features: usize, findings: &mut Vec<Findi
     }
 }
 
-/// Errors that were measured on rows which the fit has all but seen.
+/// Checks for errors measured on rows that the fit has practically seen.
 fn check_leaks(known: &Diagnostics, findings: &mut Vec<Finding>) {
     if let Some(share) = known.test_leak.map(percent) {
         let seen = format!("{share} of its test rows were recorded at poses of the training data");
@@ -138,7 +138,7 @@ fn check_leaks(known: &Diagnostics, findings: &mut Vec<Finding>) {
     }
 }
 
-/// Errors on new data beside those on the training data.
+/// Compares the errors on new data with those on the training data.
 fn check_errors(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     let tested = known.test.filter(|_| known.test_leak.is_none());
     let tested = tested.map(|test| ("test data", test.map(|axis| axis.rms)));
@@ -166,7 +166,7 @@ fn check_errors(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     }
 }
 
-/// Axes of which the calibration explains little, even of its own training data.
+/// Checks for axes that the calibration hardly explains, even in its own training data.
 fn check_explained(known: &Diagnostics, axes: Axes, findings: &mut Vec<Finding>) {
     let errors = known.test.as_ref().unwrap_or(&known.train);
     for axis in axes.iter() {
@@ -214,7 +214,8 @@ fn check_ranges(calibration: &Calibration, names: &[String], findings: &mut Vec<
     }
 }
 
-/// Whether the readings of a converter got to an end of its range. Volts and fractions have no such ends.
+/// Returns true if the readings of a converter reached an end of its range. Volts and fractions have no such
+/// ends.
 fn is_at_an_end(range: &ReadingRange) -> bool {
     let converter = Converter::of_extremes(range.min, range.max);
     converter.is_some_and(|of| of.is_at_end(range.min) || of.is_at_end(range.max))

@@ -1,22 +1,22 @@
-//! Checks of the readings, whether they come from a board or from a log.
+//! Checks of the readings of a board or a log.
 
 use calibration::Calibration;
 
 use crate::{Finding, FindingSeverity, percent};
 use log_file::summary::LogSummary;
 
-/// Fewer frames say nothing about a channel.
+/// The minimum number of frames for a check of a channel.
 pub(crate) const ENOUGH_FRAMES: u64 = 20;
 
-/// How many times as certain forces must be after an exchange of two channels. Noise and creep make some
-/// exchange or other a little better.
+/// The minimum gain in certainty of forces from an exchange of two channels. Noise and creep make some
+/// exchange slightly better in any case.
 const UNLIKELY: f64 = 2.0;
 
-/// Frames outside the calibrated range that make a warning, and a fault.
+/// Shares of frames outside the calibrated range: of a warning, and of a fault.
 const OUTSIDE: [f64; 2] = [0.05, 0.5];
 
-/// Saturated, dead, quiet, identical and swapped channels; `identical` are the pairs that are the same in every row.
-/// `names` are the channels' own; those that are missing are called s1, s2, ….
+/// Checks for saturated, dead, quiet, identical and swapped channels. `identical` lists the pairs with equal
+/// readings in every row. `names` are the channels' own names; missing names become s1, s2, ….
 pub(crate) fn check_channels(
     summary: &LogSummary,
     names: &[String],
@@ -79,13 +79,14 @@ pub(crate) fn check_channels(
     }
 }
 
-/// The name of a channel as its log has it.
+/// The name of a channel in its log.
 pub(crate) fn channel_name(names: &[String], channel: usize) -> String {
     let name = names.get(channel).filter(|name| !name.is_empty());
     name.cloned().unwrap_or_else(|| format!("s{}", channel + 1))
 }
 
-/// Readings that are exchanged are found in more than one way, and leave their ranges: that is said once.
+/// Removes the side effects of swapped channels: a swap triggers several checks, and moves readings out of
+/// their ranges, but is reported once.
 pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
     const SWAPPED: &str = "channels-swapped";
     if findings.iter().any(|finding| finding.check == SWAPPED) {
@@ -98,10 +99,11 @@ pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
     }
 }
 
-/// Two channels of which each reads what the other should.
+/// Finds two channels with exchanged readings.
 ///
-/// Eight channels see six loads: readings that no load makes lie far from all training data, which shows in
-/// the standard errors of their forces. Where an exchange of two channels brings them back, that is it.
+/// Eight channels measure six loads. Readings that no load can cause lie far from all training data, which
+/// shows in the standard errors of their forces. If an exchange of two channels brings them back, the
+/// channels are swapped.
 fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) -> Option<Finding> {
     if summary.readings.len() != calibration.channels() {
         return None;
@@ -122,7 +124,7 @@ fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) ->
     })
 }
 
-/// The exchange of two channels after which readings score highest, and this score.
+/// The exchange of two channels with the highest score of the readings, and this score.
 pub(crate) fn best_exchange(
     readings: &[Vec<f64>],
     score: impl Fn(&[Vec<f64>]) -> Option<f64>,
@@ -140,7 +142,7 @@ pub(crate) fn best_exchange(
     best
 }
 
-/// The finding about two channels that are better exchanged.
+/// The finding for two swapped channels.
 pub(crate) fn exchanged(names: &[String], (first, second): (usize, usize), then: &str) -> Finding {
     let [first, second] = [first, second].map(|channel| channel_name(names, channel));
     let seen = format!("with {first} and {second} exchanged, {then}");
@@ -148,7 +150,7 @@ pub(crate) fn exchanged(names: &[String], (first, second): (usize, usize), then:
     Finding::fault("channels-swapped", seen, advice)
 }
 
-/// Rows outside the range of the training data.
+/// Checks for rows outside the range of the training data.
 pub(crate) fn outside(rows: u64, of: u64) -> Option<Finding> {
     let share = rows as f64 / of.max(1) as f64;
     let seen = format!("{} of the frames are outside the calibrated range", percent(share));
@@ -158,12 +160,11 @@ pub(crate) fn outside(rows: u64, of: u64) -> Option<Finding> {
     (finding.severity != FindingSeverity::Fine).then_some(finding)
 }
 
-/// All pairs of columns.
 fn pairs(columns: usize) -> impl Iterator<Item = (usize, usize)> {
     (0..columns).flat_map(move |first| (first + 1..columns).map(move |second| (first, second)))
 }
 
-/// Pairs of columns that are the same, of those in `before` if that is known.
+/// Pairs of equal columns, restricted to those in `before` if given.
 pub(crate) fn identical_in(
     columns: &[Vec<f64>],
     before: Option<Vec<(usize, usize)>>,

@@ -1,15 +1,15 @@
-//! What is wrong with a set-up: a port and the board behind it, a log, a calibration.
+//! Checks of a set-up: a port and the board behind it, a log, or a calibration.
 //!
 //! ```text
-//! port, board, file ─▶ what is known of it ─▶ checks ─▶ findings
+//! port, board, file ─▶ observations ─▶ checks ─▶ findings
 //! ```
 //!
-//! Checks take observations and return [`Finding`]s, each with what was seen and what to do about it.
-//! [`check_port`] and [`check_board`] are pure, after [`board_link::handshake`] has asked the board;
-//! [`examine_log`] and [`examine_calibration`] read files first; [`check_rows`] takes rows that have been read.
+//! Checks take observations and return [`Finding`]s, each with an observation and advice. [`check_port`] and
+//! [`check_board`] are pure, once [`board_link::handshake`] has queried the board. [`examine_log`] and
+//! [`examine_calibration`] read files first; [`check_rows`] takes rows in memory.
 //!
-//! A [`FindingSeverity::Fault`] makes results wrong or impossible. A [`FindingSeverity::Warning`] may, or makes
-//! them worse than they could be.
+//! A [`FindingSeverity::Fault`] makes results wrong or impossible. A [`FindingSeverity::Warning`] may make
+//! them wrong, or makes them worse than necessary.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]
@@ -34,28 +34,28 @@ pub use port::check_port;
 pub use rows::check_rows;
 use serde::Serialize;
 
-/// How bad it is.
+/// The severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum FindingSeverity {
-    /// As it should be.
+    /// No problem.
     Fine,
-    /// May make results wrong, or makes them worse than they could be.
+    /// May make results wrong, or makes them worse than necessary.
     Warning,
     /// Makes results wrong or impossible.
     Fault,
 }
 
-/// One thing that was looked at.
+/// The result of one check.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
-    /// What was looked at, a name that does not change: `losses`, `channel-dead`.
+    /// The name of the check, which is stable: `losses`, `channel-dead`.
     pub check: &'static str,
-    /// How bad it is.
+    /// Its severity.
     pub severity: FindingSeverity,
-    /// What was seen.
+    /// The observation.
     pub seen: String,
-    /// What to do about it; `None` if nothing.
+    /// The advice, if any.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
 }
@@ -70,12 +70,12 @@ impl Finding {
         Self { check, severity: FindingSeverity::Warning, seen, advice }
     }
 
-    /// What makes results wrong or impossible, and what to do about it.
+    /// A finding that makes results wrong or impossible, with advice.
     pub fn fault(check: &'static str, seen: impl Into<String>, advice: impl Into<String>) -> Self {
         Self { severity: FindingSeverity::Fault, ..Self::warning(check, seen, advice) }
     }
 
-    /// A share that is a warning above `some`, and a fault above `most`.
+    /// A finding about a share: a warning above `some`, a fault above `most`.
     fn graded(
         check: &'static str,
         share: f64,
@@ -91,7 +91,7 @@ impl Finding {
     }
 }
 
-/// A share as people read it.
+/// Formats a share as a percentage.
 fn percent(share: f64) -> String {
     let percent = 100.0 * share;
     match percent {

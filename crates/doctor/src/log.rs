@@ -18,33 +18,33 @@ use crate::{Finding, percent};
 use calibration_file::CalibrationFile;
 use log_file::summary::LogSummary;
 
-/// Jitter, as a share of the interval, from which forces between frames are not where they seem.
+/// Limit on the jitter, as a share of the interval; above it, times between frames are unreliable.
 const JITTER: f64 = 0.25;
 
-/// A clock that runs back at more than this share of the rows is none: recordings that were put together do so
-/// where each begins.
+/// A clock that runs back in more than this share of the rows is unusable. In concatenated recordings it runs
+/// back only where each begins.
 const NO_CLOCK: f64 = 0.1;
 
-/// Missing rows that make a warning, and a fault.
+/// Shares of missing rows: of a warning, and of a fault.
 const MISSING: [f64; 2] = [1e-3, 0.05];
 
-/// Frames that a tare takes.
+/// Number of frames in a tare.
 const TARE_FRAMES: u64 = 50;
 
-/// How many times the error of the training data a log's error must be to look for the reason.
+/// A log's error above this multiple of the training error starts a search for the reason.
 const WORSE: f64 = 3.0;
 
-/// Rows in which swapped channels are looked for: conversion takes 28 times as long as usual.
+/// Number of rows in the search for swapped channels: that conversion takes 28 times as long as usual.
 const SWAP_ROWS: usize = 20_000;
 
-/// The share of the training load that a drift of zero must exceed, and how many times the scatter.
+/// The minimum drift of the zero, as a share of the training load, and as a multiple of the scatter.
 const DRIFT: f64 = 0.02;
 const DRIFT_SCATTER: f64 = 4.0;
 
-/// Rows whose mean wrench is kept, to tell the ends of a log by.
+/// Number of rows per mean wrench that is kept, so that the two ends of a log can be compared.
 const STEP: usize = 64;
 
-/// Reads a log, if it could be opened, and checks it, with a calibration if there is one.
+/// Reads a log, if it could be opened, and checks it, with a calibration if given.
 pub fn examine_log(
     log: Result<Log, LogError>,
     read: &ReadOptions<'_>,
@@ -60,26 +60,23 @@ pub fn examine_log(
     }
 }
 
-/// Observations on a log, collected block by block.
 #[derive(Default)]
 struct LogObservations<'a> {
     calibration: Option<&'a CalibrationFile>,
-    /// The number of rows that cannot be read.
+    /// Number of unreadable rows.
     bad_rows: u64,
-    /// The error of the first of them.
+    /// The error in the first unreadable row.
     first_bad: String,
-    /// The names of the channels.
     names: Vec<String>,
-    /// Timing and columns.
     summary: LogSummary,
-    /// Frames that did not arrive, by the column `missing`.
+    /// Number of frames that did not arrive, from the column `missing`.
     missing: Option<f64>,
     /// Sums of squares of the forces and of the moments.
     squares: [f64; 2],
     labelled: LabelledRows,
-    /// Channels that are the same in every row.
+    /// Pairs of channels with equal readings in every row.
     identical: Option<Vec<(usize, usize)>>,
-    /// Rows outside the range of the calibration's training data.
+    /// Number of rows outside the range of the calibration's training data.
     rows_outside: u64,
     errors: PerAxis<AxisErrors>,
     /// Rows for the search for swapped channels.
@@ -89,7 +86,7 @@ struct LogObservations<'a> {
 }
 
 impl<'a> LogObservations<'a> {
-    /// Reads a log; without its wrong rows, if it has some.
+    /// Reads a log, and skips invalid rows.
     fn read(
         log: &Log,
         read: &ReadOptions<'_>,
@@ -150,7 +147,7 @@ impl<'a> LogObservations<'a> {
         }
     }
 
-    /// What is wrong with the log.
+    /// Checks the log.
     fn check(&self, log: &Log) -> Vec<Finding> {
         let Self { summary, names, .. } = self;
         if summary.readings.is_empty() && summary.wrench.is_empty() {
@@ -236,7 +233,7 @@ impl<'a> LogObservations<'a> {
         }
         if let Some(row) = timing.first_backward_row {
             let seen = format!("time runs backwards {backward} times, first at row {}", row + 1);
-            // A fit takes recordings that were put together as groups.
+            // A fit takes concatenated recordings as groups.
             findings.push(match log.has_wrench() {
                 true => {
                     let advice = "recordings that were put together, it seems: `fit` takes each as a group of its \
@@ -270,7 +267,7 @@ impl<'a> LogObservations<'a> {
         self.check_repeats(log, findings);
     }
 
-    /// Rows that are missing, by the log's own count where it has one, else by its clock.
+    /// Checks for missing rows, by the log's own count if it has one, otherwise by its clock.
     fn check_losses(&self) -> Finding {
         let gaps = self.summary.timing.gaps();
         let missing = self.missing.unwrap_or(gaps.missing_rows as f64);
@@ -319,7 +316,7 @@ impl<'a> LogObservations<'a> {
         }
     }
 
-    /// The error on the log beside that on the training data, and a reason for it.
+    /// Compares the error on the log with the training error, and looks for a reason.
     fn check_errors(&self, log: &Log, file: &CalibrationFile) -> Option<Finding> {
         let trained = file.origin.diagnostics.as_ref()?.train;
         let found: Vec<_> = self.errors.iter().map(AxisErrors::quality).collect::<Option<_>>()?;
@@ -340,13 +337,13 @@ impl<'a> LogObservations<'a> {
     }
 }
 
-/// The exchange of two channels that makes the error smallest, if it does so by far.
+/// The exchange of two channels with the smallest error, if the gain is large.
 fn find_swap(calibration: &Calibration, rows: &Block) -> Option<((usize, usize), f64)> {
     let explained = |readings: &[Vec<f64>]| {
         let mut wrench = PerAxis::default();
         calibration.wrench(readings, &mut wrench);
         let errors = quality::errors(&wrench, &rows.wrench);
-        // Relative to the load, so that forces and moments count alike.
+        // Relative to the load, so that forces and moments have equal weight.
         let unexplained = |errors: &AxisErrors| Some(1.0 - errors.quality()?.r_squared?);
         Some(-errors.iter().filter_map(unexplained).sum::<f64>())
     };
@@ -356,8 +353,8 @@ fn find_swap(calibration: &Calibration, rows: &Block) -> Option<((usize, usize),
     (factor > WORSE).then_some((channels, factor))
 }
 
-/// How far the wrench has moved from the first tenth to the last, where both are quiet and nothing says
-/// that it was loaded there.
+/// The change of the wrench from the first tenth to the last, if both are quiet and so
+/// show no sign of a load.
 fn drift(means: &[PerAxis<RunningVariance>], largest: &PerAxis<f64>) -> Vec<(Axis, f64, f64)> {
     let tenth = means.len() / 10;
     if tenth == 0 {

@@ -1,13 +1,13 @@
-//! Checks of a port before anything is sent.
+//! Checks of a port before any transmission.
 
 use crate::Finding;
 use board_link::{LinkError, PortState};
 
-/// A longer wait holds up every frame of a slow stream: an adapter that passes bytes on every 16 ms gives
-/// them in bursts, 62 times a second.
+/// The maximum latency. A longer one delays every frame of a slow stream: an adapter with 16 ms delivers
+/// bytes in bursts, 62 times a second.
 const LATENCY_MS: u32 = 2;
 
-/// What the system says of a port.
+/// Checks the state of a port, as the system reports it.
 pub fn check_port(port: &PortState) -> Vec<Finding> {
     let mut findings = vec![match &port.refusal {
         None => Finding::fine("port", format!("`{}` can be opened", port.port)),

@@ -1,4 +1,4 @@
-//! Poses of constant load in which the readings jump: rows of another pose under this one's label.
+//! Detects jumps of the readings within a pose of constant load: rows of another pose under the same label.
 
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
@@ -6,21 +6,21 @@ use shell_data::statistics::RunningVariance;
 /// A load is constant if it varies by less than this share of its range over the log.
 const CONSTANT_LOAD: f64 = 0.01;
 
-/// A jump is at least this share of a channel's range over the log, and so many times its noise. Creep under a
-/// constant load is smaller, and comes slowly.
+/// The minimum size of a jump, as a share of the channel's range over the log, and as a multiple of its
+/// noise. Creep under a constant load is smaller and gradual.
 const JUMP: f64 = 0.05;
 const NOISE: f64 = 10.0;
 
-/// Fewer rows on either side are no pose but a spike.
+/// With fewer rows on either side, the change is a spike and not a pose.
 const LEAST_ROWS: usize = 5;
 
-/// A log of more rows is not looked at: it is no set of poses.
+/// A longer log is skipped: it does not consist of poses.
 const MOST_ROWS: usize = 1_000_000;
 
-/// The rows of a log by the labels of its groups.
+/// The rows of a log by group label.
 #[derive(Debug, Default)]
 pub(crate) struct LabelledRows {
-    /// The readings and wrench of rows of one label that follow each other.
+    /// The readings and wrench of consecutive rows of one label.
     runs: Vec<(String, Block)>,
     rows: usize,
 }
@@ -30,16 +30,15 @@ pub(crate) struct LabelledRows {
 pub(crate) struct PoseJump {
     /// The label of the pose.
     pub(crate) pose: String,
-    /// Rows of the pose before the jump.
+    /// Number of rows of the pose before the jump.
     pub(crate) rows_before: usize,
-    /// The channel that jumps farthest for its range, from 0.
+    /// The channel with the largest jump relative to its range, from 0.
     pub(crate) channel: usize,
-    /// Its mean before and after.
+    /// The channel's mean before and after the jump.
     pub(crate) means: [f64; 2],
 }
 
 impl LabelledRows {
-    /// Adds the next rows of the log.
     pub(crate) fn add(&mut self, block: &Block) {
         self.rows += block.rows;
         if self.rows > MOST_ROWS {
@@ -59,7 +58,7 @@ impl LabelledRows {
         }
     }
 
-    /// The jumps, one at most for each run of a label.
+    /// The jumps, at most one for each run of a label.
     pub(crate) fn jumps(&self) -> Vec<PoseJump> {
         let loads = ranges(self.runs.iter().map(|(_, rows)| &rows.wrench));
         let readings = ranges(self.runs.iter().map(|(_, rows)| &rows.readings));
@@ -73,7 +72,7 @@ impl LabelledRows {
     }
 }
 
-/// Greatest less least value of each column over all runs.
+/// The range (maximum minus minimum) of each column over all runs.
 fn ranges<'a>(runs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> Vec<f64> {
     let mut ranges: Vec<[f64; 2]> = Vec::new();
     for columns in runs {
@@ -86,7 +85,8 @@ fn ranges<'a>(runs: impl Iterator<Item = &'a Vec<Vec<f64>>>) -> Vec<f64> {
     ranges.iter().map(|[low, high]| high - low).collect()
 }
 
-/// The jump of one pose: where two means explain the most of it, if they are far apart and the change is sudden.
+/// The jump of one pose: at the split into two means that explains the most variance, if they are far apart
+/// and the change is sudden.
 fn jump(pose: &str, columns: &[Vec<f64>], ranges: &[f64]) -> Option<PoseJump> {
     let mut best: Option<(f64, PoseJump)> = None;
     for (channel, (column, &range)) in columns.iter().zip(ranges).enumerate() {
@@ -104,10 +104,10 @@ fn jump(pose: &str, columns: &[Vec<f64>], ranges: &[f64]) -> Option<PoseJump> {
     best.map(|(_, jump)| jump)
 }
 
-/// Where to cut a column so that the means of the parts explain the most of its variance, and these means.
+/// The split of a column whose two means explain the most of its variance, with these means.
 fn split(column: &[f64]) -> Option<(usize, [f64; 2])> {
     let rows = column.len();
-    // About its mean, so that nothing is lost to rounding.
+    // Subtract the mean first, so that rounding loses nothing.
     let mean = RunningVariance::new(column).mean;
     let (mut sum, mut best) = (0.0, None);
     for (at, value) in column.iter().enumerate() {
@@ -123,7 +123,8 @@ fn split(column: &[f64]) -> Option<(usize, [f64; 2])> {
     Some((at, [mean + sum / at as f64, mean - sum / (rows - at) as f64]))
 }
 
-/// The standard deviation of a column as neighbouring rows tell it, without the one difference that a jump makes.
+/// The standard deviation of a column from differences of neighbouring rows, without the largest difference,
+/// which a jump causes.
 fn noise(column: &[f64]) -> f64 {
     let squares = column.windows(2).map(|pair| (pair[1] - pair[0]).powi(2));
     let (sum, largest) =
@@ -135,7 +136,7 @@ fn noise(column: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// Poses of 100 rows: a level of its own for each of two channels, noise of a count, load 0, 1, 2, ….
+    /// Poses of 100 rows: each of two channels has its own level, noise of one count, loads 0, 1, 2, ….
     fn poses(change: impl Fn(usize, usize, usize) -> f64) -> Vec<PoseJump> {
         let mut rows = LabelledRows::default();
         for pose in 0..6 {
@@ -167,7 +168,7 @@ mod tests {
         assert_eq!(found.len(), 1);
         let PoseJump { pose, rows_before, channel, means: [before, after] } = &found[0];
         assert_eq!((pose.as_str(), *rows_before, *channel), ("3", 20, 1));
-        // Twenty rows of noise of ±1.
+        // Twenty rows with noise of ±1.
         assert!((before - after - 60.0).abs() < 1.0);
     }
 

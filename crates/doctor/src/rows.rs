@@ -1,4 +1,4 @@
-//! Checks of rows in memory, those that a calibration is fitted to or tested on.
+//! Checks of rows in memory, before a calibration is fitted to them or tested on them.
 
 use std::collections::HashMap;
 use std::hash::{DefaultHasher, Hash, Hasher};
@@ -11,28 +11,30 @@ use shell_data::statistics::extremes;
 use crate::channels::{channel_name, check_channels, identical_in};
 use crate::{Finding, FindingSeverity};
 
-/// A channel that stands still for this share of a log, while two others move over this share of their ranges, has
-/// stopped.
+/// A channel has stopped if it is constant for this share of a log, while two others move over this share of
+/// their ranges.
 const STOPPED: f64 = 0.1;
 const MOVED: f64 = 0.5;
 const FEWEST_STOPPED: usize = 50;
 
-/// A limit at the lower end of a channel is met in this share of the rows, in so many at least, and so often.
+/// A channel has a lower limit if its minimum occurs in this share of the rows, in at least this number of rows,
+/// and is reached from above this number of times.
 const PINNED: f64 = 0.01;
 const FEWEST_PINNED: usize = 20;
 const ENTRIES: usize = 3;
 
-/// Rows in a row that are the same as others before them, of which so many differ from the one before, are there twice.
+/// Number of consecutive rows that must equal earlier ones to count as a copy, and how many of them must
+/// differ from the previous row.
 const WINDOW: usize = 16;
 const DISTINCT: usize = 8;
 
-/// Rows of a log that are looked at; of a longer one every second, third, … block.
+/// The maximum number of rows checked; in a longer log every second, third, … block.
 const MOST_ROWS: u64 = 200_000;
 
-/// The blocks of a log that are looked at, each with the number of its first row.
+/// The checked blocks of a log, each with the number of its first row.
 type Looked<'a> = Vec<(usize, &'a LabelledBlock)>;
 
-/// The faults of the readings of each log. `names` are those of the channels.
+/// Checks the readings of each log. `names` are the names of the channels.
 pub fn check_rows(data: &Dataset, names: &[String]) -> Vec<Finding> {
     let mut all = Vec::new();
     for log in &data.logs {
@@ -63,7 +65,7 @@ fn check_log(log: &LogRows, names: &[String]) -> Vec<Finding> {
             looked.iter().flat_map(|(_, block)| &block.rows.readings[channel]).copied().collect();
         let name = channel_name(names, channel);
         let of_channel = &summary.readings[channel];
-        // It is told as a limit.
+        // This is already reported as a limit.
         let is_limit = |value: f64| of_channel.is_pinned_at_max() && value == of_channel.max;
         if let Some(floor) = pinned_at_min(&column) {
             let seen = format!("{name} is cut off at {floor}");
@@ -94,7 +96,7 @@ fn looked_at(log: &LogRows) -> Looked<'_> {
     numbered.step_by(every).collect()
 }
 
-/// The number in the log, from 1, of one of the rows that are looked at.
+/// The row number in the log, from 1, of one of the checked rows.
 fn number(looked: &Looked<'_>, mut row: usize) -> usize {
     for (start, block) in looked {
         if row < block.rows.rows {
@@ -105,7 +107,7 @@ fn number(looked: &Looked<'_>, mut row: usize) -> usize {
     row
 }
 
-/// The lower limit that a column meets again and again.
+/// The lower limit that a column reaches repeatedly.
 fn pinned_at_min(column: &[f64]) -> Option<f64> {
     let (least, most) = extremes(column.iter().copied());
     let above = column.iter().copied().filter(|value| *value > least).fold(most, f64::min);
@@ -117,7 +119,7 @@ fn pinned_at_min(column: &[f64]) -> Option<f64> {
     (least < most && often && at >= 3 * next && entries >= ENTRIES).then_some(least)
 }
 
-/// The first row of the longest stretch of one value, and its rows, if it is long.
+/// The first row and the length of the longest run of one value, if the run is long.
 fn longest_stop(column: &[f64]) -> Option<(usize, usize)> {
     let mut start = 0;
     let stretches = column.chunk_by(|a, b| a == b).map(|same| {
@@ -129,7 +131,7 @@ fn longest_stop(column: &[f64]) -> Option<(usize, usize)> {
     (longest.1 >= fewest && longest.1 < column.len()).then_some(longest)
 }
 
-/// Whether two channels move in these rows as far as they usually do.
+/// Returns true if two channels move over most of their usual range in these rows.
 fn others_move(looked: &Looked<'_>, stopped: usize, rows: Range<usize>) -> bool {
     let channels = looked.first().map_or(0, |(_, block)| block.rows.channels().len());
     let moves = |channel: &usize| {
@@ -142,7 +144,7 @@ fn others_move(looked: &Looked<'_>, stopped: usize, rows: Range<usize>) -> bool 
     (0..channels).filter(|channel| *channel != stopped).filter(moves).count() >= 2
 }
 
-/// Rows that follow each other as they did before.
+/// Finds rows that repeat an earlier sequence of rows.
 fn rows_twice(looked: &Looked<'_>) -> Option<Finding> {
     let mut hashes = Vec::new();
     for (_, block) in looked {
@@ -191,7 +193,7 @@ mod tests {
     use shell_data::wrench::Axes;
     use system_tests::random::Random;
 
-    /// A log of 600 rows of three channels that wander, changed.
+    /// Applies a change to a log of 600 rows with three wandering channels.
     fn seen(change: impl Fn(&mut Block)) -> Vec<&'static str> {
         let mut random = Random(5);
         let wander = |_| {

@@ -1,19 +1,18 @@
-//! Axes: the range that one shows, how it is spaced, and where its ticks stand; and a pair of them with its frame, grid
-//! and labels.
+//! Axes with their ranges, spacing and ticks; and panels, which are pairs of axes with frame, grid and
+//! labels.
 
 use super::canvas::{Figure, Pen, Rect, Style, number, point};
 use super::palette;
 
-/// How the values of an axis are spaced.
+/// The spacing of the values of an axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Spacing {
-    /// Equal differences take equal room.
+    /// Equal differences have equal lengths.
     Linear,
-    /// Equal ratios take equal room; values must be positive.
+    /// Equal ratios have equal lengths; values must be positive.
     Log,
 }
 
-/// The smallest and the largest of some values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ValueRange {
     pub(super) low: f64,
@@ -24,7 +23,6 @@ impl ValueRange {
     /// The empty range: its ends are infinite.
     pub(super) const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY };
 
-    /// The range of some values.
     pub(super) fn over(values: impl IntoIterator<Item = f64>) -> Self {
         values.into_iter().fold(Self::EMPTY, Self::including)
     }
@@ -38,19 +36,17 @@ impl ValueRange {
     }
 }
 
-/// An axis of a panel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlotAxis {
-    /// What is shown: "measured Fx".
+    /// The quantity: "measured Fx".
     quantity: String,
-    /// Its unit, empty where there is none.
+    /// Its unit, empty for none.
     unit: String,
     spacing: Spacing,
     /// The smallest and the largest value shown.
     pub(super) range: ValueRange,
 }
 
-/// A mark on an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Tick {
     pub(super) value: f64,
@@ -61,11 +57,11 @@ pub(super) struct Tick {
 impl PlotAxis {
     /// An axis over `low..=high`.
     ///
-    /// A range that cannot be drawn is put right: turned round if reversed, widened if empty, and
-    /// replaced if it is not finite or, on a logarithmic axis, not positive.
+    /// A range that cannot be drawn is corrected: reversed ends are swapped, an empty range is widened, and a
+    /// range that is not finite or, on a logarithmic axis, not positive is replaced.
     pub fn new(quantity: &str, unit: &str, spacing: Spacing, low: f64, high: f64) -> Self {
         let (low, high) = (low.min(high), high.max(low));
-        // A range too short for ticks, or with an end that is no number, shows its lower end alone.
+        // A range too short for ticks, or with an end that is not a number, shows only its lower end.
         let (low, high) = match spacing {
             Spacing::Log => match (if low > 0.0 { low } else { high / 1e6 }, high) {
                 (low, high) if low > 1e-300 && high < 1e300 && high > low * 1.001 => (low, high),
@@ -88,12 +84,11 @@ impl PlotAxis {
         Self { quantity: quantity.to_owned(), unit: unit.to_owned(), spacing, range }
     }
 
-    /// A linear axis over a range.
     pub(super) fn linear(quantity: &str, unit: &str, ValueRange { low, high }: ValueRange) -> Self {
         Self::new(quantity, unit, Spacing::Linear, low, high)
     }
 
-    /// The same axis with a share of its length added at both ends.
+    /// Extends the axis by a share of its length at both ends.
     pub fn padded(mut self, share: f64) -> Self {
         let ValueRange { low, high } = self.range;
         let (low, high) = match self.spacing {
@@ -104,7 +99,7 @@ impl PlotAxis {
         self
     }
 
-    /// Where a value stands, 0 at the lower end and 1 at the upper.
+    /// The position of a value, 0 at the lower end and 1 at the upper.
     pub(super) fn position(&self, value: f64) -> f64 {
         let ValueRange { low, high } = self.range;
         match self.spacing {
@@ -113,7 +108,7 @@ impl PlotAxis {
         }
     }
 
-    /// Name and unit as one text, with the power of ten that the labels leave out.
+    /// Name and unit as one text, with the power of ten omitted from the labels.
     pub(super) fn title(&self) -> String {
         let power = self.power_of_ten();
         let factor = if power == 0 { String::new() } else { format!("10{}", superscript(power)) };
@@ -123,8 +118,8 @@ impl PlotAxis {
         }
     }
 
-    /// Ticks at round values that divide the axis in at most `count` parts: multiples of 1, 2 or 5
-    /// times a power of ten; on a log axis the powers of ten.
+    /// Ticks at round values that divide the axis into at most `count` parts: multiples of 1, 2 or 5 times a
+    /// power of ten; on a log axis the powers of ten.
     pub(super) fn ticks(&self, count: usize) -> Vec<Tick> {
         if self.spacing == Spacing::Log {
             return self.log_ticks(count);
@@ -137,7 +132,7 @@ impl PlotAxis {
             .expect("the widest step has one tick at most");
         let power = self.power_of_ten();
         let decimals = (f64::from(power) - step.log10() - 1e-9).ceil().clamp(0.0, 15.0) as usize;
-        // Multiples of the step, not a running sum, so that no rounding builds up.
+        // Multiples of the step, not a running sum, so that rounding errors do not accumulate.
         let first = ((low - slack) / step).ceil();
         (0..)
             .map(|i| (first + f64::from(i)) * step)
@@ -166,8 +161,7 @@ impl PlotAxis {
         ticks.filter(|tick| within.contains(&tick.value)).collect()
     }
 
-    /// The power of ten, a multiple of three, that the labels of a linear axis leave out so as to
-    /// be short.
+    /// The power of ten, a multiple of three, omitted from the labels of a linear axis to keep them short.
     fn power_of_ten(&self) -> i32 {
         let largest = self.range.low.abs().max(self.range.high.abs());
         if self.spacing == Spacing::Log || (0.1..10_000.0).contains(&largest) {
@@ -224,22 +218,22 @@ pub(super) struct Panel {
     pub(super) y: PlotAxis,
 }
 
-/// Room for tick labels and title left of a panel.
+/// Space for tick labels and title left of a panel.
 pub(super) const LEFT_MARGIN: f64 = 60.0;
-/// Room for tick labels and title below a panel.
+/// Space for tick labels and title below a panel.
 pub(super) const BOTTOM_MARGIN: f64 = 40.0;
 
-/// The area of a panel that is as wide as a figure of this width allows.
+/// The area of a panel as wide as a figure of this width allows.
 pub(super) fn wide_area(width: f64, top: f64, height: f64) -> Rect {
     Rect { left: LEFT_MARGIN + 8.0, top, width: width - LEFT_MARGIN - 24.0, height }
 }
 
 const TICK: f64 = 4.0;
-/// Pixels between two labels that look right.
+/// Suitable distances between two labels, in pixels.
 const TICK_PITCH: [f64; 2] = [44.0, 28.0];
 
 impl Panel {
-    /// Where the point (x, y) is on the canvas.
+    /// The position of the point (x, y) on the canvas.
     pub(super) fn place(&self, x: f64, y: f64) -> (f64, f64) {
         (
             self.area.left + self.area.width * self.x.position(x),
@@ -247,14 +241,14 @@ impl Panel {
         )
     }
 
-    /// Draws the panel with its data, which are cut off at the frame.
+    /// Draws the panel with its data, clipped at the frame.
     pub(super) fn draw(&self, canvas: &mut Figure, data: impl FnOnce(&mut Figure)) {
         self.draw_grid(canvas);
         canvas.clipped(self.area, data);
         self.draw_frame(canvas);
     }
 
-    /// Draws the grid lines: first of all, under the data. An axis without a name has none.
+    /// Draws the grid lines: first, under the data. An axis without a name has none.
     pub(super) fn draw_grid(&self, canvas: &mut Figure) {
         let Rect { left, top, .. } = self.area;
         let [right, bottom] = [self.area.right(), self.area.bottom()].map(number);
@@ -276,14 +270,15 @@ impl Panel {
         canvas.line((self.area.left, zero), (self.area.right(), zero), palette::ZERO, 1.0);
     }
 
-    /// Draws frame, ticks and labels: last of all, over the data.
+    /// Draws frame, ticks and labels: last, over the data.
     pub(super) fn draw_frame(&self, canvas: &mut Figure) {
         canvas.frame(self.area, palette::INK);
         self.draw_x_labels(canvas);
         self.draw_y_labels(canvas);
     }
 
-    /// As [`Self::draw_frame`] in a column of panels with one horizontal axis, which the last one names.
+    /// Like [`Self::draw_frame`], for a column of panels with one horizontal axis, which the last panel
+    /// labels.
     pub(super) fn draw_stacked_frame(&self, canvas: &mut Figure, is_last: bool) {
         canvas.frame(self.area, palette::INK);
         self.draw_y_labels(canvas);

@@ -1,30 +1,30 @@
-//! What figures draw on: a handful of shapes, coordinates in CSS pixels, y down.
+//! The canvas of figures: a few basic shapes, with coordinates in CSS pixels, y down.
 //!
-//! Shapes are kept in the order in which they were drawn. `svg`, `pdf` and `pixels` write them.
+//! Shapes are kept in drawing order. `svg`, `pdf` and `pixels` write them.
 //!
-//! Widths and sizes of letters for print are those of Nature (research-figure-guide.nature.com, "Building
-//! and exporting figure panels": 89 and 183 mm, text from 5 to 7 pt), which suit most journals. A figure for
-//! print is laid out anew for its width: made smaller as a whole, its letters would be too small to read.
+//! Widths and letter sizes for print follow Nature (research-figure-guide.nature.com, "Building and exporting
+//! figure panels": 89 and 183 mm, text from 5 to 7 pt), which suits most journals. A figure for print is laid
+//! out again for its width: if it were only scaled down, its letters would be too small to read.
 
 use super::palette::Colour;
 
-/// Points, and CSS pixels, to the inch, and mm.
+/// Points and CSS pixels per inch, and mm per inch.
 const POINTS: f64 = 72.0;
 const PIXELS: f64 = 96.0;
 const MM: f64 = 25.4;
 
-/// The largest letters in a drawing (titles) and on paper, and the smallest on paper: drawing units, pt, pt.
+/// The largest letters in a drawing (titles), the largest on paper, and the smallest on paper: drawing units,
+/// pt, pt.
 const LARGEST: f64 = 13.0;
 const LARGEST_PT: f64 = 7.0;
 const LEAST_PT: f64 = 5.0;
 
-/// Pixels of a PNG to the inch on paper.
+/// Pixels of a PNG per inch on paper.
 const PRINT_DPI: f64 = 600.0;
 
-/// Pixels of a PNG to a CSS pixel on a screen.
+/// Pixels of a PNG per CSS pixel on a screen.
 const SCREEN_PIXELS: f64 = 2.0;
 
-/// A picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Figure {
     pub(super) size: Size,
@@ -33,20 +33,19 @@ pub struct Figure {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// How wide a figure is: on a screen, or in a column of a paper.
+/// The width of a figure: on a screen, or in columns of a paper.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Size {
-    /// As wide as its content suits, in CSS pixels.
+    /// A width that suits the content, in CSS pixels.
     #[default]
     Screen,
-    /// A column of a paper.
+    /// One column of a paper.
     Single,
     /// Two columns.
     Double,
 }
 
 impl Size {
-    /// Its width on paper, mm.
     pub(super) fn width_mm(self) -> Option<f64> {
         match self {
             Self::Screen => None,
@@ -55,56 +54,54 @@ impl Size {
         }
     }
 
-    /// CSS pixels to a unit of the drawing.
+    /// CSS pixels per unit of the drawing.
     pub(super) fn scale(self) -> f64 {
         if self == Self::Screen { 1.0 } else { LARGEST_PT / LARGEST * PIXELS / POINTS }
     }
 
-    /// The width of the drawing in its units, where `usual` is that on a screen.
+    /// The width of the drawing in its units, where `usual` is the width on a screen.
     pub(super) fn width(self, usual: f64) -> f64 {
         self.width_mm().map_or(usual, |width_mm| width_mm / MM * PIXELS / self.scale())
     }
 
-    /// A length in units of the drawing, mm.
+    /// Converts a length in units of the drawing to mm.
     pub(super) fn mm(self, length: f64) -> f64 {
         length * self.scale() * MM / PIXELS
     }
 
-    /// The size of letters that are so large on a screen, in units of the drawing.
+    /// The size of letters that have this size on a screen, in units of the drawing.
     pub(super) fn letters(self, size: f64) -> f64 {
         if self == Self::Screen { size } else { size.max(LEAST_PT / LARGEST_PT * LARGEST) }
     }
 
-    /// Pixels of a PNG to a unit of the drawing.
+    /// Pixels of a PNG per unit of the drawing.
     pub(super) fn pixels(self) -> f64 {
         if self == Self::Screen { SCREEN_PIXELS } else { self.scale() * PRINT_DPI / PIXELS }
     }
 
-    /// Whether what stands beside each other has to be made narrow.
+    /// Returns true if adjacent parts must be narrow.
     pub(super) fn is_narrow(self) -> bool {
         self == Self::Single
     }
 }
 
-/// A shape of a picture.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Shape {
     /// A line with a pen, or an area without one.
     Drawn { outline: Outline, colour: Colour, pen: Option<Pen> },
-    /// A text, and what a pointer over it shows.
+    /// A text, and its tooltip.
     Text { at: (f64, f64), text: String, title: Option<String>, style: Style },
-    /// All that follows is cut off at the edges of the rectangle.
+    /// Clips all later shapes to the rectangle.
     Clip(Rect),
-    /// And no longer.
+    /// Ends the clipping.
     EndClip,
 }
 
-/// The line around a shape.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Outline {
-    /// In SVG path syntax, of lines only.
+    /// In SVG path syntax, lines only.
     Path(String),
-    /// About a centre, of a radius.
+    /// Centre and radius.
     Circle((f64, f64), f64),
     Rect(Rect),
 }
@@ -158,16 +155,16 @@ fn commands_of(path: &str) -> impl Iterator<Item = (char, Vec<f32>)> + '_ {
     })
 }
 
-/// How a line is drawn, and how wide.
+/// The style and the width of a line.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Pen {
     /// Frames and rings: one pixel wide, with mitred corners.
     Fine,
     /// With round corners.
     Round(f64),
-    /// Five pixels drawn, three left out.
+    /// Five pixels drawn, three omitted.
     Dashed(f64),
-    /// Whole pixels, without smooth edges: rows of cells that must meet without seams.
+    /// Snapped to pixels, without smooth edges: rows of cells that must meet without seams.
     Crisp(f64),
 }
 
@@ -205,7 +202,7 @@ impl Rect {
     }
 }
 
-/// Which point of a text is at the position given.
+/// The point of a text that is at the given position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Anchor {
     Start,
@@ -214,7 +211,7 @@ pub(super) enum Anchor {
 }
 
 impl Anchor {
-    /// How far the text begins from the position, in widths of it.
+    /// Offset of the text's start from the position, in widths of the text.
     pub(super) fn start(self) -> f32 {
         match self {
             Self::Start => 0.0,
@@ -224,13 +221,13 @@ impl Anchor {
     }
 }
 
-/// How a text is set.
+/// The typesetting of a text.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Style {
     pub(super) size: f64,
     pub(super) anchor: Anchor,
     pub(super) bold: bool,
-    /// Turned a quarter to the left, to be read from below.
+    /// Rotated by a quarter turn to the left, to be read from below.
     pub(super) upright: bool,
 }
 
@@ -243,19 +240,19 @@ impl Style {
     pub(super) const TITLE: Self = Self { size: 13.0, bold: true, ..Self::LABEL };
 }
 
-/// Room that a text takes at most, in pixels: the digits of the font are 0.636 em wide, the average
-/// of running text less.
+/// The maximum width of a text, in pixels: the digits of the font are 0.636 em wide, and running text is
+/// narrower on average.
 pub(super) fn text_width(text: &str, size: f64) -> f64 {
     0.64 * size * text.chars().count() as f64
 }
 
 impl Figure {
-    /// Nothing is drawn yet.
+    /// An empty figure.
     pub(super) fn new(size: Size, width: f64, height: f64) -> Self {
         Self { size, width, height, shapes: Vec::new() }
     }
 
-    /// With a title in its upper left corner.
+    /// A figure with a title in its upper left corner.
     pub(super) fn titled(size: Size, width: f64, height: f64, title: &str) -> Self {
         let mut figure = Self::new(size, width, height);
         figure.title((16.0, 24.0), title);
@@ -266,12 +263,12 @@ impl Figure {
         self.shapes.push(Shape::Drawn { outline, colour, pen });
     }
 
-    /// Strokes a path given in SVG path syntax.
+    /// Strokes a path in SVG path syntax.
     pub(super) fn stroke(&mut self, path: impl Into<String>, colour: Colour, pen: Pen) {
         self.draw(Outline::Path(path.into()), colour, Some(pen));
     }
 
-    /// Fills a path given in SVG path syntax.
+    /// Fills a path in SVG path syntax.
     pub(super) fn fill(&mut self, path: impl Into<String>, colour: Colour) {
         self.draw(Outline::Path(path.into()), colour, None);
     }
@@ -292,7 +289,7 @@ impl Figure {
         self.draw(Outline::Circle(centre, radius), colour, None);
     }
 
-    /// A circle that is not filled.
+    /// Draws the outline of a circle.
     pub(super) fn ring(&mut self, centre: (f64, f64), radius: f64, colour: Colour) {
         self.draw(Outline::Circle(centre, radius), colour, Some(Pen::Fine));
     }
@@ -306,7 +303,7 @@ impl Figure {
         self.text(at, text, Style { anchor: Anchor::Start, ..Style::TITLE });
     }
 
-    /// A text, and what a pointer over it shows.
+    /// Draws a text with a tooltip.
     pub(super) fn explained_text(
         &mut self,
         at: (f64, f64),
@@ -318,7 +315,7 @@ impl Figure {
         self.shapes.push(Shape::Text { at, text, title, style });
     }
 
-    /// Draws what `draw` draws, cut off at the edges of `rect`.
+    /// Runs `draw` with clipping to `rect`.
     pub(super) fn clipped(&mut self, rect: Rect, draw: impl FnOnce(&mut Self)) {
         self.shapes.push(Shape::Clip(rect));
         draw(self);
@@ -326,7 +323,7 @@ impl Figure {
     }
 }
 
-/// A coordinate to a hundredth of a pixel, in as few characters as that takes.
+/// Formats a coordinate to a hundredth of a pixel, as short as possible.
 pub(super) fn number(value: f64) -> String {
     let hundredths = (value * 100.0).round();
     let text = format!("{:.2}", hundredths / 100.0 + 0.0);
@@ -338,7 +335,7 @@ pub(super) fn point(x: f64, y: f64) -> String {
     format!("{} {}", number(x), number(y))
 }
 
-/// A line through points, in path syntax; empty without any.
+/// A line through points, in path syntax; empty without points.
 pub(super) fn polyline(points: impl IntoIterator<Item = (f64, f64)>) -> String {
     let mut path = String::new();
     for (x, y) in points {

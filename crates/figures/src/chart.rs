@@ -1,43 +1,39 @@
-//! Curves with a legend beside the panels, or below them where a figure is narrow: any series on one pair of axes, linear or
-//! logarithmic, and a body in a channel of beams (drag over position, and the beams that touch below).
+//! Curves with a legend beside the panels, or below them in a narrow figure: any series on one pair of axes,
+//! linear or logarithmic, and a body in a channel of beams (drag over position, and the number of touching
+//! beams below).
 
 use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange};
 use super::canvas::{Figure, Pen, Rect, Size, Style, polyline, text_width};
 use super::palette::{self, Colour};
 
-/// How the points of a series are drawn.
+/// The marks for the points of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChartMark {
-    /// As a line through the points, in their order.
+    /// A line through the points, in order.
     Line,
-    /// As points.
     Points,
-    /// As points joined by a line.
+    /// Points joined by a line.
     Both,
 }
 
-/// Points that belong together.
+/// A set of points with a common label.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// What the legend calls it.
+    /// The label in the legend.
     pub label: String,
-    /// (x, y) in the units of the axes. Those that are not finite, or not positive on a logarithmic
-    /// axis, are left out.
+    /// (x, y) in the units of the axes. Points that are not finite, or not positive on a logarithmic axis,
+    /// are skipped.
     pub points: Vec<(f64, f64)>,
-    /// How it is drawn.
     pub mark: ChartMark,
 }
 
-/// One pair of axes with any number of series and a legend beside it.
+/// One pair of axes with any number of series and a legend.
 #[derive(Clone, Debug)]
 pub struct Chart {
-    /// Title over the picture.
     pub title: String,
-    /// Horizontal axis.
     pub x: PlotAxis,
-    /// Vertical axis.
     pub y: PlotAxis,
-    /// What is drawn, first below.
+    /// The series, in drawing order.
     pub series: Vec<Series>,
 }
 
@@ -45,7 +41,6 @@ const CHART_WIDTH: f64 = 520.0;
 const CHART_HEIGHT: f64 = 340.0;
 
 impl Chart {
-    /// Draws the chart.
     pub fn figure(&self, size: Size) -> Figure {
         let labels: Vec<&str> = self.series.iter().map(|series| series.label.as_str()).collect();
         let legend = Legend::new(size, &labels);
@@ -88,14 +83,14 @@ impl Series {
     }
 }
 
-/// A line of the figure.
+/// A curve of the channel figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChannelCurve {
-    /// What the legend calls it.
+    /// The label in the legend.
     pub label: String,
     /// Position in m and drag in N.
     pub drag: Vec<(f64, f64)>,
-    /// Position in m and beams that touch, per side on average.
+    /// Position in m and number of touching beams, averaged over both sides.
     pub contacts: Vec<(f64, f64)>,
 }
 
@@ -144,16 +139,16 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     canvas
 }
 
-/// How wide a curve is stroked.
+/// The stroke width of a curve.
 const CURVE_WIDTH: f64 = 1.6;
 
 const TOP: f64 = 44.0;
 const KEY: f64 = 24.0;
 const PITCH: f64 = 19.0;
-/// Right of panels without a legend.
+/// Margin right of panels without a legend.
 const MARGIN: f64 = 16.0;
 
-/// Where each curve is named.
+/// The legend: labels and keys of the curves.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Legend<'a> {
     size: Size,
@@ -165,7 +160,7 @@ impl<'a> Legend<'a> {
         Self { size, labels }
     }
 
-    /// What it takes beside the panels.
+    /// The width that it takes beside the panels.
     fn width(&self) -> f64 {
         if self.size.is_narrow() {
             return MARGIN;
@@ -197,7 +192,7 @@ impl<'a> Legend<'a> {
         figure
     }
 
-    /// Names the curves; `draw` draws a key from one point to another for the curve of that position.
+    /// Draws the labels; `draw` draws the key of the curve with this index from one point to another.
     pub(super) fn draw(
         &self,
         canvas: &mut Figure,
@@ -216,7 +211,7 @@ impl<'a> Legend<'a> {
     }
 }
 
-/// Where the labels below the lowest panel end.
+/// The end of the labels below the lowest panel.
 fn below(lowest: Rect) -> f64 {
     lowest.bottom() + BOTTOM_MARGIN + 6.0
 }
@@ -236,7 +231,7 @@ mod tests {
         };
         let chart = Chart { title: "t".into(), x: axis(), y: axis(), series: vec![series] };
         let figure = chart.figure(Size::Screen);
-        // Two points and one in the legend.
+        // Two points, and one in the legend.
         assert_eq!(figure.svg().matches("<circle").count(), 3);
         assert!(figure.svg().contains("a &lt; b") && !figure.svg().contains("NaN"));
     }
@@ -253,7 +248,7 @@ mod tests {
         let figure = channel_figure(Size::Screen, "drag", &curves);
         let lines =
             |i| figure.svg().matches(&format!("stroke=\"{}\"", palette::series(i).hex())).count();
-        // With the one in the legend.
+        // Including the line in the legend.
         assert_eq!((lines(0), lines(1)), (3, 2));
         assert!(figure.svg().contains("run 1") && !figure.svg().contains("NaN"));
     }

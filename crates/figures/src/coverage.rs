@@ -1,11 +1,11 @@
-//! Which loads a calibration was made from: forces against forces, moments against moments.
+//! The loads that a calibration was made from: forces against forces, moments against moments.
 
 use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange};
 use super::canvas::{Figure, Rect, Size, Style};
 use super::palette;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// What is drawn against what, x first.
+/// The axes of each view, x first.
 const PAIRS: [[Axis; 2]; 4] =
     [[Axis::Fx, Axis::Fy], [Axis::Fx, Axis::Fz], [Axis::Mx, Axis::My], [Axis::Fz, Axis::Mz]];
 
@@ -14,8 +14,8 @@ const PITCH: f64 = 224.0;
 const TOP: f64 = 56.0;
 const POINT: f64 = 1.6;
 
-/// Draws the loads of training rows and, above them, of test rows, N and N·m: four views of the space
-/// of loads. What is empty was never calibrated.
+/// Draws the loads of training rows and, above them, of test rows, N and N·m: four views of the space of
+/// loads. Empty regions were never calibrated.
 pub fn coverage_figure(train: &[PerAxis<f64>], test: &[PerAxis<f64>]) -> Figure {
     let height = TOP + SIDE + BOTTOM_MARGIN + 8.0;
     let mut canvas = Figure::new(Size::Screen, PITCH * PAIRS.len() as f64, height);
@@ -58,14 +58,14 @@ mod tests {
     fn every_load_is_drawn_once_in_every_view() {
         let train = [[1.0, 2.0, 3.0, 0.1, 0.2, 0.3], [-1.0, 0.0, 0.0, 0.0, 0.0, f64::NAN]];
         let svg = coverage_figure(&train, &[]).svg();
-        // One of the last view has no place; one circle is that of the legend.
+        // One load of the last view cannot be placed; the legend adds one circle.
         assert_eq!(svg.matches("<circle").count(), 8);
         assert!(
             svg.contains("training rows") && !svg.contains("test rows") && !svg.contains("NaN")
         );
         let svg = coverage_figure(&train, &train[..1]).svg();
         assert_eq!(svg.matches("<circle").count(), 8 + 5);
-        // Nothing to draw is an empty figure.
+        // Without loads the figure is empty.
         assert!(coverage_figure(&[], &[]).svg().starts_with("<svg"));
     }
 }

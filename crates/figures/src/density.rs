@@ -1,15 +1,15 @@
-//! A two-dimensional histogram drawn as coloured cells, colour by the logarithm of the count. Data of few constant loads
-//! fall on a few specks, of which the mean and the spread are drawn.
+//! A two-dimensional histogram drawn as coloured cells, with colour by the logarithm of the count. Data with
+//! few constant loads cover only a few spots; their mean and spread are drawn.
 
 use super::axes::{Panel, log_label};
 use super::canvas::{Figure, Pen, Rect, Style, number, point};
 use super::histogram::{Histogram2d, HistogramCell};
 use super::palette::{self, Colour};
 
-/// Steps of the colour scale: more than the eye separates, few enough paths.
+/// Number of steps of the colour scale: more than the eye can distinguish, but few enough paths.
 const LEVELS: usize = 48;
 
-/// Counts from 1 to `most`, by colour.
+/// A colour scale for counts from 1 to `most`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ColourScale {
     most: u64,
@@ -48,8 +48,8 @@ impl ColourScale {
     }
 }
 
-/// How often to double the cells of a histogram so that neighbours in it still touch: about twice as
-/// many cells along each axis as the square root of the points, and no smaller than a pixel.
+/// Number of doublings of a histogram's cells after which neighbours still touch: about twice as many cells
+/// along each axis as the square root of the number of points, and no smaller than a pixel.
 pub(super) fn doublings<const X: usize, const Y: usize>(
     histogram: &Histogram2d<X, Y>,
     pixels: f64,
@@ -58,7 +58,7 @@ pub(super) fn doublings<const X: usize, const Y: usize>(
     (X as f64 / wanted).log2().floor().max(0.0) as u32
 }
 
-/// Draws the cells in the panel: one path per colour, one stroke as wide as a cell is high for each
+/// Draws the cells in the panel: one path per colour, and one stroke as wide as the height of a cell for each
 /// run of neighbours, which takes half the bytes of rectangles.
 pub(super) fn draw_cells(
     canvas: &mut Figure,
@@ -92,31 +92,29 @@ fn level_colour(level: usize) -> Colour {
     palette::sequential(level as f64 / (LEVELS - 1) as f64)
 }
 
-/// The rows of one load, by the cells of measured (x) and predicted (y) that they fall on.
+/// The rows of one load, from the cells of measured (x) and predicted (y) values that contain them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct LoadPlateau {
-    /// The mean measured value.
     pub(super) measured: f64,
-    /// The mean prediction.
     pub(super) predicted: f64,
-    /// Its standard deviation.
+    /// The standard deviation of the predictions.
     pub(super) sd: f64,
 }
 
-/// Fewer loads are not a set of poses, and more cannot be told apart on paper.
+/// Limits on the number of loads: fewer are not a set of poses, and more cannot be distinguished on paper.
 const FEW: usize = 4;
 const MANY: usize = 120;
 
-/// The part of the range that plateaus may cover; more is a signal that moves.
+/// The maximum part of the range that plateaus may cover; above it, the load is a moving signal.
 const COVERED: f64 = 0.4;
 
-/// The plateaus in a histogram, from the least measured value on; none if the load moves.
+/// The plateaus in a histogram, in ascending order of the measured value; none if the load moves.
 pub(super) fn plateaus(cells: &[HistogramCell]) -> Vec<LoadPlateau> {
     let mut cells: Vec<&HistogramCell> = cells.iter().collect();
     cells.sort_by(|a, b| a.x.low.total_cmp(&b.x.low));
     let mut runs: Vec<Vec<&HistogramCell>> = Vec::new();
     for cell in cells {
-        // Columns of cells that touch are one load and its scatter.
+        // Adjacent columns of cells are one load and its scatter.
         let width = cell.x.high - cell.x.low;
         let touches =
             |run: &Vec<&HistogramCell>| run.iter().any(|c| cell.x.low <= c.x.high + 0.5 * width);
@@ -154,7 +152,7 @@ fn plateau(run: &[&HistogramCell]) -> LoadPlateau {
     }
 }
 
-/// A ring at each mean and a bar of one standard deviation to either side.
+/// Draws a ring at each mean, and a bar of one standard deviation to either side.
 pub(super) fn draw_plateaus(
     canvas: &mut Figure,
     panel: &Panel,
@@ -174,8 +172,8 @@ mod tests {
     use super::super::histogram::Histogram2d;
     use super::*;
 
-    /// Loads of 0, 1, … N, each with this scatter of the reference and a prediction of a bias and a spread
-    /// that are known.
+    /// Loads of 0, 1, … N, each with this scatter of the reference, and predictions with a known bias and
+    /// spread.
     fn cells(loads: u32, scatter: f64) -> Vec<HistogramCell> {
         let mut histogram = Histogram2d::<256, 256>::default();
         for load in 0..loads {
@@ -195,7 +193,7 @@ mod tests {
         assert_eq!(found.len(), 12);
         for (load, plateau) in (0..).zip(&found) {
             let load = f64::from(load);
-            // To half a cell, of which there are 256, twice as many as are used at worst.
+            // To half a cell; of 256 cells at least half are used.
             let cell = 12.0 / 128.0;
             assert!((plateau.measured - load).abs() < cell, "{plateau:?}");
             assert!((plateau.predicted - load - 0.1).abs() < cell, "{plateau:?}");

@@ -1,6 +1,6 @@
-//! How well a calibration predicts: predicted against measured, and what is left over.
+//! The quality of a calibration's predictions: predicted against measured values, and residuals.
 //!
-//! The residual is predicted minus measured, so that a positive one means a prediction too high.
+//! The residual is predicted minus measured, so a positive residual is a prediction that is too high.
 
 use super::axes::{BOTTOM_MARGIN, LEFT_MARGIN, Panel, PlotAxis, ValueRange, decimal};
 use super::canvas::{Figure, Pen, Rect, Size, Style, number, point};
@@ -9,9 +9,9 @@ use super::histogram::{Histogram2d, HistogramCell};
 use super::palette;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Predictions and measurements of any number of rows, reduced to what a figure needs (some 9 MB).
+/// Predictions and measurements of any number of rows, reduced to the data of a figure (some 9 MB).
 ///
-/// Ranges need not be known beforehand, and parts may be merged in any order.
+/// Ranges need not be known in advance, and parts may be merged in any order.
 #[derive(Clone, Debug, Default)]
 pub struct FitPlot {
     axes: PerAxis<AxisPlot>,
@@ -21,7 +21,8 @@ pub struct FitPlot {
 struct AxisPlot {
     /// Predicted against measured.
     agreement: Histogram2d<256, 256>,
-    /// Residual against predicted. Finer along the residual, of which a part is shown when a few rows lie far out.
+    /// Residual against predicted. Bins are finer along the residual, as only part of it is shown if a few
+    /// rows are far out.
     residual: Histogram2d<128, 1024>,
     squares: f64,
 }
@@ -29,7 +30,7 @@ struct AxisPlot {
 impl FitPlot {
     /// Adds a block of rows: six columns each, in the order of [`Axis::ALL`], N and N·m.
     ///
-    /// Rows that are not finite are left out of the axis concerned.
+    /// Rows that are not finite are skipped for the axis concerned.
     ///
     /// # Panics
     /// If there are not six columns of one length.
@@ -40,7 +41,7 @@ impl FitPlot {
         }
     }
 
-    /// Adds the rows of another.
+    /// Adds the rows of another plot.
     pub fn merge(&mut self, other: &Self) {
         for (axis, other) in self.axes.iter_mut().zip(&other.axes) {
             axis.agreement.merge(&other.agreement);
@@ -49,7 +50,7 @@ impl FitPlot {
         }
     }
 
-    /// Number of rows with a finite prediction and measurement, that of the axis with fewest.
+    /// Number of rows with a finite prediction and measurement, for the axis with the fewest.
     pub fn rows(&self) -> u64 {
         self.axes.iter().map(|axis| axis.residual.points).min().unwrap_or(0)
     }
@@ -64,30 +65,30 @@ impl AxisPlot {
         self.squares += finite.map(|residual| residual * residual).sum::<f64>();
     }
 
-    /// Root of the mean square residual, N or N·m.
+    /// RMS residual, N or N·m.
     fn rms(&self) -> f64 {
         (self.squares / self.residual.points.max(1) as f64).sqrt()
     }
 }
 
-// All in CSS pixels. A4 portrait at 96 per inch is 794 by 1123.
+// Lengths in CSS pixels. A4 portrait at 96 per inch is 794 by 1123.
 const WIDTH: f64 = 900.0;
 const TOP: f64 = 62.0;
-/// Of a panel on a screen; cells are as fine as suits that.
+/// The width of a panel on a screen; the size of cells is chosen for it.
 const PLOT_WIDTH: f64 = 222.0;
-/// Beside a panel.
+/// Margins beside a panel.
 const MARGINS: f64 = 78.0;
 const RESIDUAL_HEIGHT: f64 = 130.0;
 const PROFILE_WIDTH: f64 = 42.0;
 
-/// Of the two panels of an axis, without the side of the upper one.
+/// The height of the two panels of an axis, without the side of the upper one.
 const BLOCK: f64 = 24.0 + BOTTOM_MARGIN + 14.0 + RESIDUAL_HEIGHT + BOTTOM_MARGIN + 14.0;
 
-/// Draws, for each of some axes, predicted against measured, residual against predicted, and the residual's
-/// distribution.
+/// Draws, for each of `axes`, predicted against measured, residual against predicted, and the distribution of
+/// the residuals.
 ///
-/// With `test` rows the densities are those of the test rows, and the distribution of the training
-/// rows is outlined beside that of the test rows; without, all are of the `train` rows.
+/// With `test` rows, densities show the test rows, and the distribution of the training rows is outlined
+/// for comparison. Without them, everything shows the `train` rows.
 pub fn fit_figure(
     size: Size,
     title: &str,
@@ -144,27 +145,27 @@ pub fn fit_figure(
     canvas
 }
 
-/// What is drawn of an axis.
+/// The drawn data of an axis.
 struct AxisView {
     axis: Axis,
     agreement: Vec<HistogramCell>,
-    /// Of measured and predicted together.
+    /// The common range of measured and predicted.
     agreement_range: ValueRange,
     plateaus: Vec<LoadPlateau>,
     residuals: Vec<HistogramCell>,
     predicted_range: ValueRange,
-    /// Of the residuals that are shown.
+    /// The range of the residuals shown.
     residual_range: ValueRange,
-    /// How many rows are not shown.
+    /// Number of rows not shown.
     beyond: u64,
-    /// How residuals are distributed, and those of other data.
+    /// The distribution of the residuals, and that of other data.
     profile: Vec<(ValueRange, u64)>,
     outline: Vec<(ValueRange, u64)>,
 }
 
 impl AxisView {
-    /// All residuals, unless a few rows far out would flatten all others: then the middle 99.8 % and as
-    /// much again on both sides, and the number of rows beyond.
+    /// Shows all residuals, unless a few rows far out would flatten all others. It then shows the middle 99.8
+    /// % and as much again on both sides, with the number of rows beyond.
     fn new(axis: Axis, data: &AxisPlot, outlined: Option<&AxisPlot>) -> Self {
         let [measured, predicted] = data.agreement.ranges();
         let merge = doublings(&data.agreement, PLOT_WIDTH);
@@ -178,7 +179,7 @@ impl AxisView {
         let residual_range = ValueRange { low: -reach, high: reach };
         let is_beyond = |range: &ValueRange| range.low > reach || range.high < -reach;
 
-        // As many doublings as leave the cells about square on paper.
+        // Double the cells until they are about square on paper.
         let x_merge = doublings(histogram, PLOT_WIDTH - PROFILE_WIDTH);
         let bin = marginal.first().map_or(1.0, |(range, _)| range.high - range.low);
         let shown_bins = (2.0 * reach / bin).max(1.0);
@@ -213,7 +214,7 @@ impl AxisView {
         draw_density(canvas, &panel, (&self.agreement, colours), means, identity);
     }
 
-    /// Draws residual against predicted, and at the side how residuals are distributed.
+    /// Draws residual against predicted, and at the side the distribution of the residuals.
     fn draw_residual(&self, canvas: &mut Figure, whole: Rect, colours: ColourScale) {
         let (name, unit) = (format!("predicted {}", self.axis.name()), self.axis.unit());
         let area = Rect { width: whole.width - PROFILE_WIDTH, ..whole };
@@ -240,7 +241,7 @@ impl AxisView {
     }
 }
 
-/// Draws cells, over them the means of plateaus with their standard deviations, and a line to compare with.
+/// Draws cells, over them the means of plateaus with their standard deviations, and a reference line.
 fn draw_density(
     canvas: &mut Figure,
     panel: &Panel,
@@ -271,7 +272,7 @@ fn steps(profile: &[(ValueRange, u64)], panel: &Panel, side: Rect) -> Option<Str
     Some(path + &format!("H{}", number(side.left)))
 }
 
-/// The range that holds all but a thousandth of the points at each end.
+/// The range of all points except a thousandth at each end.
 fn core(marginal: &[(ValueRange, u64)], points: u64) -> Option<ValueRange> {
     let edge = points / 1000;
     let is_past_edge = || {
@@ -298,7 +299,7 @@ fn profile(marginal: &[(ValueRange, u64)], shown: ValueRange) -> Vec<(ValueRange
     inside.chunks(merged).map(sum).collect()
 }
 
-/// Three significant digits.
+/// Formats three significant digits.
 fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return decimal(value, 0);
@@ -313,7 +314,7 @@ fn significant(value: f64) -> String {
 mod tests {
     use super::*;
 
-    /// A wave with a residual of known size, without any random source.
+    /// A wave with a residual of known size, without a random source.
     fn rows(range: std::ops::Range<u32>) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
         let column = |axis: u32, error: f64| {
             let value = move |i: u32| {
@@ -343,7 +344,7 @@ mod tests {
     #[test]
     fn rms_is_that_of_predicted_minus_measured() {
         let plot = plot(0..5000);
-        // 0.1·sin has the root mean square 0.1/√2; 5000 samples cover whole turns to within 1 %.
+        // 0.1·sin has a root mean square of 0.1/√2; 5000 samples cover whole turns to within 1 %.
         for axis in &plot.axes {
             assert!((axis.rms() - 0.1 / 2f64.sqrt()).abs() < 1e-3, "{}", axis.rms());
         }

@@ -1,8 +1,8 @@
 //! Histograms that find their own ranges: equal bins whose width doubles as the data spread.
 //!
-//! Bin `i` at exponent `k` covers `[i·2ᵏ, (i+1)·2ᵏ)`, so the bins of one exponent nest exactly in
-//! those of the next. The exponent is the smallest at which the range seen so far fits into the
-//! bins that there are: it depends on that range alone, not on the order in which it was seen.
+//! Bin `i` at exponent `k` covers `[i·2ᵏ, (i+1)·2ᵏ)`, so the bins of one exponent nest exactly in those of
+//! the next. The exponent is the smallest at which the range seen so far fits into the available bins: it
+//! depends on that range alone, not on the order of the data.
 
 use std::array;
 
@@ -19,15 +19,15 @@ pub(super) struct Bins {
     pub(super) count: usize,
 }
 
-/// Indices stay exact integers in `f64`.
+/// The limit below which indices stay exact integers in `f64`.
 const LARGEST_INDEX: f64 = (1u64 << 52) as f64;
-/// Below this width a scale factor would leave the range of `f64`.
+/// Below this exponent a scale factor would leave the range of `f64`.
 const SMALLEST_EXPONENT: i32 = -1000;
 
 impl Bins {
-    /// The window of `count` bins around a finite range, in its middle, with bins at least `2^exponent` wide.
+    /// The window of `count` bins centred on a finite range, with bins at least `2^exponent` wide.
     fn around(exponent: i32, ValueRange { low, high }: ValueRange, count: usize) -> Self {
-        // An exponent that is certainly too small, near enough to try the next few.
+        // An exponent that is certainly too small, but near enough to try the next few.
         let width = (high / count as f64 - low / count as f64)
             .max(high.abs().max(low.abs()) * 2f64.powi(-52));
         let estimate =
@@ -43,7 +43,8 @@ impl Bins {
         }
     }
 
-    /// A window that holds a finite range: this one if it does, else one with the same or wider bins.
+    /// A window that contains a finite range: this one if possible, otherwise one with the same or wider
+    /// bins.
     fn widened(self, range: ValueRange) -> Self {
         match self.contains(range.low) && self.contains(range.high) {
             true => self,
@@ -51,32 +52,31 @@ impl Bins {
         }
     }
 
-    /// Whether a value lies in the window.
+    /// Returns true if a value lies in the window.
     fn contains(&self, value: f64) -> bool {
         let offset = floor_index(value, self.exponent) - self.first as f64;
         offset >= 0.0 && offset < self.count as f64
     }
 
-    /// A function from a value in the window to its position there.
+    /// A function from a value in the window to its bin's position.
     pub(super) fn locator(&self) -> impl Fn(f64) -> usize + use<> {
         let (scale, first) = (2f64.powi(-self.exponent), self.first as f64);
         move |value| ((value * scale).floor() - first) as usize
     }
 
-    /// Where bin `position` of the finer or equal `other` falls in this window.
+    /// The position in this window of bin `position` of `other`, which has equal or finer bins.
     fn position_of(&self, other: &Self, position: usize) -> usize {
         let index = (other.first + position as i64) >> (self.exponent - other.exponent).min(63);
         (index - self.first) as usize
     }
 
-    /// The edges of the bin at `position`.
     pub(super) fn edges(&self, position: usize) -> ValueRange {
         let [low, high] = [position, position + 1]
             .map(|position| (self.first + position as i64) as f64 * 2f64.powi(self.exponent));
         ValueRange { low, high }
     }
 
-    /// The same line in bins 2^`doublings` times as wide, window as narrow as can be.
+    /// Merges 2^`doublings` bins each, with the narrowest possible window.
     pub(super) fn coarsened(&self, doublings: u32) -> Self {
         let first = self.first >> doublings;
         let last = (self.first + self.count as i64 - 1) >> doublings;
@@ -85,18 +85,18 @@ impl Bins {
     }
 }
 
-/// Equal cells in `N` dimensions, over all that was seen so far.
+/// Equal cells in `N` dimensions, over all data so far.
 #[derive(Clone, Debug)]
 pub(super) struct Grid<C, const N: usize> {
     pub(super) bins: [Bins; N],
     pub(super) ranges: [ValueRange; N],
-    /// One after the other, the first dimension fastest.
+    /// In sequence, the first dimension fastest.
     pub(super) cells: Vec<C>,
 }
 
-/// What is kept of the points in a cell; nothing by default.
+/// The summary of the points in a cell; the default is empty.
 pub(super) trait Cell: Clone + Default + PartialEq {
-    /// Adds what was kept of later points.
+    /// Adds the summary of later points.
     fn absorb(&mut self, later: &Self);
 }
 
@@ -106,7 +106,7 @@ impl<C: Cell, const N: usize> Grid<C, N> {
         Self { bins, ranges, cells: vec![C::default(); count] }
     }
 
-    /// Makes a grid cover finite ranges as well as all it covers already, in as many bins as `counts` says.
+    /// Extends a grid to cover finite ranges in addition to its own, with `counts` bins.
     pub(super) fn cover(
         grid: &mut Option<Self>,
         ranges: [ValueRange; N],
@@ -132,7 +132,7 @@ impl<C: Cell, const N: usize> Grid<C, N> {
         grid.insert(covering)
     }
 
-    /// Adds the cells of a grid that has equal or finer cells inside this one's range.
+    /// Adds the cells of a grid with equal or finer cells inside this one's range.
     pub(super) fn absorb(&mut self, finer: &Self) {
         let nothing = C::default();
         for (index, cell) in finer.cells.iter().enumerate().filter(|(_, cell)| **cell != nothing) {
@@ -152,10 +152,10 @@ fn floor_index(value: f64, exponent: i32) -> f64 {
 
 /// Counts of points (x, y) in at most `X` by `Y` equal rectangular cells.
 ///
-/// Holds a fixed number of cells however many points it is given. Cell widths are powers of two and
-/// double when a point falls outside, which moves whole cells into whole cells: the counts are exact
-/// for the final cells and independent of the order of points, blocks and merges. At least half of
-/// the bins of each axis span the data.
+/// The number of cells is fixed, however many points are added. Cell widths are powers of two, and double
+/// when a point falls outside, which moves whole cells into whole cells. The counts are therefore exact for
+/// the final cells, and independent of the order of points, blocks and merges. At least half of the bins of
+/// each axis span the data.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Histogram2d<const X: usize, const Y: usize> {
     grid: Option<Grid<u64, 2>>,
@@ -169,7 +169,7 @@ impl Cell for u64 {
     }
 }
 
-/// One cell that is not empty: its edges and its count.
+/// One nonempty cell: its edges and its count.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct HistogramCell {
     pub(super) x: ValueRange,
@@ -178,7 +178,7 @@ pub(super) struct HistogramCell {
 }
 
 impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
-    /// Counts the points (`x[i]`, `y[i]`); those that are not finite are left out.
+    /// Counts the points (`x[i]`, `y[i]`); points that are not finite are skipped.
     ///
     /// # Panics
     /// If the slices differ in length.
@@ -201,7 +201,6 @@ impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
         }
     }
 
-    /// Adds the counts of another.
     pub(super) fn merge(&mut self, other: &Self) {
         self.points += other.points;
         if let Some(theirs) = &other.grid {
@@ -214,7 +213,7 @@ impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
         self.grid.as_ref().map_or([ValueRange { low: -1.0, high: 1.0 }; 2], |grid| grid.ranges)
     }
 
-    /// The cells that are not empty, row by row; cells merged 2^`doublings` by 2^`doublings`.
+    /// The nonempty cells, row by row, merged 2^`doublings` by 2^`doublings`.
     pub(super) fn cells(&self, doublings: [u32; 2]) -> Vec<HistogramCell> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let bins = array::from_fn(|i| grid.bins[i].coarsened(doublings[i]));
@@ -227,7 +226,7 @@ impl<const X: usize, const Y: usize> Histogram2d<X, Y> {
         occupied.map(cell).collect()
     }
 
-    /// The counts over y alone: edges of each bin from the first to the last that is not empty.
+    /// The counts over y alone: edges of each bin from the first to the last nonempty one.
     pub(super) fn marginal_y(&self) -> Vec<(ValueRange, u64)> {
         let Some(grid) = &self.grid else { return Vec::new() };
         let ([x, y], [_, range]) = (grid.bins, grid.ranges);

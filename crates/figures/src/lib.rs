@@ -1,14 +1,13 @@
-//! Figures: data in, a finished picture out, as SVG text, PDF or PNG bytes.
+//! Figures: from data to a finished picture, as SVG text, PDF or PNG bytes.
 //!
-//! Data flows in block by block into accumulators of fixed size ([`FitPlot`], [`WrenchTrace`]),
-//! so a picture of ten million rows costs the memory and the file size of one of
-//! ten thousand. Accumulators find their own ranges, and what they hold does not depend on how the
-//! rows were split into blocks or in which order parts were merged. The drawing is deterministic
-//! to the byte.
+//! Data are added block by block to accumulators of fixed size ([`FitPlot`], [`WrenchTrace`]), so a picture
+//! of ten million rows takes the memory and the file size of one of ten thousand. Accumulators find their own
+//! ranges, and their content does not depend on the division of rows into blocks or the order of merging. The
+//! drawing is deterministic to the byte.
 //!
-//! Only what this program draws is here: no general plotting library, no files. Text in the SVG
-//! stays text (DejaVu Sans where the viewer has it, another sans-serif where not); for PDF and PNG the font
-//! is part of the program.
+//! This crate draws only the figures of this program: it is not a general plotting library, and accesses no
+//! files. Text in the SVG stays text (DejaVu Sans if the viewer has it, otherwise another sans-serif); for
+//! PDF and PNG the font is built in.
 
 mod axes;
 mod canvas;
@@ -39,33 +38,32 @@ pub use fit::{FitPlot, fit_figure};
 pub use matching::match_figure;
 pub use trace::{WrenchTrace, trace_figure};
 
-/// A file format for pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
     /// Scalable: for print.
     Svg,
-    /// Scalable, with its letters: for LaTeX and Word.
+    /// Scalable, with embedded fonts: for LaTeX and Word.
     Pdf,
     /// Pixels, two per CSS pixel: for slides and messages.
     Png,
 }
 
-/// A picture that cannot be made as asked.
+/// A picture that cannot be rendered as requested.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
     /// The extension names no known format.
     #[error("cannot tell the picture format of `{}`: expected `.svg`, `.pdf` or `.png`", .0.display())]
     UnknownFormat(PathBuf),
-    /// The renderer refused the picture, for a reason.
+    /// The renderer refused the picture; the field is the reason.
     #[error("cannot render the picture: {0}")]
     Render(String),
 }
 
 impl Format {
-    /// The format that the extension of `path` names, in upper or lower case.
+    /// The format named by the extension of `path`, in upper or lower case.
     ///
     /// # Errors
-    /// [`PlotError::UnknownFormat`] if it is none of `svg`, `pdf` and `png`.
+    /// [`PlotError::UnknownFormat`] if it is not `svg`, `pdf` or `png`.
     pub fn from_path(path: impl AsRef<Path>) -> Result<Self, PlotError> {
         let path = path.as_ref();
         match path.extension() {
@@ -91,7 +89,7 @@ impl Figure {
     }
 }
 
-/// The content of an asset that stands in the program compressed, by Zstandard.
+/// The content of a built-in asset, compressed by Zstandard.
 pub fn decompressed(asset: &[u8]) -> Vec<u8> {
     let mut content = Vec::new();
     let read = StreamingDecoder::new(asset).ok().map(|mut asset| asset.read_to_end(&mut content));

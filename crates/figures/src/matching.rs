@@ -1,5 +1,5 @@
-//! How well two recordings match: the search over all offsets, and readings beside what the aligned
-//! reference predicts.
+//! The match of two recordings: the search over all offsets, and readings with the predictions from the
+//! aligned reference.
 
 use super::axes::{BOTTOM_MARGIN, Panel, PlotAxis, ValueRange, wide_area};
 use super::canvas::{Figure, Pen, Size, Style, polyline};
@@ -10,10 +10,10 @@ const WIDTH: f64 = 860.0;
 const TOP: f64 = 44.0;
 const HEIGHT: f64 = 200.0;
 const PITCH: f64 = HEIGHT + BOTTOM_MARGIN + 36.0;
-/// Points drawn of the search: the highest of as many stretches, two per pixel.
+/// Number of points drawn of the search: the highest of each of this number of stretches, two per pixel.
 const SEARCH_POINTS: usize = 1600;
 
-/// Draws the search (score over offset, the best being 1) above an excerpt of the match.
+/// Draws the search (score over offset, with a maximum of 1) above an excerpt of the match.
 pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
     let width = size.width(WIDTH);
     let mut canvas = Figure::titled(size, width, TOP + 2.0 * PITCH, title);
@@ -43,7 +43,7 @@ pub fn match_figure(size: Size, title: &str, quality: &Quality) -> Figure {
     canvas
 }
 
-/// Draws points, and over them a line in the colour of this number.
+/// Draws points, and over them a line in the colour with this number.
 fn draw(
     canvas: &mut Figure,
     panel: &Panel,
@@ -59,7 +59,7 @@ fn draw(
     });
 }
 
-/// The highest point of each of `stretches` stretches: no peak is lost.
+/// The highest point of each of `stretches` stretches, so that no peak is lost.
 fn highest(points: &[(f64, f64)], stretches: usize) -> Vec<(f64, f64)> {
     let length = points.len().div_ceil(stretches).max(1);
     let best = |stretch: &[(f64, f64)]| {

@@ -5,7 +5,6 @@
 pub(super) struct Colour(pub(super) u32);
 
 impl Colour {
-    /// Red, green and blue.
     pub(super) fn rgb(self) -> [u8; 3] {
         let [_, rgb @ ..] = self.0.to_be_bytes();
         rgb
@@ -17,28 +16,28 @@ impl Colour {
     }
 }
 
-/// Lines and points, in the order of use: the palette of Okabe and Ito ("Color Universal Design",
-/// 2008), without its yellow, which is too pale on white.
+/// Lines and points, in the order of use: the palette of Okabe and Ito ("Color Universal Design", 2008),
+/// without its yellow, which is too pale on white.
 const SERIES: [u32; 7] = [0x0072b2, 0xd55e00, 0x009e73, 0xcc79a7, 0xe69f00, 0x56b4e9, 0x000000];
 
-/// The colour of a series by its number; colours begin anew where they end.
+/// The colour of a series by its number; colours repeat after the last.
 pub(super) const fn series(number: usize) -> Colour {
     Colour(SERIES[number % SERIES.len()])
 }
 
 /// Text and frames.
 pub(super) const INK: Colour = Colour(0x222222);
-/// Grid lines.
 pub(super) const GRID: Colour = Colour(0xe4e4e4);
 /// The zero line under a trace.
 pub(super) const ZERO: Colour = Colour(0x999999);
-/// Behind the time that the robot is partly in a channel, and that it is wholly in it.
+/// Background of the time that the robot is partly in a channel.
 pub(super) const PARTLY_INSIDE: Colour = Colour(0xe6e6e6);
-/// Behind the time that the robot is wholly in a channel: in grey between the other and white.
+/// Background of the time that the robot is wholly in a channel: in grey print between the other background
+/// and white.
 pub(super) const INSIDE: Colour = Colour(0xfbe9ea);
 /// Spread about a mean.
 pub(super) const SPREAD: Colour = Colour(0xc9dcea);
-/// Reference lines over densities: identity, no residual.
+/// Reference lines over densities: identity, zero residual.
 pub(super) const REFERENCE: Colour = Colour(0xd55e00);
 
 /// Ten equal steps through viridis (van der Walt and Smith, 2015), dark to light.
@@ -47,7 +46,7 @@ const VIRIDIS: [u32; 10] = [
     0xfde725,
 ];
 
-/// The colour at `t` in 0..=1 of a sequential scale, dark (single points must be seen on white) to
+/// The colour at `t` in 0..=1 of a sequential scale, from dark (single points must be visible on white) to
 /// light.
 pub(super) fn sequential(t: f64) -> Colour {
     let position = t.clamp(0.0, 1.0) * (VIRIDIS.len() - 1) as f64;

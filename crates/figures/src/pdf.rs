@@ -1,9 +1,9 @@
-//! Drawings as PDF (ISO 32000): one page as large as the picture, lines as lines, letters as letters of the
-//! program's own font, which is in the file.
+//! Drawings as PDF (ISO 32000): one page of the size of the picture, with lines as lines and letters in an
+//! embedded font.
 //!
-//! Coordinates are those of the canvas: the page turns its y axis down and makes points of CSS pixels. Text
-//! is written as numbers of glyphs, with a table of the characters that they stand for, so that it can be
-//! searched and copied.
+//! Coordinates equal those of the canvas: a transformation of the page turns its y axis down and converts CSS
+//! pixels to points. Text is written as glyph numbers, with a table of the characters that they represent, so
+//! it can be searched and copied.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -17,10 +17,11 @@ use super::canvas::{Figure, Outline, Pen, Shape, Step, Style, number};
 use super::lettering;
 use super::palette::{Colour, INK};
 
-/// Points to a CSS pixel: 72 and 96 to the inch.
+/// Points per CSS pixel: 72 and 96 per inch.
 const POINTS: f64 = 0.75;
 
-/// How far the handles of a Bézier curve lie from its ends for a quarter of a circle of radius 1: 4/3·(√2 − 1).
+/// Distance of the handles of a Bézier curve from its ends, for a quarter of a circle of radius 1: 4/3·(√2 −
+/// 1).
 const QUARTER: f64 = 0.552_284_75;
 
 /// The names of the fonts on the page, regular and bold.
@@ -33,7 +34,7 @@ pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
     let height = number(figure.height * points);
     let _ = writeln!(page.content, "{points} 0 0 -{points} 0 {height} cm");
     figure.shapes.iter().for_each(|shape| page.draw(shape));
-    // Four bytes beyond ASCII, so that nobody takes it for text.
+    // Four bytes beyond ASCII mark the file as binary.
     let bytes = b"%PDF-1.7\n%\xe2\xe3\xcf\xd3\n".to_vec();
     let mut file = PdfFile { bytes, objects: Vec::new() };
     let mut fonts = String::new();
@@ -55,7 +56,7 @@ pub(super) fn pdf(figure: &Figure) -> Vec<u8> {
     file.finish(catalog)
 }
 
-/// The content of the page, and the glyphs of each font in it with what they stand for.
+/// The content of the page, and the glyphs used of each font with their characters.
 struct PdfPage {
     content: String,
     glyphs: [BTreeMap<u16, char>; 2],
@@ -90,7 +91,7 @@ impl PdfPage {
         if let Outline::Circle(centre, radius) = outline {
             return self.circle(*centre, *radius, paint);
         }
-        // As in pixels, what is no path of lines is not drawn.
+        // As in pixels, an outline with anything but lines is skipped.
         let steps = outline.steps().unwrap_or_default();
         if steps.is_empty() {
             return;
@@ -137,7 +138,7 @@ impl PdfPage {
         }
         let size = style.size;
         let shift = f64::from(style.anchor.start()) * lettering::width(text, style);
-        // Against the page, whose y axis points down; to be read from below, turned to the left.
+        // Against the page, whose y axis points down; upright text is rotated to the left.
         let (axes, x, y) = match style.upright {
             false => ([size, 0.0, 0.0, -size], x + shift, y),
             true => ([0.0, -size, -size, 0.0], x, y - shift),
@@ -157,7 +158,7 @@ fn rgb(colour: Colour) -> String {
     colour.rgb().map(|part| number(f64::from(part) / 255.0)).join(" ")
 }
 
-/// Puts a font into the file; the number of its object.
+/// Embeds a font; returns the number of its object.
 fn embed(file: &mut PdfFile, face: &Face<'_>, used: &BTreeMap<u16, char>, bold: bool) -> usize {
     let name = if bold { "DejaVuSans-Bold" } else { "DejaVuSans" };
     let em = f64::from(face.units_per_em());
@@ -191,7 +192,7 @@ fn embed(file: &mut PdfFile, face: &Face<'_>, used: &BTreeMap<u16, char>, bold: 
     ))
 }
 
-/// Which characters glyphs stand for.
+/// The table of the characters that glyphs represent.
 fn meaning(used: &BTreeMap<u16, char>) -> String {
     let mut table = String::from(
         "/CIDInit /ProcSet findresource begin\n12 dict begin\nbegincmap\n/CIDSystemInfo << /Registry \
@@ -199,7 +200,7 @@ fn meaning(used: &BTreeMap<u16, char>) -> String {
          def\n1 begincodespacerange\n<0000> <ffff>\nendcodespacerange\n",
     );
     let pairs: Vec<(&u16, &char)> = used.iter().collect();
-    // A block has a hundred at most.
+    // A block has at most a hundred entries.
     for block in pairs.chunks(100) {
         let _ = writeln!(table, "{} beginbfchar", block.len());
         for (glyph, character) in block {
@@ -213,14 +214,14 @@ fn meaning(used: &BTreeMap<u16, char>) -> String {
     table + "endcmap\nCMapName currentdict /CMap defineresource pop\nend\nend\n"
 }
 
-/// The file as it grows: numbered objects, and where each begins.
+/// The file under construction: numbered objects, with the start of each.
 struct PdfFile {
     bytes: Vec<u8>,
     objects: Vec<usize>,
 }
 
 impl PdfFile {
-    /// Adds an object; its number.
+    /// Adds an object; returns its number.
     fn add(&mut self, object: impl AsRef<[u8]>) -> usize {
         self.objects.push(self.bytes.len());
         let number = self.objects.len();
@@ -230,7 +231,7 @@ impl PdfFile {
         number
     }
 
-    /// Adds bytes, compressed; the number of their object.
+    /// Adds compressed bytes; returns the number of their object.
     fn stream(&mut self, more: &str, content: &[u8]) -> usize {
         let mut packed = ZlibEncoder::new(Vec::new(), Compression::default());
         packed.write_all(content).expect("memory takes all");
@@ -239,7 +240,7 @@ impl PdfFile {
         self.add([head.as_bytes(), &packed, b"\nendstream"].concat())
     }
 
-    /// The table of the objects, and where the document begins.
+    /// Adds the table of the objects, and the start of the document.
     fn finish(mut self, catalog: usize) -> Vec<u8> {
         let (start, count) = (self.bytes.len(), self.objects.len() + 1);
         let mut table = format!("xref\n0 {count}\n0000000000 65535 f \n");
@@ -269,7 +270,7 @@ mod tests {
         bytes.windows(what.len()).position(|window| window == what)
     }
 
-    /// The objects of a file, by its own table.
+    /// The objects of a file, located by its own table.
     fn objects(file: &[u8]) -> Vec<Vec<u8>> {
         let tail = String::from_utf8_lossy(&file[file.len() - 60..]).into_owned();
         let start = tail.split("startxref\n").nth(1).unwrap().lines().next().unwrap();
@@ -285,7 +286,7 @@ mod tests {
         rows.enumerate().map(object).collect()
     }
 
-    /// What is compressed in an object.
+    /// The decompressed content of an object.
     fn unpacked(object: &[u8]) -> Option<Vec<u8>> {
         let start = find(object, b"stream\n")? + 7;
         let mut content = Vec::new();
@@ -316,7 +317,7 @@ mod tests {
         assert!(page.contains("0 1 0 RG 1 w 0 j [5 3] 0 d\n0 0 m 5 5 l S\n"), "{page}");
         assert!(page.contains("q\n10 20 m 40 20 l 40 60 l 10 60 l h W n\n0 0 1 rg\n23 30 m "));
         assert_eq!((page.matches(" c ").count(), page.matches("\nQ\n").count()), (8, 1));
-        // The glyphs of the text, by the table of what they stand for, are the text.
+        // The glyphs of the text map back to the text through their table.
         let tables: Vec<&String> = texts.iter().filter(|text| text.contains("begincmap")).collect();
         assert_eq!(tables.len(), 2);
         let read = |table: &str, glyphs: &str| -> String {
@@ -334,7 +335,7 @@ mod tests {
             .collect();
         assert_eq!(read(tables[0], shown[0]), "Fx (N·m) ±10⁻³");
         assert_eq!(read(tables[1], shown[1]), "bold");
-        // Turned to the left, and in the middle: half the width below its position.
+        // Rotated to the left and centred: half the width below its position.
         assert!(page.contains("0 -13 -13 0 5 "), "{page}");
         let leaf = objects.iter().find(|object| find(object, b"/MediaBox").is_some()).unwrap();
         assert!(find(leaf, b"[0 0 150 75]").is_some());

@@ -1,4 +1,4 @@
-//! Drawings painted as pixels.
+//! Drawings as pixels.
 
 use tiny_skia::{
     Color, FillRule, LineJoin, Mask, Paint, Path, PathBuilder, Pixmap, Stroke, StrokeDash,

@@ -1,6 +1,6 @@
-//! A wrench over time, however long the log: per sliver of time, the first, lowest, highest and last
-//! value, which draw the same line as all the values (Jugel et al., "M4: A Visualization-Oriented
-//! Time Series Data Aggregation", VLDB 2014).
+//! A wrench over time, for logs of any length. Per sliver of time the first, lowest, highest and last value
+//! are kept, which draw the same line as all the values (Jugel et al., "M4: A Visualization-Oriented Time
+//! Series Data Aggregation", VLDB 2014).
 
 use super::axes::{BOTTOM_MARGIN, Panel, PlotAxis, ValueRange, wide_area};
 use super::canvas::{Figure, Pen, Size, point};
@@ -8,22 +8,21 @@ use super::histogram::{Cell, Grid};
 use super::palette::{self, Colour};
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Slivers of time held: at least half of them, more than there are pixels, cover the log.
+/// Number of slivers of time: at least half of them, more than there are pixels, cover the log.
 const SLIVERS: usize = 2048;
 
-/// A wrench over time, reduced to what a figure needs.
+/// A wrench over time, reduced to the data of a figure.
 #[derive(Clone, Debug, Default)]
 pub struct WrenchTrace {
     axes: PerAxis<TraceCurve>,
 }
 
-/// One quantity over time.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TraceCurve {
     slivers: Option<Grid<Option<Sliver>, 1>>,
 }
 
-/// What is kept of the points in one sliver of time, each as (time, value).
+/// The summary of the points in one sliver of time, each as (time, value).
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Sliver {
     first: (f64, f64),
@@ -33,8 +32,8 @@ struct Sliver {
 }
 
 impl WrenchTrace {
-    /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and
-    /// N·m. A column may be empty: its axis is then not drawn. Rows that are not finite are left out.
+    /// Adds a block of rows: time in s, six columns of wrench in the order of [`Axis::ALL`], N and N·m. A
+    /// column may be empty: its axis is then not drawn. Rows that are not finite are skipped.
     ///
     /// # Panics
     /// If there are not six columns, each empty or as long as `time_s`.
@@ -87,7 +86,7 @@ impl Cell for Option<Sliver> {
 }
 
 impl Sliver {
-    /// The points in the order of time, each once.
+    /// The points in order of time, each once.
     fn points(&self) -> Vec<(f64, f64)> {
         let mut points = vec![self.first, self.lowest, self.highest, self.last];
         if self.highest.0 < self.lowest.0 {
@@ -126,8 +125,8 @@ pub fn trace_figure(size: Size, title: &str, trace: &WrenchTrace) -> Figure {
     canvas
 }
 
-/// The range of the values, and zero unless it is far from all of them: what the sensor was tared to
-/// belongs in the picture.
+/// The range of the values, including zero unless it is far from all of them: the tare level belongs in the
+/// picture.
 fn shown_range(curve: &TraceCurve) -> ValueRange {
     let range = ValueRange::over(curve.points().map(|(_, value)| value));
     let with_zero = range.including(0.0);
@@ -149,7 +148,7 @@ pub(super) fn draw_curves(
     });
 }
 
-/// The line through the points, without those that fall on the one before.
+/// The line through the points, without repeated points.
 fn path(panel: &Panel, curve: &TraceCurve) -> String {
     let mut path = String::new();
     let mut before = String::new();

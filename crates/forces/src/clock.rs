@@ -2,31 +2,29 @@
 
 use super::RowRule;
 
-/// How many rows at the start of a log tell the period of the grid.
+/// Number of rows at the start of a log that determine the period of the grid.
 pub(crate) const CLOCK_ROWS: usize = 50;
 
-/// The start and the rate of the grid of a log.
+/// The start and the rate of a log's grid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clock {
-    /// Time of slot 0, that of the log's first row, s.
+    /// Time of slot 0, which is the log's first row, s.
     pub first_s: f64,
     /// Slots per second: one over the usual period between rows, Hz.
     pub rate_hz: f64,
 }
 
 impl Clock {
-    /// The slot nearest to a time, s.
     pub fn slot(&self, time_s: f64) -> u64 {
         (((time_s - self.first_s) * self.rate_hz).round() as u64).min(LAST_SLOT)
     }
 
-    /// The time of a slot, s.
     pub fn time_s(&self, slot: u64) -> f64 {
         self.first_s + slot as f64 / self.rate_hz
     }
 }
 
-/// The clock, as far as the first rows have been read.
+/// The search for the clock in the first rows of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClockSearch {
     first_s: Option<f64>,
@@ -36,7 +34,8 @@ pub struct ClockSearch {
 }
 
 impl ClockSearch {
-    /// Takes the times of the next rows, s. Once enough rows have been seen the others are ignored.
+    /// Takes the times of the next rows, s. Rows after the first `CLOCK_ROWS` are ignored once a period is
+    /// known.
     pub fn look_at(&mut self, times_s: &[f64]) {
         for &time in times_s {
             if self.is_done() {
@@ -52,18 +51,19 @@ impl ClockSearch {
         }
     }
 
-    /// Whether the clock is known: after `CLOCK_ROWS` rows, or the first later one that moves on.
+    /// Returns true if the clock is known: after `CLOCK_ROWS` rows, or at the first later row whose time
+    /// advances.
     pub fn is_done(&self) -> bool {
         self.rows >= CLOCK_ROWS && !self.periods_s.is_empty()
     }
 
-    /// The clock, at the rate `rate_hz` if that is given; `None` if time has not moved on.
+    /// The clock, at the rate `rate_hz` if given; `None` if time has not advanced.
     pub fn finish(&self, rate_hz: Option<f64>) -> Option<Clock> {
         let first_s = self.first_s?;
         let own = || {
             let mut periods = self.periods_s.clone();
             periods.sort_unstable_by(f64::total_cmp);
-            // The lower median is a period that occurs.
+            // The lower median is a period that actually occurs.
             let middle = periods.len().checked_sub(1)? / 2;
             Some(1.0 / periods[middle])
         };
@@ -71,10 +71,10 @@ impl ClockSearch {
     }
 }
 
-/// Later slots are taken for this one: times beyond it are no times.
+/// The largest slot: later ones are clamped, as no valid time is that late.
 const LAST_SLOT: u64 = 1 << 60;
 
-/// The slots of the rows of a log, which are given in order.
+/// Assigns slots to the rows of a log, which are given in order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Grid {
     clock: Clock,
@@ -84,13 +84,13 @@ pub struct Grid {
 }
 
 impl Grid {
-    /// Before the first row. By row, that is the first row of the log.
+    /// Starts before the first row; by row, this is the first row of the log.
     pub fn new(clock: Clock, rule: RowRule) -> Self {
         Self { clock, rule, next_row: 0, last_slot: 0 }
     }
 
-    /// The slots of the next rows. A row earlier than one before it, such as a frame that was
-    /// overtaken on the radio, shares that one's slot.
+    /// The slots of the next rows. A row that is earlier than a previous one, such as a radio frame that
+    /// arrived out of order, shares the slot of that one.
     pub fn slots(&mut self, times_s: &[f64]) -> Vec<u64> {
         let slot = |&time: &f64| {
             let slot = match self.rule {
@@ -141,7 +141,7 @@ mod tests {
         let clock = Clock { first_s: 1.0, rate_hz: 1000.0 };
         let mut grid = Grid::new(clock, RowRule::Time);
         assert_eq!(grid.slots(&[1.0, 1.001, 1.0039]), [0, 1, 4]);
-        // The third comes late.
+        // The third row arrives late.
         assert_eq!(grid.slots(&[1.005, 1.0051, 1.003, 1.009]), [5, 5, 5, 9]);
         let mut rows = Grid::new(clock, RowRule::Rows);
         assert_eq!(rows.slots(&[1.0, 5.0, 5.0]), [0, 1, 2]);

@@ -1,49 +1,52 @@
-//! How the zero of an unloaded sensor moves: its trend against time and temperature, and its wander.
+//! The drift of an unloaded sensor's zero: its trend against time and temperature, and its wander.
 //!
-//! Each [rest](crate::stationary) is one observation, its mean; how its frames scatter says nothing of how
-//! a trend was met. The standard error of a slope is that of least squares from the scatter of the stationary intervals
-//! about the line, times `√((1 + ρ)/(1 − ρ))` with ρ the correlation of neighbours in it, to which
-//! `(2 + 4ρ)/n` is added for what the line itself takes away. Independent stationary intervals keep within two standard
-//! errors of their true slope in 95 % of cases; a zero that wanders without aim (a random walk over 60 rests)
-//! stays within three of none in three of four, where plain least squares would say so in one of four.
+//! Each [stationary interval](crate::stationary) contributes one observation, its mean; the scatter of its
+//! frames does not tell how well a trend fits. The standard error of a slope is the least-squares one from
+//! the scatter of the intervals about the line, times `√((1 + ρ)/(1 − ρ))`. Here ρ is the correlation of
+//! neighbouring residuals, plus `(2 + 4ρ)/n` to compensate for the fit of the line. For independent intervals
+//! the slope lies within two standard errors of the true slope in 95 % of cases. For a random walk over 60
+//! intervals it lies within three standard errors of zero in three of four cases; with the plain
+//! least-squares error, in one of four.
 
 use crate::stationary::{QuietLevel, ZeroChange};
 use shell_data::statistics::RunningVariance;
 
-/// The fewest stationary intervals that a trend is told from.
+/// The minimum number of stationary intervals for a trend.
 pub const FEWEST_RESTS: usize = 3;
 
-/// Neighbours that have more in common than this say nothing of a trend beyond it.
+/// The upper limit of the neighbour correlation ρ.
 const MOST_CORRELATED: f64 = 0.95;
 
-/// A straight line through the zeros at the stationary intervals, in units of the quantity and of what it is held against.
+/// A straight line through the zeros of the stationary intervals, in units of the quantity and of the
+/// regressor.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Trend {
-    /// Change per unit.
+    /// Change per unit of the regressor.
     pub slope: f64,
-    /// Its standard error.
+    /// The standard error of the slope.
     pub standard_error: f64,
-    /// What the line leaves of the zeros, RMS.
+    /// RMS of the zeros about the line.
     pub residual_rms: f64,
 }
 
-/// How the zero of one quantity moves, in its own unit.
+/// The drift of the zero of one quantity, in the unit of that quantity.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Drift {
-    /// From the first rest to the last.
+    /// The change from the first stationary interval to the last.
     #[serde(flatten)]
     pub change: ZeroChange,
-    /// Standard deviation of the zeros at the stationary intervals beyond what the noise within them makes.
+    /// Standard deviation of the zeros of the stationary intervals, with the contribution of the noise within
+    /// them removed.
     pub wander: f64,
-    /// Against time, per s.
+    /// The trend against time, per s.
     pub per_s: Trend,
-    /// Against temperature, per unit of its column; `None` where that is not known or does not change.
+    /// The trend against temperature, per unit of its column; `None` if temperature is unknown or constant.
     pub per_degree: Option<Trend>,
 }
 
 impl Trend {
-    /// Of the values `y` at `x`, in order; `None` for fewer than [`FEWEST_RESTS`], or where `x` does not
-    /// change.
+    /// Fits a line to the values `y` at `x`, in order. Returns `None` for fewer than [`FEWEST_RESTS`] values
+    /// or a constant `x`.
     pub fn fit(x: &[f64], y: &[f64]) -> Option<Self> {
         let (xs, ys) = (RunningVariance::new(x), RunningVariance::new(y));
         if x.len() < FEWEST_RESTS || xs.squares <= 0.0 || !xs.squares.is_finite() {
@@ -67,8 +70,8 @@ impl Trend {
 }
 
 impl Drift {
-    /// Of one of `quantities` from its levels at the stationary intervals, with the middle of each, s, and its
-    /// temperature, `None` where that is not known; `None` for fewer than [`FEWEST_RESTS`].
+    /// The drift of one of `quantities` from its levels in the stationary intervals, with the middle of each,
+    /// s, and its temperature, `None` if unknown. Returns `None` for fewer than [`FEWEST_RESTS`] intervals.
     pub fn fit(
         levels: &[QuietLevel],
         times_s: &[f64],
@@ -98,8 +101,8 @@ mod tests {
 
     #[test]
     fn a_line_is_that_of_least_squares() {
-        // numpy: slope 1.0135135, standard error 0.0468122; the residuals alternate (ρ = −0.774), so that
-        // nothing is added. The printed digits.
+        // Slope 1.0135135 and standard error 0.0468122 are numpy's, as printed. The residuals alternate (ρ =
+        // −0.774), so ρ adds nothing.
         let found = Trend::fit(&[0.0, 1.0, 2.0, 3.0, 5.0], &[1.0, 1.9, 3.2, 3.8, 6.1]).unwrap();
         assert!((found.slope - 1.013_513_5).abs() < 1e-7, "{found:?}");
         assert!((found.standard_error - 0.046_812_2).abs() < 1e-7, "{found:?}");
@@ -109,8 +112,8 @@ mod tests {
 
     #[test]
     fn a_wander_without_aim_has_no_trend_beyond_its_error() {
-        // 400 walks of 60 steps of ±1. numpy on 3000 of them: 77 %, 25 % by least squares alone; a share
-        // of 400 has a standard deviation of 2 %.
+        // 400 walks of 60 steps of ±1. numpy on 3000 walks gives 77 %, and 25 % with the plain least-squares
+        // error; a share of 400 has a standard deviation of 2 %.
         let mut state = 1_u64;
         let mut sign = || {
             state = state

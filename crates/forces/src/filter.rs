@@ -1,41 +1,41 @@
 //! Low-pass filtering of evenly sampled signals.
 //!
-//! [`Butterworth`] is the design, [`Filter`] runs it forward over a stream in constant memory
-//! (causal, with the delay that this brings), [`Butterworth::zero_phase`] runs it forward and
-//! backward over a whole signal (no delay, the attenuation squared).
+//! [`Butterworth`] is the design. [`Filter`] runs it forward over a stream in constant memory (causal, with a
+//! delay). [`Butterworth::zero_phase`] runs it forward and backward over a whole signal (no delay, twice the
+//! attenuation in dB).
 //!
-//! The transfer functions are those of `scipy.signal.butter`: the analogue prototype through the
-//! bilinear transform, with the cutoff prewarped. They are realised as trapezoidal state-variable
-//! sections rather than as biquads in direct form. A biquad's coefficients stand near −2 and 1 when
-//! the cutoff is low, and what it does rests on their small difference: at a cutoff of 10⁻⁴ of the
-//! sampling rate it has lost six digits. The state-variable form keeps them, has a gain of exactly
-//! one at zero frequency, and its state is the signal itself.
+//! The transfer functions equal `scipy.signal.butter`: the analogue prototype under the bilinear transform,
+//! with a prewarped cutoff. They are realised as trapezoidal state-variable sections rather than as
+//! direct-form biquads. A biquad with a low cutoff has coefficients near −2 and 1, and its response depends
+//! on their small difference: at a cutoff of 10⁻⁴ of the sampling rate it has lost six digits. The
+//! state-variable form keeps these digits, has a gain of exactly one at zero frequency, and its state is the
+//! signal itself.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use shell_data::hint::Hint;
 
-/// A filter that cannot be designed or applied as asked.
+/// A filter that cannot be designed or applied as requested.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FilterError {
-    /// An order of zero, or more poles than anyone can want.
+    /// An order of zero or above the limit.
     #[error("filter order `{}` is not between 1 and {}", .0, Butterworth::LARGEST_ORDER)]
     Order(usize),
-    /// A sampling rate that is no positive number.
+    /// A sampling rate that is not a positive number.
     #[error("sampling rate `{0}` Hz is not a positive number")]
     Rate(f64),
-    /// A cutoff that a signal does not contain: not between 0 and half the rate that it is sampled at.
+    /// A cutoff outside 0 to half the sampling rate.
     #[error(
         "cutoff `{cutoff_hz}` Hz is not between 0 and half the sampling rate, `{nyquist_hz}` Hz"
     )]
     Cutoff { cutoff_hz: f64, nyquist_hz: f64 },
-    /// A cutoff so low that the filter would remember more than memory holds; `least_hz` is the lowest.
+    /// A cutoff so low that the filter's memory would exceed the limit; `least_hz` is the lowest allowed.
     #[error(
         "cutoff `{cutoff_hz}` Hz is too low for {} samples per second: at least `{}` Hz",
         *rate_hz as f32, *least_hz as f32
     )]
     TooSlow { cutoff_hz: f64, rate_hz: f64, least_hz: f64 },
-    /// A signal too short to be filtered without phase.
+    /// A signal too short for zero-phase filtering.
     #[error("`{samples}` samples are too few to filter without phase: at least `{needed}` needed")]
     TooFewSamples { samples: usize, needed: usize },
 }
@@ -60,38 +60,38 @@ impl Hint for FilterError {
 pub struct Butterworth {
     /// Number of poles.
     order: usize,
-    /// The frequency that is attenuated to 1/√2, Hz.
+    /// The frequency of attenuation to 1/√2, Hz.
     cutoff_hz: f64,
-    /// The sampling rate designed for, Hz.
+    /// The sampling rate of the design, Hz.
     rate_hz: f64,
     sections: Vec<FilterSection>,
 }
 
-/// A part of the filter with one real pole or one pair of complex poles.
+/// A section of the filter with one real pole or one pair of complex poles.
 ///
 /// `g = tan(π·cutoff/rate)` is the prewarped cutoff, `k = 1/Q` the damping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum FilterSection {
     /// `g / (s + g)` under the bilinear transform `s = (z − 1)/(z + 1)`.
     Real { g: f64 },
-    /// `g² / (s² + k·g·s + g²)` under the same.
+    /// `g² / (s² + k·g·s + g²)` under the same transform.
     Pair { g: f64, k: f64 },
 }
 
 impl Butterworth {
-    /// The highest order that can be asked for.
+    /// The highest order.
     pub(crate) const LARGEST_ORDER: usize = 16;
 
-    /// The lowest cutoff, as a share of the rate. An answer depends on some million samples there.
+    /// The lowest cutoff, as a share of the rate. An output there depends on some million samples.
     pub(crate) const LOWEST: f64 = 2e-5;
 
-    /// A low-pass with `order` poles and its −3.01 dB point at `cutoff_hz`, for a signal sampled
-    /// `rate_hz` times a second. The same filter as `scipy.signal.butter(order, cutoff, fs=rate)`.
+    /// Designs a low-pass with `order` poles and its −3.01 dB point at `cutoff_hz`, for a signal sampled
+    /// `rate_hz` times a second. The filter equals `scipy.signal.butter(order, cutoff, fs=rate)`.
     ///
     /// # Errors
     /// [`FilterError::Order`] outside 1..=16, [`FilterError::Rate`] unless positive and finite,
-    /// [`FilterError::Cutoff`] unless between 0 and half the rate, both excluded;
-    /// [`FilterError::TooSlow`] below a share of `LOWEST`(Self::LOWEST) of the rate.
+    /// [`FilterError::Cutoff`] unless between 0 and half the rate, both excluded; [`FilterError::TooSlow`]
+    /// below `LOWEST` times the rate.
     pub fn low_pass(order: usize, cutoff_hz: f64, rate_hz: f64) -> Result<Self, FilterError> {
         if !(1..=Self::LARGEST_ORDER).contains(&order) {
             return Err(FilterError::Order(order));
@@ -108,8 +108,8 @@ impl Butterworth {
             return Err(FilterError::TooSlow { cutoff_hz, rate_hz, least_hz });
         }
         let g = (PI * (cutoff_hz / rate_hz)).tan();
-        // The poles lie evenly on a half circle, a pair at the angle θ from the imaginary axis has
-        // the damping 2·sin θ. The best damped come first, so that none rings at full amplitude.
+        // The poles lie evenly on a half circle; a pair at the angle θ from the imaginary axis has the
+        // damping 2·sin θ. The best damped pairs come first, so no section rings at full amplitude.
         let real = (order % 2 == 1).then_some(FilterSection::Real { g });
         let pairs = (0..order / 2).rev().map(|pair| {
             let angle = PI * (2 * pair + 1) as f64 / (2 * order) as f64;
@@ -119,19 +119,19 @@ impl Butterworth {
         Ok(Self { order, cutoff_hz, rate_hz, sections })
     }
 
-    /// After how many samples the filter has forgotten what came before, to within `tolerance`.
+    /// The number of samples after which the filter has forgotten its past, to within `tolerance`.
     ///
-    /// Two signals that are the same from some sample on, and before it differ by at most one,
-    /// have answers that differ by at most `tolerance` from that many samples later on: the sum of
-    /// `|h|` beyond, of the impulse response h, is no larger.
+    /// Take two signals that are equal from some sample on and differ by at most one before it. Their outputs
+    /// differ by at most `tolerance` from that number of samples later on: the tail sum of `|h|` of the
+    /// impulse response h is no larger.
     ///
     /// # Panics
     /// If `tolerance` is not between 0 and 1.
     pub fn memory(&self, tolerance: f64) -> usize {
         assert!(0.0 < tolerance && tolerance < 1.0, "a tolerance between 0 and 1");
-        // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, lose a factor e in
-        // 1/(2π·cutoff·sin θ); near half the rate the bilinear transform makes them faster or slower,
-        // which the loop sees.
+        // The slowest poles, at the angle θ = π/(2·order) from the imaginary axis, decay by a factor e in
+        // 1/(2π·cutoff·sin θ). Near half the rate the bilinear transform makes them faster or slower, which
+        // the loop accounts for.
         let angle = FRAC_PI_2 / self.order as f64;
         let rate = TAU * self.cutoff_hz / self.rate_hz * angle.sin();
         let piece = (4.0 / rate).ceil() as usize;
@@ -151,23 +151,23 @@ impl Butterworth {
         let mut beyond = 0.0;
         let kept = response.iter().rposition(|h| {
             beyond += h.abs();
-            // What is beyond the pieces is a thousandth at most.
+            // The tail beyond the pieces is at most a thousandth of the tolerance.
             beyond > tolerance - limit
         });
         kept.map_or(0, |last| last + 1)
     }
 
-    /// How far a signal is continued at either end: it must be longer than that.
+    /// The length of the continuation at either end; the signal must be longer than that.
     pub(crate) fn zero_phase_reach(&self) -> usize {
         3 * (self.order + 1)
     }
 
-    /// Filters a whole signal forward, then backward: no delay, and the attenuation of the filter
-    /// twice (−6.02 dB at the cutoff).
+    /// Filters a whole signal forward, then backward: no delay, and twice the filter's attenuation (−6.02 dB
+    /// at the cutoff).
     ///
-    /// The signal is continued at both ends by its reflection through the end point, three times the
-    /// order plus three samples long, and each pass starts settled at the first value it sees: what
-    /// `scipy.signal.sosfiltfilt` does by default.
+    /// The signal is continued at both ends by its reflection through the end point, over three times the
+    /// order plus three samples. Each pass starts settled at the first value it sees.
+    /// `scipy.signal.sosfiltfilt` does the same by default.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`] unless the signal is longer than that continuation.
@@ -190,16 +190,16 @@ impl Butterworth {
     }
 }
 
-/// A causal low-pass with its state, to be fed a signal in pieces of any size.
+/// A causal low-pass with its state, fed with a signal in pieces of any size.
 ///
-/// Starts at rest at zero, as `scipy.signal.lfilter` does: right for a signal that starts near
-/// zero, as a tared one does. [`settled`](Self::settled) starts it elsewhere.
+/// It starts at rest at zero, as `scipy.signal.lfilter` does. This suits a signal that starts near zero, such
+/// as a tared one; use [`settled`](Self::settled) to start elsewhere.
 #[derive(Clone, Debug)]
 pub struct Filter {
     sections: Vec<(FilterSection, FilterState)>,
 }
 
-/// The two integrators of a section: band-pass (of a pair alone) and low-pass.
+/// The two integrators of a section: band-pass (only of a pair) and low-pass.
 #[derive(Clone, Copy, Debug)]
 struct FilterState {
     band: f64,
@@ -207,19 +207,19 @@ struct FilterState {
 }
 
 impl Filter {
-    /// A filter at rest at zero.
+    /// Creates a filter at rest at zero.
     pub fn new(design: &Butterworth) -> Self {
         Self::settled(design, 0.0)
     }
 
-    /// A filter in the state in which an endless constant `value` would have left it, as
-    /// `sosfilt_zi` does: the answer to more of the same is exactly `value`.
+    /// Creates a filter in the state after an endless constant `value`, as `sosfilt_zi` does: further samples
+    /// of `value` give exactly `value`.
     pub fn settled(design: &Butterworth, value: f64) -> Self {
         let state = FilterState { band: 0.0, low: value };
         Self { sections: design.sections.iter().map(|&section| (section, state)).collect() }
     }
 
-    /// The answer to one more sample, which is not taken in: the state stays as it is.
+    /// The output for one more sample, without changing the state.
     pub fn peek(&self, sample: f64) -> f64 {
         self.sections.iter().fold(sample, |sample, (section, state)| {
             let (mut state, mut sample) = (*state, [sample]);
@@ -228,10 +228,10 @@ impl Filter {
         })
     }
 
-    /// Replaces the next samples of the signal by the filter's answer to them.
+    /// Replaces the next samples of the signal by the filter's output.
     ///
-    /// The answer does not depend on how the signal is cut into pieces. A sample that is not finite
-    /// spoils all that follow.
+    /// The output does not depend on how the signal is cut into pieces. A sample that is not finite spoils
+    /// all later outputs.
     ///
     /// Each section is integrated by the trapezoidal rule, implicitly, in closed form: A. Simper,
     /// "Linear Trapezoidal Integrated State Variable Filter" (Cytomic, 2013); V. Zavalishin, "The Art
@@ -281,15 +281,15 @@ mod tests {
 
     use super::*;
 
-    /// A signal of whole numbers without any pattern to speak of, 200 samples between −50 and 50.
+    /// A signal of whole numbers without an obvious pattern, 200 samples between −50 and 50.
     fn test_signal() -> Vec<f64> {
         (0..200).map(|i| f64::from((i * i * 37 + 11 * i) % 101 - 50)).collect()
     }
 
     impl FilterSection {
-        /// The section as a biquad `[b0, b1, b2, 1, a1, a2]`, as other tools take it. The poles are those of
-        /// `scipy.signal.butter(…, output="sos")`; each section has gain 1 at zero frequency, where SciPy puts the whole
-        /// gain in the first.
+        /// The section as a biquad `[b0, b1, b2, 1, a1, a2]`, as other tools use. The poles equal
+        /// `scipy.signal.butter(…, output="sos")`. Each section has gain 1 at zero frequency, where SciPy
+        /// puts the whole gain in the first.
         fn biquad(&self) -> [f64; 6] {
             match *self {
                 FilterSection::Real { g } => {
@@ -306,7 +306,7 @@ mod tests {
         }
     }
 
-    /// The poles (a1, a2 of each section) of `scipy.signal.butter(order, cutoff, fs=1000,
+    /// Expected: poles (a1, a2 of each section) of `scipy.signal.butter(order, cutoff, fs=1000,
     /// output="sos")`, SciPy 1.17.1, and the product of the sections' gains, its `sos[0, 0]`.
     #[test]
     fn sections_are_those_of_scipy() {
@@ -350,13 +350,13 @@ mod tests {
             };
             assert_eq!(sections.len(), poles.len());
             for (section, [a1, a2]) in sections.iter().zip(poles) {
-                // Both sides round a handful of times at a magnitude of 2.
+                // Both values have a few roundings at a magnitude of 2.
                 assert!((section[4] - a1).abs() < 4e-15, "{order}: {} {a1}", section[4]);
                 assert!((section[5] - a2).abs() < 4e-15, "{order}: {} {a2}", section[5]);
                 assert!(section[2] == 0.0 || section[1] == 2.0 * section[0]);
             }
             let product: f64 = sections.iter().map(|section| section[0]).product();
-            // SciPy's gain comes from a difference of poles and is good to about 1e-13.
+            // SciPy's gain comes from a difference of poles and is accurate to about 1e-13.
             assert!((product / gain - 1.0).abs() < 1e-12, "{order}: {product} {gain}");
         }
     }
@@ -390,7 +390,7 @@ mod tests {
             let design = Butterworth::low_pass(order, cutoff, rate).unwrap();
             for tolerance in [1e-3, 1e-12] {
                 let memory = design.memory(tolerance);
-                // The worst past: of the sign that the response has when it counts.
+                // The worst past has the sign of the response at each sample.
                 let mut response = vec![0.0; 20 * memory.max(10)];
                 response[0] = 1.0;
                 Filter::new(&design).process(&mut response);
@@ -413,7 +413,7 @@ mod tests {
         Butterworth::low_pass(order, cutoff, 1000.0).unwrap()
     }
 
-    /// `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199.
+    /// Expected: `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199.
     #[test]
     fn answers_without_phase_are_those_of_scipy() {
         let cases = [
@@ -447,13 +447,14 @@ mod tests {
             let mut signal = test_signal();
             design(order, cutoff).zero_phase(&mut signal).unwrap();
             for (i, expected) in [0, 1, 50, 199].into_iter().zip(expected) {
-                // SciPy's own settled state is off by 1.5e-14 of the continued signal's 150.
+                // SciPy's own settled state is off by 1.5e-14 of the continued signal's range of 150.
                 assert!((signal[i] - expected).abs() < 1e-12 * 150.0, "{order} {i}: {}", signal[i]);
             }
         }
     }
 
-    /// `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on signals one sample longer than their continuation, at 10 Hz of 100.
+    /// Expected: `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on signals one sample longer than their
+    /// continuation, with a cutoff of 10 Hz at 100 Hz.
     #[test]
     fn the_shortest_signals_are_filtered_as_scipy_does() {
         let cases = [
@@ -487,7 +488,7 @@ mod tests {
             design.zero_phase(&mut signal).unwrap();
             let end = signal.len() - 1;
             for (at, expected) in [0, 1, 7, end - 1, end].into_iter().zip(expected) {
-                // SciPy's own settled state is off by 1.5e-14 of the continued signal's 20.
+                // SciPy's own settled state is off by 1.5e-14 of the continued signal's range of 20.
                 assert!((signal[at] - expected).abs() < 1e-12, "{order} {at}: {}", signal[at]);
             }
         }
@@ -498,8 +499,8 @@ mod tests {
         let bump = |i: i32| 1.0 / (1.0 + f64::from(i * i) / 400.0);
         let mut signal: Vec<f64> = (-500..=500).map(bump).collect();
         design(4, 50.0).zero_phase(&mut signal).unwrap();
-        // The ends see the continuation in different order. The slowest pole of this filter dies
-        // away by 0.89 a sample, 400 samples from the end to 1e-20.
+        // The two ends process the continuation in different order. The slowest pole of this filter decays by
+        // 0.89 a sample, and to 1e-20 at 400 samples from the end.
         for i in 400..500 {
             assert!((signal[i] - signal[1000 - i]).abs() < 1e-9);
         }
@@ -527,7 +528,7 @@ mod tests {
         signal
     }
 
-    /// `scipy.signal.sosfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199: from
+    /// Expected: `scipy.signal.sosfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199: from
     /// zero, and from `sosfilt_zi(sos) * x[0]`.
     #[test]
     fn answers_are_those_of_scipy() {
@@ -572,14 +573,14 @@ mod tests {
             for (expected, settled) in [(zero, false), (settled, true)] {
                 let answer = filtered(order, cutoff, 1000.0, settled);
                 for (i, expected) in [0, 1, 50, 199].into_iter().zip(expected) {
-                    // SciPy's own settled state is off by 1.5e-14 of the signal's 50 at order 4.
+                    // SciPy's own settled state is off by 1.5e-14 of the signal's range of 50 at order 4.
                     assert!((answer[i] - expected).abs() < 1e-12 * 50.0, "{order} {i}");
                 }
             }
         }
     }
 
-    /// Gain at `frequency`, from the impulse response.
+    /// Gain at `frequency`, computed from the impulse response.
     fn gain(order: usize, cutoff: f64, frequency: f64, length: usize) -> f64 {
         let mut response = vec![0.0; length];
         response[0] = 1.0;
@@ -606,7 +607,7 @@ mod tests {
                     let frequency = share * cutoff;
                     let expected = analytic(order, cutoff, frequency);
                     let found = gain(order as usize, cutoff, frequency, length);
-                    // Thousands of terms summed to one: rounding of their root times 1e-16.
+                    // Thousands of terms sum to one; the rounding error grows with the root of their number.
                     assert!((found - expected).abs() < 1e-12, "{order} {frequency}: {found}");
                 }
             }
@@ -616,7 +617,7 @@ mod tests {
 
     #[test]
     fn a_very_low_cutoff_keeps_its_digits() {
-        // As biquads in direct form (SciPy 1.17.1) this filter has the gain 1 − 4e-10 at 0 Hz.
+        // As direct-form biquads (SciPy 1.17.1) this filter has a gain of 1 − 4e-10 at 0 Hz.
         for (frequency, expected) in
             [(0.0, 1.0), (0.1, 0.5f64.sqrt()), (0.2, analytic(4, 0.1, 0.2))]
         {

@@ -1,4 +1,4 @@
-//! Wrenches in another frame: about another origin, along turned, mirrored or exchanged axes.
+//! Wrenches in another frame: about another origin, and along rotated, mirrored or exchanged axes.
 //!
 //! With the axes of the new frame as rows of `P` and its origin at d, both in the old frame,
 //!
@@ -6,7 +6,7 @@
 //! F' = P·F        M' = det(P)·P·(M − d × F)
 //! ```
 //!
-//! A mirror turns the sign of moments, which are axial vectors, once more.
+//! A mirror flips the sign of moments once more, as they are axial vectors.
 
 use std::str::FromStr;
 
@@ -22,11 +22,11 @@ pub struct FrameChange {
     origin_m: Vector,
     /// The new axes in the old frame, row by row; orthonormal.
     axes: Matrix,
-    /// 1, or −1 of a mirror.
+    /// 1, or −1 for a mirror.
     determinant: f64,
 }
 
-/// A text that says no change of frame.
+/// A text that does not describe a change of frame.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{0}` is no frame")]
 pub struct NoFrameChange(String);
@@ -42,8 +42,8 @@ impl Hint for NoFrameChange {
 }
 
 impl FrameChange {
-    /// A frame at `origin_m`, turned by three angles, rad, about its own x, then the y and the z that come of it: the tool
-    /// transform of ATI's sensors.
+    /// Creates a frame at `origin_m`, rotated by three angles, rad, about its x axis, then the resulting y
+    /// axis, then the resulting z axis. This is the tool transform of ATI's sensors.
     pub fn new(origin_m: Vector, angles: Vector) -> Self {
         let about = |axis: usize| {
             let mut vector = [0.0; 3];
@@ -59,7 +59,7 @@ impl FrameChange {
         Self { origin_m, axes: transposed(&columns), determinant: 1.0 }
     }
 
-    /// Axes of the old frame, with their signs, as x, y and z of the new one; `None` if one is missing.
+    /// Uses axes of the old frame, with their signs, as x, y and z of the new one; `None` if one is missing.
     pub fn from_axes(axes: [(usize, f64); 3]) -> Option<Self> {
         let mut matrix = Matrix::default();
         for (row, (axis, sign)) in matrix.iter_mut().zip(axes) {
@@ -70,7 +70,7 @@ impl FrameChange {
         (determinant != 0.0).then_some(Self { origin_m: [0.0; 3], axes: matrix, determinant })
     }
 
-    /// A wrench in the new frame.
+    /// Transforms a wrench to the new frame.
     pub fn wrench(&self, [fx, fy, fz, mx, my, mz]: PerAxis<f64>) -> PerAxis<f64> {
         let force = [fx, fy, fz];
         let lever = cross(self.origin_m, force);
@@ -80,7 +80,7 @@ impl FrameChange {
         [x, y, z, mx, my, mz]
     }
 
-    /// Wrenches in the new frame, row by row.
+    /// Transforms wrenches to the new frame, row by row.
     pub fn apply(&self, wrench: &mut PerAxis<Vec<f64>>) {
         for row in 0..wrench[0].len() {
             let changed = self.wrench(wrench.each_ref().map(|column| column[row]));
@@ -88,7 +88,8 @@ impl FrameChange {
         }
     }
 
-    /// Standard errors in the new frame, row by row, those of the old axes taken as independent.
+    /// Transforms standard errors to the new frame, row by row, with errors of the old axes treated as
+    /// independent.
     pub fn apply_to_errors(&self, errors: &mut PerAxis<Vec<f64>>) {
         let columns: PerAxis<PerAxis<f64>> = std::array::from_fn(|axis| {
             let mut unit = PerAxis::default();
@@ -104,7 +105,7 @@ impl FrameChange {
         }
     }
 
-    /// Whether it can be made of these axes alone: all six.
+    /// Returns true if `axes` are sufficient: all six are needed.
     pub fn is_known_from(axes: Axes) -> bool {
         Axis::ALL.into_iter().all(|axis| axes.contains(axis))
     }
@@ -153,32 +154,32 @@ mod tests {
 
     fn assert_near(found: PerAxis<f64>, expected: PerAxis<f64>) {
         for (found, expected) in found.iter().zip(expected) {
-            // Sines of right angles are off by 1e-16 of numbers up to 10.
+            // Sines of right angles are off by 1e-16, and the numbers go up to 10.
             assert!((found - expected).abs() < 1e-14, "{found} {expected}");
         }
     }
 
     #[test]
     fn moments_are_about_the_new_origin() {
-        // 2 N along x at 0.05 m above the old origin: no moment about the point itself.
+        // 2 N along x at 0.05 m above the old origin: no moment about that point.
         let at_point = changed("0,0,0.05,0,0,0", [2.0, 0.0, 0.0, 0.0, 0.1, 0.0]);
         assert_near(at_point, [2.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     }
 
-    /// The example of turns about moved axes: by 90° about x the new y is the old z, and by 90° about that the new z is the
-    /// old y … in another order of turns it would not be.
+    /// Rotations are about axes that have rotated before. After 90° about x the new y is the old z, and the
+    /// next 90° are about that axis; another order of rotations would give another result.
     #[test]
     fn turns_are_about_axes_that_have_turned_before() {
         let wrench = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0];
         assert_near(changed("0,0,0,90,0,0", wrench), [1.0, 3.0, -2.0, 4.0, 6.0, -5.0]);
         assert_near(changed("0,0,0,0,0,90", wrench), [2.0, -1.0, 3.0, 5.0, -4.0, 6.0]);
-        // After the turn about x: x, z, −y. Then about the new y (the old z): x' = −z'', z' = x''.
+        // After the rotation about x: x, z, −y. Then about the new y (the old z): x' = −z'', z' = x''.
         assert_near(changed("0,0,0,90,90,0", wrench), [2.0, 3.0, 1.0, 5.0, 6.0, 4.0]);
     }
 
     #[test]
     fn a_mirror_keeps_moments_axial() {
-        // y mirrored: a force along x at y = +1 makes −1 about z; at the mirrored place it makes +1.
+        // y mirrored: a force along x at y = +1 gives −1 about z; at the mirrored position it gives +1.
         let mirrored = changed("x,-y,z", [1.0, 0.0, 0.0, 0.0, 0.0, -1.0]);
         assert_near(mirrored, [1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
         let exchanged = changed("y,-x,z", [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);

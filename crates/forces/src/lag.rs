@@ -1,20 +1,20 @@
-//! Forces at the time stamps of their rows, where the reference of the calibration lagged behind the readings.
+//! Forces at the time stamps of their rows, for a calibration whose reference lagged behind the readings.
 
 use calibration::dynamics::ReferenceLag;
 use calibration::memory::TimeBase;
 use shell_data::wrench::PerAxis;
 
-/// Takes forces at the moments that their rows' stamps have on the clock of the reference: straight between rows, held
-/// beyond the first and the last, and where time goes back.
+/// Resamples forces at the reference-clock times of their rows' stamps. Values are interpolated linearly
+/// between rows, and held before the first row, after the last, and where time goes back.
 #[derive(Clone, Debug)]
 pub(super) struct LagShift {
     lag: ReferenceLag,
-    /// Rows that came, for lags that are counted in rows.
+    /// Number of rows received, for lags in rows.
     rows: u64,
-    /// Times of the rows that are kept, in the unit of the lag, and the forces that are known of them.
+    /// Times of the buffered rows, in the unit of the lag, and the known forces of these rows.
     times: Vec<f64>,
     forces: PerAxis<Vec<f64>>,
-    /// The first kept row without an answer.
+    /// The first buffered row without an output.
     next: usize,
 }
 
@@ -23,7 +23,8 @@ impl LagShift {
         Self { lag, rows: 0, times: Vec::new(), forces: PerAxis::default(), next: 0 }
     }
 
-    /// Takes the times of the next rows, s, and the next forces; gives those of the oldest rows that are known by now.
+    /// Takes the times of the next rows, s, and the next forces. Returns the forces of the oldest rows that
+    /// are now known.
     pub(super) fn push(&mut self, times_s: &[f64], forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         match self.lag.time_base {
             TimeBase::Seconds => self.times.extend_from_slice(times_s),
@@ -36,7 +37,7 @@ impl LagShift {
         self.take(forces, false)
     }
 
-    /// Takes the last forces, and gives those of all rows that wait.
+    /// Takes the last forces, and returns those of all pending rows.
     pub(super) fn finish(&mut self, forces: PerAxis<Vec<f64>>) -> PerAxis<Vec<f64>> {
         self.take(forces, true)
     }
@@ -70,8 +71,8 @@ fn longest(forces: &PerAxis<Vec<f64>>) -> usize {
     forces.iter().map(Vec::len).max().unwrap_or(0)
 }
 
-/// The row before a time, looked for from a row on, and how far from it to the next one that time is. `None` if it may
-/// be after a row that has still to come.
+/// The row before a time, searched from row `from` on, and the fraction of the way to the next row. Returns
+/// `None` if that row may still have to come.
 fn between(times: &[f64], from: usize, wanted: f64, are_all: bool) -> Option<(usize, f64)> {
     let mut before = from;
     while before > 0 && times[before] > wanted && times[before - 1] <= times[before] {

@@ -6,33 +6,33 @@
 //! readings ─▶ wrench = W(readings) ─▶ − tare ─▶ low-pass (on an even grid of time) ─▶ window
 //! ```
 //!
-//! The same log, calibration and [`ForceOptions`] give the same bits wherever they are applied: to the
-//! whole log at once, in blocks, to the rows around a window, or while the log is recorded.
+//! A given log, calibration and [`ForceOptions`] produce the same bits in every use: over the whole log at
+//! once, in blocks, over the rows around a window, or during recording.
 //!
 //! **Tare.** The mean wrench of the first 50 *fresh* frames, or of the fresh frames between two times.
-//! A row that repeats the frame before, as telemetry does until the sensor gives the next, is not a
-//! frame: it counts neither in the tare nor in its mean, whichever rows are written later. A tare can also
-//! follow the [stationary intervals](stationary): straight from one to the next, or, while recording, that of the last.
+//! Telemetry repeats a frame until the sensor delivers the next. A repeated row is not a frame: it enters
+//! neither the count nor the mean of the tare, whichever rows are written later. A tare can also follow the
+//! [stationary intervals](stationary): interpolated linearly between them, or, during recording, held from
+//! the last.
 //!
 //! **Clock.** The grid of the low-pass has the usual period between rows, the median of the first
-//! `CLOCK_ROWS` rows. Each frame stands in the slot nearest to its own time, and a slot without a
-//! frame holds the frame before. Repeated rows therefore change nothing, missing and uneven rows keep
-//! the cutoff in Hz true, and rows outnumber frames, so that no two frames share a slot.
-//! (The rate of fresh frames alone would fail on a sensor at rest, which repeats its readings.)
+//! `CLOCK_ROWS` rows. Each frame is assigned to the slot nearest to its time, and a slot without a frame
+//! holds the previous frame. Repeated rows therefore change nothing, and missing or uneven rows leave the
+//! cutoff in Hz true. Rows outnumber frames, so no two frames share a slot. (The rate of fresh frames alone
+//! would fail on a sensor at rest, which repeats its readings.)
 //!
-//! **Low-pass.** A 4th-order Butterworth filter at 10 Hz: forward and backward (zero-phase) where the
-//! whole log is there, forward only (causal) while it is being recorded. It runs over blocks of the
-//! grid at fixed positions, each with the filter's memory before it and (zero-phase) after it. A force
-//! therefore depends on the rows around it alone, which a window needs, and memory is bounded; what is
-//! further away would change it by less than 10⁻¹² of the signal's range. Where no row comes for
-//! longer than the filter remembers, the recording is taken to have paused: each side is filtered
-//! on its own.
+//! **Low-pass.** A 4th-order Butterworth filter at 10 Hz: forward and backward (zero-phase) for a complete
+//! log, forward only (causal) during recording. It runs over blocks of the grid at fixed positions, each with
+//! the filter's memory before it and (zero-phase) after it. A force therefore depends only on nearby rows, so
+//! a window can be processed alone and memory is bounded; rows further away would change it by less than
+//! 10⁻¹² of the signal's range. A gap longer than the filter's memory counts as a pause in the recording:
+//! each side is filtered separately.
 //!
-//! **Lag.** A reference that lagged behind the readings shows a load later by its clock. Forces are those of
-//! that clock, so that they can be compared with it: their time stamps move by the lag, or, where a row has to keep its
-//! stamp, forces are taken straight between rows.
+//! **Lag.** A reference that lagged behind the readings shows a load later on its clock. Forces are given on
+//! that clock, for comparison with the reference: their time stamps are shifted by the lag, or, where a row
+//! has to keep its stamp, forces are interpolated linearly between rows.
 //!
-//! Pure: no files, no printing. `docs/forces.md` says the same to users.
+//! This crate is pure: it neither reads files nor prints. `docs/forces.md` describes the pipeline for users.
 
 mod clock;
 pub mod drift;

@@ -1,67 +1,65 @@
-//! How readings become forces.
+//! Options of the conversion of readings to forces.
 
 use std::fmt;
 
 use serde::Serialize;
 
-/// Frames of the usual tare, the lab's.
+/// Number of frames of the lab's usual tare.
 pub const DEFAULT_TARE_FRAMES: usize = 50;
 
-/// How readings become forces.
+/// Options of the conversion of readings to forces.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ForceOptions {
-    /// Which frames are unloaded.
+    /// The frames that define the zero.
     pub tare: TareRule,
     /// The low-pass over the forces; `None` for none.
     pub low_pass: Option<LowPass>,
-    /// Leave the forces unfiltered where the rate of the log is too low for the low-pass or not known,
-    /// instead of failing: for a low-pass that nobody asked for.
+    /// Leaves forces unfiltered, instead of failing, if the rate of the log is unknown or too low for the
+    /// low-pass. Used for a default low-pass that the user did not request.
     #[serde(skip)]
     pub low_pass_is_optional: bool,
     /// Slots of the low-pass per second, in place of the log's own rate, Hz.
     pub rate_hz: Option<f64>,
-    /// What a row stands for.
+    /// The interpretation of a row.
     pub rule: RowRule,
 }
 
-/// Which frames are unloaded; their mean wrench is subtracted.
+/// Frames whose mean wrench is subtracted as the zero.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TareRule {
-    /// None: the calibration's own zero.
+    /// No tare: the calibration's own zero.
     #[default]
     Untared,
     /// The first fresh frames of the log ([`RowRule::Rows`]: its first rows).
     First(usize),
-    /// The fresh frames from one time to another, s on the log's clock.
+    /// The fresh frames between two times, s on the log's clock.
     Between(f64, f64),
-    /// All stretches at rest: the zero runs straight from one to the next. Where it is `causal`, that of the last
-    /// stretch that has ended is held, as it must be while a log is recorded.
+    /// All stationary intervals, with the zero interpolated linearly between them. If `causal`, as during
+    /// recording, the zero of the last complete interval is held.
     Rests { causal: bool },
 }
 
 /// A Butterworth low-pass.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LowPass {
-    /// Where a causal filter attenuates to 1/√2, and a zero-phase one to 1/2, Hz.
+    /// The frequency at which a causal filter attenuates to 1/√2, and a zero-phase filter to 1/2, Hz.
     pub cutoff_hz: f64,
-    /// Number of poles.
     pub order: usize,
     /// Forward and backward, without delay.
     pub zero_phase: bool,
 }
 
-/// What a row stands for.
+/// The interpretation of a row.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RowRule {
-    /// The moment that its clock shows. Missing rows are held for the filter; means and integrals are
-    /// over time, straight between rows.
+    /// A frame at the time on its clock. Missing rows are held for the filter; means and integrals are over
+    /// time, with linear interpolation between rows.
     #[default]
     Time,
-    /// A sample, as the lab's notebooks took it: every row is a frame, the filter steps once a row,
-    /// means are over rows, and energy is the sum of each row's power times the time since the row
-    /// before.
+    /// A sample, as in the lab's notebooks: every row is a frame, the filter steps once per row, and means
+    /// are over rows. Energy is the sum of each row's power times the time since the previous row.
     Rows,
 }
 
@@ -79,7 +77,6 @@ impl Default for ForceOptions {
 }
 
 impl Default for LowPass {
-    /// 4th order at 10 Hz, zero-phase.
     fn default() -> Self {
         Self { cutoff_hz: 10.0, order: 4, zero_phase: true }
     }
@@ -95,7 +92,7 @@ impl ForceOptions {
         rule: RowRule::Time,
     };
 
-    /// The same with low-pass and zero `causal`, as they must be while a log is recorded, or else without delay.
+    /// These options with a causal low-pass and zero, as needed during recording, or with both free of delay.
     pub fn with_delay(mut self, causal: bool) -> Self {
         if let Some(low_pass) = &mut self.low_pass {
             low_pass.zero_phase = !causal;
@@ -108,7 +105,7 @@ impl ForceOptions {
 }
 
 impl TareRule {
-    /// Whether the zero follows the stationary intervals.
+    /// Returns true if the zero follows the stationary intervals.
     pub fn follows_rests(self) -> bool {
         matches!(self, Self::Rests { .. })
     }

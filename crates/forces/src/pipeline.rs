@@ -1,4 +1,4 @@
-//! The pipeline, and what must be known before the first force: tare and clock, from the first rows of a log.
+//! The force pipeline, and the search for its tare and clock in the first rows of a log.
 
 use calibration::Calibration;
 use calibration::dynamics::ReferenceLag;
@@ -13,54 +13,52 @@ use super::stationary::StationaryInterval;
 use super::tare::{FirstRows, StationaryZeros, TareSearch};
 use super::{ForceOptions, LowPass, RowRule, TareFrames, TareResult, TareRule};
 
-/// From readings to forces, for one log. The default has the calibration's own zero, unfiltered: what
-/// [`ForceOptions::RAW`](super::ForceOptions::RAW) gives on any log.
+/// The pipeline from readings to forces, for one log. The default has the calibration's own zero and no
+/// filter, as [`ForceOptions::RAW`](super::ForceOptions::RAW) gives for any log.
 #[derive(Clone, Debug, Default)]
 pub struct ForcePipeline {
     pub(super) rule: RowRule,
-    /// The tare; of one that follows the stationary intervals, the first.
+    /// The tare; if it follows the stationary intervals, the first one.
     pub tare: Option<Tare>,
-    /// What is subtracted in place of the tare's mean, where the tare follows the stationary intervals.
+    /// The zeros to subtract in place of the tare's mean, if the tare follows the stationary intervals.
     pub(super) zeros: Option<StationaryZeros>,
-    /// What was taken as unloaded.
+    /// The frames used as unloaded, and their wrench.
     pub tare_result: Option<TareResult>,
     /// The frames of the tare, if they were kept.
     pub tare_frames: Option<TareFrames>,
     /// The low-pass; `None` if forces are not filtered.
     pub low_pass: Option<AppliedLowPass>,
     pub(super) filter: Option<(Clock, BlockPlan)>,
-    /// The lag of the reference, where forces are to be those of their rows' time stamps by its clock.
+    /// The lag of the reference, if forces are to be given at their rows' time stamps on its clock.
     pub lag: Option<ReferenceLag>,
 }
 
-/// A low-pass, and the rate of its grid.
+/// A low-pass with the rate of its grid.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct AppliedLowPass {
-    /// The filter.
     #[serde(flatten)]
     pub low_pass: LowPass,
-    /// Slots per second, Hz.
     pub rate_hz: f64,
 }
 
-/// Low-pass and lag over rows in order; without either, rows pass as they are.
+/// Low-pass and lag over rows in order; without either, rows pass unchanged.
 #[derive(Clone, Debug)]
 pub struct ForceStream {
-    /// The grid, and a filter for each axis that is wanted.
+    /// The grid, and a filter for each requested axis.
     low_pass: Option<(Grid, Vec<(Axis, SignalFilter)>)>,
     lag: Option<LagShift>,
 }
 
 impl ForcePipeline {
-    /// Follows another rest, if the tare does that, while a log is recorded.
+    /// Adds a stationary interval during recording, if the tare follows them.
     pub fn follow(&mut self, calibration: &Calibration, rest: &StationaryInterval) {
         if let Some(zeros) = &mut self.zeros {
             zeros.add(calibration, rest);
         }
     }
 
-    /// The wrench of every row, tared, not filtered: N and N·m. The bits of a row do not depend on
-    /// the rows beside it. Times, s, are for a tare that follows the stationary intervals.
+    /// The tared, unfiltered wrench of every row, N and N·m. The bits of a row do not depend on other rows.
+    /// Times, s, are used for a tare that follows the stationary intervals.
     pub fn wrench(
         &self,
         calibration: &Calibration,
@@ -73,7 +71,7 @@ impl ForcePipeline {
         wrench
     }
 
-    /// The same of rows whose `frames` are converted once each: for every row the number of its frame.
+    /// Like [`Self::wrench`], but converts each of `frames` once: every row gives the number of its frame.
     pub fn wrench_of_rows(
         &self,
         calibration: &Calibration,
@@ -88,12 +86,12 @@ impl ForcePipeline {
         wrench
     }
 
-    /// Whether the force of a row depends on the rows around it.
+    /// Returns true if the force of a row depends on the rows around it.
     pub fn looks_around(&self) -> bool {
         self.filter.is_some() || self.lag.is_some()
     }
 
-    /// Takes the tare off wrenches at `times_s`. Columns may be empty.
+    /// Subtracts the tare from wrenches at `times_s`. Columns may be empty.
     fn tare_off(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) {
         if let Some(zeros) = &self.zeros {
             for (row, &time_s) in times_s.iter().enumerate() {
@@ -108,8 +106,8 @@ impl ForcePipeline {
         }
     }
 
-    /// Low-pass and lag along `axes`, from the first row of the log on, or, by time, from any row of those
-    /// [needed](super::PipelineSetup::needed_s).
+    /// Starts low-pass and lag along `axes`. Begin with the first row of the log or, by time, with the first
+    /// [needed](super::PipelineSetup::needed_s) row.
     pub fn stream(&self, axes: &[Axis]) -> ForceStream {
         let low_pass = self.filter.as_ref().map(|(clock, plan)| {
             let filters = axes.iter().map(|axis| (*axis, SignalFilter::new(plan.clone())));
@@ -120,8 +118,8 @@ impl ForcePipeline {
 }
 
 impl ForceStream {
-    /// Filters the next rows, at `times_s`. What is returned are the forces of the oldest rows that are
-    /// not answered yet, as many as are known by now: of a causal low-pass all of them.
+    /// Filters the next rows, at `times_s`. Returns the forces of the oldest pending rows, as far as they are
+    /// now known; a causal low-pass returns them all.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`].
@@ -144,7 +142,7 @@ impl ForceStream {
         })
     }
 
-    /// The forces of the rows that are not answered yet.
+    /// The forces of all pending rows.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`].
@@ -160,7 +158,6 @@ impl ForceStream {
     }
 }
 
-/// The search for tare and clock.
 #[derive(Clone, Debug)]
 pub struct PipelineSetup {
     options: ForceOptions,
@@ -170,21 +167,20 @@ pub struct PipelineSetup {
 }
 
 impl PipelineSetup {
-    /// Nothing read yet.
     pub fn new(options: ForceOptions) -> Self {
         let tare = TareSearch::new(options.tare, options.rule);
         Self { options, tare, clock: ClockSearch::default() }
     }
 
-    /// The same, keeping the frames of the tare.
+    /// Like [`Self::new`], but keeps the frames of the tare.
     pub fn keeping_frames(options: ForceOptions) -> Self {
         let mut setup = Self::new(options);
         setup.tare.frames = Some(TareFrames::default());
         setup
     }
 
-    /// The same while a log is recorded: of a tare that follows the stationary intervals only the first is looked for,
-    /// and [`ForcePipeline::follow`] is told of all of them.
+    /// Like [`Self::new`], for use during recording. A tare that follows the stationary intervals searches
+    /// only for the first; report all of them to [`ForcePipeline::follow`].
     pub fn while_recording(options: ForceOptions) -> Self {
         let mut setup = Self::new(options);
         setup.tare.finder = None;
@@ -197,24 +193,24 @@ impl PipelineSetup {
         self.look_at_frames(calibration, rows);
     }
 
-    /// Takes the next rows [that may hold frames of the tare](Self::wants_frames), for the tare alone.
+    /// Takes the next rows [that may hold frames of the tare](Self::wants_frames), for the tare only.
     pub fn look_at_frames(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         self.tare.look_at(calibration, rows);
     }
 
-    /// Whether rows that end at `last_s` may hold frames of the tare.
+    /// Returns true if rows that end at `last_s` may hold frames of the tare.
     pub fn wants_frames(&self, last_s: f64) -> bool {
         self.tare.wants(last_s)
     }
 
-    /// Whether all is known, so that no more rows are needed.
+    /// Returns true if tare and clock are known, so that no more rows are needed.
     pub fn is_done(&self) -> bool {
         let needs_clock = self.options.low_pass.is_some();
         self.tare.is_done() && (!needs_clock || self.clock.is_done())
     }
 
-    /// The times between which rows are needed to know the forces between two times, s, if the clock
-    /// is [known](ClockSearch::is_done).
+    /// The span of rows needed to compute the forces between two times, s, if the clock is
+    /// [known](ClockSearch::is_done).
     ///
     /// # Errors
     /// [`ForceError::Filter`].
@@ -222,19 +218,19 @@ impl PipelineSetup {
         let everything = (f64::NEG_INFINITY, f64::INFINITY);
         let Some(clock) = self.clock.finish(self.options.rate_hz) else { return Ok(everything) };
         let Some((_, plan)) = self.low_pass()? else { return Ok((from_s, to_s)) };
-        // By row the grid is not one of time.
+        // By row, the grid is not a grid of time.
         if self.options.rule == RowRule::Rows {
             return Ok(everything);
         }
         let needed = plan.needed(clock.slot(from_s), clock.slot(to_s));
-        // Half a slot is rounded away, and a time of its own rounds as well.
+        // Half a slot is lost to rounding, and so is the rounding of the time itself.
         let slack = 1.0 / clock.rate_hz;
         let low =
             if needed.start == 0 { f64::NEG_INFINITY } else { clock.time_s(needed.start) - slack };
         Ok((low, clock.time_s(needed.end) + slack))
     }
 
-    /// The low-pass at the clock's rate; `None` for none.
+    /// The low-pass at the clock's rate, if any.
     fn low_pass(&self) -> Result<Option<(AppliedLowPass, BlockPlan)>, ForceError> {
         let Some(low_pass) = self.options.low_pass else { return Ok(None) };
         let optional = self.options.low_pass_is_optional;
@@ -253,10 +249,10 @@ impl PipelineSetup {
         }
     }
 
-    /// The pipeline from here on.
+    /// Builds the pipeline.
     ///
     /// # Errors
-    /// [`ForceError`] if the rows were too few for tare or clock, or the filter is impossible.
+    /// [`ForceError`] if there were too few rows for tare or clock, or the filter is impossible.
     pub fn finish(self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {
         let (low_pass, plan) = self.low_pass()?.unzip();
         let filter = self.clock.finish(self.options.rate_hz).zip(plan);
@@ -265,21 +261,20 @@ impl PipelineSetup {
     }
 }
 
-/// A log that gives no forces as asked.
+/// A log that cannot give forces with these options.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ForceError {
     /// Too few frames to tare on.
     #[error("only `{found}` frames to tare on, `{wanted}` wanted")]
     TareFrames { wanted: usize, found: usize },
-    /// No frame between the times of the tare; those that were read are from `first_s` to `last_s`.
+    /// No frame between the times of the tare; the frames read are from `first_s` to `last_s`.
     #[error(
         "no frame between `{start_s}` and `{end_s}` s to tare on: frames run from `{first_s}` to `{last_s}` s"
     )]
     TareTime { start_s: f64, end_s: f64, first_s: f64, last_s: f64 },
-    /// The low-pass needs the rate, and the log does not give it.
+    /// The low-pass needs the sampling rate, and the log does not give it.
     #[error("the sampling rate, which a low-pass needs, is not known: {0}")]
     NoRate(&'static str),
-    /// The filter is impossible.
     #[error(transparent)]
     Filter(#[from] FilterError),
 }

@@ -1,13 +1,13 @@
-//! How evenly frames follow one another, found while streaming.
+//! Statistics of the periods between frames, computed while streaming.
 
-/// Steps of the histogram of periods for each doubling of the period: 0.3 % each.
+/// Histogram steps per doubling of the period: 0.3 % each.
 const STEPS: f64 = 256.0;
 /// The histogram resolves periods from 2⁻³⁰ s (1 ns) to 2³⁰ s (34 years).
 const DOUBLINGS: i32 = 30;
-/// A period this many times as long as the usual one is a gap in the recording.
+/// A period this many times the usual one is a gap in the recording.
 const GAP: f64 = 10.0;
 
-/// The periods between frames, in a histogram with equal steps of their logarithm.
+/// A histogram of the periods between frames, with equal steps of their logarithm.
 #[derive(Clone, Debug, Default)]
 pub struct Sampling {
     last_s: Option<f64>,
@@ -16,23 +16,23 @@ pub struct Sampling {
     backwards: u64,
 }
 
-/// What the periods were.
+/// Statistics of the periods.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Rate {
-    /// Frames per second, gaps left out.
+    /// Frames per second, without gaps.
     pub mean_hz: f64,
     /// One over the median period.
     pub median_hz: f64,
-    /// How far apart the 5th and the 95th percentile of the periods lie, in medians.
+    /// Distance between the 5th and the 95th percentile of the periods, in medians.
     pub spread: f64,
-    /// Periods more than ten times the median.
+    /// Number of periods more than ten times the median.
     pub gaps: u64,
-    /// Frames that were not later than the one before.
+    /// Number of frames that were not later than the previous one.
     pub backwards: u64,
 }
 
 impl Sampling {
-    /// The next frames' times, s.
+    /// Adds the times of the next frames, s.
     pub fn add(&mut self, time_s: &[f64]) {
         self.steps.resize(2 * DOUBLINGS as usize * STEPS as usize, (0, 0.0));
         for &time in time_s {
@@ -50,7 +50,7 @@ impl Sampling {
         }
     }
 
-    /// The rate; `None` unless time has moved on between some frames.
+    /// The rate; `None` if time never advances between frames.
     pub fn rate(&self) -> Option<Rate> {
         let periods: u64 = self.steps.iter().map(|step| step.0).sum();
         let median = self.percentile(periods, 0.5)?;
@@ -68,7 +68,7 @@ impl Sampling {
         })
     }
 
-    /// The mean of the step in which a percentile falls: exact where periods are equal.
+    /// The mean of the step that contains a percentile: exact if periods are equal.
     fn percentile(&self, periods: u64, share: f64) -> Option<f64> {
         let rank = (share * periods as f64).ceil().max(1.0) as u64;
         let mut passed = 0;
@@ -86,7 +86,7 @@ mod tests {
 
     fn rate(times: &[f64]) -> Option<Rate> {
         let mut sampling = Sampling::default();
-        // In two pieces: a period must not get lost between blocks.
+        // In two pieces: the period between blocks must be counted.
         let (a, b) = times.split_at(times.len() / 2);
         sampling.add(a);
         sampling.add(b);
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn uneven_sampling_has_a_spread() {
-        // Periods of 4 and 10 ms in turn: 7 ms in the mean.
+        // Alternating periods of 4 and 10 ms: 7 ms on average.
         let times: Vec<f64> =
             (0..200).map(|i| f64::from(i / 2) * 0.014 + f64::from(i % 2) * 0.004).collect();
         let rate = rate(&times).unwrap();

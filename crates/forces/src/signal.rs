@@ -1,29 +1,28 @@
 //! The low-pass over one signal, given row by row on a grid that rows need not fill.
 //!
-//! The grid is cut into blocks of `2·m` slots, m being the filter's memory. The answer in block b is
-//! that of a filter which has seen the slots from `2·m·b − m` on only, up to m beyond the block's end
-//! if it also runs backward. It thus depends on no more than what lies that near, and blocks stand at
-//! fixed slots: a log read from its start and the rows around a window give the same bits.
+//! The grid is divided into blocks of `2·m` slots, where m is the filter's memory. The output in block b
+//! comes from a filter that starts at slot `2·m·b − m` and, if it also runs backward, ends m slots after the
+//! block. The output thus depends only on nearby slots, and blocks are at fixed slots: a log read from its
+//! start and the rows around a window give the same bits.
 
 use super::filter::{Butterworth, Filter, FilterError};
 
-/// How far an answer may be from that of a filter that has seen the whole log, as a share of the
-/// largest change of the signal: far below what a step of the converter means.
+/// The tolerance of an output relative to a filter over the whole log, as a share of the largest change of
+/// the signal: far below a step of the converter.
 const FORGOTTEN: f64 = 1e-12;
 
-/// A low-pass and its blocks.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct BlockPlan {
     design: Butterworth,
     zero_phase: bool,
-    /// Whether a causal filter starts at rest at zero where the log starts, as the lab's `lfilter`
-    /// did after taring; else it starts settled at the first value.
+    /// Starts a causal filter at rest at zero at the start of the log, as the lab's `lfilter` did after
+    /// taring; otherwise it starts settled at the first value.
     at_rest: bool,
-    /// Slots after which the filter has forgotten, and those of a pause.
+    /// Number of slots after which the filter has forgotten the past; a longer gap is a pause.
     memory: u64,
 }
 
-/// A low-pass with its state: of one without phase what lies since the last pause, of a causal one the filter since.
+/// A low-pass with its state: the signal since the last pause for zero-phase, a running filter for causal.
 #[derive(Clone, Debug)]
 pub(super) struct SignalFilter {
     plan: BlockPlan,
@@ -37,7 +36,6 @@ impl BlockPlan {
         Self { design, zero_phase, at_rest, memory }
     }
 
-    /// The block of a slot.
     fn block(&self, slot: u64) -> u64 {
         slot / self.length()
     }
@@ -46,7 +44,7 @@ impl BlockPlan {
         2 * self.memory
     }
 
-    /// The slots that answers in `block` depend on.
+    /// The slots that the outputs in `block` depend on.
     fn span(&self, block: u64) -> std::ops::Range<u64> {
         let start = block * self.length();
         let end = start + self.length();
@@ -54,14 +52,14 @@ impl BlockPlan {
         start.saturating_sub(self.memory)..end + after
     }
 
-    /// The slots whose rows are needed for the answers from slot `first` to slot `last`: those that
-    /// answers depend on, and as much beyond as tells a pause.
+    /// The slots whose rows are needed for the outputs from slot `first` to slot `last`: those that the
+    /// outputs depend on, plus enough on either side to detect a pause.
     pub(super) fn needed(&self, first: u64, last: u64) -> std::ops::Range<u64> {
         let (start, end) = (self.span(self.block(first)).start, self.span(self.block(last)).end);
         start.saturating_sub(self.memory)..end + self.memory + 1
     }
 
-    /// Answers the rows in a block, whose span the segment holds as far as it goes.
+    /// Outputs the rows of a block; the segment holds as much of the block's span as exists.
     fn answer(
         &self,
         segment: &mut Segment,
@@ -79,7 +77,7 @@ impl BlockPlan {
         Ok(())
     }
 
-    /// A causal filter that takes `value` at `slot` as its first.
+    /// A causal filter whose first input is `value` at `slot`.
     fn started(&self, slot: u64, value: f64) -> Filter {
         Filter::settled(&self.design, if self.at_rest && slot == 0 { 0.0 } else { value })
     }
@@ -90,12 +88,12 @@ impl SignalFilter {
         Self { plan, segment: None, running: None }
     }
 
-    /// Takes the next values, at ascending slots, and appends the answers that are known by now to
-    /// `answers`: one for each value, in order. Of a causal filter they all are; of values that
-    /// share a slot the last counts for what follows.
+    /// Takes the next values, at ascending slots, and appends the outputs known so far to `answers`, one per
+    /// value, in order. A causal filter outputs them all. If values share a slot, the last one counts for
+    /// later outputs.
     ///
     /// # Errors
-    /// None of a causal filter.
+    /// Never for a causal filter.
     pub(super) fn push(
         &mut self,
         slots: &[u64],
@@ -111,7 +109,7 @@ impl SignalFilter {
         Ok(())
     }
 
-    /// Appends the answers that were held back.
+    /// Appends the pending outputs.
     ///
     /// # Errors
     /// [`FilterError::TooFewSamples`] if the whole log is too short.
@@ -120,7 +118,7 @@ impl SignalFilter {
         self.close(is_whole_log, answers)
     }
 
-    /// Filters forward and backward, as soon as all that a block depends on is there.
+    /// Filters forward and backward, as soon as everything that a block depends on is known.
     fn push_zero_phase(
         &mut self,
         slot: u64,
@@ -136,7 +134,7 @@ impl SignalFilter {
             self.segment = Some(Segment::new(slot, value));
             return Ok(());
         };
-        // Blocks that nothing later can change.
+        // Blocks that no later value can change.
         while let Some(&first) = segment.waiting.first() {
             let block = plan.block(first);
             let end = plan.span(block).end;
@@ -159,8 +157,8 @@ impl SignalFilter {
         Ok(())
     }
 
-    /// Answers all that waits; what is too short to be filtered is continued by its last value, but
-    /// for a whole log.
+    /// Outputs all pending rows. A segment too short to be filtered is continued by its last value, unless it
+    /// is the whole log.
     fn close(&mut self, is_whole_log: bool, answers: &mut Vec<f64>) -> Result<(), FilterError> {
         let Some(mut segment) = self.segment.take() else { return Ok(()) };
         let reach = self.plan.design.zero_phase_reach() as u64;
@@ -173,7 +171,7 @@ impl SignalFilter {
         Ok(())
     }
 
-    /// Filters forward only, one answer a row.
+    /// Filters forward only, one output per row.
     fn push_causal(&mut self, slot: u64, value: f64, answers: &mut Vec<f64>) {
         let plan = &self.plan;
         let paused = |running: &Running| slot - running.slot > plan.memory;
@@ -192,15 +190,15 @@ impl SignalFilter {
     }
 }
 
-/// What lies between two pauses.
+/// The signal between two pauses.
 #[derive(Clone, Debug)]
 struct Segment {
     start: u64,
-    /// The slot of the first of `even`.
+    /// The slot of the first element of `even`.
     base: u64,
     /// The signal on the grid.
     even: Vec<f64>,
-    /// The slots of the rows that wait for their answer.
+    /// The slots of the rows that wait for their output.
     waiting: Vec<u64>,
 }
 
@@ -232,16 +230,16 @@ impl Segment {
 #[derive(Clone, Debug)]
 struct Running {
     start: u64,
-    /// Has taken in all slots before `slot`.
+    /// A filter that has processed all slots before `slot`.
     filter: Filter,
-    /// The filter of the block after, once that has begun to take slots in.
+    /// The filter of the next block, once it has begun to process slots.
     next: Option<Filter>,
     slot: u64,
     value: f64,
 }
 
 impl Running {
-    /// Takes in the current slot, and goes to the next.
+    /// Processes the current slot, and advances to the next.
     fn step(&mut self, plan: &BlockPlan) {
         let (slot, value) = (self.slot, self.value);
         self.filter.process(&mut [value]);
@@ -290,7 +288,7 @@ mod tests {
         answers
     }
 
-    /// The whole signal on the grid, later rows of a slot counting, and the slots of the rows.
+    /// The whole signal on the grid, where later rows of a slot win, and the slots of the rows.
     fn spread(slots: &[u64], values: &[f64]) -> Vec<f64> {
         let mut even: Vec<f64> = Vec::new();
         for (&slot, &value) in slots.iter().zip(values) {
@@ -310,14 +308,14 @@ mod tests {
         plan(true).design.zero_phase(&mut zero_phase).unwrap();
         let found = answers(plan(true), &slots, &values, 100);
         for (found, slot) in found.iter().zip(&slots) {
-            // The filter's memory is cut at 1e-12 of a range of 102; rounding is as large.
+            // The filter's memory is cut at 1e-12 of a range of 102; rounding is of the same size.
             assert!((found - zero_phase[*slot as usize]).abs() < 1e-10);
         }
         let mut causal = even;
         Filter::new(&plan(false).design).process(&mut causal);
         let found = answers(plan(false), &slots, &values, 100);
         for (i, (found, slot)) in found.iter().zip(&slots).enumerate() {
-            // The first of two rows in a slot is answered before the second is known.
+            // The first of two rows in a slot gets its output before the second is known.
             if slots.get(i + 1) != Some(slot) {
                 assert!((found - causal[*slot as usize]).abs() < 1e-10, "{slot}");
             }
@@ -337,7 +335,7 @@ mod tests {
     #[test]
     fn pieces_and_windows_give_the_same_bits() {
         let (mut slots, values) = rows(12_000);
-        // A pause in the middle, longer than the filter remembers, and one that is not.
+        // A pause in the middle, longer than the filter remembers, and a shorter gap.
         slots.iter_mut().filter(|slot| **slot > 5000).for_each(|slot| *slot += 4000);
         slots.iter_mut().filter(|slot| **slot > 14_000).for_each(|slot| *slot += 300);
         for zero_phase in [true, false] {

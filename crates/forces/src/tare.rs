@@ -1,5 +1,5 @@
-//! The frames that are taken as unloaded, and whether they were, judged by what the calibration knows of its training
-//! data; and a zero that is taken while frames come.
+//! The frames used as unloaded, with a check against the calibration's training data, and a zero that is
+//! taken during recording.
 
 use calibration::Calibration;
 use calibration::quality::AxisQuality;
@@ -11,17 +11,17 @@ use shell_data::wrench::{Axis, AxisValues, PerAxis};
 use super::stationary::{STATIONARY_FRAMES, StationaryFinder, StationaryInterval};
 use super::{DEFAULT_TARE_FRAMES, ForceError, ForcePipeline, RowRule, TareRule};
 
-/// Frames that are summed at once: fixed, so that the mean has the same bits however the log is cut.
+/// Number of frames summed at once: fixed, so the mean has the same bits however the log is cut.
 const CHUNK: usize = 4096;
 
-/// The tare, as far as the log has been read.
+/// The search for the tare in the part of the log read so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct TareSearch {
     rule: TareRule,
     rows: RowRule,
-    /// Whether no frame can be among what is looked for any more.
+    /// True if no later frame can belong to the tare.
     is_over: bool,
-    /// Frames found that are not in `mean` yet: counts, one column a channel.
+    /// Frames found that are not yet in `mean`: counts, one column per channel.
     chunk: Vec<Vec<f64>>,
     mean: Option<Tare>,
     spread: PerAxis<RunningVariance>,
@@ -30,61 +30,61 @@ pub(super) struct TareSearch {
     seen_s: Option<(f64, f64)>,
     /// The frames themselves, if they are kept.
     pub(super) frames: Option<TareFrames>,
-    /// Where the tare follows the stationary intervals: the zeros at these.
+    /// The zeros at the stationary intervals, if the tare follows them.
     zeros: Option<StationaryZeros>,
-    /// Finds these; `None` if somebody else does, and only the first is looked for.
+    /// The search for stationary intervals; `None` if the caller searches, and only the first interval is
+    /// needed here.
     pub(super) finder: Option<StationaryFinder>,
 }
 
-/// The frames of a tare: of one that follows the stationary intervals, those of the first.
+/// The frames of a tare; if it follows the stationary intervals, those of the first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TareFrames {
-    /// Readings, counts, one column a channel.
+    /// Readings, counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
-    /// Time of each, s.
+    /// Time of each frame, s.
     pub times_s: Vec<f64>,
-    /// Position of the right leg at each, counts; empty if not known.
+    /// Position of the right leg at each frame, counts; empty if unknown.
     pub leg: Vec<f64>,
 }
 
-/// What was taken as unloaded.
+/// The frames used as unloaded, and their wrench.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct TareResult {
-    /// Number of frames, of the first rest where there are several.
+    /// Number of frames; with several stationary intervals, of the first.
     pub frames: usize,
-    /// Time of the first, s; `None` if the log has no time.
+    /// Time of the first frame, s; `None` if the log has no time.
     pub start_s: Option<f64>,
-    /// Time of the last, s.
+    /// Time of the last frame, s.
     pub end_s: Option<f64>,
-    /// Their mean wrench, which was subtracted, N and N·m.
+    /// The mean wrench, which was subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub wrench: AxisValues<f64>,
-    /// The standard deviation of their wrenches about it, N and N·m.
+    /// The standard deviation of the wrench about its mean, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub sd: AxisValues<f64>,
-    /// Where the tare follows the stationary intervals: how many there are.
+    /// Number of stationary intervals, if the tare follows them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rests: Option<usize>,
-    /// The end of the last of these, s.
+    /// The end of the last stationary interval, s.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub last_rest_s: Option<f64>,
 }
 
-/// Some rows of a log, in order.
+/// Consecutive rows of a log.
 #[derive(Clone, Copy, Debug)]
 pub struct FirstRows<'a> {
     /// Time of each row, s; empty if the log has no time.
     pub times_s: &'a [f64],
-    /// Readings, counts, one column a channel.
+    /// Readings, counts, one column per channel.
     pub readings: &'a [Vec<f64>],
-    /// Whether each row is a new frame.
+    /// True for each row that is a new frame.
     pub fresh: &'a [bool],
     /// Position of the right leg at each row, counts, if known.
     pub leg: Option<&'a [f64]>,
 }
 
 impl TareSearch {
-    /// Nothing found yet.
     pub(super) fn new(rule: TareRule, rows: RowRule) -> Self {
         let mut search = Self { rule, rows, is_over: rule == TareRule::Untared, ..Self::default() };
         if let TareRule::Rests { causal } = rule {
@@ -94,7 +94,7 @@ impl TareSearch {
         search
     }
 
-    /// Whether rows that end at `last_s` may be among what is looked for.
+    /// Returns true if rows that end at `last_s` may hold frames of the tare.
     pub(super) fn wants(&self, last_s: f64) -> bool {
         match self.rule {
             TareRule::Between(start_s, _) => !self.is_done() && last_s >= start_s,
@@ -102,12 +102,13 @@ impl TareSearch {
         }
     }
 
-    /// Whether all frames are found. Further stationary intervals are looked for after the first.
+    /// Returns true if all frames are found. The search for further stationary intervals continues after the
+    /// first.
     pub(super) fn is_done(&self) -> bool {
         self.is_over || (self.found >= self.wanted() && self.finder.is_none())
     }
 
-    /// The most frames of a tare.
+    /// The maximum number of frames of a tare.
     fn wanted(&self) -> usize {
         match self.rule {
             TareRule::First(frames) => frames,
@@ -116,7 +117,7 @@ impl TareSearch {
         }
     }
 
-    /// Looks at the next rows, in order.
+    /// Takes the next rows, in order.
     pub(super) fn look_at(&mut self, calibration: &Calibration, rows: FirstRows<'_>) {
         self.look_for_rests(calibration, rows);
         let wanted = self.wanted();
@@ -148,7 +149,7 @@ impl TareSearch {
             let rows = column.iter().zip(&frames);
             rows.filter(|(_, is_frame)| **is_frame).map(|(value, _)| *value).collect()
         };
-        // At rest there is nothing to remember.
+        // At rest, memory terms are zero, so plain channels suffice.
         let channels = rows.readings.iter().take(calibration.channels());
         let readings: Vec<Vec<f64>> = channels.map(|column| pick(column)).collect();
         finder.look_at(&pick(rows.times_s), &readings, &mut |rest| zeros.add(calibration, rest));
@@ -183,10 +184,10 @@ impl TareSearch {
         });
     }
 
-    /// A pipeline with the tare and the frames that it is the mean of; without either by [`TareRule::Untared`].
+    /// Builds a pipeline with the tare and its frames; without them for [`TareRule::Untared`].
     ///
     /// # Errors
-    /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few.
+    /// [`ForceError::TareFrames`], [`ForceError::TareTime`] if there are too few frames.
     pub(super) fn finish(mut self, calibration: &Calibration) -> Result<ForcePipeline, ForceError> {
         let (found, wanted) = (self.found, self.wanted());
         match self.rule {
@@ -218,22 +219,22 @@ impl TareSearch {
     }
 }
 
-/// Makes a span of times reach to one, if that is known.
+/// Extends a span of times to include a time, if that is known.
 fn extend(span_s: &mut Option<(f64, f64)>, time_s: Option<f64>) {
     if let Some(time_s) = time_s {
         *span_s = Some((span_s.map_or(time_s, |(first, _)| first), time_s));
     }
 }
 
-/// The zero at every time, from stationary intervals in their order.
+/// The zero as a function of time, from stationary intervals in order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct StationaryZeros {
-    /// Hold the zero of the last rest that has ended, in place of a straight line between stationary intervals.
+    /// Hold the zero of the last complete interval, instead of linear interpolation between intervals.
     causal: bool,
     knots: Vec<Knot>,
 }
 
-/// The zero at a rest.
+/// The zero at a stationary interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Knot {
     middle_s: f64,
@@ -249,7 +250,7 @@ impl StationaryZeros {
         }
     }
 
-    /// The zero at a time, N and N·m; zero where there was no rest.
+    /// The zero at a time, N and N·m; zero if there was no stationary interval.
     pub(super) fn at(&self, time_s: f64) -> PerAxis<f64> {
         if self.causal {
             let next = self.knots.partition_point(|knot| knot.end_s <= time_s);
@@ -269,7 +270,6 @@ impl StationaryZeros {
 }
 
 impl TareFrames {
-    /// Time of the last frame, s.
     pub fn end_s(&self) -> f64 {
         self.times_s.last().copied().unwrap_or(f64::NEG_INFINITY)
     }
@@ -293,10 +293,10 @@ fn mean_of_both(a: &Tare, b: &Tare) -> Tare {
     }
 }
 
-/// Writes one value per axis under the axes' column names.
+/// Serializes one value per axis under the axes' column names.
 ///
 /// # Errors
-/// Whatever `serializer` says.
+/// Any error of `serializer`.
 pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
     values: &AxisValues<T>,
     serializer: S,
@@ -304,19 +304,20 @@ pub fn by_column<T: serde::Serialize, S: serde::Serializer>(
     serializer.collect_map(values.iter().map(|(axis, value)| (axis.column(), value)))
 }
 
-/// Share of the largest training load. A zero that has drifted is nearer, and so is the noise of frames at rest.
+/// A tare wrench above this share of the largest training load is doubtful. A drifted zero and the noise at
+/// rest are below it.
 const LOADED: f64 = 0.1;
 
-/// How many times the error of the calibration: less than that is no load that it can tell.
+/// A tare wrench below this multiple of the calibration error is not a detectable load.
 const ERRORS: f64 = 4.0;
 
 const CONSEQUENCE: &str = "every force of this log is relative to it";
 
 impl TareResult {
-    /// The most serious reason not to take its frames as unloaded, in words, if there is any: their mean wrench is
-    /// far from the zero of the calibration, or the wrench changes while they are taken.
+    /// Describes the most serious reason to doubt that its frames were unloaded, if any: their mean wrench is
+    /// far from the zero of the calibration, or the wrench changes during the tare.
     ///
-    /// `errors` and `loads` are those of the calibration's training data.
+    /// `errors` and `loads` belong to the calibration's training data.
     pub fn doubt(&self, errors: &PerAxis<AxisQuality>, loads: &Excitation) -> Option<String> {
         let largest = loads.largest_loads();
         let excess = |of: &AxisValues<f64>| {
@@ -344,28 +345,28 @@ impl TareResult {
     }
 }
 
-/// The zero of a stream of wrenches, taken when somebody asks for it: the mean of the next
-/// [`DEFAULT_TARE_FRAMES`] wrenches. It comes after tare and low-pass of the pipeline.
+/// The zero of a stream of wrenches, taken on request: the mean of the next [`DEFAULT_TARE_FRAMES`] wrenches.
+/// It is applied after tare and low-pass of the pipeline.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningTare {
-    /// What is subtracted, N and N·m.
+    /// The wrench to subtract, N and N·m.
     pub zero: PerAxis<f64>,
-    /// Wrenches of a tare that is being taken, and their sum.
+    /// Number and sum of the wrenches of a tare in progress.
     pending: Option<(usize, PerAxis<f64>)>,
 }
 
 impl RunningTare {
-    /// Takes the mean of the next wrenches as zero.
+    /// Starts a tare on the next wrenches.
     pub fn begin(&mut self) {
         self.pending = Some((0, [0.0; 6]));
     }
 
-    /// Whether a tare is being taken.
+    /// Returns true if a tare is in progress.
     pub fn is_pending(&self) -> bool {
         self.pending.is_some()
     }
 
-    /// Takes in the next wrench. Whether that has completed a tare, which then holds from this wrench on.
+    /// Adds the next wrench. Returns true if it completes a tare, which applies from this wrench on.
     pub fn push(&mut self, wrench: PerAxis<f64>) -> bool {
         let Some((count, sum)) = &mut self.pending else { return false };
         *count += 1;
@@ -387,13 +388,13 @@ mod tests {
 
     use super::*;
 
-    /// Fx is the reading.
+    /// A calibration in which Fx equals the reading.
     fn identity() -> Calibration {
         let model = Model { basis: Basis::Linear, intercept: false, channels: 1, memory: 0 };
         Calibration::new(model, Scaling::identity(1), vec![[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
     }
 
-    /// Twelve rows a second apart, each frame in two rows: 0, 0, 1, 1, …, looked at in pieces.
+    /// Twelve rows one second apart, each frame in two rows: 0, 0, 1, 1, …, processed in pieces.
     fn search(rule: TareRule, rows: RowRule) -> Result<ForcePipeline, ForceError> {
         let mut search = TareSearch::new(rule, rows);
         search.frames = Some(TareFrames::default());
@@ -457,7 +458,7 @@ mod tests {
         let whole = tare(10_000);
         assert_eq!((whole.frames, &whole), (9000, &tare(7)));
         let mean = readings[..9000].iter().sum::<f64>() / 9000.0;
-        // 9000 terms of up to 600 round to 1e-12 of them at worst.
+        // 9000 terms of up to 600 are off by 1e-12 of their sum at worst.
         assert!((whole.wrench[0] - mean).abs() < 1e-9);
     }
 

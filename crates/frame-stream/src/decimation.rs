@@ -1,9 +1,9 @@
-//! Fewer rows per second, without aliasing.
+//! Reduction of the row rate without aliasing.
 //!
-//! Every number of a row passes a causal Butterworth low-pass of order 8 at 0.4 of the new rate, and every
-//! so-many-th row is passed on. What is above 0.6 of the new rate, which would appear below 0.4 of it, is
-//! attenuated by 1/√(1 + 1.5¹⁶) or more, 28 dB (S. Butterworth, 1930); what is above the new rate by 64 dB.
-//! The filter delays what passes it by some 1/rate.
+//! Every number of a row passes a causal 8th-order Butterworth low-pass with a cutoff of 0.4 of the new rate,
+//! and every n-th row is passed on. Components above 0.6 of the new rate, whose aliases would be below 0.4 of
+//! it, are attenuated by 1/√(1 + 1.5¹⁶) or more, 28 dB (S. Butterworth, 1930); components above the new rate
+//! by 64 dB. The filter delays its passband by about 1/rate.
 
 use forces::filter::{Butterworth, Filter, FilterError};
 use forces::{Clock, ClockSearch, Grid, RowRule};
@@ -14,29 +14,29 @@ use crate::encoding::StreamRow;
 
 const ORDER: usize = 8;
 
-/// The cutoff, as a share of the new rate.
+/// The cutoff, as a fraction of the new rate.
 const CUTOFF: f64 = 0.4;
 
-/// What is forgotten of the signal before a pause, as a share of it.
+/// Fraction of the signal before a pause at which the filter counts as settled.
 const FORGOTTEN: f64 = 1e-6;
 
-/// Numbers of a row that are filtered.
+/// Number of filtered values per row.
 const COLUMNS: usize = CHANNELS + Axis::ALL.len();
 
-/// Lowers the rate of rows.
+/// Reduces the rate of rows.
 #[derive(Clone, Debug)]
 pub struct Decimator {
     rate_hz: f64,
     stage: Stage,
-    /// Flags of rows since the last that was passed on.
+    /// Flags of the rows since the last one that was passed on.
     flags: String,
 }
 
 #[derive(Clone, Debug)]
 enum Stage {
-    /// The clock is being found in the first rows, which wait.
+    /// The clock is being determined from the first rows, which wait.
     Search(ClockSearch, Vec<StreamRow>),
-    /// The rows are not faster than wanted.
+    /// The rows are not faster than the requested rate.
     All,
     Filtered(Box<Filtered>),
 }
@@ -45,27 +45,28 @@ enum Stage {
 struct Filtered {
     clock: Clock,
     grid: Grid,
-    /// Slots after which the filter has forgotten.
+    /// Number of slots after which the filter has settled.
     memory: u64,
     design: Butterworth,
-    /// Filters that have taken in what came before the newest slot, and its value.
+    /// Filters that include all values before the newest slot, with the newest value.
     filters: Vec<Option<(Filter, f64)>>,
     slot: u64,
-    /// Periods of the new rate before the last row that was passed on.
+    /// Period of the new rate in which the last row was passed on.
     period: Option<i64>,
 }
 
 impl Decimator {
-    /// Passes `rate_hz` rows per second on, all where they are fewer.
+    /// Creates a decimator that passes on at most `rate_hz` rows per second.
     pub fn new(rate_hz: f64) -> Self {
         let stage = Stage::Search(ClockSearch::default(), Vec::new());
         Self { rate_hz, stage, flags: String::new() }
     }
 
-    /// Takes the next rows; those to pass on. The first rows wait until their rate is known, or there are no more.
+    /// Takes the next rows; returns the rows to pass on. The first rows wait until their rate is known, or
+    /// until the end.
     ///
     /// # Errors
-    /// [`FilterError`] if the rate is too low for theirs.
+    /// [`FilterError`] if the new rate is too low for the rate of the rows.
     pub fn push(
         &mut self,
         rows: Vec<StreamRow>,
@@ -100,7 +101,7 @@ impl Decimator {
     }
 }
 
-/// Adds a word, unless it is there.
+/// Adds a flag, unless it is present.
 fn add_flag(flags: &mut String, flag: &str) {
     if flags.split(' ').any(|known| known == flag) || flag.is_empty() {
         return;
@@ -130,7 +131,7 @@ fn stage(clock: Option<Clock>, rate_hz: f64) -> Result<Stage, FilterError> {
 }
 
 impl Filtered {
-    /// Filters a row; whether it is to be passed on.
+    /// Filters a row; returns whether to pass it on.
     fn take(&mut self, row: &mut StreamRow, rate_hz: f64) -> bool {
         let slot = self.grid.slots(&[time_s(row)])[0];
         let steps = slot - std::mem::replace(&mut self.slot, slot);
@@ -143,7 +144,7 @@ impl Filtered {
         for (column, value) in readings.chain(wrench) {
             match &mut self.filters[column] {
                 Some((filter, last)) => {
-                    // A slot without a row holds the row before.
+                    // A slot without a row repeats the previous row.
                     (0..steps).for_each(|_| filter.process(&mut [*last]));
                     *last = *value;
                     *value = filter.peek(*value);
@@ -151,7 +152,7 @@ impl Filtered {
                 none => *none = Some((Filter::settled(&self.design, *value), *value)),
             }
         }
-        // The middle of a slot, so that rounding does not move a row into the next period.
+        // Uses the middle of a slot, so that rounding does not move a row into the next period.
         let periods = ((slot as f64 + 0.5) * rate_hz / self.clock.rate_hz).floor() as i64;
         let is_due = self.period.is_none_or(|last| periods > last);
         self.period = self.period.max(Some(periods));
@@ -184,7 +185,7 @@ mod tests {
         rows.flat_map(|row| decimator.push(vec![row], false).unwrap()).collect()
     }
 
-    /// A rate that no filter is found for once passed every row.
+    /// Regression test: a rate too low for a filter used to pass every row.
     #[test]
     fn a_rate_that_is_too_low_is_refused_and_few_rows_are_not_kept_back() {
         let rows = || (0..60).map(|i| row(i, 1000, 1.0)).collect::<Vec<_>>();
@@ -196,7 +197,7 @@ mod tests {
         assert_eq!(passed, [0, 10]);
     }
 
-    /// Of a sine, from its mean square over whole periods: few samples meet its crest.
+    /// Amplitude of a sine from its mean square over whole periods: few samples hit its peak.
     fn amplitude(rows: &[StreamRow]) -> f64 {
         let rows = rows.iter().filter(|row| row.index >= 1000);
         let values: Vec<f64> = rows.map(|row| row.wrench.unwrap()[0]).collect();
@@ -212,7 +213,7 @@ mod tests {
         let marked: Vec<i64> =
             rows.iter().filter(|row| row.flags == "mark1").map(|row| row.index).collect();
         assert_eq!(marked, [780]);
-        // 1000/300 is no whole number: three or four rows apart, as many as were asked for.
+        // 1000/300 is not an integer: three or four rows apart, with the requested number in total.
         assert_eq!(decimated(300.0, 5.0).len(), 900);
         assert_eq!(decimated(1000.0, 5.0).len(), 3000);
         assert_eq!(decimated(5000.0, 5.0).len(), 3000);
@@ -220,7 +221,7 @@ mod tests {
 
     #[test]
     fn what_would_be_an_alias_is_gone_and_what_is_below_passes() {
-        // The formula of Butterworth at 0.2, 0.65 and 1.05 of the new rate.
+        // Butterworth's formula at 0.2, 0.65 and 1.05 of the new rate.
         for (sine_hz, least, most) in
             [(20.0, 0.99, 1.01), (65.0, 0.0, 1.0 / 1.5_f64.powi(8)), (105.0, 0.0, 1e-3)]
         {

@@ -1,53 +1,53 @@
-//! Rows as text: an object of JSON a line, or CSV.
+//! Rows as text: a JSON object per line, or CSV.
 //!
-//! The names are those of `record` and `convert`: `t_s`, `index`, `host_s`, `s1` … `s8`, `fx_n` … `mz_nm`,
-//! `fx_se_n` … `mz_se_nm`, `flags`, and at the end `row`, the number of the row in this stream, and `lost`, how many
-//! rows this reader has lost so far. Numbers have the fewest digits that read back as the same bits.
+//! Names are as in `record` and `convert`: `t_s`, `index`, `host_s`, `s1` … `s8`, `fx_n` … `mz_nm`, `fx_se_n`
+//! … `mz_se_nm`, `flags`. At the end come `row`, the number of the row in this stream, and `lost`, the number
+//! of rows that this reader has lost so far. Numbers have the fewest digits that read back to the same bits.
 
 use board_link::recording::write_time;
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// A frame as it is passed on.
+/// A frame in the stream.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamRow {
-    /// On the board's clock, µs, as in a log.
+    /// Time on the board's clock, µs, as in a log.
     pub time_us: i64,
     /// The sequence number, unwrapped.
     pub index: i64,
-    /// When it arrived, µs since 1970 by the clock of this computer.
+    /// Arrival time in µs since 1970 by this computer's clock.
     pub host_us: i64,
-    /// Steps of the 12-bit converter.
+    /// Readings in steps of the 12-bit converter.
     pub readings: Option<[f64; CHANNELS]>,
-    /// N and N·m.
+    /// Wrench in N and N·m.
     pub wrench: Option<PerAxis<f64>>,
-    /// Of the wrench, where the calibration knows them.
+    /// Standard errors of the wrench, if the calibration has them.
     pub standard_errors: Option<PerAxis<f64>>,
-    /// As in a log, and `tared`, `markN`.
+    /// Flags as in a log, plus `tared` and `markN`.
     pub flags: String,
 }
 
-/// How rows are written.
+/// Text format of rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum StreamFormat {
-    /// An object a line; what is not known is left out.
+    /// An object per line; unknown values are left out.
     #[default]
     JsonLines,
-    /// Columns that the first row decides on, after a line that names them.
+    /// Columns determined by the first row, after a header line.
     Csv,
 }
 
-/// Writes rows.
+/// Encodes rows as text.
 #[derive(Clone, Debug)]
 pub struct RowEncoder {
     format: StreamFormat,
     axes: Axes,
-    /// The names of readings, wrench and standard errors, those that there are.
+    /// The names of readings, wrench and standard errors, as far as present.
     names: [Vec<String>; 3],
 }
 
 impl RowEncoder {
-    /// For rows such as `first`, whose wrenches have these axes.
+    /// Creates an encoder for rows like `first`, whose wrenches have these axes.
     pub fn new(format: StreamFormat, axes: Axes, first: &StreamRow) -> Self {
         let readings: Vec<_> = (1..=CHANNELS).map(|channel| format!("s{channel}")).collect();
         let wrench: Vec<_> = axes.columns().into_iter().map(str::to_owned).collect();
@@ -64,14 +64,14 @@ impl RowEncoder {
         Self { format, axes, names }
     }
 
-    /// The line that names the columns, if there is one.
+    /// Returns the header line, if the format has one.
     pub fn header(&self) -> Option<Vec<u8>> {
         let names: String = self.names.iter().flatten().map(|name| format!(",{name}")).collect();
         let line = format!("t_s,index,host_s{names},flags,row,lost\n");
         (self.format == StreamFormat::Csv).then(|| line.into_bytes())
     }
 
-    /// A row but for its end, which is [`end`](Self::end) of each reader.
+    /// Returns a row without its end, which [`end`](Self::end) adds for each reader.
     pub fn begin(&self, row: &StreamRow) -> Vec<u8> {
         let mut text = Vec::with_capacity(512);
         let [time, index, host, flags, end] = match self.format {
@@ -96,7 +96,7 @@ impl RowEncoder {
         text
     }
 
-    /// The end of a row: its number, and how many rows its reader has lost.
+    /// Returns the end of a row: its number, and the number of rows that its reader has lost.
     pub fn end(&self, row: u64, lost: u64) -> Vec<u8> {
         match self.format {
             StreamFormat::JsonLines => format!(",\"row\":{row},\"lost\":{lost}}}\n"),
@@ -121,7 +121,7 @@ impl RowEncoder {
                 Some(value) => {
                     let digits = digits.format(value);
                     let digits = digits.strip_suffix(".0").unwrap_or(digits);
-                    // An integer of JSON has no negative zero.
+                    // A JSON integer has no negative zero.
                     let digits = if digits == "-0" { "-0.0" } else { digits };
                     text.extend_from_slice(digits.as_bytes());
                 }

@@ -1,17 +1,17 @@
-//! How late rows are at their readers.
+//! Latency of rows at their readers.
 //!
-//! Nobody knows by how much the clocks of board and computer differ. The row that was fastest, of every ten seconds,
-//! is taken to have needed no time, which also follows clocks that do not run alike: what is told is how much longer
-//! the others took. What the fastest took comes on top: conversion and transmission.
+//! The offset between the clocks of board and computer is unknown. The fastest row of every ten seconds is
+//! taken as zero, which also follows clock drift, and the latency of a row is its additional delay. The delay
+//! of the fastest row itself (conversion and transmission) is not included.
 
 use std::fmt;
 
 use calibration::magnitudes::Magnitudes;
 
-/// How long the fastest row is the measure, µs of the board's clock.
+/// Duration for which a fastest row is the reference, in µs of the board's clock.
 const STRETCH_US: i64 = 10_000_000;
 
-/// The unit of delays that are counted, µs: those up to 2.56 s are told apart.
+/// Unit of the counted delays, µs: delays up to 2.56 s are distinguished.
 const UNIT_US: f64 = 10_000.0;
 
 /// Collects delays.
@@ -20,29 +20,29 @@ pub struct Latency {
     /// Delays of the current stretch, µs, and its start.
     stretch: Vec<i64>,
     start_us: i64,
-    /// Those of the stretches before, in [`UNIT_US`].
+    /// Delays of the earlier stretches, in [`UNIT_US`].
     delays: Magnitudes,
     rows: u64,
 }
 
-/// What was found.
+/// Summary of the latency of all rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LatencySummary {
-    /// Rows.
+    /// Number of rows.
     pub rows: u64,
-    /// Half of them took no longer, ms.
+    /// Median delay, ms.
     pub median_ms: f64,
-    /// 99 of 100 of them took no longer, ms.
+    /// 99th percentile of the delay, ms.
     pub p99_ms: f64,
 }
 
 impl Latency {
-    /// Takes in a row: its time on the board's clock, and when it was handed over on the computer's, µs.
+    /// Adds a row: its time on the board's clock, and the time of its output on the computer's clock, µs.
     pub fn push(&mut self, board_us: i64, host_us: i64) {
         if self.stretch.is_empty() {
             self.start_us = board_us;
         }
-        // A board that restarts has another clock.
+        // A restarted board has a new clock.
         if !(0..STRETCH_US).contains(&(board_us - self.start_us)) {
             self.close();
             self.start_us = board_us;
@@ -50,7 +50,7 @@ impl Latency {
         self.stretch.push(host_us - board_us);
     }
 
-    /// The summary of all rows; `None` if there were none.
+    /// Returns the summary of all rows; `None` if there are none.
     pub fn summary(mut self) -> Option<LatencySummary> {
         self.close();
         let ms = |share: f64| self.delays.quantile(share) * UNIT_US / 1000.0;
@@ -85,14 +85,15 @@ mod tests {
     fn delays_are_beyond_the_fastest_row_of_their_stretch() {
         let mut latency = Latency::default();
         assert_eq!(latency.clone().summary(), None);
-        // 1 kHz for 60 s; the computer's clock gains 100 ppm, which is 1 ms in a stretch; one row of 50 is 5 ms late.
+        // 1 kHz for 60 s; the computer's clock gains 100 ppm, or 1 ms per stretch; one row in 50 is 5 ms
+        // late.
         for i in 0..60_000_i64 {
             let late = if i % 50 == 49 { 5000 } else { 0 };
             latency.push(i * 1000, 77_000_000 + i * 1000 + i / 10 + late);
         }
         let found = latency.summary().unwrap();
         assert_eq!(found.rows, 60_000);
-        // Half the gain within a stretch; the late ones are two of a hundred.
+        // Half the gain within a stretch; the late rows are two in a hundred.
         assert!((0.45..=0.55).contains(&found.median_ms), "{found}");
         assert!((5.0..=6.0).contains(&found.p99_ms), "{found}");
     }

@@ -1,13 +1,13 @@
-//! Frames for other programs while they arrive.
+//! Frames for other programs, in real time.
 //!
 //! ```text
 //! BoardFrame ─ FrameStream ─▶ StreamRow ─ Decimator ─▶ RowEncoder ─▶ Readers (a pipe, a file, UDP, TCP)
 //! ```
 //!
-//! [`FrameStream`] makes forces by the [pipeline](forces) of all commands, so a row has the bits that a log has;
-//! [`Decimator`] lowers the rate without aliasing. [`Readers`] never wait: a reader that is too slow loses rows,
-//! every row says how many it has lost, and no other reader notices. A [`StreamWatcher`] is a
-//! [`Watcher`](board_link::Watcher) of a recording that has a stream.
+//! [`FrameStream`] computes forces with the [pipeline](forces) of all commands, so a row has the same bits as
+//! in a log; [`Decimator`] reduces the rate without aliasing. [`Readers`] never block: a slow reader loses
+//! rows, every row contains the number lost, and other readers are not affected. A [`StreamWatcher`] is a
+//! [`Watcher`](board_link::Watcher) that streams a running recording.
 
 #![allow(
     clippy::disallowed_methods,

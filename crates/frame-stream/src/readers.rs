@@ -1,4 +1,4 @@
-//! Where a stream goes, and whoever reads it there. None is waited for.
+//! Destinations of a stream, and their readers. The stream never waits for a reader.
 
 use std::fmt;
 use std::io::{self, Write};
@@ -17,26 +17,26 @@ use shell_data::wrench::Axes;
 
 use crate::encoding::{RowEncoder, StreamFormat, StreamRow};
 
-/// How often it is looked whether somebody connects.
+/// Interval between checks for new connections.
 const ACCEPT: Duration = Duration::from_millis(10);
 
-/// How long each reader may take at the end for what is on its way.
+/// Time for each reader to take pending rows at the end.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// Where rows go.
+/// A destination of rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Destination {
     /// The standard output.
     Stdout,
     /// A file.
     File(PathBuf),
-    /// A datagram for each row, to this address.
+    /// This UDP address; each row is a datagram.
     Udp(SocketAddr),
-    /// Programs that connect to this address.
+    /// Programs that connect to this TCP address.
     Tcp(SocketAddr),
 }
 
-/// A word that is no destination.
+/// A word that is not a destination.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}; a destination is `-`, `udp:HOST:PORT`, `tcp:PORT`, `tcp:IP:PORT` or a file")]
 pub struct BadDestination(String);
@@ -77,7 +77,7 @@ impl fmt::Display for Destination {
 }
 
 impl Destination {
-    /// How rows are written there unless that is said: as the name of a file says.
+    /// Returns the format if none is requested, which depends on the name of a file.
     fn format(&self) -> StreamFormat {
         let is_csv = |path: &PathBuf| {
             path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
@@ -94,14 +94,14 @@ impl Destination {
 pub struct Readers {
     readers: Vec<StreamReader>,
     listeners: Vec<TcpListener>,
-    /// How rows are written, where that was said.
+    /// The requested format, if any.
     format: Option<StreamFormat>,
-    /// An encoder of each format, once a reader wants it.
+    /// An encoder per format, created for its first reader.
     encoders: [Option<RowEncoder>; 2],
     looked: Option<Instant>,
-    /// Rows so far.
+    /// Number of rows so far.
     rows: u64,
-    /// Readers that have gone.
+    /// Readers that have ended.
     gone: Vec<ReaderSummary>,
 }
 
@@ -110,10 +110,10 @@ struct StreamReader {
     name: String,
     way: Transport,
     format: StreamFormat,
-    /// Whether it is an output of the program, which is to be whole; others may leave.
+    /// True if it is an output of the program, which must be complete; other readers may leave.
     is_output: bool,
     has_names: bool,
-    /// Rows that it was handed, and that it lost.
+    /// Rows handed to the reader, and rows lost.
     handed: u64,
     lost: u64,
 }
@@ -124,27 +124,27 @@ enum Transport {
     Udp(UdpSocket),
 }
 
-/// The end of a reader.
+/// The result of a reader.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReaderSummary {
-    /// Where it is.
+    /// Name of the destination.
     pub name: String,
-    /// Rows that it has got; over UDP, that were sent to it.
+    /// Rows received; for UDP, rows sent.
     pub rows: u64,
-    /// Rows that it was too slow for.
+    /// Rows lost because the reader was too slow.
     pub lost: u64,
-    /// Why it was left before the end.
+    /// Why the reader ended early.
     pub problem: Option<String>,
-    /// Whether it is a file or the standard output, and was left before the end.
+    /// True if a file or the standard output ended early.
     pub is_broken: bool,
 }
 
 impl Readers {
-    /// Opens all destinations; a file that exists is left alone unless `overwrite`. Rows are written in `format`,
-    /// otherwise as JSON lines, and as CSV to a file that is named so.
+    /// Opens all destinations. An existing file is kept unless `overwrite` is set. Rows have the given
+    /// `format`; without one, CSV for a file with that extension, otherwise JSON lines.
     ///
     /// # Errors
-    /// [`OutputError`] of the first that cannot be opened.
+    /// [`OutputError`] for the first destination that cannot be opened.
     pub fn open(
         destinations: &[Destination],
         format: Option<StreamFormat>,
@@ -177,22 +177,22 @@ impl Readers {
         Ok(readers)
     }
 
-    /// Where it waits for readers over TCP.
+    /// Returns the addresses on which it listens for TCP readers.
     pub fn addresses(&self) -> Vec<SocketAddr> {
         self.listeners.iter().filter_map(|listener| listener.local_addr().ok()).collect()
     }
 
-    /// Whether all readers are gone and none can connect.
+    /// Returns whether all readers have ended and no new one can connect.
     pub fn are_gone(&self) -> bool {
         self.readers.is_empty() && self.listeners.is_empty()
     }
 
-    /// Passes on a row whose wrench has these axes. Readers with whom it fails are gone.
+    /// Sends a row whose wrench has these axes. Readers that fail are removed.
     pub fn send(&mut self, row: &StreamRow, axes: Axes) {
         self.accept();
         let (number, gone, encoders) = (self.rows, &mut self.gone, &mut self.encoders);
         self.rows += 1;
-        // The row but for its end, which is each reader's own.
+        // The row without its end, which differs between readers.
         let mut begun: [Option<Vec<u8>>; 2] = [None, None];
         self.readers.retain_mut(|reader| {
             let at = reader.format as usize;
@@ -209,14 +209,14 @@ impl Readers {
         });
     }
 
-    /// Lets in whoever waits.
+    /// Accepts waiting connections.
     fn accept(&mut self) {
         if self.listeners.is_empty() || self.looked.is_some_and(|at| at.elapsed() < ACCEPT) {
             return;
         }
         self.looked = Some(Instant::now());
         for listener in &self.listeners {
-            // One that has hung up already is no reader.
+            // A connection that is closed already is skipped.
             while let Ok((stream, peer)) = listener.accept() {
                 if let Ok(reader) = connection(stream) {
                     let (name, way) = (format!("tcp:{peer}"), Transport::Pipe(reader));
@@ -227,12 +227,12 @@ impl Readers {
         }
     }
 
-    /// Ends all; what came of each.
+    /// Ends all readers; returns their results.
     pub fn finish(mut self) -> Vec<ReaderSummary> {
         let rest = self.readers.iter_mut().map(|reader| reader.summary(None));
         let rest: Vec<_> = rest.collect();
         let mut all: Vec<ReaderSummary> = self.gone.into_iter().chain(rest).collect();
-        // An output was there from the first row on, and misses all that it does not hold.
+        // An output is present from the first row on, so every row that it does not hold is lost.
         for output in all.iter_mut().filter(|summary| summary.is_broken) {
             output.lost = self.rows - output.rows;
         }
@@ -241,18 +241,18 @@ impl Readers {
 }
 
 fn connection(stream: TcpStream) -> io::Result<PipeReader> {
-    // Some systems let it be as its listener is.
+    // On some systems it inherits the mode of its listener.
     stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
     PipeReader::new("tcp", stream)
 }
 
-/// Where a reader's rows are written, whole rows at a time.
+/// Output of one reader; writes whole rows.
 trait RowSink: Send + 'static {
-    /// Adds whole rows.
+    /// Writes whole rows.
     fn put(&mut self, rows: &[u8]) -> io::Result<()>;
 
-    /// Ends it.
+    /// Closes the output.
     fn end(self) -> io::Result<()>;
 }
 
@@ -276,7 +276,7 @@ impl RowSink for TcpStream {
     }
 }
 
-/// A file that is full is cut back to the last row that fits.
+/// When the disk is full, the file is cut back to the last complete row.
 impl RowSink for AppendWriter {
     fn put(&mut self, rows: &[u8]) -> io::Result<()> {
         self.append(rows).map_err(source)
@@ -287,7 +287,7 @@ impl RowSink for AppendWriter {
     }
 }
 
-/// The error of the system: the reader's name is said anyway.
+/// Returns the system's error, since messages name the reader anyway.
 fn source(error: OutputError) -> io::Error {
     match error {
         OutputError::Failed { source, .. } => source,
@@ -316,7 +316,8 @@ impl StreamReader {
         let end = encoder.end(number, self.lost);
         let is_taken = match &mut self.way {
             Transport::Pipe(pipe) => pipe.send([&names, row, &end].concat())?,
-            // A datagram is one line. Where it fails nobody listens there yet, or the network is down for now.
+            // A datagram is one line. Errors mean that no program listens yet, or that the network is down;
+            // both may pass.
             Transport::Udp(socket) => {
                 if !names.is_empty() {
                     _ = socket.send(&names);
@@ -352,27 +353,27 @@ impl StreamReader {
             is_broken,
             name: self.name.clone(),
             rows,
-            // A reader that leaves does not want the rows on their way.
+            // A reader that has left does not want the pending rows.
             lost: self.lost + if left { 0 } else { untaken },
             problem: error.filter(|error| !has_left(error)).map(|error| error.to_string()),
         }
     }
 }
 
-/// Rows that wait, at most: four seconds at 1 kHz.
+/// Maximum number of waiting rows: four seconds at 1 kHz.
 const WAITING: usize = 4096;
 
-/// Most bytes of one write.
+/// Maximum number of bytes per write.
 const PIECE: usize = 1 << 16;
 
-/// A reader with a thread of its own, since a pipe, a disk or a network may hold it up: the end of the
-/// pipe that rows are put in.
+/// A reader with its own thread, since a pipe, a disk or a network may block: the sending end of its queue of
+/// rows.
 #[derive(Debug)]
 struct PipeReader {
     rows: Option<SyncSender<Vec<u8>>>,
-    /// Rows that have been written.
+    /// Number of rows written.
     written: Arc<AtomicU64>,
-    /// `None` once it has been joined.
+    /// `None` after it was joined.
     thread: Option<JoinHandle<io::Result<()>>>,
 }
 
@@ -386,10 +387,10 @@ impl PipeReader {
         Ok(Self { rows: Some(rows), written, thread })
     }
 
-    /// Hands a row over; `false` if there is no room.
+    /// Queues a row; returns `false` if there is no room.
     ///
     /// # Errors
-    /// That of the last write: the reader is gone.
+    /// The error of the last write, after which the reader has ended.
     fn send(&mut self, row: Vec<u8>) -> io::Result<bool> {
         let Some(rows) = &self.rows else { return Ok(false) };
         match rows.try_send(row) {
@@ -401,7 +402,8 @@ impl PipeReader {
         }
     }
 
-    /// Waits for what is on its way, as long as it goes on within `patience`; how many rows have been written in all.
+    /// Waits for pending rows, as long as each step takes less than `patience`; returns the total number of
+    /// rows written.
     fn finish(&mut self, patience: Duration) -> (u64, io::Result<()>) {
         self.rows = None;
         let (mut written, mut since) = (self.written.load(Ordering::Acquire), Instant::now());

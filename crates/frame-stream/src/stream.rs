@@ -1,4 +1,4 @@
-//! Frames in, rows to all readers; and what a user can ask of that, one command a line.
+//! A stream of frames to all readers, and its commands, one per line.
 
 use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,23 +19,23 @@ use crate::readers::{ReaderSummary, Readers};
 use shell_data::lock::lock;
 use shell_data::wrench::Axes;
 
-/// The lowest rate that rows are passed on at, Hz: a low-pass below it is none that doubles can compute, at 2 kHz.
+/// The lowest row rate, Hz: at 2 kHz a low-pass below it cannot be computed in double precision.
 pub const LEAST_RATE_HZ: f64 = 0.1;
 
-/// A command.
+/// A command to a running stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StreamCommand {
     /// Take the mean wrench of the next frames as zero.
     Tare,
-    /// Take that zero back.
+    /// Remove that zero.
     Untare,
     /// Flag the next row.
     Mark,
-    /// The number of rows per second, or all.
+    /// Set the number of rows per second; `None` for all.
     Rate(Option<f64>),
 }
 
-/// A line that is no command.
+/// A line that is not a command.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` is no command; there are `tare`, `untare`, `mark`, `rate HZ` (from {LEAST_RATE_HZ} Hz) and `rate all`"
@@ -69,10 +69,10 @@ pub struct FrameStream {
     forces: Option<RunningForces>,
     /// The axes of the wrenches.
     axes: Axes,
-    /// Taken off the wrenches; the first row with a new one has the flag `tared`.
+    /// The zero of the wrenches; the first row with a new zero has the flag `tared`.
     tare: RunningTare,
     last_index: Option<i64>,
-    /// Marks so far, and how many of them are to be set.
+    /// Number of marks so far, and number of pending marks.
     marks: (u32, u32),
     commands: Option<Receiver<StreamCommand>>,
     decimator: Option<Decimator>,
@@ -83,39 +83,40 @@ pub struct FrameStream {
     newest: Option<i64>,
 }
 
-/// How a stream is made.
+/// Options of a stream.
 #[derive(Debug, Default)]
 pub struct StreamOptions {
-    /// For forces beside the readings.
+    /// Calibration for forces in addition to the readings.
     pub forces: Option<LiveForces>,
-    /// Frames come from a log: their times and readings are as they are to be.
+    /// True if frames come from a log, so that times and readings need no alignment.
     pub from_log: bool,
-    /// Channels are brought to one time, as `record` does; every frame waits for three after it.
+    /// True if channels are aligned to a common time, as in `record`; every frame then waits for the three
+    /// after it.
     pub one_time: bool,
-    /// Rows per second, at most.
+    /// Maximum number of rows per second.
     pub rate_hz: Option<f64>,
-    /// Commands of users while it runs.
+    /// Commands of the user during the stream.
     pub commands: Option<Receiver<StreamCommand>>,
 }
 
-/// The account of a whole stream.
+/// Summary of a stream.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamSummary {
-    /// Frames that came.
+    /// Number of frames received.
     pub frames: u64,
-    /// Rows that were made of them.
+    /// Number of rows made from them.
     pub rows: u64,
-    /// The ends of its readers.
+    /// Results of the readers.
     pub readers: Vec<ReaderSummary>,
-    /// How late rows were handed over.
+    /// Latency of the rows.
     pub latency: Option<LatencySummary>,
 }
 
 impl FrameStream {
-    /// A stream without frames so far.
+    /// Creates a stream.
     ///
     /// # Errors
-    /// [`UnsuitableCalibration`] if it is for another number of channels.
+    /// [`UnsuitableCalibration`] if the calibration has another number of channels.
     pub fn new(options: StreamOptions, readers: Readers) -> Result<Self, UnsuitableCalibration> {
         let forces = options.forces.map(RunningForces::new).transpose()?;
         let simultaneous = match (options.from_log, options.one_time) {
@@ -134,15 +135,15 @@ impl FrameStream {
         })
     }
 
-    /// Whether all readers are gone and none can connect.
+    /// Returns whether all readers have ended and no new one can connect.
     pub fn is_deserted(&self) -> bool {
         self.readers.are_gone()
     }
 
-    /// Passes frames on that have just arrived. Marks that were asked for are added to `marks`.
+    /// Passes on newly arrived frames. Adds requested marks to `marks`.
     ///
     /// # Errors
-    /// [`RecordError`]: nothing can be passed on.
+    /// [`RecordError`] if no rows can be passed on.
     pub fn push(
         &mut self,
         frames: &[BoardFrame],
@@ -153,20 +154,20 @@ impl FrameStream {
         self.pass(frames, false)
     }
 
-    /// Sends the rows of frames; at the end also those that wait for frames after them.
+    /// Sends the rows of frames; at the end also of those that waited for later frames.
     fn pass(&mut self, frames: &[BoardFrame], ended: bool) -> Result<(), RecordError> {
         let mut rows = self.rows(frames, now_us(), ended)?;
         if let Some(decimator) = &mut self.decimator {
             rows = decimator.push(rows, ended).map_err(ForceError::from)?;
         }
-        // Frames wait at the start, until it is known how they are sent.
+        // Frames wait at the start until the board's timing is known.
         let is_first = self.sent == 0;
         rows.iter().for_each(|row| self.send(row, is_first));
         Ok(())
     }
 
-    /// The rows of frames that arrive at `host_us`. With channels brought to one time they are those of
-    /// earlier frames.
+    /// Returns the rows of frames that arrive at `host_us`. If channels are aligned to a common time, these
+    /// are rows of earlier frames.
     ///
     /// # Errors
     /// [`RecordError`].
@@ -204,7 +205,7 @@ impl FrameStream {
                 if self.tare.push(wrench) {
                     flags.push("tared".to_owned());
                 }
-                // Without a zero the wrench stays as it is, to the bit.
+                // Without a zero the wrench keeps its exact bits.
                 let zero = self.tare.zero;
                 std::array::from_fn(|axis| wrench[axis] - zero[axis])
             });
@@ -213,7 +214,7 @@ impl FrameStream {
             self.marks.1 = 0;
             let standard_errors = errors.as_ref().map(|errors| errors.each_ref().map(|it| it[at]));
             let (&BoardFrame { time_us, index, .. }, flags) = (frame, flags.join(" "));
-            // The time of a row is that of its forces.
+            // The time of a row is the time of its forces.
             let time_us = self.forces.as_ref().map_or(time_us, |of| of.moved_us(time_us));
             let row =
                 StreamRow { time_us, index, host_us, readings, wrench, standard_errors, flags };
@@ -225,7 +226,7 @@ impl FrameStream {
     fn send(&mut self, row: &StreamRow, is_first: bool) {
         self.readers.send(row, self.axes);
         self.sent += 1;
-        // The radio's delays are not the stream's doing.
+        // The radio's delays are not counted as latency of the stream.
         if !is_first && self.newest.is_some_and(|newest| row.index > newest) {
             self.latency.push(row.time_us, now_us());
         }
@@ -248,10 +249,10 @@ impl FrameStream {
         }
     }
 
-    /// Ends it, with the rows that waited for frames after them: what it was.
+    /// Ends the stream, including the rows that waited for later frames; returns its summary.
     ///
     /// # Errors
-    /// [`RecordError`], once all readers have ended.
+    /// [`RecordError`], after all readers have ended.
     pub fn finish(mut self) -> Result<StreamSummary, RecordError> {
         let passed = self.pass(&[], true);
         let summary = StreamSummary {
@@ -264,13 +265,13 @@ impl FrameStream {
     }
 }
 
-/// µs since 1970.
+/// Returns the time in µs since 1970.
 fn now_us() -> i64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     i64::try_from(now.as_micros()).unwrap_or(i64::MAX)
 }
 
-/// A stream that looks on while a recording is made, beside another watcher.
+/// A watcher that streams a recording, and passes calls on to another watcher.
 #[derive(Debug)]
 pub struct StreamWatcher {
     state: Arc<Mutex<StreamState>>,
@@ -279,16 +280,16 @@ pub struct StreamWatcher {
     marks: Vec<RecordCommand>,
 }
 
-/// A running stream, or the error that ended it; `None` once that has been taken.
+/// A running stream, or the error that ended it; `None` after the result was taken.
 type StreamState = Option<Result<Box<FrameStream>, RecordError>>;
 
-/// The end of a stream that its maker keeps.
+/// The handle by which the stream's owner ends it.
 #[derive(Clone, Debug)]
 pub struct StreamHandle(Arc<Mutex<StreamState>>);
 
 impl StreamWatcher {
-    /// Lets `stream` look on. Where it cannot go on, or nobody is left to read it, `stop` is set, if it is to
-    /// end the recording.
+    /// Creates a watcher for `stream`. If the stream fails or has no readers left, `stop`, if given, is set
+    /// to end the recording.
     pub fn new(
         stream: FrameStream,
         beside: Option<Box<dyn Watcher>>,
@@ -313,7 +314,7 @@ impl Watcher for StreamWatcher {
             if let Err(error) = pushed
                 && let Some(Ok(stream)) = state.replace(Err(error))
             {
-                // The first error is the one that is told.
+                // The first error is the one reported.
                 let _ = stream.finish();
             }
         }
@@ -327,10 +328,10 @@ impl Watcher for StreamWatcher {
 }
 
 impl StreamHandle {
-    /// Ends the stream: what it was; `None` if that is known already.
+    /// Ends the stream; returns its summary, or `None` if that was taken before.
     ///
     /// # Errors
-    /// [`RecordError`]: why it has ended before.
+    /// [`RecordError`] if the stream has failed.
     pub fn finish(&self) -> Result<Option<StreamSummary>, RecordError> {
         let stream = lock(&self.0).take().transpose()?;
         stream.map(|stream| stream.finish()).transpose()

@@ -1,4 +1,4 @@
-//! Several readers of one stream, one of which has stopped.
+//! Several readers of one stream, one of which stops.
 
 #![allow(
     clippy::disallowed_methods,
@@ -26,7 +26,7 @@ fn row(index: i64) -> StreamRow {
     }
 }
 
-/// A number in a row of JSON.
+/// Returns a number from a JSON row.
 fn number(line: &str, name: &str) -> u64 {
     let start = line.find(&format!("\"{name}\":")).unwrap() + name.len() + 3;
     let digits: String = line[start..].chars().take_while(char::is_ascii_digit).collect();
@@ -54,8 +54,8 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
     reading.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
     let mut reading = BufReader::new(reading);
 
-    // Two minutes at 1 kHz: much more than buffers hold. Each row is read before the next is sent, so the
-    // other readers are quick enough on any machine.
+    // Two minutes at 1 kHz, much more than buffers hold. Each row is read before the next is sent, so the
+    // other readers are fast enough on any machine.
     const ROWS: u64 = 120_000;
     let (mut datagram, mut line) = ([0; 2048], String::new());
     for index in 0..ROWS {
@@ -69,7 +69,7 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
         reading.read_line(&mut line).unwrap();
         assert_eq!((number(&line, "row"), number(&line, "lost")), (index, 0));
     }
-    // It goes on, gets what is on its way, and the next row says how many it has lost.
+    // It continues, receives the pending rows, and the next row shows how many it has lost.
     stopped.set_nonblocking(true).unwrap();
     let (mut got, mut index) = (Vec::new(), ROWS);
     let whole = loop {
@@ -86,7 +86,7 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
         std::thread::sleep(Duration::from_millis(1));
     };
     for (position, line) in whole.iter().enumerate() {
-        // Each row that arrives counts the rows that were lost before it.
+        // Each row that arrives counts the rows lost before it.
         assert_eq!(number(line, "row") - number(line, "lost"), position as u64);
     }
     let lost = number(whole.last().unwrap(), "lost");
@@ -101,13 +101,14 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
     assert_eq!(of("udp"), [index, index]);
     assert_eq!(of("`"), [index]);
     let text = std::fs::read_to_string(file).unwrap();
-    // The file has a thread of its own, for which nobody waits: what it could not take is counted, too.
+    // The file has its own thread, which the stream does not wait for: rows that it could not take are
+    // counted, too.
     let lost = text.lines().last().map(|line| number(line, "lost")).unwrap();
     let last = text.lines().last().map(|line| number(line, "row")).unwrap();
     assert_eq!(text.lines().count() as u64 + lost, last + 1);
 }
 
-/// A disk that is full is told with what arrived and what did not, and holds nobody else up.
+/// A full disk is reported with the numbers of rows written and lost, and does not affect other readers.
 #[cfg(target_os = "linux")]
 #[test]
 fn an_output_that_is_full_is_broken_and_others_go_on() {

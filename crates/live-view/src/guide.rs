@@ -1,4 +1,4 @@
-//! A guide through planned loads: which is next, whether it is held still, which have been recorded.
+//! A guide through planned loads: the next load, whether it is held still, and the loads recorded so far.
 //!
 //! ```text
 //! at rest, unloaded ─▶ hang ─▶ still and loaded ─▶ for two seconds: recorded ─▶ take off, or the next ─▶ …
@@ -6,11 +6,11 @@
 //!                        └──────────────────────── it moves ◀─────────────────────────┘
 //! ```
 //!
-//! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start, nor do the halves of
-//! that second differ by more in their means. *Loaded*: where forces are known, the wrench is nearer to the planned one
-//! than to none, axes measured by the largest load of the plan; else the readings are off their rest by many times their
-//! noise and by a tenth of the largest excursion so far, and all together by a quarter of what loads that were recorded let
-//! expect of one of this size.
+//! *Still*: over a second no channel scatters by more than [`QUIET`] times its noise at the start, and the
+//! means of the halves of that second differ by no more. *Loaded*, with known forces: the wrench is nearer to
+//! the planned one than to zero, with axes scaled by the largest load of the plan. Without forces: the
+//! readings are off their rest by a multiple of their noise and by a tenth of the largest excursion so far,
+//! and all together by a quarter of the excursion that the recorded loads predict for a load of this size.
 
 use std::collections::VecDeque;
 
@@ -21,101 +21,104 @@ use shared_proto::CHANNELS;
 use shell_data::block::FrameLabel;
 use shell_data::wrench::PerAxis;
 
-/// A stretch as long as this is looked at, s.
+/// Length of the examined stretch, s.
 const STRETCH_S: f64 = 1.0;
 
-/// A load is recorded when it was still for so long, s.
+/// Duration of stillness after which a load is recorded, s.
 pub const HOLD_S: f64 = 2.0;
 
-/// How much noisier than at the start a load that is held may be.
+/// Maximum noise of a held load, relative to the noise at the start.
 const QUIET: f64 = 3.0;
 
-/// The least noise, counts and N: converters of few bits, and boards that send wrenches, have less than they move.
+/// Minimum noise, counts and N: converters of few bits, and boards that send wrenches, would otherwise appear
+/// noiseless.
 const LEAST_NOISE: f64 = 0.5;
 const LEAST_FORCE_NOISE: f64 = 1e-3;
 
-/// By how many times its noise, and by which share of the largest excursion so far, a loaded channel is off its rest.
+/// Distance of a loaded channel from its rest: a multiple of its noise, and a share of the largest excursion
+/// so far.
 const OFF_REST: f64 = 8.0;
 const OFF_SHARE: f64 = 0.1;
 
-/// The share of what its size lets expect that the channels together are off their rest under a load, at least.
+/// Minimum excursion of all channels together under a load, as a share of the excursion predicted from its
+/// size.
 const OFF_LOAD: f64 = 0.25;
 
-/// A load that is to be hung.
+/// A planned load.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuidedLoad {
     /// The label of its rows.
     pub group: String,
-    /// What to do, in words.
+    /// Instruction to the user.
     pub text: String,
     /// Its wrench, N and N·m.
     pub wrench: PerAxis<f64>,
-    /// What it is expected to tell, in any unit.
+    /// Expected information gain, in any unit.
     pub gain: f64,
 }
 
-/// What is being waited for.
+/// The event that the guide waits for.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GuidePhase {
-    /// A moment without a load, from which noise and rest are known.
+    /// A moment without a load, which determines noise and rest.
     #[default]
     Rest,
     /// The load.
     Hang,
-    /// That it stays still.
+    /// Stillness under the load.
     Hold,
-    /// That the load that was recorded is taken off.
+    /// Removal of the recorded load.
     Release,
-    /// Nothing: all are recorded.
+    /// No event: all loads are recorded.
     Done,
 }
 
-/// A guide as it is shown.
+/// The displayed state of a guide.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GuideView {
     /// The label of the next load; empty if all are recorded.
     pub group: String,
-    /// What to do.
+    /// Instruction to the user.
     pub text: String,
     /// Its wrench, N and N·m.
     pub wrench: PerAxis<f64>,
-    /// Which it is, from 1.
+    /// Number of the load, from 1.
     pub number: usize,
-    /// How many there are.
+    /// Number of loads.
     pub count: usize,
-    /// How many are recorded.
+    /// Number of recorded loads.
     pub recorded: usize,
-    /// What is being waited for.
+    /// The event that the guide waits for.
     pub phase: GuidePhase,
-    /// How much of the time that it takes it was still, 0 to 1.
+    /// Share of the required time of stillness that has passed, 0 to 1.
     pub held: f64,
-    /// The share of the gain of the whole plan that is still to come, 0 to 1.
+    /// The share of the whole plan's gain that is still to come, 0 to 1.
     pub remaining_gain: f64,
 }
 
-/// Leads through loads.
+/// Guides the user through loads.
 #[derive(Clone, Debug, Default)]
 pub struct Guide {
     loads: Vec<GuidedLoad>,
-    /// Which were recorded.
+    /// Which loads are recorded.
     recorded: Vec<bool>,
     next: usize,
     phase: GuidePhase,
-    /// Rows, and what is to be still in them.
+    /// Rows of the stretch, with the values that must be still.
     stretch: VecDeque<(LiveRow, [f64; CHANNELS])>,
-    /// Mean and noise at rest, once they are known.
+    /// Mean and noise at rest, once known.
     rest: Option<([f64; CHANNELS], [f64; CHANNELS])>,
-    /// How far each channel was off its rest.
+    /// Largest distance of each channel from its rest.
     excursion: [f64; CHANNELS],
-    /// How far the channels together were off their rest at the loads that were recorded, by the size of these: the least.
+    /// Minimum excursion of all channels together under the recorded loads, relative to their size.
     response: Option<f64>,
-    /// Since when it is still and loaded: time and frame.
+    /// Time and frame since which the load is still and loaded.
     still_since: Option<(f64, i64)>,
 }
 
 impl Guide {
-    /// Through these loads, in this order.
+    /// Creates a guide through these loads, in this order.
     pub fn new(loads: Vec<GuidedLoad>) -> Self {
         Self {
             recorded: vec![false; loads.len()],
@@ -125,7 +128,7 @@ impl Guide {
         }
     }
 
-    /// Takes the next row; the load, if it completes one.
+    /// Takes the next row; returns the label of the load that it completes, if any.
     pub fn push(&mut self, row: &LiveRow) -> Option<FrameLabel> {
         let values = match (row.readings, row.wrench) {
             (Some(readings), _) => readings,
@@ -133,7 +136,7 @@ impl Guide {
             (None, None) => return None,
         };
         let LiveRow { time_s, index, .. } = *row;
-        // A board that starts anew is another recording.
+        // A restarted board begins a new recording.
         if self.stretch.back().is_some_and(|(last, _)| time_s < last.time_s) {
             self.stretch.clear();
             self.still_since = None;
@@ -167,7 +170,7 @@ impl Guide {
         match self.phase {
             GuidePhase::Hang if self.is_loaded(&off, &noise) => {
                 self.phase = GuidePhase::Hold;
-                // The stretch may begin with the last of the movement.
+                // The stretch may begin with the end of the movement.
                 let (middle, _) = self.stretch[self.stretch.len() / 2];
                 self.still_since = Some((middle.time_s, middle.index));
                 None
@@ -177,14 +180,14 @@ impl Guide {
         }
     }
 
-    /// The index of the first frame that may still become one of a load that was held.
+    /// Returns the index of the first frame that may still become part of a held load.
     pub fn first_unsettled(&self) -> Option<i64> {
         let is_done = self.phase == GuidePhase::Done;
         let first = if is_done { self.stretch.back() } else { self.stretch.front() };
         self.still_since.map(|(_, index)| index).or(first.map(|(row, _)| row.index))
     }
 
-    /// Goes on to the next load that is not recorded, without this one.
+    /// Skips to the next load that is not recorded.
     pub fn skip(&mut self) {
         let position = |steps: usize| (self.next + steps) % self.loads.len();
         let mut others = (1..=self.loads.len()).map(position);
@@ -193,14 +196,14 @@ impl Guide {
         self.await_load(left.is_none());
     }
 
-    /// Goes back to the load before, to record it again.
+    /// Returns to the previous load, to record it again.
     pub fn back(&mut self) {
         let count = self.loads.len().max(1);
         self.next = (self.next + count - 1) % count;
         self.await_load(false);
     }
 
-    /// What is shown.
+    /// Returns the displayed state.
     pub fn view(&self) -> GuideView {
         let next = self.loads.get(self.next).filter(|_| self.phase != GuidePhase::Done);
         let newest_s = self.stretch.back().map_or(0.0, |(newest, _)| newest.time_s);
@@ -219,7 +222,7 @@ impl Guide {
             recorded,
             phase: self.phase,
             held: if self.phase == GuidePhase::Hold { held.clamp(0.0, 1.0) } else { 0.0 },
-            // A table that says nothing of gains counts loads.
+            // If the table has no gains, loads are counted instead.
             remaining_gain: if whole > 0.0 { left / whole } else { unrecorded },
         }
     }
@@ -244,7 +247,7 @@ impl Guide {
         Some(FrameLabel { from, until: index, group })
     }
 
-    /// Waits for the next load, or for nothing once all are recorded.
+    /// Waits for the next load, or ends if all are recorded.
     fn await_load(&mut self, is_done: bool) {
         self.phase = match self.rest {
             _ if is_done => GuidePhase::Done,
@@ -254,7 +257,8 @@ impl Guide {
         self.still_since = None;
     }
 
-    /// Mean and scatter of each channel over the stretch, and how far its halves are apart.
+    /// Returns mean and scatter of each channel over the stretch, and the distance between the means of its
+    /// halves.
     fn statistics(&self) -> ([f64; CHANNELS], [f64; CHANNELS], [f64; CHANNELS]) {
         let mean = |rows: std::ops::Range<usize>| -> [f64; CHANNELS] {
             let count = rows.len().max(1) as f64;
@@ -272,7 +276,7 @@ impl Guide {
         (means, scatter, std::array::from_fn(|c| (second[c] - first[c]).abs()))
     }
 
-    /// The size of a load, axes measured by the largest of the plan.
+    /// Returns the size of a load, with axes scaled by the largest load of the plan.
     fn size(&self, load: usize) -> f64 {
         let largest =
             |axis: usize| self.loads.iter().map(|load| load.wrench[axis].abs()).fold(0.0, f64::max);
@@ -283,7 +287,7 @@ impl Guide {
         (0..6).map(share).fold(0.0, f64::max)
     }
 
-    /// Whether what is still is the load that is wanted, as far as one can tell.
+    /// Returns whether the still signal is likely to be the planned load.
     fn is_loaded(&self, off: &[f64; CHANNELS], noise: &[f64; CHANNELS]) -> bool {
         let planned = self.loads[self.next].wrench;
         let wrenches = self.stretch.iter().filter_map(|(row, _)| row.wrench);
@@ -305,7 +309,8 @@ impl Guide {
         }
         let is_off = (0..CHANNELS)
             .any(|c| off[c] > (OFF_REST * noise[c]).max(OFF_SHARE * self.excursion[c]));
-        // What springs keep of the load before is no load: it is far less than the next one's size lets expect.
+        // A remainder from springs after the previous load does not count: it is far less than the next
+        // load's prediction.
         let least =
             self.response.map_or(0.0, |response| OFF_LOAD * response * self.size(self.next));
         is_off && length(off) > least || is_wanted_empty
@@ -337,7 +342,7 @@ mod tests {
     }
 
     impl Bench {
-        /// A force for so many seconds; `forces` says whether a calibration tells it.
+        /// Applies a force for `seconds`; `forces` tells whether a calibration measures it.
         fn apply(&mut self, guide: &mut Guide, fx: f64, seconds: f64, forces: bool) {
             for _ in 0..(100.0 * seconds) as usize {
                 let noise = f64::from([3, -1, 0, -3, 1, 2, -2][(self.index % 7) as usize]);
@@ -372,11 +377,12 @@ mod tests {
         assert!(guide.view().held > 0.4, "{:?}", guide.view());
         bench.apply(&mut guide, 1.02, 1.2, true);
         let view = guide.view();
-        // 2 s of stillness from the middle of the first still second, which may begin with the last of a movement.
+        // 2 s of stillness from the middle of the first still second, which may begin with the end of a
+        // movement.
         assert_eq!(bench.found, [FrameLabel { from: 350, until: 550, group: "a".to_owned() }]);
         assert_eq!((view.phase, view.number, view.recorded), (GuidePhase::Release, 2, 1));
         assert!((view.remaining_gain - 0.5).abs() < 1e-12);
-        // It stays on: nothing more is recorded of it. The second load is none at all.
+        // The load stays on, and is not recorded again. The second load is zero.
         bench.apply(&mut guide, 1.02, 3.0, true);
         assert_eq!(bench.found.len(), 1);
         bench.apply(&mut guide, 0.0, 4.0, true);
@@ -396,7 +402,7 @@ mod tests {
         assert!((guide.view().remaining_gain - 2.0 / 3.0).abs() < 1e-12);
         guide.skip();
         assert_eq!(guide.view().group, "c");
-        // Back at rest, nearly, and where springs keep much of what hung there: no load.
+        // Nearly back at rest, and with a large remainder in the springs: not loaded.
         for kept in [0.05, 0.3] {
             bench.apply(&mut guide, kept, 4.0, false);
             assert_eq!(bench.found.len(), 1);

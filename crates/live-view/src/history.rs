@@ -1,26 +1,26 @@
-//! The last minute of a signal, and what of it falls on each column of a screen.
+//! The last minute of a signal, and its extremes per screen column.
 
 use std::collections::VecDeque;
 
 use shared_proto::CHANNELS;
 use shell_data::wrench::PerAxis;
 
-/// How much is kept, s.
+/// Length of the history, s.
 pub(crate) const LONGEST_S: f64 = 60.0;
 
-/// Rows that are kept at most: a minute at 1 kHz, which a board sends at most.
+/// Maximum number of rows: a minute at 1 kHz, the highest rate of a board.
 const MOST_ROWS: usize = 65_536;
 
-/// One frame as it is shown.
+/// A displayed frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LiveRow {
-    /// s, on the board's clock or the log's.
+    /// Time in s, on the clock of the board or log.
     pub time_s: f64,
     /// The number of the frame.
     pub index: i64,
     /// Readings in steps of the converter.
     pub readings: Option<[f64; CHANNELS]>,
-    /// N and N·m.
+    /// Wrench in N and N·m.
     pub wrench: Option<PerAxis<f64>>,
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
@@ -35,13 +35,13 @@ pub struct History {
 }
 
 impl History {
-    /// Adds a row. One from before the newest begins anew: a board that has lost its clock, or a log
-    /// from its start.
+    /// Adds a row. A row far before the newest clears the history: the board has lost its clock, or the log
+    /// starts again.
     pub fn push(&mut self, row: LiveRow) {
         if self.rows.back().is_some_and(|newest| row.time_s < newest.time_s - LONGEST_S) {
             self.rows.clear();
         }
-        // A frame that was overtaken goes where it belongs.
+        // An overtaken frame is inserted at its position.
         let after = self.rows.iter().rev().take_while(|other| other.time_s > row.time_s).count();
         match after {
             0 => self.rows.push_back(row),
@@ -60,15 +60,15 @@ impl History {
         self.rows.back()
     }
 
-    /// The rows of the last `span_s` seconds, in order.
+    /// Returns the rows of the last `span_s` seconds, in order.
     pub fn last(&self, span_s: f64) -> impl Iterator<Item = &LiveRow> + Clone {
         let from = self.newest().map_or(0.0, |row| row.time_s - span_s);
         let first = self.rows.partition_point(|row| row.time_s <= from);
         self.rows.range(first..)
     }
 
-    /// The least and the greatest value in each of so many columns over the last `span_s` seconds, the
-    /// newest on the right; `None` where no row falls.
+    /// Returns minimum and maximum of the value in each column over the last `span_s` seconds, the newest on
+    /// the right; `None` for a column without rows.
     pub fn columns(
         &self,
         span_s: f64,
@@ -126,7 +126,7 @@ mod tests {
         history.push(row(199.9975, 3.0));
         let late: Vec<f64> = history.last(0.003).map(|row| row.time_s).collect();
         assert_eq!(late, [199.997, 199.9975, 199.998, 199.999]);
-        // A clock that begins again does not show the past.
+        // A clock that starts again clears the past.
         history.push(row(0.0, 0.0));
         assert_eq!(history.rows.len(), 1);
     }

@@ -1,4 +1,4 @@
-//! What a live view shows, apart from how it is drawn.
+//! The content of a live view, independent of its rendering.
 //!
 //! ```text
 //! rows ─▶ LiveModel ─▶ traces, channels, arrows ─▶ a terminal, a browser
@@ -6,10 +6,10 @@
 //!       tare, pause, zoom, mark
 //! ```
 //!
-//! [`LiveModel`] keeps the last minute of rows and nothing else, so memory is bounded. What it is told to do
-//! (tare, pause, zoom) changes what is shown, never what is recorded.
+//! [`LiveModel`] keeps only the last minute of rows, so memory is bounded. Its commands (tare, pause, zoom)
+//! change the display, never the recording.
 //!
-//! Pure: no ports, no files, no clock but that of the rows.
+//! The crate is pure: no ports, no files, and no clock except the time of the rows.
 
 mod guide;
 mod history;

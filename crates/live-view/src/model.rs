@@ -8,43 +8,43 @@ use shell_data::wrench::{Axes, Axis};
 
 use super::history::{History, LONGEST_S, LiveRow};
 
-/// The spans of time that can be shown, s.
+/// Selectable time spans, s.
 pub(crate) const WINDOWS_S: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, LONGEST_S];
 
-/// Marks that are kept.
+/// Maximum number of marks.
 pub(crate) const MARKS: usize = 1000;
 
-/// The stretch that noise and the state of channels are told from, s.
+/// The stretch from which noise and the channels' states are computed, s.
 const RECENT_S: f64 = 1.0;
 
-/// Scales end here, so that noise at rest looks like noise: N and N·m, and counts.
+/// Minimum scales, so that noise at rest looks like noise: N and N·m, and counts.
 const LEAST_FORCE: f64 = 0.05;
 const LEAST_MOMENT: f64 = 0.001;
 const LEAST_COUNTS: f64 = 20.0;
 
-/// Columns of a trace: what a screen of 1,400 points has room for at three points each.
+/// Number of columns of a trace: a screen 1,400 points wide has room for them at three points each.
 const COLUMNS: usize = 400;
 
-/// Steps of a trace from its lower to its upper edge: finer than the points that a trace is high, and shorter to
-/// write than the values.
+/// Steps of a trace between its lower and upper edge: finer than the height of a trace in points, and shorter
+/// to transmit than the values.
 const LEVELS: f64 = 1000.0;
 
 /// A moment that the user has marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
-    /// Which, from 1.
+    /// Number of the mark, from 1.
     pub number: u32,
-    /// When, s.
+    /// Time of the mark, s.
     pub time_s: f64,
-    /// The frame that was the newest.
+    /// Index of the newest frame at that time.
     pub index: i64,
 }
 
-/// How a channel is.
+/// State of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ChannelState {
-    /// As it should be.
+    /// No problem.
     Fine,
     /// Outside the calibrated range within the last second.
     Outside,
@@ -52,18 +52,18 @@ pub enum ChannelState {
     Saturated,
 }
 
-/// A channel as it is shown.
+/// The displayed state of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ChannelView {
     /// The newest reading.
     pub reading: f64,
     /// The calibrated range.
     pub range: Option<(f64, f64)>,
-    /// How it is.
+    /// State of the channel.
     pub state: ChannelState,
 }
 
-/// A trace as it is shown; its columns hold values, or levels of a picture.
+/// A displayed trace; its columns hold values, or levels of a picture.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TraceView<T = f64> {
     /// `Fx`, `s1`.
@@ -74,28 +74,28 @@ pub struct TraceView<T = f64> {
     pub value: f64,
     /// The standard deviation over the last second.
     pub noise: f64,
-    /// What the lower and the upper edge stand for.
+    /// Values of the lower and the upper edge.
     pub range: (f64, f64),
-    /// The least and the greatest value in each column, the newest on the right.
+    /// Minimum and maximum in each column, the newest on the right.
     pub columns: Vec<Option<[T; 2]>>,
 }
 
-/// A live view at one moment, as a browser is told it.
+/// The state of a live view at one moment, as sent to a browser.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Picture {
     /// The time of the newest row, s.
     pub time_s: Option<f64>,
-    /// The span of time that is shown, s.
+    /// The displayed time span, s.
     pub window_s: f64,
-    /// Whether it stands still.
+    /// True if the view is paused.
     pub is_paused: bool,
-    /// Whether a tare is being taken.
+    /// True if a tare is in progress.
     pub is_taring: bool,
     /// The traces; their columns are in thousandths of the range.
     pub traces: Vec<TraceView<u16>>,
-    /// Numbers of marks, and where they stand, 0 on the left to 1.
+    /// Numbers of the marks and their positions, from 0 on the left to 1.
     pub marks: Vec<(u32, f64)>,
-    /// The channels; none where the board streams wrenches.
+    /// The channels; empty if the board streams wrenches.
     pub channels: Vec<ChannelView>,
     /// The newest force along x, y and z, and the length of an arrow that reaches the edge, N.
     pub force: Option<([f64; 3], f64)>,
@@ -107,18 +107,18 @@ pub struct LiveModel {
     axes: Axes,
     ranges: Option<Vec<ReadingRange>>,
     history: History,
-    /// What is shown while it stands still.
+    /// The displayed rows while paused.
     frozen: Option<Box<History>>,
     window: usize,
-    /// The wrench that is subtracted before showing: once begun, the mean of the next rows.
+    /// The wrench that is subtracted for display: the mean of the rows after its start.
     pub tare: RunningTare,
-    /// What was marked.
+    /// Marks of the user.
     pub marks: Vec<Mark>,
 }
 
 impl LiveModel {
-    /// Nothing has arrived. `ranges` are those of the channels in the training data, `window_s` is the span of
-    /// time that is shown first, and `axes` are those of the wrench that there are, where forces are known.
+    /// Creates an empty view. `ranges` are the channels' ranges in the training data, `window_s` is the
+    /// initial time span, and `axes` are the available axes of the wrench, if forces are known.
     pub fn new(ranges: Option<Vec<ReadingRange>>, window_s: f64, axes: Axes) -> Self {
         let fits = |window: &f64| *window >= window_s;
         let window = WINDOWS_S.iter().position(fits).unwrap_or(WINDOWS_S.len() - 1);
@@ -133,33 +133,33 @@ impl LiveModel {
         self.history.push(row);
     }
 
-    /// Lets the picture stand still, or go on. Rows are taken all the same.
+    /// Pauses or resumes the display. Rows are taken all the same.
     pub fn toggle_pause(&mut self) {
         let running = self.frozen.is_none();
         self.frozen = running.then(|| Box::new(self.history.clone()));
     }
 
-    /// Whether the picture stands still.
+    /// Returns whether the display is paused.
     pub fn is_paused(&self) -> bool {
         self.frozen.is_some()
     }
 
-    /// Shows a shorter span of time.
+    /// Shows a shorter time span.
     pub fn zoom_in(&mut self) {
         self.window = self.window.saturating_sub(1);
     }
 
-    /// Shows a longer one.
+    /// Shows a longer time span.
     pub fn zoom_out(&mut self) {
         self.window = (self.window + 1).min(WINDOWS_S.len() - 1);
     }
 
-    /// The span of time that is shown, s.
+    /// Returns the displayed time span, s.
     pub fn window_s(&self) -> f64 {
         WINDOWS_S[self.window]
     }
 
-    /// Marks the newest row; `None` if there is none.
+    /// Marks the newest row; returns `None` if there is none.
     pub fn mark(&mut self) -> Option<Mark> {
         let newest = self.history.newest()?;
         let number = self.marks.last().map_or(1, |mark| mark.number + 1);
@@ -171,12 +171,13 @@ impl LiveModel {
         Some(mark)
     }
 
-    /// The time of the newest row that is shown, s.
+    /// Returns the time of the newest displayed row, s.
     pub fn time_s(&self) -> Option<f64> {
         self.shown().newest().map(|row| row.time_s)
     }
 
-    /// The marks within the span that is shown: their numbers, and where they stand, 0 on the left to 1.
+    /// Returns the marks within the displayed time span: their numbers and positions, from 0 on the left to
+    /// 1.
     pub fn marks_shown(&self) -> Vec<(u32, f64)> {
         let Some(newest_s) = self.time_s() else { return Vec::new() };
         let position = |mark: &Mark| 1.0 - (newest_s - mark.time_s) / self.window_s();
@@ -184,7 +185,8 @@ impl LiveModel {
         positions.filter(|(_, position)| (0.0..=1.0).contains(position)).collect()
     }
 
-    /// The traces in so many columns: the axes that there are where forces are known, else the eight readings.
+    /// Returns the traces with `columns` columns: the available axes if forces are known, otherwise the eight
+    /// readings.
     pub fn traces(&self, columns: usize) -> Vec<TraceView> {
         let Some(newest) = self.shown().newest() else { return Vec::new() };
         match (newest.wrench, newest.readings) {
@@ -232,7 +234,7 @@ impl LiveModel {
         TraceView { name, unit, value: newest, noise, range, columns }
     }
 
-    /// The channels; none where the board streams wrenches.
+    /// Returns the channels; empty if the board streams wrenches.
     pub fn channels(&self) -> Vec<ChannelView> {
         let Some(readings) = self.shown().newest().and_then(|row| row.readings) else {
             return Vec::new();
@@ -256,8 +258,8 @@ impl LiveModel {
         readings.into_iter().enumerate().map(view).collect()
     }
 
-    /// The newest force, and the length of an arrow that reaches the edge, N; `None` where forces are not
-    /// known, or not along all three axes.
+    /// Returns the newest force, and the length of an arrow that reaches the edge, N; `None` if forces are
+    /// unknown, or not available along all three axes.
     pub fn force(&self) -> Option<([f64; 3], f64)> {
         let forces = [Axis::Fx, Axis::Fy, Axis::Fz].into_iter().collect();
         if !self.axes.contain(forces) {
@@ -273,7 +275,7 @@ impl LiveModel {
         Some((force, reach))
     }
 
-    /// What is shown now.
+    /// Returns the displayed state.
     pub fn picture(&self) -> Picture {
         Picture {
             time_s: self.time_s(),
@@ -292,13 +294,13 @@ impl LiveModel {
     }
 }
 
-/// The largest magnitude in some columns.
+/// Returns the largest magnitude in the columns.
 fn largest(columns: &[Option<[f64; 2]>]) -> f64 {
     let ends = columns.iter().flatten().flatten();
     ends.fold(0.0, |largest, value| largest.max(value.abs()))
 }
 
-/// A trace with its columns in levels of its range.
+/// Converts the columns of a trace to levels of its range.
 fn levels(view: TraceView) -> TraceView<u16> {
     let TraceView { name, unit, value, noise, range, columns } = view;
     let (low, high) = range;
@@ -307,7 +309,7 @@ fn levels(view: TraceView) -> TraceView<u16> {
     TraceView { name, unit, value, noise, range, columns }
 }
 
-/// The least of 1, 2 and 5 times a power of ten that is not below `largest`, and at least `least`.
+/// Returns the smallest of 1, 2 and 5 times a power of ten that is not below `largest` and `least`.
 fn nice_bound(largest: f64, least: f64) -> f64 {
     let largest = largest.abs().max(least);
     if !largest.is_finite() || largest <= 0.0 {
@@ -319,7 +321,7 @@ fn nice_bound(largest: f64, least: f64) -> f64 {
     steps.into_iter().find(|&bound| bound >= largest * (1.0 - 1e-12)).unwrap_or(largest)
 }
 
-/// A range of round numbers about `low` to `high`, at least `least` long.
+/// Returns a range of round numbers around `low` to `high`, at least `least` long.
 fn nice_range(low: f64, high: f64, least: f64) -> (f64, f64) {
     if !(low.is_finite() && high.is_finite() && low <= high) {
         return (0.0, least);
@@ -327,7 +329,7 @@ fn nice_range(low: f64, high: f64, least: f64) -> (f64, f64) {
     let length = nice_bound((high - low).max(least), least);
     let step = length / 10.0;
     let start = ((low + high - length) / 2.0 / step).round() * step;
-    // Rounding moves by up to half a step at either end.
+    // Rounding shifts the ends by up to half a step.
     match start <= low && high <= start + length {
         true => (start, start + length),
         false => (start - step, start + length + step),
@@ -363,7 +365,7 @@ mod tests {
         let fx = &traces[0];
         assert_eq!((fx.name.as_str(), fx.unit, fx.range), ("Fx", "N", (-2.0, 2.0)));
         assert!(fx.columns.iter().all(Option::is_some));
-        // The standard deviation of 100 rows of the sine, by the definition.
+        // The standard deviation of 100 rows of the sine, by definition.
         let recent: Vec<f64> = (901..=1000).map(|i| row(i).wrench.unwrap()[0]).collect();
         let mean = recent.iter().sum::<f64>() / 100.0;
         let sd = (recent.iter().map(|x| (x - mean).powi(2)).sum::<f64>() / 99.0).sqrt();
@@ -461,7 +463,7 @@ mod tests {
         assert_eq!(fx.columns.last(), Some(&Some([750, 750])));
         let text = serde_json::to_string(&picture).unwrap();
         assert!(text.contains(r#""name":"Fx","unit":"N","value":1.0"#), "{text}");
-        // One event is one line.
+        // An event is one line.
         assert!(!text.contains('\n'));
     }
 
@@ -470,7 +472,7 @@ mod tests {
         let cases = [(0.0, 0.1), (0.03, 0.1), (0.11, 0.2), (0.2, 0.2), (3.1, 5.0), (70.0, 100.0)];
         for (largest, expected) in cases {
             let bound = nice_bound(largest, 0.1);
-            // A power of ten is right to a rounding error.
+            // A power of ten is exact up to a rounding error.
             assert!((bound - expected).abs() < 1e-12 * expected, "{largest}: {bound}");
         }
         assert_eq!(nice_bound(f64::NAN, 0.1), 0.1);

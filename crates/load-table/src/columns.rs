@@ -1,21 +1,21 @@
-//! What the columns of a table are, and the load that a line of them is.
+//! The meaning of a column by its name, and the load that a line describes.
 
 use super::load::{Pull, STANDARD_GRAVITY};
 use shell_data::hint::did_you_mean;
 use shell_data::wrench::{Axis, LoadErrors};
 
-/// What a column holds.
+/// The meaning of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LoadColumn {
     Group,
     Mounting,
-    /// A direction in a word.
+    /// A direction as a word.
     Direction,
-    /// What is carried along.
+    /// A column that is copied and not interpreted.
     Other,
     Mass,
     Force,
-    /// A coordinate of the point.
+    /// A coordinate of the point of application.
     Point(usize),
     /// A coordinate of a vector along the force.
     Along(usize),
@@ -37,13 +37,13 @@ pub(crate) enum LoadColumn {
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// Errors where nothing is stated: what a kitchen scale shows of a mass of some hundred grams, a protractor of a
-/// string, and a ruler of a lever.
+/// Standard errors where the table states none: a kitchen scale with a mass of some hundred grams (as a share
+/// of the mass), a protractor at a string, and a ruler at a lever.
 const USUAL_SHARE: f64 = 0.002;
 const USUAL_ANGLE_RAD: f64 = DEGREE;
 const USUAL_LEVER_M: f64 = 1e-3;
 
-/// Endings of names, each with what its numbers are multiplied by to be in SI units (angles: radians).
+/// Endings of names, each with the factor that converts its numbers to SI units (angles: radians).
 type Units = &'static [(&'static str, f64)];
 
 const NO_UNIT: Units = &[("", 1.0)];
@@ -52,7 +52,7 @@ const FORCE: Units = &[("_n", 1.0), ("_mn", 1e-3)];
 const LENGTH: Units = &[("_m", 1.0), ("_cm", 1e-2), ("_mm", 1e-3)];
 const ANGLE: Units = &[("_deg", DEGREE), ("_rad", 1.0)];
 
-/// Known names without their units, with what they are.
+/// Known names without their units, and their meanings.
 const NAMES: [(&str, Units, LoadColumn); 26] = [
     ("group", NO_UNIT, LoadColumn::Group),
     ("pose", NO_UNIT, LoadColumn::Group),
@@ -83,7 +83,8 @@ const NAMES: [(&str, Units, LoadColumn); 26] = [
 ];
 
 impl LoadColumn {
-    /// What a column of this name is with what its numbers are multiplied by, or what is wrong with the name.
+    /// Returns the meaning of a column and the factor that converts its numbers to SI units, or a message
+    /// about the name.
     pub(crate) fn from_name(name: &str) -> Result<(Self, f64), String> {
         let plain = name.trim().to_lowercase().replace([' ', '-'], "_");
         if plain.starts_with("plan_") {
@@ -103,7 +104,7 @@ impl LoadColumn {
     }
 }
 
-/// The load of a line: `number` gives what a column of it holds, `word` its direction.
+/// Computes the load of a line. `number` returns the line's value of a column, `word` is its direction.
 pub(crate) fn pull(
     number: impl Fn(LoadColumn) -> Option<f64>,
     word: Option<&str>,
@@ -134,7 +135,7 @@ pub(crate) fn pull(
         turned.map(|[roll, pitch]| {
             [pitch.sin(), -pitch.cos() * roll.sin(), -pitch.cos() * roll.cos()]
         }),
-        // At rest it reads what holds it up.
+        // At rest, an accelerometer reads the force that supports it, opposite to gravity.
         three(LoadColumn::Accelerometer).map(|read| read.map(|value| -value)),
     ];
     let mut given = ways.into_iter().flatten();
@@ -150,12 +151,12 @@ pub(crate) fn pull(
     Ok(Pull::Force { force_n, mass_kg, point_m, direction: along.map(|x| x / length) })
 }
 
-/// Numbers of which at least one is given, with 0 for the others.
+/// Returns the numbers with 0 for the absent ones, or `None` if all are absent.
 fn some_of<const N: usize>(numbers: [Option<f64>; N]) -> Option<[f64; N]> {
     numbers.iter().any(Option::is_some).then(|| numbers.map(Option::unwrap_or_default))
 }
 
-/// The errors that a line states of its load, and those that are usual where it says nothing.
+/// Returns the errors that a line states for its load, with the usual ones for those that it omits.
 pub(crate) fn errors(
     number: impl Fn(LoadColumn) -> Option<f64>,
     pull: &Pull,

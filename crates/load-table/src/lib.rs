@@ -1,23 +1,23 @@
-//! Tables of loads: what hangs where, in which direction, and the wrench that this is.
+//! Tables of loads: the mass or force, the point and direction that it acts at, and the resulting wrench.
 //!
-//! One line is one load that is held still: a pose. The same table says what a rig can do, in which order to do it,
-//! and what was done.
+//! Each line is one load that is held still: a pose. One table lists the loads that a rig can apply, the
+//! order to apply them in, and the loads as applied.
 //!
-//! | columns | what they say |
+//! | columns | meaning |
 //! |---|---|
-//! | `group` | the label of the pose, as in the group column of the log; else the number of the line |
-//! | `mass_kg`, `mass_g`, `force_n` or `force_mn` | the load: a mass that hangs, or a force |
-//! | `x_mm`, `y_mm`, `z_mm` (or `_cm`, `_m`) | the point that it pulls at, from the sensor's origin; 0 if absent |
-//! | `direction` | `down`, `up`, `+x`, `-x`, … `-z`, in the sensor's frame; `down` is −z, also if nothing is said |
+//! | `group` | the label of the pose, as in the group column of the log; by default the line number |
+//! | `mass_kg`, `mass_g`, `force_n` or `force_mn` | the load: a hanging mass, or a force |
+//! | `x_mm`, `y_mm`, `z_mm` (or `_cm`, `_m`) | the point of application, from the sensor's origin; 0 if absent |
+//! | `direction` | `down`, `up`, `+x`, `-x`, … `-z`, in the sensor's frame; `down` is −z and the default |
 //! | `dx`, `dy`, `dz` | or a vector of any length along the force |
 //! | `azimuth_deg`, `elevation_deg` | or angles: from x towards y, and up from the plane of these |
-//! | `roll_deg`, `pitch_deg`, `yaw_deg` | or how the sensor is turned in the room, where the load pulls down |
-//! | `ax`, `ay`, `az` | or what an accelerometer on the sensor reads at rest, in any unit |
-//! | `fx_n` … `mz_nm` | or the wrench itself, where no mass and no force is given |
-//! | `mounting` | loads of one mounting of the lever have one label |
+//! | `roll_deg`, `pitch_deg`, `yaw_deg` | or the attitude of the sensor in the room, where the load pulls down |
+//! | `ax`, `ay`, `az` | or the readings of an accelerometer on the sensor at rest, in any unit |
+//! | `fx_n` … `mz_nm` | or the wrench itself, if no mass and no force is given |
+//! | `mounting` | a label shared by the loads of one mounting of the lever |
 //! | `mass_error_g` (or `_kg`), `force_error_n` (or `_mn`), `angle_error_deg` (or `_rad`), `lever_error_mm` (or `_cm`, `_m`) | standard errors; 0.2 %, 1° and 1 mm if absent |
 //!
-//! `notes` and columns whose names begin with `plan_` are carried along. Frame: x forward, y left, z up.
+//! `notes` and columns whose names begin with `plan_` are copied unchanged. Frame: x forward, y left, z up.
 //!
 //! ```
 //! use load_table::HungLoads;

@@ -10,30 +10,30 @@ pub const STANDARD_GRAVITY: f64 = 9.80665;
 /// A load that is held still.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HungLoad {
-    /// The label of its pose.
+    /// The label of the pose.
     pub group: String,
-    /// What it is.
+    /// The force or wrench.
     pub pull: Pull,
-    /// How wrong that may be, where it is a force.
+    /// Standard errors of the load, if it is a force.
     pub errors: LoadErrors,
-    /// The label of the mounting of the lever, where one is given.
+    /// The label of the lever's mounting, if given.
     pub mounting: Option<String>,
-    /// The line of the table, from 1.
+    /// The line number in the table, from 1.
     pub line: usize,
 }
 
-/// What a load is, in the sensor's frame.
+/// A force at a point, or a wrench, in the sensor's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Pull {
     /// A force at a point.
     Force {
-        /// Its size, N.
+        /// Magnitude, N.
         force_n: f64,
-        /// The mass that makes it, where one was given.
+        /// The mass whose weight the force is, if given.
         mass_kg: Option<f64>,
-        /// Where it acts, from the sensor's origin, m.
+        /// Point of application, from the sensor's origin, m.
         point_m: [f64; 3],
-        /// Along the force, of length 1.
+        /// Unit vector along the force.
         direction: [f64; 3],
     },
     /// A wrench about the sensor's origin, N and N·m.
@@ -41,7 +41,7 @@ pub enum Pull {
 }
 
 impl HungLoad {
-    /// The wrench about the sensor's origin, N and N·m: `F = force·direction`, `M = point × F`.
+    /// Returns the wrench about the sensor's origin, N and N·m: `F = force·direction`, `M = point × F`.
     pub fn wrench(&self) -> PerAxis<f64> {
         match self.pull {
             Pull::Wrench(wrench) => wrench,
@@ -53,7 +53,7 @@ impl HungLoad {
 }
 
 impl fmt::Display for HungLoad {
-    /// As a person who hangs weights reads it: `0.5 kg at (30, 0, 40) mm, down`.
+    /// Formats the load for a person who hangs weights: `0.5 kg at (30, 0, 40) mm, down`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match &self.pull {
             Pull::Force { force_n, .. } if *force_n == 0.0 => f.write_str("no load"),
@@ -86,7 +86,7 @@ impl fmt::Display for HungLoad {
     }
 }
 
-/// Four digits at most.
+/// Formats a number with at most four digits.
 fn short(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();

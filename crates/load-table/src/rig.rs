@@ -1,18 +1,19 @@
-//! The loads that a rig can apply, from masses, points and directions or from a box instead of a table.
+//! The loads that a rig can apply, given as masses, points and directions or as a box instead of a table.
 
 use std::fmt::Write as _;
 
 use super::table::HungLoads;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Most loads of a rig.
+/// The largest number of loads that [`combinations`] makes.
 const MOST: usize = 20_000;
 
-/// The table of every mass (kg) at every point (mm from the sensor's origin) in every direction, with numbers from 1 for
-/// labels. Directions are as in the column `direction`, or an azimuth and an elevation in degrees: `30:-45`.
+/// Combines every mass (kg) with every point (mm from the sensor's origin) and every direction into a table
+/// with labels from 1. A direction is a word as in the column `direction`, or azimuth and elevation in
+/// degrees: `30:-45`.
 ///
 /// # Errors
-/// What is wrong with a direction, or that there are too many loads.
+/// A message about a direction that is wrong, or about too many loads.
 pub fn combinations(
     masses_kg: &[f64],
     points_mm: &[[f64; 3]],
@@ -41,15 +42,15 @@ pub fn combinations(
     HungLoads::parse(&text).map_err(|error| error.to_string())
 }
 
-/// Ranges of the axes: `fx=-5..5,fz=-10..0,my=-0.2..0.2`, in N and N·m.
+/// Ranges of the wrench's axes: `fx=-5..5,fz=-10..0,my=-0.2..0.2`, in N and N·m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WrenchBox(PerAxis<[f64; 2]>);
 
 impl WrenchBox {
-    /// Axes that are not named stay at 0.
+    /// Parses ranges; axes that are not named stay at 0.
     ///
     /// # Errors
-    /// Which part of the text is no range of an axis.
+    /// A message with the part of the text that is not a range of an axis.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut ranges = [[0.0; 2]; 6];
         for part in text.split(',') {
@@ -70,8 +71,9 @@ impl WrenchBox {
         Ok(Self(ranges))
     }
 
-    /// Both ends and the middle of each axis with those of all others: what an optimal design of second order is
-    /// made of (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed., §11.3). Labels are numbers from 1.
+    /// Returns the table of all combinations of both ends and the middle of each axis: the candidates of an
+    /// optimal second-order design (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed., §11.3). Labels
+    /// are numbers from 1.
     pub fn table(&self) -> HungLoads {
         let Self(ranges) = self;
         let mut rows = vec![[0.0; 6]];

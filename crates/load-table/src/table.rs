@@ -1,4 +1,4 @@
-//! Tables as CSV, with commas, semicolons or tabs.
+//! Tables of loads as CSV, with commas, semicolons or tabs.
 
 use std::collections::HashSet;
 
@@ -7,7 +7,7 @@ use csv::{ReaderBuilder, StringRecord, Trim, WriterBuilder};
 use super::columns::{LoadColumn, errors, pull};
 use super::load::HungLoad;
 
-/// Loads, one a line, with the cells that they were read from.
+/// Loads, one per line, with the cells that they were read from.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HungLoads {
     header: Vec<String>,
@@ -15,15 +15,15 @@ pub struct HungLoads {
     loads: Vec<HungLoad>,
 }
 
-/// What is wrong with a table of loads.
+/// An error in a table of loads.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("line {line}{}: {message}", column.as_ref().map_or_else(String::new, |name| format!(", column `{name}`")))]
 pub struct HungLoadError {
-    /// The line, from 1.
+    /// The line number, from 1.
     pub line: usize,
-    /// The name of the column, where one is at fault.
+    /// The name of the column, if one is at fault.
     pub column: Option<String>,
-    /// What is wrong.
+    /// The message.
     pub message: String,
 }
 
@@ -84,19 +84,20 @@ impl HungLoads {
         }
     }
 
-    /// The loads, in the order of the lines.
+    /// Returns the loads in the order of the lines.
     pub fn loads(&self) -> &[HungLoad] {
         &self.loads
     }
 
-    /// The cells of a column, line by line; `None` if there is no column of this name.
+    /// Returns the cells of a column, line by line; `None` if there is no column of this name.
     pub fn column(&self, name: &str) -> Option<impl Iterator<Item = &str>> {
         let at = self.header.iter().position(|known| known.eq_ignore_ascii_case(name))?;
         Some(self.cells.iter().map(move |cells| cells[at].as_str()))
     }
 
-    /// Some of the lines, in this order, with further columns, as CSV that [`HungLoads::parse`] reads. The names of
-    /// further columns begin with `plan_`. A table without labels is given them, so that they stay.
+    /// Writes some of the lines, in the given order and with additional columns, as CSV that
+    /// [`HungLoads::parse`] reads. The names of additional columns begin with `plan_`. If the table has no
+    /// labels, they are added, so that lines keep them.
     ///
     /// # Panics
     /// If an index is not below the number of lines.
@@ -130,7 +131,7 @@ fn fields(line: &str, separator: u8) -> Result<Vec<String>, String> {
     Ok(record.iter().map(str::to_owned).collect())
 }
 
-/// The load of a line, or which column is wrong, and how.
+/// Parses the load of a line, or returns the column at fault and a message.
 fn load(
     line: usize,
     columns: &[(LoadColumn, f64)],
@@ -150,7 +151,7 @@ fn load(
             quantity => {
                 let value = cell.replace('−', "-").parse::<f64>().ok().filter(|x| x.is_finite());
                 let value = value.ok_or_else(|| (Some(at), format!("`{cell}` is not a number")))?;
-                // A point in m and one in mm are columns of one quantity.
+                // A point in m and a point in mm are two columns of the same quantity.
                 if numbers.iter().any(|(known, _)| known == quantity) {
                     return Err((Some(at), "given twice, in two units".to_owned()));
                 }
@@ -177,7 +178,7 @@ mod tests {
     #[track_caller]
     fn assert_close(found: &[f64], expected: &[f64]) {
         for (found, expected) in found.iter().zip(expected) {
-            // A few roundings of numbers of order 1.
+            // Allows for a few roundings of numbers of order 1.
             assert!((found - expected).abs() < 1e-14, "{found:?} {expected:?}");
         }
     }

@@ -51,7 +51,7 @@ float64 z
 random = np.random.default_rng(1)
 time = np.arange(ROWS) / 100
 readings = random.integers(500, 3500, size=(ROWS, 8))
-# Few digits, as a workbook has no more than 15.
+# Few digits, because a workbook keeps at most 15.
 wrench = np.round((readings - 2000) @ random.normal(size=(8, 6)) / 1000, 4)
 groups = [f"pose {row // 6}" for row in range(ROWS)]
 table = pl.DataFrame(
@@ -126,14 +126,14 @@ scipy.io.savemat(at("matlab", "matrix_compressed.mat"), {"data": matrix}, do_com
 scipy.io.savemat(
     at("matlab", "vectors.mat"), {"t": time, "s": readings.astype(np.int16), "rate": 100.0, "note": "x"} | columns
 )
-# A struct with texts; and time along the columns, with a matrix of something else.
+# A struct with texts; and time along the columns, together with an unrelated matrix.
 fields = {"t": time, "s": readings.astype(float)} | columns | {"group": np.array(groups, dtype=object)}
 scipy.io.savemat(at("matlab", "struct.mat"), {"run": fields, "rotation": np.eye(3)}, do_compression=True)
 scipy.io.savemat(
     at("matlab", "sideways.mat"),
     {"t": time, "s": readings.T.astype(float), "group": groups, "ft": np.zeros(7)} | columns,
 )
-# Every layout of a data set, index of its pieces, filter and order of bytes.
+# Every layout of a data set, chunk index, filter and byte order.
 for name, version, kind, how in [
     ("contiguous", "earliest", "<f8", {}),
     ("big_endian", "v110", ">f8", {}),
@@ -160,7 +160,7 @@ for name, version, kind, how in [
         run.create_dataset("matrix_of_fit", data=np.eye(8, 6))
 with h5py.File(at("hdf5", "by_shape.h5"), "w") as file:
     file["t"], file["cells"], file["ft"] = time, readings, wrench
-# Texts, truths, units, readings of twelve bits along the columns, and links to nowhere and elsewhere.
+# Texts, booleans, units, 12-bit readings along the columns, and links to nothing and to other places.
 with h5py.File(at("hdf5", "texts.h5"), "w") as file:
     file["t"] = np.arange(ROWS) * 10
     file["t"].attrs["units"] = "milliseconds since 2026-11-22 10:00:00"
@@ -182,7 +182,7 @@ with h5py.File(at("hdf5", "compact.h5"), "w") as file:
         space = h5py.h5s.create_simple(values.shape)
         made = h5py.h5d.create(file.id, column.encode(), h5py.h5t.IEEE_F64LE, space, plist)
         made.write(h5py.h5s.ALL, h5py.h5s.ALL, values)
-# MATLAB writes matrices column by column, and texts as numbers.
+# MATLAB stores matrices column by column, and texts as numbers.
 with h5py.File(at("hdf5", "matlab73.mat"), "w", userblock_size=512) as file:
     for column, values, kind in [
         ("t", time, "double"),
@@ -208,7 +208,7 @@ workbook = openpyxl.Workbook()
 for row in [names, *rows]:
     workbook.active.append(row)
 workbook.save(at("xlsx", "workbook.xlsx"))
-# A sheet without a table, notes beside the rows, and a time that goes by.
+# A sheet without a table, notes next to the rows, and an elapsed time.
 workbook = openpyxl.Workbook()
 workbook.active["A1"] = "recorded on a Sunday"
 sheet = workbook.create_sheet("run")
@@ -235,7 +235,7 @@ for codec in [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD]:
             data = {"s": [int(value) for value in readings[row]], "group": groups[row]}
             writer._writer.add_message(channel, ns, json.dumps(data).encode(), ns)
         writer.finish()
-# In another order than they were logged, with the other order of bytes.
+# Messages out of order, in big-endian byte order.
 with open(at("mcap", "shuffled.mcap"), "wb") as file:
     writer = McapWriter(file)
     writer.start()

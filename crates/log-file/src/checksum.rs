@@ -1,29 +1,29 @@
 //! Checksums that identify the files a result was computed from.
 //!
-//! XXH3 of 128 bits, `xxh128:` and what `xxh128sum` prints: it costs a tenth of what a
-//! cryptographic hash does, which would be a twentieth of a whole fit. Files are not mistaken for
-//! one another by chance; a forger could make one that is.
+//! The hash is XXH3 with 128 bits, in the form `xxh128:` and the output of `xxh128sum`. It takes a tenth of
+//! the time of a cryptographic hash, which would add a twentieth to a whole fit. Different files do not have
+//! the same checksum by chance, but a forger could construct one that does.
 
 use std::io::{self, Read};
 
 use twox_hash::XxHash3_128;
 
-/// The checksum of all bytes so far.
+/// Formats the checksum of all bytes so far.
 pub(crate) fn text(hash: &XxHash3_128) -> String {
     format!("xxh128:{:032x}", hash.finish_128())
 }
 
-/// The checksum of `bytes`.
+/// Returns the checksum of `bytes`.
 pub fn of(bytes: &[u8]) -> String {
     let mut hash = XxHash3_128::default();
     hash.write(bytes);
     text(&hash)
 }
 
-/// The checksum of all that a stream gives.
+/// Returns the checksum of a whole stream.
 ///
 /// # Errors
-/// Those of the stream.
+/// Errors of the stream.
 pub fn of_stream(mut stream: impl Read) -> io::Result<String> {
     let (mut hash, mut buffer) = (XxHash3_128::default(), vec![0; 1 << 16]);
     loop {

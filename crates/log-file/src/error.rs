@@ -1,4 +1,4 @@
-//! Errors in logs, with their position.
+//! Errors in logs, with their positions.
 
 use shared_proto::skinproc::SCAN_LEN;
 use shell_data::hint::{Hint, quoted, suggest};
@@ -11,29 +11,29 @@ use table_file::TableError;
 
 pub use crate::stream::companion::RowMismatch;
 
-/// A log that cannot be read.
+/// An error of reading a log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LogError {
     /// The file cannot be opened or read.
     #[error("cannot read `{}`", path.display())]
     Io { path: PathBuf, source: io::Error },
-    /// The file is compressed by `method` (gzip or zstd), but damaged or cut short.
+    /// The file is compressed with `method` (gzip or zstd), but damaged or truncated.
     #[error("`{}` is a damaged {method} file", path.display())]
     Unpacking { path: PathBuf, method: &'static str, source: io::Error },
-    /// The file holds a table that cannot be read.
+    /// The file contains a table that cannot be read.
     #[error("`{}` is {problem}", path.display())]
     Table { path: PathBuf, problem: TableError },
-    /// The files do not belong together row by row.
+    /// The rows of the file and its companion do not match.
     #[error("`{}` and `{}` beside it: {problem}", path.display(), companion.display())]
     RowMismatch { path: PathBuf, companion: PathBuf, problem: RowMismatch },
-    /// The file is of a kind that is not read: `what` it is, and what to do with it.
+    /// The file has an unsupported format: its name, and advice on converting it.
     #[error("`{}` is {what}, which is not read", path.display())]
     Foreign { path: PathBuf, what: &'static str, remedy: &'static str },
-    /// A table was asked for by name of a file that is one.
+    /// A table was requested by name from a file that contains a single one.
     #[error("`{}` is a single table, and has none called `{wanted}`", path.display())]
     NoParts { path: PathBuf, wanted: String },
-    /// The file has no bytes, or blank lines only.
+    /// The file has no bytes, or only blank lines.
     #[error("`{}` is empty", .0.display())]
     Empty(PathBuf),
     /// The file has a header and nothing after it.
@@ -42,7 +42,8 @@ pub enum LogError {
     /// No row meets the conditions.
     #[error("no row of `{}` meets all conditions", .0.display())]
     NoneChosen(PathBuf),
-    /// More rows are wrong than may be skipped without a closer look; where the first is, and what is wrong with it.
+    /// More rows are invalid than may be skipped without a closer look; with the position of the first and
+    /// its error.
     #[error(
         "`{}`: {skipped} of {rows} rows are wrong, the first at {position}: {problem}",
         path.display()
@@ -54,40 +55,41 @@ pub enum LogError {
         position: LogPosition,
         problem: Box<RowProblem>,
     },
-    /// The file is not text: it has a byte that no text file has, at `offset` of the (uncompressed) file.
+    /// The file is not text: it has a byte that does not occur in text, at `offset` in the (uncompressed)
+    /// file.
     #[error("`{}` is not a text file: byte {offset} is 0x{byte:02x}", path.display())]
     Binary { path: PathBuf, offset: u64, byte: u8 },
-    /// A telemetry log whose `%` lines name no columns.
+    /// The `%` lines of a telemetry log do not name any columns.
     #[error("`{}`: no `%` line names the columns, separated by `|`", .0.display())]
     NoColumnNames(PathBuf),
-    /// Something is wrong at a position of it: the first row, where the columns are named, or the row that is wrong.
+    /// An error at a position: the line that names the columns, the first row, or an invalid row.
     #[error("`{}`, {position}: {problem}", path.display())]
     At { path: PathBuf, position: LogPosition, problem: PlacedProblem },
 }
 
-/// What is wrong at a position of a log.
+/// An error at a position of a log.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PlacedProblem {
-    /// No line in sight ends: it is longer than the longest that is read.
+    /// No line ends within the longest line that is read.
     #[error("longer than {0} bytes")]
     LineTooLong(usize),
-    /// Lines that end in a carriage return alone, as no program has written them for decades.
+    /// Lines end with a carriage return alone, which no program has written for decades.
     #[error("lines end with a carriage return and no line feed")]
     CarriageReturns,
-    /// A file of numbers without a header; no known layout has its number of columns.
+    /// A file of numbers without a header, whose number of columns no known layout has.
     #[error(
         "{0} columns and no header, expected 15 (time, eight sensors, six wrench \
          columns) or 12 (two to drop, time, six wrench columns, three accelerations)"
     )]
     UnknownLayout(usize),
-    /// No lines are rows of numbers, nor does the first name columns that are known.
+    /// No lines are rows of numbers, and the first line does not name known columns.
     #[error("this names no columns, and no rows of numbers follow")]
     NoTable,
-    /// The requested format has another number of columns (`expected`) than the log (`found`).
+    /// The requested format has `expected` columns, the log has `found`.
     #[error("{format} has {expected} columns, found {found}")]
     LayoutMismatch { format: crate::format::mapping::LogFormat, expected: usize, found: usize },
-    /// Columns that are needed are not there, and those that are.
+    /// Required columns are missing; with the columns that exist.
     #[error(
         "no column{} {}; found {}",
         if missing.len() == 1 { "" } else { "s" },
@@ -95,25 +97,25 @@ pub enum PlacedProblem {
         if found.is_empty() { "none".to_owned() } else { quoted(found, ", ") }
     )]
     MissingColumns { missing: Vec<String>, found: Vec<String> },
-    /// A column is in a unit that is not understood.
+    /// The unit of a column is not understood.
     #[error("column `{column}`: the unit `{unit}` of its {} is not understood", match quantity {
         Quantity::Force => "force",
         Quantity::Moment => "moment",
         _ => "time",
     })]
     UnknownUnit { column: String, unit: String, quantity: Quantity },
-    /// Times are whole numbers of one of two units, whose median `step` leaves both possible.
+    /// Times are integers whose median `step` leaves two units possible.
     #[error(
         "the unit of column `{column}` is not known, which goes on by `{step}` from row to row"
     )]
     UnclearTimeUnit { column: String, step: f64 },
-    /// Two columns, by their positions from 0, are taken for the same thing.
+    /// Two columns, given by their positions from 0, have the same meaning.
     #[error(
         "columns {} (`{}`) and {} (`{}`) are both {meaning}",
         columns[0] + 1, names[0], columns[1] + 1, names[1]
     )]
     DuplicateColumn { meaning: String, columns: [usize; 2], names: Box<[String; 2]> },
-    /// One row is wrong.
+    /// A row is invalid.
     #[error(transparent)]
     Row(#[from] RowProblem),
 }
@@ -190,14 +192,14 @@ impl Hint for PlacedProblem {
     }
 }
 
-/// The names that are like those of columns that a log does not have.
+/// Suggests names similar to the columns that a log lacks.
 fn nearest_columns(missing: &[String], found: &[String]) -> Option<String> {
     if let Some(name) = missing.iter().find(|name| found.contains(name)) {
         return Some(format!(
             "`{name}` is there, but was said to be something else: check `--sensors`, `--wrench` and `--time`"
         ));
     }
-    // A column by its position is like no other.
+    // A column given by position is not similar to any name.
     let is_position = |name: &str| {
         name.strip_prefix("column ").is_some_and(|position| position.parse::<usize>().is_ok())
     };
@@ -210,19 +212,19 @@ fn nearest_columns(missing: &[String], found: &[String]) -> Option<String> {
     (!nearest.is_empty()).then(|| format!("did you mean {}?", nearest.join(", ")))
 }
 
-/// Where in a file something is.
+/// A position in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LogPosition {
-    /// In a line of text, from 1.
+    /// A line of text, from 1.
     Line(u64),
-    /// In a row of a table, from 1.
+    /// A row of a table, from 1.
     Row(u64),
-    /// Where a table names its columns.
+    /// The column names of a table.
     Names,
 }
 
 impl LogPosition {
-    /// The number of the line or row.
+    /// Returns the number of the line or row.
     pub fn number(self) -> Option<u64> {
         match self {
             Self::Line(number) | Self::Row(number) => Some(number),
@@ -241,17 +243,16 @@ impl fmt::Display for LogPosition {
     }
 }
 
-/// What is wrong with a row.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowProblem {
-    /// A field is not what its column, by its position in the row from 0, needs.
+    /// A field does not suit its column, which is given by its position from 0.
     #[error("column {} (`{name}`): expected {problem}, found {}", column + 1, match problem {
         FieldProblem::Empty => "nothing".to_owned(),
         _ => format!("`{found}`"),
     })]
     Field { column: usize, name: String, problem: FieldProblem, found: String },
-    /// The row has more or fewer columns than the header or the first row.
+    /// The number of columns differs from the header or the first row.
     #[error("expected {expected} columns, found {found}")]
     ColumnCount { expected: usize, found: usize },
     /// A quoted field does not end on its line.
@@ -262,23 +263,23 @@ pub enum RowProblem {
     Payload(String),
 }
 
-/// What is wrong with a field. Its text says what was expected.
+/// An error in a field. The text says what was expected.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FieldProblem {
-    /// It is empty.
+    /// The field is empty.
     #[error("a number")]
     Empty,
-    /// It is not a number.
+    /// The field is not a number.
     #[error("a number")]
     NotANumber,
-    /// It is no date, where others of the column are.
+    /// The field is not a date, but others in the column are.
     #[error("a date and time such as 2026-03-01T12:00:00.25")]
     NotADate,
-    /// It is NaN or infinite, or a number too large for a double.
+    /// The field is NaN, infinite, or too large for a double.
     #[error("a finite number")]
     NotFinite,
-    /// A reading or load is beyond what any converter gives or any sensor measures: damage, or another quantity.
+    /// A reading or load exceeds any converter or sensor: it is damaged, or a different quantity.
     #[error("{0}")]
     BeyondLimit(&'static str),
 }

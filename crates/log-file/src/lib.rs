@@ -1,17 +1,17 @@
-//! Logs: recordings of readings, wrenches and robot telemetry as files, read as a stream.
+//! Streaming readers for logs: recordings of readings, wrenches and robot telemetry.
 //!
-//! [`Log::open`] reads the first lines and recognises the [`LogFormat`] and the meaning of the columns;
-//! a [`Mapping`] supplies what cannot be recognised. [`Log::read`] then streams the rows as
-//! [`Block`]s in SI units. It parses only the columns that are [`Wanted`], on one thread per core,
-//! in memory that does not grow with the file. Files compressed with gzip or Zstandard are unpacked on
-//! the way, and tables in binary files (Parquet, MATLAB, NumPy, Excel, MCAP) read as text.
+//! [`Log::open`] reads the first lines and recognises the [`LogFormat`] and the meanings of the columns; a
+//! [`Mapping`] supplies the rest. [`Log::read`] then streams the rows as [`Block`]s in SI units. It parses
+//! only the columns that are [`Wanted`], on one thread per core, in memory that does not grow with the file.
+//! Files compressed with gzip or Zstandard are unpacked on the fly, and binary files (Parquet, MATLAB, NumPy,
+//! Excel, MCAP) are read as tables.
 //!
 //! ```text
 //! ByteStream ─▶ ChunkStream ─▶ FieldEnds ─▶ numbers ─▶ Block ─▶ map ─▶ fold
 //! any container  whole lines    └── any thread, with a state of its own ──┘   in order
 //! ```
 //!
-//! Where blocks begin depends on the file alone, and `fold` gets them in order, so results are the
+//! Block boundaries depend on the file alone, and `fold` receives the blocks in order, so results are the
 //! same for any number of threads.
 //!
 //! Not supported: quoted fields that span lines, and text that is not UTF-8, UTF-16 or ASCII.

@@ -30,26 +30,26 @@ impl Log {
     /// Recognises the log at `path` from its first lines.
     ///
     /// # Errors
-    /// [`LogError`] if the file cannot be read, is empty, of a kind or layout that is not read, has two
-    /// columns for one thing, or lacks a column that `mapping` names.
+    /// [`LogError`] if the file cannot be read, is empty, has an unsupported format or layout, has two
+    /// columns with the same meaning, or lacks a column that `mapping` names.
     pub fn open(path: &Path, mapping: &Mapping) -> Result<Self, LogError> {
         Self::new(LogSource::new(path, mapping.table.as_deref())?, mapping)
     }
 
-    /// The same of a file in memory, which is called `name`.
+    /// Recognises a log in memory, which is called `name` in messages.
     ///
     /// # Errors
-    /// Those of [`Log::open`].
+    /// Errors of [`Log::open`].
     pub fn in_memory(name: &Path, bytes: Arc<[u8]>, mapping: &Mapping) -> Result<Self, LogError> {
         Self::new(LogSource::in_memory(name, bytes, mapping.table.as_deref())?, mapping)
     }
 
-    /// The same with the columns of the file `companion`, row by row: they follow those of the log. Where
-    /// neither has names and nothing is specified, those of the log are readings and the six beside them the
-    /// wrench.
+    /// Opens a log together with the file `companion`, whose columns follow those of the log, row by row. If
+    /// neither file has names and nothing is specified, the columns of the log are readings and the six
+    /// columns of the companion are the wrench.
     ///
     /// # Errors
-    /// Those of [`Log::open`] for either file, and [`LogError::RowMismatch`] if their rows are not the same.
+    /// Errors of [`Log::open`] for either file, and [`LogError::RowMismatch`] if their rows do not match.
     pub fn open_with_companion(
         path: &Path,
         companion: &Path,
@@ -79,74 +79,70 @@ impl Log {
             let problem = PlacedProblem::LayoutMismatch { format, expected: 9, found };
             return Err(source.error_at(1, problem));
         }
-        // Of columns that have names, no more than the clock says what they are.
+        // If the columns have names, only the values of the time column are needed to recognise them.
         let names = table.and_then(Table::names);
         let clock =
             names.and_then(|names| recognise(names, &[], LogFormat::Csv, mapping).ok()?.1.time);
         let shown: Option<Vec<usize>> =
             table.and_then(|table| table.names()).map(|_| clock.into_iter().collect());
         let head = source.head(shown.as_deref(), HEAD_BYTES as usize)?;
-        // A row may have nothing in what is shown of a table.
+        // A row may be empty in the columns that are shown.
         let has_rows = |table: &Table| line_ends(&head) > u64::from(table.columns.is_some());
         let whole = (head.len() as u64) < HEAD_BYTES && !table.is_some_and(has_rows);
         let layout = recognise_layout(&source, &head, whole, mapping)?;
         Ok(Self { source, layout, chunk_bytes: CHUNK_BYTES })
     }
 
-    /// Cuts the file into blocks of about this many bytes rather than the usual number, for tests
-    /// that results do not depend on it.
+    /// Sets the approximate number of bytes per block, for tests that results do not depend on it.
     #[doc(hidden)]
     pub fn with_chunk_bytes(self, chunk_bytes: usize) -> Self {
         Self { chunk_bytes: chunk_bytes.max(1), ..self }
     }
 
-    /// The file.
     pub fn path(&self) -> &Path {
         &self.source.path
     }
 
-    /// Its format.
     pub fn format(&self) -> LogFormat {
         self.layout.header.format
     }
 
-    /// What kind of file it is, in words.
+    /// Describes the kind of file.
     pub fn kind(&self) -> String {
         let kind = self.table_kind().map(|kind| kind.to_string());
         kind.unwrap_or_else(|| self.layout.header.format.to_string())
     }
 
-    /// What was decided about the lines above its rows, in words; nothing where the first line names the columns.
+    /// Describes the decisions about the lines above the rows; empty if the first line names the columns.
     pub fn decisions(&self) -> &[String] {
         &self.layout.decisions
     }
 
-    /// The time in s after which the clock wraps around, if it is a counter of 32 bits.
+    /// Returns the time in s after which the clock wraps around, if it is a 32-bit counter.
     pub fn clock_turn_s(&self) -> Option<f64> {
         let column = &self.layout.columns[self.layout.roles.time?];
         self.layout.clock().map(|_| column.meaning.scale().to_si(TURN))
     }
 
-    /// A column that tells apart sensors whose rows alternate, of which none was chosen.
+    /// Returns a column that distinguishes sensors whose rows alternate, if none of them is selected.
     pub fn interleaving(&self) -> Option<&Interleaving> {
         self.layout.interleaving.as_ref()
     }
 
-    /// Its columns and their meanings.
     pub fn columns(&self) -> &[Column] {
         &self.layout.columns
     }
 
-    /// The names of the sensor columns in channel order, then of those of the wrench that there are.
+    /// Returns the names of the sensor columns in channel order, followed by the log's wrench columns.
     pub fn value_names(&self) -> Vec<&str> {
         let positions =
             self.layout.roles.sensors.iter().chain(self.layout.roles.wrench.iter().flatten());
         positions.map(|&position| self.layout.columns[position].name.as_str()).collect()
     }
 
-    /// The columns of the sensors in channel order, then those of the wrench that there are: by their names in the
-    /// log, or positions where they have none, if `mapping` specifies them; by their usual names if they were
-    /// recognised. A unit that `mapping` specifies stands beside moments.
+    /// Describes the sensor columns in channel order, followed by the log's wrench columns. Columns that
+    /// `mapping` specifies have their name in the log, or their position if they have no name; recognised
+    /// columns have their usual name. A moment unit that `mapping` specifies is appended to the moments.
     pub fn specified_values(&self, mapping: &Mapping) -> Vec<String> {
         let FileLayout { columns, roles, .. } = &self.layout;
         let mapping = mapping.for_columns(&self.column_names());
@@ -173,8 +169,8 @@ impl Log {
         sensors.chain(Axis::ALL.into_iter().filter_map(load)).collect()
     }
 
-    /// What `mapping` specifies of this log's columns, by their names: what other logs of the same kind
-    /// may be read by. Columns whose names others have, too, are left out.
+    /// Returns the part of `mapping` that refers to columns, by their names in this log, so that other logs
+    /// of the same kind can be read with it. Columns without a unique name are omitted.
     pub fn specified(&self, mapping: &Mapping) -> ColumnNames {
         let FileLayout { columns, roles, .. } = &self.layout;
         let mapping = mapping.for_columns(&self.column_names());
@@ -185,7 +181,7 @@ impl Log {
         };
         let sensors =
             mapping.sensors.and_then(|_| roles.sensors.iter().map(|&at| name(at)).collect());
-        // All that there are, or none: one without a name of its own is not found again.
+        // All axes or none: a column without a unique name could not be found in another log.
         let wrench: PerAxis<Option<String>> = roles.wrench.map(|position| position.and_then(name));
         let all_have = wrench.iter().zip(&roles.wrench).all(|(n, at)| n.is_some() == at.is_some());
         let wrench = mapping.wrench.and(Some(wrench)).filter(|_| all_have);
@@ -201,7 +197,7 @@ impl Log {
         }
     }
 
-    /// What of the [usual](Mapping::usual) columns it has and is read by, in words.
+    /// Lists the kinds of [usual](Mapping::usual) columns that the log has and that are used to read it.
     pub fn usual_columns(&self, mapping: &Mapping) -> Vec<&'static str> {
         let found = mapping.for_columns(&self.column_names());
         [
@@ -215,15 +211,15 @@ impl Log {
         .collect()
     }
 
-    /// The file that stands beside it, if one does.
+    /// Returns the path of the companion, if there is one.
     pub fn companion(&self) -> Option<&Path> {
         self.source.companion.as_ref().map(|companion| companion.path.as_path())
     }
 
-    /// The checksum of that file.
+    /// Returns the checksum of the companion.
     ///
     /// # Errors
-    /// [`LogError`] if it cannot be read.
+    /// [`LogError`] if the companion cannot be read.
     pub fn companion_checksum(&self) -> Result<Option<String>, LogError> {
         let Some(companion) = &self.source.companion else { return Ok(None) };
         let checksum = checksum::of_stream(companion.open_file()?);
@@ -234,26 +230,26 @@ impl Log {
         self.layout.columns.iter().map(|column| column.name.clone()).collect()
     }
 
-    /// The number of sensor channels, 0 if there are none.
+    /// Returns the number of sensor channels, 0 if there are none.
     pub fn channels(&self) -> usize {
         self.layout.roles.sensors.len()
     }
 
-    /// Which axes of a wrench it has.
+    /// Returns the axes of the wrench in the log.
     pub fn axes(&self) -> Axes {
         let is_there = |axis: &Axis| self.layout.roles.wrench[axis.index()].is_some();
         Axis::ALL.into_iter().filter(is_there).collect()
     }
 
-    /// Whether it has columns of a wrench.
+    /// Returns true if the log has wrench columns.
     pub fn has_wrench(&self) -> bool {
         !self.axes().is_empty()
     }
 
-    /// Leaves the other axes out, as if it had them not.
+    /// Removes all other axes from the log.
     ///
     /// # Errors
-    /// [`PlacedProblem::MissingColumns`] with those of `axes` that it has not.
+    /// [`PlacedProblem::MissingColumns`] with the missing axes.
     pub fn keep_axes(&mut self, axes: Axes) -> Result<(), LogError> {
         self.require_axes(axes)?;
         for axis in Axes::ALL.without(axes).iter() {
@@ -262,27 +258,27 @@ impl Log {
         Ok(())
     }
 
-    /// Checks that all of `axes` are there.
+    /// Checks that the log has all of `axes`.
     ///
     /// # Errors
-    /// [`PlacedProblem::MissingColumns`] with all that are not, and what there is instead.
+    /// [`PlacedProblem::MissingColumns`] with all missing axes and the existing columns.
     pub fn require_axes(&self, axes: Axes) -> Result<(), LogError> {
         let absent = axes.without(self.axes());
         self.check_missing(absent.iter().map(|axis| axis.name().to_owned()).collect())
     }
 
-    /// Whether it has a time column.
+    /// Returns true if the log has a time column or a rate.
     pub fn has_time(&self) -> bool {
         self.layout.roles.time.is_some() || self.layout.rate_hz.is_some()
     }
 
-    /// Whether it has a column of group labels.
+    /// Returns true if the log has a column of group labels.
     pub fn has_groups(&self) -> bool {
         self.layout.roles.group.is_some()
     }
 
-    /// Where a column of telemetry is in a row, from 0, to be asked for as one of
-    /// [`Wanted::others`]; `None` if there is none.
+    /// Returns the position of a telemetry column in a row, from 0, for use in [`Wanted::others`]; `None` if
+    /// the log lacks it.
     ///
     /// # Errors
     /// [`PlacedProblem::DuplicateColumn`] if there are several.
@@ -299,27 +295,28 @@ impl Log {
         }
     }
 
-    /// Whether equal readings in a row are one frame logged repeatedly: the robot's telemetry runs
-    /// faster than the sensor. Elsewhere they can be honest samples.
+    /// Returns true if equal consecutive readings are one frame logged repeatedly, because the robot's
+    /// telemetry runs faster than the sensor. In other formats they may be real samples.
     pub fn repeats_are_stale(&self) -> bool {
         self.layout.header.format == LogFormat::Telemetry
     }
 
-    /// Where the columns are that a user points to, from 0.
+    /// Returns the positions, from 0, of the columns that a user refers to.
     ///
     /// # Errors
-    /// [`PlacedProblem::MissingColumns`] with all that are not there.
+    /// [`PlacedProblem::MissingColumns`] with all missing columns.
     pub fn column_positions(&self, references: &[ColumnRef]) -> Result<Vec<usize>, LogError> {
         let names = self.column_names();
         positions(&names, references).map_err(|problem| self.error_in_names(problem))
     }
 
-    /// What kind of table it is, if it is one in a binary file.
+    /// Returns the format of the table, if the log is a table in a binary file.
     pub fn table_kind(&self) -> Option<FileKind> {
         self.source.as_table().map(|table| table.kind)
     }
 
-    /// What its table and that beside it leave out of their files, with the reason, and what was decided.
+    /// Returns notes on contents that the tables of the log and its companion leave out, and on decisions
+    /// made.
     pub fn notes(&self) -> Vec<&str> {
         let companion = self.source.companion.as_deref();
         let tables = [Some(&self.source), companion].into_iter().flatten();
@@ -327,20 +324,20 @@ impl Log {
         notes.map(String::as_str).collect()
     }
 
-    /// How the file is compressed, if it is.
+    /// Returns the compression method, if the file is compressed.
     pub fn compression(&self) -> Option<&'static str> {
         self.source.compression()
     }
 
-    /// The size of the file on disk.
+    /// Returns the size of the file on disk in bytes.
     pub fn bytes(&self) -> u64 {
         self.source.bytes
     }
 
-    /// Checks that all wanted columns are there, of the wrench one axis at least.
+    /// Checks that the log has all wanted columns, and at least one axis of a wanted wrench.
     ///
     /// # Errors
-    /// [`PlacedProblem::MissingColumns`] with all that are not, and what there is instead.
+    /// [`PlacedProblem::MissingColumns`] with all missing columns and the existing ones.
     pub fn require(&self, wanted: &Wanted) -> Result<(), LogError> {
         let axes = Axis::ALL.map(Axis::name);
         let needed: [(bool, bool, &[&str]); 4] = [
@@ -361,7 +358,7 @@ impl Log {
         self.check_are_read(wanted)
     }
 
-    /// Checks that the units of the time and the wrench are understood, if these are wanted.
+    /// Checks that the units of the time and the wrench are known, if these are wanted.
     fn check_units(&self, wanted: &Wanted) -> Result<(), LogError> {
         let roles = &self.layout.roles;
         let time = roles.time.iter().filter(|_| wanted.time);
@@ -378,7 +375,7 @@ impl Log {
         Ok(())
     }
 
-    /// Checks that a table in a binary file holds what can be read in all wanted columns.
+    /// Checks that a table in a binary file can be read in all wanted columns.
     fn check_are_read(&self, wanted: &Wanted) -> Result<(), LogError> {
         let Some(table) = self.source.as_table() else { return Ok(()) };
         let roles = &self.layout.roles;
@@ -399,7 +396,7 @@ impl Log {
         Err(self.error_in_names(PlacedProblem::MissingColumns { missing, found }))
     }
 
-    /// The error of what is wrong with the names of columns.
+    /// Makes the error for a problem with column names.
     fn error_in_names(&self, problem: PlacedProblem) -> LogError {
         self.source.error_at(self.layout.header.names_line, problem)
     }

@@ -1,23 +1,22 @@
-//! Statistics of a scan through a log: its timing, and the range and the suspicious values of its columns.
+//! Statistics of a scan through a log: its timing, and the ranges and suspicious values of its columns.
 //!
-//! Blocks are added in file order; memory does not grow with their number. Says nothing about what
-//! the readings mean.
+//! Blocks are added in file order; memory does not grow with their number. The statistics do not depend on
+//! the meaning of the readings.
 
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 
-/// A log as it was summarised so far.
+/// The summary of the part of a log read so far.
 #[derive(Clone, Debug, Default)]
 pub struct LogSummary {
-    /// Rows.
     pub rows: u64,
-    /// Rows whose readings equal those of the row before.
+    /// Number of rows whose readings equal those of the previous row.
     pub repeated_rows: u64,
     /// Timing, if the log has time.
     pub timing: LogTiming,
-    /// The readings of each channel, in counts.
+    /// Readings of each channel, in counts.
     pub readings: Vec<ColumnSummary>,
-    /// The axes of the wrench, in N and N·m.
+    /// Axes of the wrench, in N and N·m.
     pub wrench: Vec<ColumnSummary>,
 }
 
@@ -35,7 +34,7 @@ impl LogSummary {
         self.rows += block.rows as u64;
     }
 
-    /// Frames per second that are not repeats, over the whole log; `None` without time.
+    /// Returns the number of frames per second that are not repeats, over the whole log; `None` without time.
     pub fn fresh_rate_hz(&self) -> Option<f64> {
         let duration_s = self.timing.duration_s().filter(|&duration| duration > 0.0)?;
         let fresh = self.rows - self.repeated_rows;
@@ -43,29 +42,28 @@ impl LogSummary {
     }
 }
 
-/// One column of a log.
+/// The summary of one column of a log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ColumnSummary {
-    /// How many values: there is one or more.
+    /// Number of values, at least one.
     pub rows: u64,
-    /// The least value.
     pub min: f64,
-    /// The greatest value.
     pub max: f64,
-    /// How often the greatest value occurs.
+    /// Number of rows with the largest value.
     pub rows_at_max: u64,
-    /// How often the greatest value below that occurs.
+    /// Number of rows with the second largest value.
     pub rows_below_max: u64,
-    /// How often each of [`ENDS`] occurs.
+    /// Number of rows with each of [`ENDS`].
     rows_at_ends: [u64; 3],
     below_max: f64,
-    /// How often the column got to its greatest value from below the next lower one: flicker does not count.
+    /// Number of times that the column rose to its largest value from below the second largest: flicker does
+    /// not count.
     rises_to_max: u64,
-    /// Whether all values are whole numbers or sixteenths from 0, as a converter and the boards' means of its
-    /// conversions give them.
+    /// True if all values are non-negative integers or sixteenths, like readings of a converter or the
+    /// boards' averages of several conversions.
     is_counts: bool,
     last: f64,
-    /// The first values that occur, one more than those of a quiet column.
+    /// The distinct values in order of appearance, up to one more than a quiet column has.
     values: Vec<f64>,
     variance: RunningVariance,
 }
@@ -104,12 +102,12 @@ impl ColumnSummary {
         self.rows += values.len() as u64;
     }
 
-    /// The mean, 0 without values.
+    /// Returns the mean, 0 without values.
     pub fn mean(&self) -> f64 {
         self.variance.mean
     }
 
-    /// The standard deviation (n − 1 in the denominator), 0 for a single value.
+    /// Returns the standard deviation (n − 1 in the denominator), 0 for a single value.
     pub fn sd(&self) -> f64 {
         match self.rows {
             0 | 1 => 0.0,
@@ -117,87 +115,86 @@ impl ColumnSummary {
         }
     }
 
-    /// Whether all values are the same, and there are several.
+    /// Returns true if there are several values and all are equal.
     pub fn is_constant(&self) -> bool {
         self.rows > 1 && self.min == self.max
     }
 
-    /// Whether the column is cut off at its greatest value, wherever that is: it takes that value
-    /// in at least one row of a hundred and in twenty rows, three times as often as the next
-    /// lower value that occurs, and gets there three times or more. A signal that merely turns around there
-    /// does not, nor does one that rests there in one pose; one of [few values](Self::quiet_values) is quiet.
+    /// Returns true if the column is clipped at its largest value, at any level: at least one row in a
+    /// hundred and at least twenty rows have that value, three times as many as the second largest, and the
+    /// column reaches it at least three times. A signal that only turns around there is not clipped, nor is
+    /// one that rests there in one pose. A column with [few values](Self::quiet_values) is quiet, not
+    /// clipped.
     pub fn is_pinned_at_max(&self) -> bool {
         let often = self.rows_at_max >= 20 && self.rows_at_max >= self.rows / 100;
         let returns = self.rises_to_max >= RISES && self.rows_at_max >= 3 * self.rows_below_max;
         self.values.len() > QUIET_VALUES && often && returns
     }
 
-    /// How many values there are, if they are more than one and so few that the column flickers rather
+    /// Returns the number of distinct values, if there are several but so few that the column flickers rather
     /// than moves.
     pub fn quiet_values(&self) -> Option<usize> {
         let is_quiet = self.rows >= 20 && (2..=QUIET_VALUES).contains(&self.values.len());
         is_quiet.then_some(self.values.len())
     }
 
-    /// The ends of a converter's range, and how many rows stand there. None of a column whose values are not
-    /// counts: volts and fractions may well be 0.
+    /// Returns the ends of converter ranges, with the number of rows at each. The numbers are 0 for a column
+    /// whose values are not counts: volts and fractions may well be 0.
     pub fn rows_at_ends(&self) -> [(u16, u64); 3] {
-        // A converter of more bits passes the end of one with fewer.
+        // A converter with more bits exceeds the end of one with fewer.
         let is_end = |at: usize| ENDS[at] == 0 || self.max <= f64::from(ENDS[at]);
         let rows = |at| if self.is_counts && is_end(at) { self.rows_at_ends[at] } else { 0 };
         std::array::from_fn(|at| (ENDS[at], rows(at)))
     }
 
-    /// How many rows stand at an end of a converter's range.
+    /// Returns the number of rows at an end of a converter's range.
     pub fn saturated_rows(&self) -> u64 {
         self.rows_at_ends().iter().map(|(_, rows)| rows).sum()
     }
 }
 
-/// The ends of the ranges of converters of 12 and of 16 bits.
+/// The ends of the ranges of 12-bit and 16-bit converters.
 const ENDS: [u16; 3] = [0, 4095, u16::MAX];
 
-/// A limit is met again and again; the highest of several poses is met once.
+/// A clipped signal reaches its limit repeatedly; the highest of several poses is reached once.
 const RISES: u64 = 3;
 
-/// A column of no more values than these flickers by its last digit.
+/// A column with at most this many distinct values is one whose last digit flickers.
 const QUIET_VALUES: usize = 4;
 
-/// The times of a log and the intervals from row to row.
+/// The times of a log, and the intervals between rows.
 #[derive(Clone, Debug, Default)]
 pub struct LogTiming {
     /// The first time in s.
     pub start_s: Option<f64>,
     /// The last time in s.
     pub end_s: Option<f64>,
-    /// How often time runs backwards.
+    /// Number of times that time runs backwards.
     pub backward_steps: u64,
-    /// The row (from 0) at which it first does.
+    /// The row (from 0) at which it does so first.
     pub first_backward_row: Option<u64>,
-    /// How often two rows in a row have the same time.
+    /// Number of times that two consecutive rows have the same time.
     pub equal_times: u64,
-    /// The longest interval.
     pub longest: Option<SampleInterval>,
     intervals: IntervalHistogram,
 }
 
-/// An interval between two rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SampleInterval {
-    /// How long, in s.
+    /// Length in s.
     pub length_s: f64,
-    /// When it starts, in s.
+    /// Start time in s.
     pub start_s: f64,
     /// The row (from 0) at which it ends.
     pub row: u64,
 }
 
-/// Rows that seem to be missing: intervals of more than 1.5 times the median one.
+/// Gaps with missing rows: intervals of more than 1.5 times the median.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Gaps {
-    /// How many intervals.
+    /// Number of gaps.
     pub count: u64,
-    /// How many rows would have filled them at the median interval.
+    /// Number of rows that would fill the gaps at the median interval.
     pub missing_rows: u64,
 }
 
@@ -226,24 +223,24 @@ impl LogTiming {
         }
     }
 
-    /// Last time minus first time, in s.
+    /// Returns the last time minus the first time, in s.
     pub fn duration_s(&self) -> Option<f64> {
         Some(self.end_s? - self.start_s?)
     }
 
-    /// The median interval in s, to 1 µs up to 65 ms and to 3 × 10⁻⁵ of itself above that, where it
-    /// is not beyond the longest.
+    /// Returns the median interval in s, at most the longest one. The resolution is 1 µs up to 65 ms, and a
+    /// relative 3 × 10⁻⁵ above.
     pub fn median_interval_s(&self) -> Option<f64> {
         let longest = self.longest.map_or(f64::INFINITY, |longest| longest.length_s);
         Some((self.intervals.median()? * 1e-6).min(longest))
     }
 
-    /// The rate of rows in Hz that the median interval makes; `None` if that is 0.
+    /// Returns the rate of rows in Hz, from the median interval; `None` if that is 0.
     pub fn median_rate_hz(&self) -> Option<f64> {
         self.median_interval_s().filter(|&interval| interval > 0.0).map(f64::recip)
     }
 
-    /// The standard deviation about the median of the intervals that are no gaps, in s.
+    /// Returns the standard deviation about the median of the intervals that are not gaps, in s.
     pub fn jitter_s(&self) -> Option<f64> {
         let median = self.intervals.median()?;
         let (mut rows, mut squares) = (0, 0.0);
@@ -254,7 +251,7 @@ impl LogTiming {
         (rows > 0).then(|| (squares / rows as f64).sqrt() * 1e-6)
     }
 
-    /// Intervals in which rows seem to be missing.
+    /// Counts the intervals in which rows seem to be missing.
     pub fn gaps(&self) -> Gaps {
         let median = self.intervals.median().unwrap_or_default();
         let mut gaps = Gaps::default();
@@ -268,10 +265,10 @@ impl LogTiming {
     }
 }
 
-/// An interval this many times the median is a gap.
+/// An interval of more than this many times the median is a gap.
 const GAP: f64 = 1.5;
 
-/// Counts of whole numbers of µs: one bin for each up to 2¹⁶, then 2¹⁵ bins for each doubling.
+/// A histogram of integers in µs: one bin per value up to 2¹⁶, then 2¹⁵ bins per doubling.
 #[derive(Clone, Debug, Default)]
 struct IntervalHistogram {
     counts: Vec<u64>,
@@ -284,7 +281,7 @@ impl IntervalHistogram {
     fn add(&mut self, value: u64) {
         let shift = (u64::BITS - value.leading_zeros()).saturating_sub(Self::BITS + 1);
         let bin = (u64::from(shift) << Self::BITS) + (value >> shift);
-        // At most 2²¹ bins, for intervals of half a million years.
+        // At most 2²¹ bins, which cover intervals of half a million years.
         let bin = bin as usize;
         if self.counts.len() <= bin {
             self.counts.resize(bin + 1, 0);
@@ -293,7 +290,7 @@ impl IntervalHistogram {
         self.total += 1;
     }
 
-    /// The bins that are not empty: the middle of their values, and how many there are.
+    /// Iterates over the non-empty bins: their central value, and their count.
     fn iter(&self) -> impl Iterator<Item = (f64, u64)> {
         let bins = self.counts.iter().enumerate().filter(|(_, count)| **count > 0);
         bins.map(|(bin, &count)| {
@@ -303,7 +300,7 @@ impl IntervalHistogram {
         })
     }
 
-    /// The lower median.
+    /// Returns the lower median.
     fn median(&self) -> Option<f64> {
         let mut before = 0;
         self.iter()
@@ -333,12 +330,12 @@ mod tests {
 
     #[test]
     fn rate_gaps_and_jitter_of_a_log_with_lost_rows() {
-        // 1 kHz; two rows are missing after the third, one interval is 20 µs long and one short.
+        // 1 kHz; two rows are missing after the third, and one interval is 20 µs longer, one shorter.
         let timing = timing(&[0.0, 0.001, 0.002, 0.005, 0.006, 0.00702, 0.008]);
         assert_eq!(timing.median_rate_hz(), Some(1000.0));
         assert_eq!(timing.gaps(), Gaps { count: 1, missing_rows: 2 });
         assert_eq!(timing.longest.unwrap().row, 3);
-        // Of five intervals, two are off by 20 µs: the square root of 2·20²/5, about 12.65 µs.
+        // Two of five intervals are off by 20 µs: the square root of 2·20²/5, about 12.65 µs.
         assert!((timing.jitter_s().unwrap() - 160_f64.sqrt() * 1e-6).abs() < 1e-15);
     }
 
@@ -371,10 +368,10 @@ mod tests {
         for part in values.chunks(7) {
             parts.add(part);
         }
-        // The exact figures of 0 … 999: mean 499.5, variance n(n + 1)/12.
+        // The exact statistics of 0 … 999: mean 499.5, variance n(n + 1)/12.
         let sd = (1000.0 * 1001.0 / 12.0_f64).sqrt();
         assert!((parts.mean() - 1_000_499.5).abs() < 1e-9);
-        // Rounding: a thousand additions to a sum that is right to 1e-16 of itself.
+        // Rounding: a thousand additions to a sum with a relative error of 1e-16.
         assert!((parts.sd() - sd).abs() < 1e-12 * sd);
         assert_eq!((parts.min, parts.max), (1e6, 1e6 + 999.0));
     }
@@ -390,7 +387,7 @@ mod tests {
 
     #[test]
     fn the_highest_of_several_poses_is_no_limit() {
-        // Five poses of 200 rows; in the highest one row in ten is a count lower.
+        // Five poses of 200 rows; in the highest pose, one row in ten is one count lower.
         let reading = |i: u32| match i / 200 {
             1 => {
                 if i.is_multiple_of(10) {

@@ -1,11 +1,11 @@
-//! Heads of texts as programs write them: which lines name columns and units, where rows begin.
+//! Heads of texts from various programs: lines that name columns and units, and the first row.
 
 use std::path::{Path, PathBuf};
 
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted, parse_column};
 use shell_data::{Axis, Block};
 
-/// A log of this text.
+/// Opens a log with this text.
 fn open_with(text: &str, mapping: &Mapping) -> Result<Log, LogError> {
     Log::in_memory(Path::new("log.txt"), text.as_bytes().into(), mapping)
 }
@@ -14,7 +14,7 @@ fn open(text: &str) -> Log {
     open_with(text, &Mapping::default()).unwrap_or_else(|error| panic!("{error}\n{text}"))
 }
 
-/// All its rows.
+/// Reads all rows of a log.
 fn rows(log: &Log) -> Block {
     let wanted = Wanted {
         time: log.has_time(),
@@ -55,7 +55,7 @@ fn names_below_text_are_found_with_counts_and_rate() {
     );
     let rows = rows(&log);
     assert_eq!((rows.rows, rows.time_s[39]), (40, 39.0 / 500.0));
-    // One rounding more or less.
+    // Allows for one rounding.
     assert!((axis(&rows, Axis::Fy)[3] + 2.0 * 4.448_221_615_260_5).abs() < 1e-14);
     // A pound-force inch is 0.1129848290276167 N·m (NIST SP 811, table B.8).
     assert!((axis(&rows, Axis::Mz)[0] - 2.0 * 0.112_984_829_027_616_7).abs() < 1e-15);
@@ -140,7 +140,7 @@ fn times_of_ros_are_nanoseconds_whatever_stands_before_their_names() {
                 1700000000000000000,0,1699999999999000000,1.5,0.25\n\
                 1700000000010000000,1,1700000000009000000,1.5,0.5\n";
     let of = rows(&open(text));
-    // A double of this size has steps of 0.24 µs.
+    // A double of this magnitude has a resolution of 0.24 µs.
     assert!((of.time_s[1] - of.time_s[0] - 0.01).abs() < 1e-6);
     assert!((of.time_s[0] - 1.7e9).abs() < 1e-3);
     assert_eq!(axis(&of, Axis::Mz), [0.25, 0.5]);
@@ -179,7 +179,7 @@ fn what_is_no_table_is_refused_and_what_the_user_says_decides() {
     let talk = "hello, world\nthis is, no log\nof any, kind\n";
     let error = open_with(talk, &Mapping::default()).unwrap_err().to_string();
     assert!(error.contains("names no columns, and no rows of numbers follow"), "{error}");
-    // The second line looks like names as well as the first.
+    // The second line looks like names as well as the first does.
     let text = "a,b,c\nt_s,s1,fz\n0,5,1\n1,6,2\n";
     let skipped = Mapping { skip_lines: Some(2), ..Mapping::default() };
     let second = Mapping { header_line: Some(2), ..Mapping::default() };
@@ -197,7 +197,7 @@ fn a_bad_first_row_is_not_taken_for_text_above() {
     }
 }
 
-/// Files of other laboratories' layouts, where there are any.
+/// Reads files in the layouts of other laboratories, if they are available.
 #[test]
 fn cases_of_other_laboratories_are_read() {
     let Some(data) = std::env::var_os("SHELLCAL_REAL_DATA") else { return };
@@ -245,7 +245,7 @@ fn cases_of_other_laboratories_are_read() {
         let of = rows(&log);
         let axes_found = log.axes().iter().count();
         let ends = of.time_s.first().copied().zip(of.time_s.last().copied()).unwrap_or_default();
-        // Times since 1970 have steps of 0.24 µs.
+        // Times since 1970 have a resolution of 0.24 µs.
         let are_times = (ends.0 - start_s).abs() < 1e-6 && (ends.1 - end_s).abs() < 1e-6;
         if (of.rows, log.channels(), axes_found) != (count, channels, axes) || !are_times {
             wrong.push(format!("{name}: {} {} {axes_found} {ends:?}", of.rows, log.channels()));

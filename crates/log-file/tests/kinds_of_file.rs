@@ -1,5 +1,5 @@
-//! One recording in every kind of file that is read, written by the programs that people use
-//! (`fuzz/make_seeds.py`): the same rows, bit for bit.
+//! One recording in every supported format, written by commonly used programs (`fuzz/make_seeds.py`): the
+//! rows must be identical bit for bit.
 
 #![allow(
     clippy::disallowed_methods,
@@ -14,14 +14,14 @@ use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use shell_data::block::Block;
 use table_file::write::Cells;
 
-/// The folders of the files.
+/// The folders with the files.
 const FOLDERS: [&str; 8] = ["text", "packed", "parquet", "matlab", "hdf5", "numpy", "xlsx", "mcap"];
 
 fn seeds() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/seeds")
 }
 
-/// All files, but for the one that the others are compared with.
+/// Returns all files, except the one that the others are compared with.
 fn files() -> Vec<PathBuf> {
     let entries =
         FOLDERS.iter().flat_map(|folder| std::fs::read_dir(seeds().join(folder)).unwrap());
@@ -65,7 +65,7 @@ fn a_recording_has_the_same_rows_in_every_kind_of_file() {
         if !found.groups.is_empty() {
             assert_eq!(found.groups, expected.groups, "{name}");
         }
-        // Dates begin in 2026, recordings when they were logged; the rest are the same seconds.
+        // Dates begin in 2026, MCAP recordings at their log time; the others have the same seconds.
         let start_s = match found.time_s[0] {
             0.0 => 0.0,
             // `date -u -d 2026-11-22T10:00:00 +%s`
@@ -74,7 +74,7 @@ fn a_recording_has_the_same_rows_in_every_kind_of_file() {
             other => panic!("{name} begins at {other} s"),
         };
         for (time, expected) in found.time_s.iter().zip(&expected.time_s) {
-            // A double near 1.8e9 s is good to 2⁻²² s.
+            // A double near 1.8e9 s has a resolution of 2⁻²² s.
             let tolerance_s = if start_s == 0.0 { 0.0 } else { 2.4e-7 };
             assert!((time - start_s - expected).abs() <= tolerance_s, "{name}: {time}");
         }
@@ -86,7 +86,7 @@ fn a_recording_has_the_same_rows_in_every_kind_of_file() {
     }
 }
 
-/// A table beside a table, a table beside a text, and a text beside a table.
+/// Tests a table with a table, a table with a text, and a text with a table.
 #[test]
 fn a_companion_of_any_kind_gives_the_columns_beside_those_of_the_log() {
     let dir = tempfile::tempdir().unwrap();

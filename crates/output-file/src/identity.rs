@@ -1,4 +1,4 @@
-//! Which file a path means, whatever it is called.
+//! The identity of the file that a path leads to, so that different names of one file are recognised.
 
 use std::fs;
 use std::io;
@@ -6,21 +6,21 @@ use std::io;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-/// Links that lead to each other are given up after so many, as the systems do.
+/// The longest chain of links that is followed, as in operating systems; links may form a cycle.
 const MOST_LINKS: usize = 40;
 
-/// What tells a file from others.
+/// A property that identifies a file.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum FileKey {
-    /// Where it is in the end.
+    /// The resolved path.
     Path(PathBuf),
-    /// The device that it is on, and its number there.
+    /// The device and the inode number.
     #[cfg(unix)]
     Number(u64, u64),
 }
 
-/// All that tells the file at `path` from others: it is one that has any of them. `None` for what is no file that
-/// could be replaced: devices, pipes, folders.
+/// Returns all keys of the file at `path`; two paths that share any key name the same file. `None` for
+/// anything that cannot be replaced as a file: devices, pipes, folders.
 pub(super) fn keys(path: &Path) -> Option<Vec<FileKey>> {
     let metadata = fs::metadata(path).ok();
     if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
@@ -32,7 +32,7 @@ pub(super) fn keys(path: &Path) -> Option<Vec<FileKey>> {
     Some(keys.collect())
 }
 
-/// Where a path leads, through links, even if nothing is there yet.
+/// Resolves a path through its links, even if there is no file at the end yet.
 pub(super) fn resolved(path: &Path) -> PathBuf {
     if let Ok(resolved) = path.canonicalize() {
         return resolved;
@@ -45,7 +45,7 @@ pub(super) fn resolved(path: &Path) -> PathBuf {
     }
 }
 
-/// The end of a chain of links, at which nothing is.
+/// Follows a chain of links to a path that does not exist yet.
 fn follow(path: &Path) -> io::Result<PathBuf> {
     let mut path = path.to_path_buf();
     for _ in 0..MOST_LINKS {

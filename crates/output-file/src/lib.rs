@@ -1,13 +1,12 @@
-//! Writing results: the one place where files are opened to be written.
+//! The one place where files are opened for writing.
 //!
-//! [`Outputs`] knows what a command reads and writes, and opens nothing that would replace an input
-//! or another output, by whatever name. A file appears whole or not at all: the bytes go to a
-//! temporary file beside the target ([`AtomicFile`]), which is renamed over it once all of them are
-//! written. It is not forced to the disk first: a result can be made again from its logs, and waiting
-//! for the disk takes longer than a fit. The temporary file is made when the output is opened, so a
-//! path that cannot be written is found before the work, not after. What is replaced keeps its
-//! permissions, and a symbolic link keeps leading to it. Devices and pipes, which cannot be
-//! replaced, are written to directly.
+//! [`Outputs`] knows which files a command reads and writes, and refuses to open an output that would replace
+//! an input or another output, under any name. A file appears whole or not at all: the bytes go to a
+//! temporary file in the same folder ([`AtomicFile`]), which replaces the target by a rename once everything
+//! is written. The file is not synced to disk first: a result can be made again from its logs, and a sync
+//! takes longer than a fit. The temporary file is made when the output is opened, so a path that cannot be
+//! written is reported before the work, not after it. A replaced file keeps its permissions, and a symbolic
+//! link still leads to it. Devices and pipes cannot be replaced, so they are written directly.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "writes files")]
 
@@ -27,63 +26,63 @@ use temporary::Temporary;
 
 pub use temporary::{before_unfinished, remove_unfinished};
 
-/// What a command reads and writes.
+/// The files that a command reads and writes.
 #[derive(Debug, Default)]
 pub struct Outputs {
     known: Mutex<KnownFiles>,
 }
 
-/// Files, and which of them has a key.
+/// Files, and an index of them by key.
 #[derive(Debug, Default)]
 struct KnownFiles {
     files: Vec<KnownFile>,
     by_key: HashMap<FileKey, usize>,
 }
 
-/// A file that is read, or that was announced or opened as an output.
+/// A file that is read, or an output that was announced or opened.
 #[derive(Debug)]
 struct KnownFile {
     path: PathBuf,
     stage: FileStage,
 }
 
-/// How far an output has come; no way leads back.
+/// The progress of an output; it never goes back to an earlier stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum FileStage {
     Announced,
     Probed,
     Opened,
-    /// It is no output.
+    /// The file is an input.
     Input,
 }
 
 /// An output that could not be opened, written or put in place.
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
-    /// The system does not let it.
+    /// The system refuses.
     #[error("cannot write `{}`", path.display())]
     Failed { path: PathBuf, source: io::Error },
-    /// It is what is read, by another name or the same.
+    /// The output is a file that is read, under any name.
     #[error("the output `{}` would replace the input `{}`", path.display(), input.display())]
     IsInput { path: PathBuf, input: PathBuf },
-    /// It is written already, as `other`.
+    /// The file is already an output, as `other`.
     #[error("two outputs would be written to one file, `{}`{}", path.display(), also(path, other))]
     Twice { path: PathBuf, other: PathBuf },
-    /// It stands for the standard output, which a recording is not written to.
+    /// The path is `-`, the standard output; a recording needs a file.
     #[error("a recording is a file, and `-` stands for the standard output")]
     Stdout,
-    /// It is named as a table in binary, which cannot be read before its end is written.
+    /// The name has the extension of a binary table, which cannot be read until it is complete.
     #[error("what grows is text, and `{}` is named as something else", .0.display())]
     NotText(PathBuf),
 }
 
 impl OutputError {
-    /// The error of the system for a file.
+    /// Wraps a system error with the file's path.
     pub fn failed(path: impl Into<PathBuf>, source: io::Error) -> Self {
         Self::Failed { path: path.into(), source }
     }
 
-    /// Refuses a name of a file that frames are to be written to as text while they arrive.
+    /// Refuses the name of a binary table for a file that receives frames as text while they arrive.
     ///
     /// # Errors
     /// [`OutputError::NotText`].
@@ -122,20 +121,20 @@ impl Hint for OutputError {
 }
 
 impl Outputs {
-    /// Nothing is read and nothing written so far.
+    /// Starts without any inputs or outputs.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Says that `path` is read, so no output may replace it.
+    /// Registers `path` as an input, which no output may replace.
     ///
     /// # Errors
-    /// [`OutputError::IsInput`] if it is an output that was announced.
+    /// [`OutputError::IsInput`] if it is an announced output.
     pub fn protect(&self, path: &Path) -> Result<(), OutputError> {
         self.claim(path, FileStage::Input)
     }
 
-    /// Announces an output that is opened later, or not at all.
+    /// Announces an output that may be opened later.
     ///
     /// # Errors
     /// [`OutputError::IsInput`], [`OutputError::Twice`].
@@ -143,7 +142,7 @@ impl Outputs {
         self.claim(path, FileStage::Announced)
     }
 
-    /// Announces an output and finds out whether it can be written, before the work that makes it.
+    /// Announces an output and checks that it can be written, before the work of computing it.
     ///
     /// # Errors
     /// [`OutputError`].
@@ -151,7 +150,7 @@ impl Outputs {
         self.open(path, FileStage::Probed).map(drop)
     }
 
-    /// Opens `path` for writing without touching what is there.
+    /// Opens `path` for writing and leaves an existing file alone until the commit.
     ///
     /// # Errors
     /// [`OutputError`] if it is an input or another output, the directory does not exist or is not
@@ -177,7 +176,7 @@ impl Outputs {
         let Some(keys) = identity::keys(path) else { return Ok(()) };
         let (mut known, path) = (lock(&self.known), path.to_path_buf());
         let KnownFiles { files, by_key } = &mut *known;
-        // A number is given out again, once the file that had it is replaced.
+        // The system reuses an inode number once the file that had it is replaced.
         let has_now = |at: usize, key: &FileKey| {
             identity::keys(&files[at].path).is_some_and(|keys| keys.contains(key))
         };
@@ -203,22 +202,22 @@ impl Outputs {
     }
 }
 
-/// The other name of a file, if it has one.
+/// Formats the other name of a file, if it differs.
 fn also(path: &Path, other: &Path) -> String {
     if path == other { String::new() } else { format!(", which is `{}`", other.display()) }
 }
 
-/// A file that is being written and does not exist yet under its own name.
+/// A file that is being written and appears under its name on [`commit`](Self::commit).
 pub struct AtomicFile {
     path: PathBuf,
     /// The temporary file, a device, or the standard output.
     file: BufWriter<Box<dyn Write + Send>>,
-    /// The temporary file, and where it is put: at the end of the links that the path leads through.
+    /// The temporary file, and its target: the end of the links that the path leads through.
     replacement: Option<(Temporary, PathBuf)>,
 }
 
 impl AtomicFile {
-    /// The standard output in place of a file, for what is not printed line by line.
+    /// Wraps the standard output, for data that is not printed line by line.
     pub fn stdout() -> Self {
         let stdout: Box<dyn Write + Send> = Box::new(io::stdout());
         Self { path: "standard output".into(), file: BufWriter::new(stdout), replacement: None }
@@ -231,7 +230,7 @@ impl AtomicFile {
         }
         let named = path.to_path_buf();
         if metadata.as_ref().is_some_and(|metadata| !metadata.is_file()) {
-            // Whoever reads from a pipe gets what is written at once.
+            // No buffer: the reader of a pipe gets the bytes at once.
             let device = File::options().write(true).open(path)?;
             let file = BufWriter::with_capacity(0, Box::new(device) as _);
             return Ok(Self { path: named, file, replacement: None });
@@ -247,11 +246,11 @@ impl AtomicFile {
                 let text = format!("there is no directory `{}`", directory.display());
                 return Err(io::Error::new(io::ErrorKind::NotFound, text));
             }
-            // The name of the temporary file says nothing to a user; the kind of error does.
+            // The user does not know the temporary file's name, so only the kind of error is kept.
             Err(error) => return Err(error.kind().into()),
         };
         if let Some(replaced) = metadata {
-            // A file system without permissions keeps none.
+            // Ignored: some file systems have no permissions.
             let _ = file.set_permissions(replaced.permissions());
         }
         let file = BufWriter::new(Box::new(file) as _);
@@ -274,7 +273,7 @@ impl AtomicFile {
         }
     }
 
-    /// Writes all of the file, and puts it in place.
+    /// Writes the whole content, and puts the file in place.
     ///
     /// # Errors
     /// As for [`commit`](Self::commit).
@@ -285,7 +284,7 @@ impl AtomicFile {
         }
     }
 
-    /// An error of the system as one that names the file, and is of the same kind.
+    /// Wraps a system error in one of the same kind that names the file.
     fn named(&self, error: io::Error) -> io::Error {
         io::Error::new(error.kind(), OutputError::failed(&self.path, error))
     }

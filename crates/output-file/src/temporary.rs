@@ -1,4 +1,4 @@
-//! Temporary files, and the list of them: a signal ends the program without running destructors.
+//! Temporary files, with a list of them for signals, which end the program without running destructors.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -9,26 +9,25 @@ use std::sync::Mutex;
 use shell_data::lock::lock;
 use tempfile::TempPath;
 
-/// Each change of it is one call, so whoever panics while holding it leaves it whole.
+/// Every change is a single call, so the list stays valid if a thread panics while it holds the lock.
 static UNFINISHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
-/// What is to be done before there is one, until it is done.
+/// Runs once, before the first temporary file is made.
 static BEFORE: Mutex<Option<fn()>> = Mutex::new(None);
 
-/// Has `prepare` called before the first temporary file is made, which is when there is something to
-/// remove: many commands make none.
+/// Registers `prepare` to run before the first temporary file is made. Only then is there something to clean
+/// up, and many commands make no temporary file.
 pub fn before_unfinished(prepare: fn()) {
     *lock(&BEFORE) = Some(prepare);
 }
 
-/// Removes the temporary files of all outputs that are not finished.
+/// Removes the temporary files of all unfinished outputs.
 ///
-/// For the end of the program by a signal: whoever opens or finishes an output afterwards waits for
-/// ever.
+/// Call it when a signal ends the program: afterwards, opening or finishing an output blocks forever.
 pub fn remove_unfinished() {
     let unfinished = lock(&UNFINISHED);
     for path in unfinished.iter() {
-        // It may be gone already; there is nobody to tell, either.
+        // The file may already be gone, and there is nobody left to tell.
         let _ = std::fs::remove_file(path);
     }
     std::mem::forget(unfinished);
@@ -45,8 +44,8 @@ impl Temporary {
     pub(super) fn create_in(directory: &Path) -> io::Result<(File, Self)> {
         let mut builder = tempfile::Builder::new();
         builder.prefix(".shellcal-");
-        // Temporary files are private by default; a result is as open as the umask allows. Elsewhere
-        // a new file has the permissions of its folder.
+        // Temporary files are private by default; a result is as open as the umask allows. On other systems a
+        // new file has the permissions of its folder.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
         if let Some(prepare) = lock(&BEFORE).take() {
@@ -71,7 +70,7 @@ impl Drop for Temporary {
         if let Some(path) = self.path.take() {
             let mut unfinished = lock(&UNFINISHED);
             unfinished.remove(&*path);
-            // Removed before a signal, which waits for the list, can end the program.
+            // Removed while the list is locked: a signal waits for the list before it ends the program.
             drop(path);
         }
     }

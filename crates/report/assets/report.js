@@ -1,9 +1,9 @@
 "use strict";
-// Draws the plots of a report from the numbers in its #data. Names that come from files reach the
+// Draws the plots of a report from the numbers in its #data. Names from files reach the
 // page as text only: textContent here, and `plain` for Plotly, which would read tags in them.
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
-  // Colours that tell apart for who sees few of them, on light and on dark; paper is light.
+  // Colours for colour-blind readers, on a light and on a dark page; paper is light.
   const night = window.matchMedia("(prefers-color-scheme: dark)");
   const LIGHT = { colours: ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b07c00", "#3a8fc2", "#000000"], pale: ["#9cc6e3", "#f3c29d"],
     ink: "#1c1c1c", paper: "#fff", grid: "#e4e4e4", zero: "#999", frame: "#222", partly: "#e6e6e6", wholly: "#fbe9ea" };
@@ -85,7 +85,7 @@
     return Plotly.newPlot(plot, clean, layout(rest), CONFIG);
   }
 
-  // Columns by name as a file of CSV.
+  // Writes named columns as a CSV file.
   function save(name, table) {
     const field = (value) => {
       const text = value === null || value === undefined ? "" : String(value);
@@ -103,7 +103,7 @@
   }
   const titled = (name, unit) => (unit ? `${name} (${unit})` : name);
 
-  // Means and their intervals, one above the other.
+  // Means with their intervals, stacked vertically.
   function effect(id, { quantity, unit, reference, conditions }) {
     const traces = conditions.map((c, at) => {
       const colour = COLOURS[at % COLOURS.length];
@@ -208,7 +208,7 @@
   data.effects.forEach((plot, at) => drawn.push(effect(`effect-${at}`, plot)));
   data.boxes.forEach((plot, at) => drawn.push(box(`box-${at}`, plot)));
   data.phases.forEach((plot, at) => drawn.push(phase(`phase-${at}`, plot)));
-  // Trials are drawn when they are opened: there may be many.
+  // Draw trials only when they are opened, as there may be many.
   const done = new Set();
   function open(details) {
     const at = Number(details.dataset.trial);
@@ -226,7 +226,7 @@
     const shown = event.target.dataset.all;
     if (shown) trials.forEach((details) => { details.open = shown === "open"; });
   });
-  // Plots keep the colours that they were drawn in, until the page is loaded again; paper is light.
+  // Plots keep their colours until the page is reloaded; paper is light.
   const repaint = ({ paper, ink }) => document.querySelectorAll(".js-plotly-plot").forEach((plot) =>
     Plotly.relayout(plot, { paper_bgcolor: paper, plot_bgcolor: paper, "font.color": ink }));
   night.addEventListener("change", () => location.reload());

@@ -1,9 +1,9 @@
-//! Reports as HTML: of a batch of trials, with its tables, its figures to zoom into, and what it takes to make
-//! it again; and of a calibration.
+//! HTML reports: of a batch of trials, with tables, zoomable figures and the command that reproduces it; and
+//! of a calibration.
 //!
-//! A file needs no network: style, program and plotting library (plotly.js, MIT) are in it, and a
-//! content security policy forbids everything else. Whatever comes from files (names, conditions,
-//! notes, messages) is text: escaped in HTML (`markup`), `<` written `\u003c` in the numbers' JSON.
+//! A file needs no network: it contains the style, the script and the plotting library (plotly.js, MIT), and
+//! a content security policy forbids everything else. All text from files (names, conditions, notes,
+//! messages) is escaped in HTML (`markup`); in the JSON of the numbers, `<` becomes `\u003c`.
 
 mod markup;
 mod numbers;
@@ -25,75 +25,71 @@ const SCRIPT: &str = include_str!("../assets/report.js");
 const PLOTLY: &[u8] = include_bytes!("../assets/plotly-cartesian.min.js.zst");
 const PLOTLY_LICENCE: &str = include_str!("../assets/plotly-LICENSE.txt");
 
-/// Traces of so many trials are drawn at most: a report is to stay readable, and below 10 MB.
+/// The maximum number of traces: a report should stay readable, and below 10 MB.
 const MOST_TRACES: usize = 100;
 
-/// What a report says. Times are in s on each log's clock, all else in SI units.
+/// The content of a report. Times are in s on each log's clock, all else in SI units.
 #[derive(Clone, Debug)]
 pub struct Report<'a> {
-    /// What it is about, and where it comes from.
     pub heading: Heading<'a>,
-    /// The results, in the manifest's order, with a thinned trace of the log where one is to be drawn.
+    /// The results, in the manifest's order, with a thinned trace of each log that is to be plotted.
     pub trials: &'a [TrialResult],
-    /// Trials that could not be evaluated: file, and why.
+    /// Trials that could not be evaluated: file and reason.
     pub failed: &'a [(String, String)],
-    /// The statistics by condition, in the order in which conditions are to be shown.
+    /// The statistics by condition, in display order.
     pub conditions: &'a [ConditionRow],
     /// Drag and lift over a stride, by condition.
     pub phases: &'a [(String, PhaseProfile)],
-    /// How trials were evaluated: name and value.
+    /// The settings of the evaluation: name and value.
     pub settings: &'a [(String, String)],
-    /// The name and the content of the file that converted the readings; `None` for logs without sensors.
+    /// The name and the content of the calibration file; `None` for logs without sensors.
     pub calibration: Option<(&'a str, &'a CalibrationFile)>,
-    /// Length of the robot, m, if known: for the shading of entering and leaving.
+    /// Length of the robot, m, if known; used to shade entry and exit.
     pub robot_length_m: Option<f64>,
-    /// Length of the channel, m.
     pub channel_length_m: f64,
-    /// What went in.
+    /// The input files.
     pub inputs: &'a [Input],
-    /// Rows in the windows with a reading that cannot be trusted; `None` without forces.
+    /// Rows in the windows with an unreliable reading; `None` without forces.
     pub doubtful: Option<OutlierTable>,
-    /// Warnings that are not of one trial.
+    /// Warnings that do not belong to a single trial.
     pub warnings: &'a [String],
 }
 
-/// A file that went in.
+/// An input file.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Input {
-    /// What it was used as: "log", "manifest", "calibration", "profile".
+    /// Its role: "log", "manifest", "calibration", "profile".
     pub role: String,
-    /// The file as it was named.
+    /// The path as it was given.
     pub path: String,
-    /// Its size.
     pub bytes: u64,
-    /// As `log_file::checksum` gives it.
+    /// The checksum from `log_file::checksum`.
     pub checksum: String,
 }
 
-/// Rows that are not to be trusted.
+/// Unreliable rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OutlierTable {
-    /// As many of them as are shown.
+    /// The rows shown.
     pub rows: Vec<OutlierRow>,
-    /// All of them.
+    /// Number of all rows.
     pub count: usize,
-    /// Whether they were left out.
+    /// True if they were omitted from the evaluation.
     pub left_out: bool,
 }
 
-/// A row that is not to be trusted.
+/// An unreliable row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutlierRow {
-    /// Its log.
     pub file: String,
-    /// Its line, or row of a table.
+    /// The line, or the row of a table.
     pub line: u64,
-    /// What is wrong with it.
+    /// The problem.
     pub what: String,
 }
 
 impl OutlierTable {
-    /// A sentence about them, and a table of the rows.
+    /// A sentence about the rows, and a table of them.
     fn html(&self, sentence: &str, caption: &str) -> String {
         if self.count == 0 {
             return "<p>None was found.</p>\n".to_owned();
@@ -118,7 +114,7 @@ impl Report<'_> {
         self.conditions.iter().filter(is_wanted).collect()
     }
 
-    /// The condition that the others are compared with, if there is one.
+    /// The reference condition, if there is one.
     fn reference(&self) -> Option<&str> {
         self.conditions.iter().find_map(|row| Some(&*row.difference.as_ref()?.reference))
     }

@@ -1,4 +1,4 @@
-//! Pages, tables and figures as HTML, and numbers as people read them.
+//! HTML pages, tables and figures, and formatted numbers.
 
 use std::fmt::Write;
 
@@ -6,12 +6,12 @@ pub(super) use shell_data::escape::markup as escape;
 
 const STYLE: &str = include_str!("../assets/report.css");
 
-/// A number in four significant digits, with a true minus sign; a dash for none.
+/// Formats a number in four significant digits, with a true minus sign; a dash for none.
 pub(super) fn figure(value: impl Into<Option<f64>>) -> String {
     significant(value, 4)
 }
 
-/// As [`figure`], in as many digits.
+/// Like [`figure`], with the given number of digits.
 pub(super) fn significant(value: impl Into<Option<f64>>, digits: i32) -> String {
     let Some(value) = value.into().filter(|value| value.is_finite()) else {
         return "–".to_owned();
@@ -27,7 +27,6 @@ pub(super) fn significant(value: impl Into<Option<f64>>, digits: i32) -> String 
     text.replace('-', "\u{2212}")
 }
 
-/// A column of a table: its heading, the classes of its cells, and their texts.
 pub(super) struct Column {
     name: String,
     class: &'static str,
@@ -40,28 +39,28 @@ impl Column {
         Self { name: name.to_owned(), class, cells }
     }
 
-    /// Names.
+    /// A column of names.
     pub(super) fn text(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "text", cells)
     }
 
-    /// Texts that may be broken.
+    /// A column of texts that may wrap.
     pub(super) fn long(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "text long", cells)
     }
 
-    /// Numbers as they are to be read.
+    /// A column of formatted numbers.
     pub(super) fn numbers(name: &str, cells: impl IntoIterator<Item: ToString>) -> Self {
         Self::new(name, "", cells)
     }
 
-    /// Numbers in four significant digits.
+    /// A column of numbers in four significant digits.
     pub(super) fn figures(name: &str, values: impl IntoIterator<Item: Into<Option<f64>>>) -> Self {
         Self::numbers(name, values.into_iter().map(figure))
     }
 }
 
-/// A table in a box that scrolls on narrow screens, of columns of one length.
+/// A table of columns of equal length, in a box that scrolls on narrow screens.
 pub(super) fn table(caption: &str, columns: &[Column]) -> String {
     let caption = escape(caption);
     let rows = columns.first().map_or(0, |column| column.cells.len());
@@ -95,7 +94,7 @@ pub(super) fn facts_table<N: ToString>(caption: &str, facts: &[(N, String)]) -> 
     table(caption, &[Column::text("what", names), Column::long("value", values)])
 }
 
-/// The command line that makes a report again.
+/// The command line that reproduces a report.
 pub(super) fn reproduction(command: &str) -> String {
     format!("<pre><code>{}</code></pre>\n", escape(command))
 }
@@ -109,13 +108,12 @@ pub(super) fn plot_figure(id: &str, class: &str, alt: &str, caption: &str) -> St
     )
 }
 
-/// A finished picture, which is on white paper whatever the page is, and scrolls in a box of its own where it
-/// is wider than the page.
+/// A finished picture. It has a white background on any page, and a scroll box if it is wider than the page.
 pub(super) fn drawing(id: &str, svg: &str, alt: &str, caption: &str) -> String {
     let (alt, caption) = (escape(alt), escape(caption));
-    // The root element of the document carries what it shows; an XML declaration has no place in HTML.
+    // The root element gets the alternative text; HTML does not allow an XML declaration.
     let svg = svg.find("<svg").map_or(svg, |start| &svg[start..]);
-    // Several drawings in one page have names of their own for what they clip by.
+    // Make the names of clip paths unique, as one page may have several drawings.
     let svg = svg.replace("id=\"clip", &format!("id=\"{id}-clip"));
     let svg = svg.replace("url(#clip", &format!("url(#{id}-clip"));
     let svg = svg.replacen("<svg", &format!("<svg role=\"img\" aria-label=\"{alt}\""), 1);
@@ -125,7 +123,7 @@ pub(super) fn drawing(id: &str, svg: &str, alt: &str, caption: &str) -> String {
     )
 }
 
-/// What only some readers want, behind its title.
+/// A collapsed section with a title, for details.
 pub(super) fn folded(title: &str, content: &str) -> String {
     format!("<details>\n<summary>{}</summary>\n{content}</details>\n", escape(title))
 }
@@ -135,32 +133,31 @@ pub(super) fn capital(text: &str) -> String {
     letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
 }
 
-/// What a report is about, and where it comes from.
+/// The title and the origin of a report.
 #[derive(Clone, Copy, Debug)]
 pub struct Heading<'a> {
-    /// What it is about.
     pub title: &'a str,
     /// Program and version.
     pub made_by: &'a str,
-    /// When, in UTC, RFC 3339.
+    /// Date and time, UTC, RFC 3339.
     pub date: &'a str,
-    /// The command line that makes it again.
+    /// The command line that reproduces the report.
     pub command: &'a str,
 }
 
 impl Heading<'_> {
-    /// Who made it, and when.
+    /// Program and date.
     pub(super) fn made(&self) -> String {
         format!("{}, {}.", self.made_by, self.date)
     }
 }
 
-/// A part of a report with a heading of its own: its anchor, its heading, and HTML, which is empty for a section
-/// that is left out.
+/// A section of a report: its anchor, its heading, and HTML, which is empty for an omitted section.
 pub(super) type PageSection = (&'static str, &'static str, String);
 
-/// The content of a file with `subtitle`, a text, below its title. `script` are elements, and what is said where
-/// they do not run. The file needs no network, and a content security policy forbids everything that is not in it.
+/// The content of a file with the text `subtitle` below its title. `script` contains the script elements and
+/// a fallback for pages without scripts. The file needs no network, and a content security policy forbids
+/// everything that it does not contain.
 pub(super) fn page(
     heading: Heading<'_>,
     subtitle: &str,

@@ -1,7 +1,7 @@
-//! The numbers behind a report's interactive plots, as `report.js` takes them.
+//! The numbers behind a report's interactive plots, as `report.js` expects them.
 //!
-//! Traces are shown frame by frame ([`Trace::thinned`]), some 60 kB a trial. Numbers have five digits:
-//! more than a screen shows.
+//! Traces are plotted frame by frame ([`Trace::thinned`]), at some 60 kB per trial. Numbers have five digits,
+//! more than a screen can show.
 
 use std::f64::consts::TAU;
 
@@ -15,15 +15,15 @@ use trial::{ConditionRow, Per, PhaseForce, PhaseProfile, Quantity, Trace, TrialR
 
 /// The plots of a report.
 pub(super) struct Plots {
-    /// One at most.
+    /// At most one.
     pub(super) effects: Vec<Plot>,
     pub(super) boxes: Vec<Plot>,
     pub(super) phases: Vec<Plot>,
-    /// The numbers of each trial, `null` where there is no trace.
+    /// The numbers of each trial, `null` without a trace.
     pub(super) trials: Vec<Value>,
 }
 
-/// A plot: its numbers, what it shows in words, and its caption.
+/// A plot: its numbers, its alternative text and its caption.
 pub(super) struct Plot {
     numbers: Value,
     pub(super) alt: String,
@@ -54,7 +54,6 @@ impl Plots {
         }
     }
 
-    /// The numbers of all plots, as JSON.
     pub(super) fn json(&self) -> String {
         let [effects, boxes, phases] = [&self.effects, &self.boxes, &self.phases]
             .map(|plots| plots.iter().map(|plot| &plot.numbers).collect::<Vec<_>>());
@@ -64,8 +63,8 @@ impl Plots {
     }
 }
 
-/// Means with their intervals, of the conditions or of how they differ from the reference: of drag energy or, without
-/// it, of the first quantity that there is.
+/// Means with confidence intervals, of the conditions or of their differences from the reference. The
+/// quantity is drag energy or, without it, the first one available.
 fn effect(report: &Report<'_>) -> Option<Plot> {
     let mut found = Quantity::COMPARED.into_iter().map(|of| (of, report.of(of, Per::Trial)));
     let (quantity, rows) = found.find(|(_, rows)| !rows.is_empty())?;
@@ -145,7 +144,7 @@ fn boxes(report: &Report<'_>) -> Vec<Plot> {
     plots.filter_map(plot).collect()
 }
 
-/// The values behind a box, and what each is of.
+/// The values behind a box, and the label of each.
 fn values<'a>(
     trials: &'a [TrialResult],
     condition: &str,
@@ -212,7 +211,7 @@ fn of_trial(trace: &Trace, passage: &Passage) -> Value {
     let [fx, fy, fz, ..] = &trace.wrench;
     json!({
         "t_s": at(&trace.t_s, same),
-        // Fx is the drag turned round, and Fz the lift.
+        // Drag is −Fx, and lift is Fz.
         "drag_n": at(fx, negated),
         "lift_n": at(fz, same),
         "drag_stride_n": stride_mean(fx, negated),
@@ -222,7 +221,7 @@ fn of_trial(trace: &Trace, passage: &Passage) -> Value {
         "left_leg_rad": at(&trace.left_leg_rad, within_a_turn),
         "right_power_w": at(&trace.right_power_w, same),
         "left_power_w": at(&trace.left_power_w, same),
-        // Of both motors together, where the log has no more.
+        // The power of both motors together, if the log has no separate columns.
         "power_w": at(&trace.power_w, same),
         "partly": passage.partly_s,
         "wholly": passage.wholly_s,

@@ -1,20 +1,20 @@
-//! Columns in the unit that suits them, and estimates with their intervals.
+//! Columns with suitable unit prefixes, and estimates with their intervals.
 
 use super::markup::{Column, significant};
 use shell_data::wrench::{Axes, Axis};
 use trial::{ConditionRow, Interval};
 
-/// The unit of a column: a prefix is chosen for all of its values together.
+/// The unit of a column: one prefix for all of its values.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ColumnUnit {
-    /// What values in the SI unit are multiplied with.
+    /// The factor on values in the SI unit.
     pub(super) factor: f64,
     /// The unit with its prefix, empty for pure numbers.
     pub(super) unit: String,
 }
 
 impl ColumnUnit {
-    /// The scale on which the largest of some values has one to three digits before the point.
+    /// The unit in which the largest of the values has one to three digits before the decimal point.
     pub(super) fn new(unit: &str, values: impl IntoIterator<Item = f64>) -> Self {
         let finite = values.into_iter().filter(|value| value.is_finite());
         let largest = finite.fold(0.0, |largest: f64, value| largest.max(value.abs()));
@@ -36,8 +36,8 @@ impl ColumnUnit {
         }
     }
 
-    /// A value and its interval, `12.3 ± 0.4`, or `12.3 +0.5 −0.3` where the sides differ; the interval in
-    /// two digits, the value in as many decimals.
+    /// A value and its interval, `12.3 ± 0.4`, or `12.3 +0.5 −0.3` if the sides differ. The interval has two
+    /// digits, and the value the same number of decimals.
     pub(super) fn estimate(&self, value: Option<f64>, interval: Option<Interval>) -> String {
         let value = value.map(|value| value * self.factor);
         let Some((value, interval)) = value.zip(interval) else { return significant(value, 3) };
@@ -55,12 +55,11 @@ impl ColumnUnit {
         }
     }
 
-    /// The mean of a condition.
     pub(super) fn mean(&self, row: &ConditionRow) -> String {
         self.estimate(Some(row.statistics.mean), row.statistics.mean_95)
     }
 
-    /// How a condition differs from the reference.
+    /// The difference of a condition from the reference.
     pub(super) fn difference(&self, row: &ConditionRow) -> String {
         let difference = row.difference.as_ref();
         self.estimate(difference.map(|d| d.mean), difference.and_then(|d| d.mean_95))
@@ -78,7 +77,7 @@ impl ColumnUnit {
 }
 
 impl Column {
-    /// Values in the unit that suits them.
+    /// A column of values in the unit that suits them.
     pub(super) fn measured(
         name: &str,
         unit: &str,
@@ -89,11 +88,11 @@ impl Column {
     }
 }
 
-/// The unit of forces and that of moments.
+/// The units of forces and of moments.
 pub(super) struct AxisUnits([ColumnUnit; 2]);
 
 impl AxisUnits {
-    /// Those that suit some figures of each axis.
+    /// The units that suit these values of each axis.
     pub(super) fn new(figures: impl Fn(Axis) -> Vec<f64>) -> Self {
         Self([&Axis::ALL[..3], &Axis::ALL[3..]].map(|axes| {
             ColumnUnit::new(axes[0].unit(), axes.iter().flat_map(|&axis| figures(axis)))
@@ -104,7 +103,7 @@ impl AxisUnits {
         &self.0[axis.index() / 3]
     }
 
-    /// A value of each axis, one below the other.
+    /// A column with one value per axis.
     pub(super) fn column(
         &self,
         name: &str,
@@ -114,13 +113,13 @@ impl AxisUnits {
         Column::numbers(name, axes.iter().map(|axis| self.of(axis).value(value(axis))))
     }
 
-    /// The unit of each axis.
+    /// A column with the unit of each axis.
     pub(super) fn units(&self, axes: Axes) -> Column {
         Column::text("unit", axes.iter().map(|axis| &self.of(axis).unit))
     }
 }
 
-/// The names of some axes, one below the other.
+/// A column of axis names.
 pub(super) fn axis_names(axes: Axes) -> Column {
     Column::text("axis", axes.iter().map(Axis::name))
 }

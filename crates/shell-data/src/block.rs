@@ -1,80 +1,80 @@
 //! A run of consecutive log rows, column by column, in SI units.
 //!
-//! Logs are read and worked on in blocks, so that memory does not grow with the length of a file
-//! and the inner loops run down contiguous columns.
+//! Logs are read and processed in blocks, so that memory does not grow with the length of a file and the
+//! inner loops run down contiguous columns.
 
-/// Frames that belong together, such as those of a load that was held: all from one to another.
+/// A range of consecutive frames with one label, such as the frames of a load that was held.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FrameLabel {
-    /// The index of the first.
+    /// The index of the first frame.
     pub from: i64,
-    /// That of the last.
+    /// The index of the last frame.
     pub until: i64,
     /// The label of the group.
     pub group: String,
 }
 
-/// The lines of a log that the rows of a block are on.
+/// The line numbers of a block's rows in the log.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RowLines {
-    /// The number of the first line of the block.
+    /// The line number of the block's first row.
     pub first: u64,
-    /// Lines that are no rows: how many there are before which row, by row.
+    /// Skipped lines: the row that they precede, and their number, in row order.
     pub passed: Vec<(usize, u64)>,
 }
 
 impl RowLines {
-    /// The number of a row's line.
+    /// Returns the line number of a row.
     pub fn line(&self, row: usize) -> u64 {
         let before = self.passed.iter().take_while(|(next, _)| *next <= row);
         self.first + row as u64 + before.map(|(_, lines)| lines).sum::<u64>()
     }
 }
 
-/// A run of consecutive rows of a log. Columns that were not asked for are empty.
+/// A run of consecutive rows of a log. Columns that were not requested are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Block {
     /// Number of rows.
     pub rows: usize,
-    /// Where its text starts in the log, in bytes: no two blocks of a log have the same.
+    /// Position of the block's text in the log, in bytes; unique within a log.
     pub offset: u64,
-    /// The lines that its rows are on, as it was read.
+    /// Line numbers of the rows as they were read.
     pub lines: RowLines,
     /// Time in s.
     pub time_s: Vec<f64>,
-    /// Readings in counts, one column per channel; the last [`memory_columns`](Self::memory_columns) are terms that a
-    /// calibration adds to them.
+    /// Readings in counts, one column per channel, followed by [`memory_columns`](Self::memory_columns)
+    /// columns of terms that a calibration adds.
     pub readings: Vec<Vec<f64>>,
-    /// How many columns follow those of the channels.
+    /// Number of columns after the channels.
     pub memory_columns: usize,
-    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; those of axes that the
-    /// log has not are zero.
+    /// Wrench in N and N·m, six columns in the order of [`crate::wrench::Axis::ALL`]; axes that the log lacks
+    /// are zero.
     pub wrench: Vec<Vec<f64>>,
     /// Group labels, run-length encoded: label and number of rows, in row order.
     pub groups: Vec<(String, usize)>,
-    /// How much each row counts in a sum of squares; empty where all count the same, as in every log.
+    /// Weight of each row in a sum of squares; empty if all rows have equal weight, as in every log.
     pub weights: Vec<f64>,
-    /// Further columns that were asked for by position, as they stand in the log.
+    /// Additional columns requested by position, unconverted.
     pub others: Vec<Vec<f64>>,
-    /// Columns of text that were asked for by position, run-length encoded as the groups are.
+    /// Text columns requested by position, run-length encoded like the groups.
     pub texts: Vec<Vec<(String, usize)>>,
-    /// The readings of the row just before this block, `None` at the start of a log.
+    /// Readings of the row just before this block, `None` at the start of a log.
     pub readings_before: Option<Vec<f64>>,
 }
 
 impl Block {
-    /// The readings as they were recorded.
+    /// Returns the readings as recorded, without memory columns.
     pub fn channels(&self) -> &[Vec<f64>] {
         &self.readings[..self.readings.len() - self.memory_columns]
     }
 
-    /// Leaves the readings as they were recorded.
+    /// Removes the memory columns.
     pub fn drop_memory(&mut self) {
         self.readings.truncate(self.readings.len() - self.memory_columns);
         self.memory_columns = 0;
     }
 
-    /// Adds the rows that follow, column by column.
+    /// Appends the rows of the next block, column by column.
     pub fn join(&mut self, next: Self) {
         fn join<T>(columns: &mut Vec<Vec<T>>, next: Vec<Vec<T>>) {
             columns.resize_with(next.len(), Vec::new);
@@ -89,21 +89,20 @@ impl Block {
         join(&mut self.texts, next.texts);
     }
 
-    /// For every row, whether its readings differ from those of the row before it.
+    /// Returns for each row whether its readings differ from those of the previous row.
     ///
-    /// A repeat in a log that runs faster than its sensor is not a new frame. The first row of a
-    /// log is always fresh.
+    /// A log that runs faster than its sensor repeats frames. The first row of a log is always fresh.
     pub fn fresh_rows(&self) -> Vec<bool> {
         let channels = self.channels();
         let firsts = channels.iter().filter_map(|column| column.first());
         let is_new = |before: &Vec<f64>| !firsts.eq(before);
         let first = self.readings_before.as_ref().is_none_or(is_new);
-        // Nearly every row of a sensor that runs as fast as its log differs in the first channel.
+        // The comparison usually stops at the first channel, unless the log runs faster than the sensor.
         let differs = |row: usize| channels.iter().any(|column| column[row] != column[row - 1]);
         (0..self.rows).map(|row| if row == 0 { first } else { differs(row) }).collect()
     }
 
-    /// The number of rows that are not fresh, see [`Block::fresh_rows`]; 0 without readings.
+    /// Counts the rows that are not fresh, see [`Block::fresh_rows`]; 0 without readings.
     pub fn repeated_rows(&self) -> usize {
         match self.readings.is_empty() {
             true => 0,
@@ -111,10 +110,10 @@ impl Block {
         }
     }
 
-    /// The rows for which `keep` is true, in every column.
+    /// Returns the rows for which `keep` is true, in every column.
     ///
     /// # Panics
-    /// If there is not one flag per row.
+    /// If the number of flags differs from the number of rows.
     #[must_use]
     pub fn kept(&self, keep: &[bool]) -> Self {
         assert_eq!(keep.len(), self.rows, "one flag per row");
@@ -142,7 +141,7 @@ impl Block {
     }
 }
 
-/// The runs of the rows for which `keep` is true.
+/// Returns the runs of the rows for which `keep` is true.
 pub(crate) fn kept_runs(runs: &[(String, usize)], keep: &[bool]) -> Vec<(String, usize)> {
     let mut rest = keep;
     let kept = runs.iter().map(|(label, rows)| {

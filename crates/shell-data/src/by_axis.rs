@@ -1,8 +1,8 @@
 //! Values per axis in JSON documents. A document holds the calibrated [`Axes`] only.
 //!
-//! serde writes a field so by `#[serde(with = "by_axis")]`, a matrix by `by_axis::matrix`, and what may be missing
-//! by `by_axis::option`. A document names its axes once, for all of its fields, and serde has no way to hand them
-//! on: [`among`] tells them for as long as the document is read or written.
+//! Use `#[serde(with = "by_axis")]` for a field, `by_axis::matrix` for a matrix and `by_axis::option` for an
+//! optional field. A document names its axes once for all of its fields, and serde cannot pass them on to the
+//! fields: [`among`] sets them while the document is read or written.
 
 use std::cell::Cell;
 
@@ -15,13 +15,14 @@ thread_local! {
     static AXES: Cell<Axes> = const { Cell::new(Axes::ALL) };
 }
 
-/// Reads or writes a document of these axes on this thread. Outside of it a document has all six axes.
+/// Runs `act`, which reads or writes a document with these axes on this thread. By default a document has all
+/// six axes.
 pub fn among<T>(axes: Axes, act: impl FnOnce() -> T) -> T {
     let _outside = Outside(AXES.replace(axes));
     act()
 }
 
-/// The axes outside of a document, which are restored also when reading or writing it panics.
+/// The previous axes, which are restored even if reading or writing panics.
 struct Outside(Axes);
 
 impl Drop for Outside {
@@ -30,12 +31,12 @@ impl Drop for Outside {
     }
 }
 
-/// The axes of the document that this thread reads or writes.
+/// Returns the axes of the document that this thread reads or writes.
 pub fn axes() -> Axes {
     AXES.get()
 }
 
-/// By the names of their columns.
+/// Serializes the axes as the names of their columns.
 impl Serialize for Axes {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         self.columns().serialize(serializer)
@@ -58,7 +59,7 @@ impl<'de> Deserialize<'de> for Axes {
     }
 }
 
-/// A value that is serialized for these axes only.
+/// A value that is serialized for the given axes only.
 #[derive(Clone, Copy, Debug)]
 pub struct Among<T>(pub Axes, pub T);
 
@@ -68,7 +69,7 @@ impl<T: Serialize> Serialize for Among<T> {
     }
 }
 
-/// One value per axis; axes that the document lacks have the default.
+/// One value per axis; axes that the document lacks have the default value.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Row<T>(pub PerAxis<T>);
 
@@ -87,10 +88,10 @@ impl<'de, T: Deserialize<'de> + Clone + Default> Deserialize<'de> for Row<T> {
     }
 }
 
-/// Writes one value for each axis.
+/// Serializes one value per axis.
 ///
 /// # Errors
-/// Those of the serializer.
+/// Errors of the serializer.
 pub fn serialize<T: Serialize, S: Serializer>(
     values: &PerAxis<T>,
     serializer: S,
@@ -98,10 +99,10 @@ pub fn serialize<T: Serialize, S: Serializer>(
     Row(values.each_ref()).serialize(serializer)
 }
 
-/// Reads one value for each axis.
+/// Deserializes one value per axis.
 ///
 /// # Errors
-/// Those of the deserializer, or the number of values is not the number of axes.
+/// Errors of the deserializer, and a number of values that differs from the number of axes.
 pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
     deserializer: D,
 ) -> Result<PerAxis<T>, D::Error> {
@@ -112,7 +113,7 @@ pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'
 pub mod matrix {
     use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
 
-    /// Writes it.
+    /// Serializes the matrix.
     pub fn serialize<S: Serializer>(
         rows: &PerAxis<PerAxis<f64>>,
         serializer: S,
@@ -120,7 +121,7 @@ pub mod matrix {
         Row(rows.map(Row)).serialize(serializer)
     }
 
-    /// Reads it.
+    /// Deserializes the matrix.
     pub fn deserialize<'de, D: Deserializer<'de>>(
         deserializer: D,
     ) -> Result<PerAxis<PerAxis<f64>>, D::Error> {
@@ -128,11 +129,11 @@ pub mod matrix {
     }
 }
 
-/// One value for each axis, or nothing.
+/// One value per axis, or `None`.
 pub mod option {
     use super::{Deserialize, Deserializer, PerAxis, Row, Serialize, Serializer};
 
-    /// Writes it.
+    /// Serializes the values.
     pub fn serialize<T: Serialize, S: Serializer>(
         values: &Option<PerAxis<T>>,
         serializer: S,
@@ -140,7 +141,7 @@ pub mod option {
         values.as_ref().map(|values| Row(values.each_ref())).serialize(serializer)
     }
 
-    /// Reads it.
+    /// Deserializes the values.
     pub fn deserialize<'de, T: Deserialize<'de> + Clone + Default, D: Deserializer<'de>>(
         deserializer: D,
     ) -> Result<Option<PerAxis<T>>, D::Error> {
@@ -162,7 +163,7 @@ mod tests {
         assert_eq!(read(&text).unwrap(), Row([0, 0, 3, 4, 0, 0]));
         assert!(read("[3]").unwrap_err().to_string().starts_with("`1` values for `2` axes"));
         assert_eq!(serde_json::to_string(&axes).unwrap(), "[\"fz_n\",\"mx_nm\"]");
-        // Outside of it there are all six, also after a panic.
+        // Outside of `among` a document has all six axes, even after a panic.
         std::panic::catch_unwind(|| among(axes, || panic!("within"))).unwrap_err();
         assert_eq!(serde_json::to_string(&row).unwrap(), "[1,2,3,4,5,6]");
     }

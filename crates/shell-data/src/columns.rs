@@ -1,15 +1,15 @@
-//! Which columns of a log are what, by their names.
+//! The columns of a log, by name.
 
 use crate::by_axis;
 use crate::wrench::{MomentUnit, PerAxis};
 
-/// The columns that a user specified of a log, by their names.
+/// The column names that a user specified for a log.
 #[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ColumnNames {
     /// The sensor columns, in channel order.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensors: Option<Vec<String>>,
-    /// The wrench columns, of the axes that there are.
+    /// The wrench columns, for the axes that the log has.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "by_axis::option")]
     pub wrench: Option<PerAxis<Option<String>>>,
     /// The unit of the moment columns.
@@ -21,16 +21,16 @@ pub struct ColumnNames {
     /// The unit of the time column.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub time_unit: Option<TimeUnit>,
-    /// The column of groups.
+    /// The group column.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub group: Option<String>,
-    /// Units that the log does not say: of an axis, of `force`, `moment` or `time`, or of a column.
+    /// Units that the log does not state, by name: an axis, `force`, `moment`, `time`, or a column.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub units: Vec<(String, String)>,
 }
 
 impl ColumnNames {
-    /// Whether there is nothing.
+    /// Returns true if no column is specified.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
@@ -54,16 +54,16 @@ pub enum TimeUnit {
 }
 
 impl TimeUnit {
-    /// All of them.
+    /// All units.
     pub const ALL: [Self; 4] =
         [Self::Second, Self::Millisecond, Self::Microsecond, Self::Nanosecond];
 
-    /// How many of this unit make a second.
+    /// Returns the number of these units in a second.
     pub const fn per_second(self) -> f64 {
         [1.0, 1e3, 1e6, 1e9][self as usize]
     }
 
-    /// The symbol of the unit.
+    /// Returns the symbol of the unit.
     pub const fn symbol(self) -> &'static str {
         ["s", "ms", "µs", "ns"][self as usize]
     }

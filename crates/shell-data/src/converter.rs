@@ -1,22 +1,22 @@
-//! The range of an analogue-to-digital converter: one rule for which readings are saturated.
+//! The range of an analogue-to-digital converter, which defines when a reading is saturated.
 
-/// The ends of what a converter can give, in counts.
+/// The range of a converter, in counts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Converter {
-    /// The lowest reading: 0, or half the range below 0.
+    /// The lowest reading: 0, or minus half the range for a signed converter.
     pub low: f64,
     /// The highest reading.
     pub high: f64,
 }
 
 impl Converter {
-    /// A converter from 0 to the highest reading.
+    /// Makes a converter with readings from 0 to `high`.
     pub const fn new(high: f64) -> Self {
         Self { low: 0.0, high }
     }
 
-    /// The smallest usual converter, of 12, 16, 24 or 32 bits, that gives readings from `min` to `max`: a signed one if some
-    /// are negative. `None` for fractions such as volts, which have no such ends.
+    /// Returns the smallest usual converter (12, 16, 24 or 32 bits) whose range contains `min` to `max`; it
+    /// is signed if `min` is negative. `None` for fractions such as volts, whose range is unknown.
     pub fn of_extremes(min: f64, max: f64) -> Option<Self> {
         let is_whole = |value: f64| value.fract() == 0.0;
         let is_large = max.abs().max(min.abs()) > LARGEST_VOLTAGE;
@@ -33,15 +33,15 @@ impl Converter {
         converters.into_iter().find(|of| of.low <= min && max <= of.high)
     }
 
-    /// Whether a reading equals an end of the range. Negative readings come from a signed converter, so they are no end of a
-    /// range from 0.
+    /// Returns true if a reading is at an end of the range, or NaN. A negative reading comes from a signed
+    /// converter, so it is not at the end of a range from 0.
     pub fn is_at_end(self, reading: f64) -> bool {
         let is_low = if self.low < 0.0 { reading <= self.low } else { reading == 0.0 };
         is_low || reading >= self.high || reading.is_nan()
     }
 }
 
-/// Readings that may be volts are no larger.
+/// The largest reading that may be in volts.
 const LARGEST_VOLTAGE: f64 = 50.0;
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
-//! All rows of some logs, or of arrays, in memory.
+//! All rows of one or more logs, or of arrays, in memory.
 //!
-//! Rows stay in the blocks that they were read in, so that they are copied once and that results which
-//! depend on where blocks begin are the same wherever rows come from. Blocks are shared by what is made of a data
-//! set: to leave rows out copies those blocks only that have some of them.
+//! Rows stay in the blocks that they were read in. They are copied only once, and results that depend on the
+//! block boundaries do not depend on the source of the rows. Data sets derived from a data set share its
+//! blocks: leaving out rows copies only the blocks that contain them.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -13,66 +13,65 @@ use crate::block::{Block, RowLines, kept_runs};
 use crate::fingerprint::Fingerprint;
 use crate::wrench::Axes;
 
-/// Rows of arrays in a block.
+/// Number of rows per block of arrays.
 pub const BLOCK_ROWS: usize = 4096;
 
-/// Rows of a sample, and the parts of a recording that it is of.
+/// Number of rows in a sample, and number of parts of the recording that it is taken from.
 const SAMPLE_ROWS: usize = 1024;
 const SAMPLE_PARTS: usize = 16;
 
-/// Labels and the number of rows that have each, in row order.
+/// Labels in row order, each with the number of its rows.
 pub type LabelRuns = Vec<(String, usize)>;
 
-/// A summary of a whole log.
+/// A summary of reading a whole log.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ReadSummary {
-    /// Rows that were read.
+    /// Number of rows read.
     pub rows: u64,
-    /// Those among them whose readings equal those of the row before; 0 if readings were not
-    /// wanted.
+    /// Number of rows whose readings equal those of the previous row; 0 if readings were not requested.
     pub repeated_rows: u64,
-    /// Rows that were wrong and left out, and a last one that is cut off.
+    /// Number of invalid rows that were left out, including an incomplete last row.
     pub skipped_rows: u64,
-    /// The checksum of the file on disk, if asked for.
+    /// The checksum of the file on disk, if requested.
     pub checksum: Option<String>,
 }
 
-/// Rows of readings and wrench in memory, log by log.
+/// Rows of readings and wrench in memory, by log.
 #[derive(Clone, Debug, Default)]
 pub struct Dataset {
-    /// The logs, in the order in which they were given.
+    /// The logs, in the order given.
     pub logs: Vec<LogRows>,
 }
 
 /// The rows of one log.
 #[derive(Clone, Debug, Default)]
 pub struct LogRows {
-    /// What messages call it: as a rule its path.
+    /// The name of the log in messages, usually its path.
     pub name: PathBuf,
-    /// Axes of the wrench that it has; the others are zero.
+    /// Axes of the wrench in the log; the others are zero.
     pub axes: Axes,
     /// Number of channels.
     pub channels: usize,
-    /// Whether rows have labels of groups.
+    /// True if rows have group labels.
     pub has_groups: bool,
-    /// Whether the sample is of the first rows only.
+    /// True if the sample contains only rows from the start of the log.
     pub is_sampled_at_start: bool,
-    /// A few rows from all over the log.
+    /// A few rows from all parts of the log.
     pub sample: Block,
-    /// What was read.
+    /// The summary of reading the log.
     pub summary: ReadSummary,
-    /// The lines that the rows of each block are on, by the offset of the block.
+    /// Line numbers of the rows, by the offset of their block.
     pub lines: HashMap<u64, RowLines>,
     /// The rows.
     pub blocks: Vec<LabelledBlock>,
 }
 
-/// A block of rows with their labels, which may be others than it was read with.
+/// A block of rows with their labels, which may differ from the labels in the log.
 #[derive(Clone, Debug, Default)]
 pub struct LabelledBlock {
-    /// The rows; its own labels are not used.
+    /// The rows; their own labels are ignored.
     pub rows: Arc<Block>,
-    /// Labels of groups.
+    /// The group labels.
     pub labels: Arc<LabelRuns>,
 }
 
@@ -83,7 +82,7 @@ impl From<Block> for LabelledBlock {
     }
 }
 
-/// Rows by log, block and row of the block as it was read.
+/// A set of rows, each given by its log, its block's offset and its index in the block as read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RowSet(HashMap<(usize, u64), Vec<usize>>);
 
@@ -98,27 +97,27 @@ impl FromIterator<(usize, u64, usize)> for RowSet {
 }
 
 impl RowSet {
-    /// Whether there are none.
+    /// Returns true if the set is empty.
     pub fn is_empty(&self) -> bool {
         self.0.is_empty()
     }
 
-    /// Whether a row is among them.
+    /// Returns true if the set contains a row.
     pub fn contains(&self, log: usize, offset: u64, row: usize) -> bool {
         self.0.get(&(log, offset)).is_some_and(|rows| rows.contains(&row))
     }
 }
 
 impl Dataset {
-    /// What tells the rows of all logs from others.
+    /// Returns the fingerprint of the rows of all logs.
     pub fn fingerprint(&self) -> Fingerprint {
         let mut fingerprint = Fingerprint::default();
         self.blocks().for_each(|(_, block)| fingerprint.merge(Fingerprint::new(&block.rows)));
         fingerprint
     }
 
-    /// The rows of arrays, in blocks of [`BLOCK_ROWS`] but for the last: readings, six columns of wrench and,
-    /// where there are any, labels and weights.
+    /// Makes a data set from blocks of arrays, each with [`BLOCK_ROWS`] rows except the last: readings, six
+    /// wrench columns, and optionally labels and weights.
     pub fn from_blocks(name: impl Into<PathBuf>, axes: Axes, mut blocks: Vec<Block>) -> Self {
         let mut start = 0;
         for block in &mut blocks {
@@ -139,30 +138,30 @@ impl Dataset {
         Self { logs: vec![log] }
     }
 
-    /// Number of channels of the first log.
+    /// Returns the number of channels of the first log.
     pub fn channels(&self) -> usize {
         self.logs.first().map_or(0, |log| log.channels)
     }
 
-    /// Number of memory terms that each channel has.
+    /// Returns the number of memory terms per channel.
     pub fn memory_terms(&self) -> usize {
         let columns = self.blocks().next().map_or(0, |(_, block)| block.rows.memory_columns);
         columns / self.channels().max(1)
     }
 
-    /// Number of rows.
+    /// Returns the number of rows.
     pub fn rows(&self) -> u64 {
         self.logs.iter().map(LogRows::rows).sum()
     }
 
-    /// The blocks, each with the number of its log.
+    /// Returns the blocks that have rows, each with the index of its log.
     pub fn blocks(&self) -> impl Iterator<Item = (usize, &LabelledBlock)> {
         let numbered = self.logs.iter().enumerate();
         let all = numbered.flat_map(|(at, log)| log.blocks.iter().map(move |block| (at, block)));
         all.filter(|(_, block)| block.rows.rows > 0)
     }
 
-    /// Moves the rows out: what is left says where they were read.
+    /// Moves the rows out. All else, such as the line numbers, stays in both.
     #[must_use]
     pub fn take_rows(&mut self) -> Self {
         let take = |log: &mut LogRows| {
@@ -172,12 +171,12 @@ impl Dataset {
         Self { logs: self.logs.iter_mut().map(take).collect() }
     }
 
-    /// Whether rows count more or less than one another.
+    /// Returns true if any rows have weights.
     pub fn has_weights(&self) -> bool {
         self.blocks().any(|(_, block)| !block.rows.weights.is_empty())
     }
 
-    /// The same with the readings of the channels alone.
+    /// Returns the data without memory columns.
     #[must_use]
     pub fn without_memory(&self) -> Self {
         let mut data = self.clone();
@@ -192,8 +191,8 @@ impl Dataset {
         data
     }
 
-    /// The rows that are used: if `fresh`, those whose readings differ from those of the row before, and none of
-    /// `excluded`.
+    /// Returns the rows that are not in `excluded` and, if `fresh`, whose readings differ from those of the
+    /// previous row.
     #[must_use]
     pub fn select(&self, fresh: bool, excluded: &RowSet) -> Self {
         if !fresh && excluded.is_empty() {
@@ -208,7 +207,7 @@ impl Dataset {
 }
 
 impl LogRows {
-    /// Number of rows.
+    /// Returns the number of rows.
     pub fn rows(&self) -> u64 {
         self.blocks.iter().map(|block| block.rows.rows as u64).sum()
     }
@@ -231,10 +230,10 @@ impl LabelledBlock {
         *self = self.kept(&keep);
     }
 
-    /// The rows for which `keep` is true.
+    /// Returns the rows for which `keep` is true.
     ///
     /// # Panics
-    /// As [`Block::kept`].
+    /// Like [`Block::kept`].
     #[must_use]
     pub fn kept(&self, keep: &[bool]) -> Self {
         let labels = Arc::new(kept_runs(&self.labels, keep));
@@ -242,7 +241,7 @@ impl LabelledBlock {
     }
 }
 
-/// Rows from all over some blocks; all, if they are few.
+/// Takes a sample of rows from all parts of some blocks; all rows, if they are few.
 pub fn sample<'a>(blocks: impl Iterator<Item = &'a Block> + Clone) -> Block {
     let rows: usize = blocks.clone().map(|block| block.rows).sum();
     let mut sample = Block::default();
@@ -267,7 +266,7 @@ pub fn sample<'a>(blocks: impl Iterator<Item = &'a Block> + Clone) -> Block {
 }
 
 impl Block {
-    /// Adds readings and wrench of some rows of another block.
+    /// Appends the readings and wrench of some rows of another block.
     pub fn append(&mut self, other: &Block, rows: Range<usize>) {
         let columns = [(&mut self.readings, &other.readings), (&mut self.wrench, &other.wrench)];
         for (to, from) in columns {
@@ -313,7 +312,7 @@ mod tests {
         assert!(Arc::ptr_eq(&first.rows, &all.logs[0].blocks[0].rows));
         assert_eq!(second.rows.readings[0][..4], [2048.0, 2048.0, 2049.0, 2050.0]);
         assert_eq!(second.labels[..], [("1".to_owned(), BLOCK_ROWS - 2)]);
-        // Every second row repeats the one before, across blocks, too.
+        // Every second row repeats the previous one, across block boundaries as well.
         assert_eq!(all.select(true, &RowSet::default()).rows(), 5_000);
     }
 

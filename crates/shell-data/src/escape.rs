@@ -1,13 +1,13 @@
-//! Text that enters another language: one function for each.
+//! Escaping text for other languages, with one function per language.
 //!
-//! Names of files, columns, groups and sensors may hold anything. Each function gives text that its language reads
-//! as data, and reads back as what it was where the language can hold that.
+//! Names of files, columns, groups and sensors may contain any characters. Each function returns text that
+//! its language reads as data, and that reads back as the original where the language can represent it.
 
 use std::borrow::Cow;
 use std::fmt::Write;
 
-/// Whether a character does something other than to be seen: controls, ends of lines, what turns the direction of
-/// text round, and what has no width (Unicode 15.1, categories Cc, Cf, Zl and Zp).
+/// Returns true if a character is not visible: controls, line ends, characters that change the direction of
+/// text, and characters without width (Unicode 15.1, categories Cc, Cf, Zl and Zp).
 pub const fn is_invisible(character: char) -> bool {
     matches!(
         character,
@@ -19,7 +19,7 @@ pub const fn is_invisible(character: char) -> bool {
     )
 }
 
-/// Text with `replaced` in place of each character that `is_special`.
+/// Replaces each character that `is_special` by what `replaced` writes.
 fn replace(
     text: &str,
     is_special: impl Fn(char) -> bool,
@@ -42,13 +42,13 @@ fn put(out: &mut String, arguments: std::fmt::Arguments<'_>) {
     out.write_fmt(arguments).expect("writing to a string does not fail");
 }
 
-/// Text for a terminal, on one line: what is invisible is shown as Rust escapes it.
+/// Escapes text for one line of a terminal: invisible characters appear as Rust escapes.
 pub fn terminal(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |character, out| out.extend(character.escape_default()))
 }
 
-/// A JSON document for a terminal: what is invisible within its strings is escaped. Ends of lines and indents are
-/// those of the document.
+/// Escapes a JSON document for a terminal: invisible characters within strings are escaped; line ends and
+/// indentation of the document stay.
 pub fn json(document: &str) -> Cow<'_, str> {
     let is_special = |character| character != '\n' && is_invisible(character);
     replace(document, is_special, |character, out| {
@@ -58,7 +58,7 @@ pub fn json(document: &str) -> Cow<'_, str> {
     })
 }
 
-/// A JSON document in an element `script` of HTML, which it cannot end.
+/// Escapes a JSON document for an HTML `script` element, so that it cannot end the element.
 pub fn script_json(document: &str) -> Cow<'_, str> {
     let is_special = |character| matches!(character, '<' | '\u{2028}' | '\u{2029}');
     replace(document, is_special, |character, out| {
@@ -66,13 +66,14 @@ pub fn script_json(document: &str) -> Cow<'_, str> {
     })
 }
 
-/// Whether a character turns the direction of the text after it round, so that a page shows another than it holds.
+/// Returns true if a character changes the direction of the text after it, so that a page shows something
+/// else than it contains.
 const fn turns(character: char) -> bool {
     matches!(character, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// Text as content of an element or of a quoted attribute, of HTML and of XML (SVG). What XML cannot hold, and what
-/// turns the direction of text round, becomes U+FFFD.
+/// Escapes text for the content of an element or a quoted attribute in HTML and XML (SVG). Characters that
+/// XML cannot represent, and characters that change the direction of text, become U+FFFD.
 pub fn markup(text: &str) -> Cow<'_, str> {
     let is_special = |character| {
         let is_kept = matches!(character, '\n' | '\t');
@@ -92,7 +93,7 @@ pub fn markup(text: &str) -> Cow<'_, str> {
     })
 }
 
-/// Text between any quotes of a string of Python, a docstring too.
+/// Escapes text for a Python string with any kind of quotes, including docstrings.
 pub fn python(text: &str) -> Cow<'_, str> {
     let is_special = |character| matches!(character, '\\' | '"' | '\'') || is_invisible(character);
     replace(text, is_special, |character, out| match u32::from(character) {
@@ -103,13 +104,13 @@ pub fn python(text: &str) -> Cow<'_, str> {
     })
 }
 
-/// Text in a comment of MATLAB, which ends with its line.
+/// Escapes text for a MATLAB comment, which ends at the line end.
 pub fn matlab_comment(text: &str) -> Cow<'_, str> {
     replace(text, is_invisible, |_, out| out.push('\u{fffd}'))
 }
 
-/// A field of CSV (RFC 4180), in quotes where it has to be; also where a reader would take blanks at its ends or
-/// another separator for something else.
+/// Formats a CSV field (RFC 4180), quoted if necessary. It is also quoted if it has blanks at its ends or
+/// contains another separator, which a reader might misinterpret.
 pub fn csv_field(text: &str) -> Cow<'_, str> {
     let is_plain = !text.contains([',', '"', '\n', '\r', ';', '|', '\t']) && text.trim() == text;
     match is_plain {

@@ -1,22 +1,22 @@
-//! Whether two logs hold the same rows, whatever their files look like.
+//! Fingerprints that show whether two logs contain the same rows, regardless of their file formats.
 //!
-//! A copy of a log among the training logs counts its rows twice; held out against its original, or
-//! tested on, it makes errors look far smaller than they are.
+//! A copy of a log among the training logs counts its rows twice. If one copy is held out or used for the
+//! test, errors look far smaller than they are.
 
 use std::fmt;
 
 use crate::{Block, vectorised};
 
-/// What is left of the rows of a log: equal for equal rows in any order, and for others hardly ever.
+/// A hash of the rows of a log: equal for equal rows in any order, and almost never equal for different rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Fingerprint {
     rows: u64,
     sum: u64,
-    /// Sum of the squares of what `sum` adds up.
+    /// Sum of the squares of the terms of `sum`.
     squares: u64,
 }
 
-/// As documents hold it.
+/// Formats the fingerprint for documents.
 impl fmt::Display for Fingerprint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "rows:{}:{:016x}{:016x}", self.rows, self.sum, self.squares)
@@ -24,24 +24,25 @@ impl fmt::Display for Fingerprint {
 }
 
 impl Fingerprint {
-    /// Of readings and wrench of the rows of a block.
+    /// Computes the fingerprint of the readings and wrenches in a block.
     pub fn new(block: &Block) -> Self {
         fingerprint(block)
     }
 
-    /// How many rows it is of.
+    /// Returns the number of rows.
     pub fn rows(&self) -> u64 {
         self.rows
     }
 
-    /// Counts the rows of `other` in: of the same log, in any order.
+    /// Adds the rows of `other`; the order of rows and of parts has no effect.
     pub fn merge(&mut self, other: Self) {
         self.rows += other.rows;
         self.sum = self.sum.wrapping_add(other.sum);
         self.squares = self.squares.wrapping_add(other.squares);
     }
 
-    /// Which of some logs is the first with the rows of one before it, and which that is.
+    /// Returns the indices of the first log that has the same rows as an earlier one: the earlier log, then
+    /// the copy.
     pub fn first_copy(logs: &[Self]) -> Option<(usize, usize)> {
         let copy_of = |(later, fingerprint): (usize, &Self)| {
             let earlier = logs[..later].iter().position(|earlier| earlier == fingerprint);
@@ -51,8 +52,8 @@ impl Fingerprint {
     }
 }
 
-/// A number for each of `rows` rows, the same for equal rows, and to be mixed: what differs in two rows may
-/// differ in a few of its bits. `start` is what a row without columns has.
+/// Returns an unmixed hash for each of `rows` rows: rows that differ may have hashes that differ in only a
+/// few bits, so mix them before use. `start` is the hash of a row without columns.
 #[inline(always)]
 pub fn row_hashes<'a>(
     start: u64,
@@ -60,7 +61,7 @@ pub fn row_hashes<'a>(
     columns: impl Iterator<Item = &'a [f64]>,
 ) -> Vec<u64> {
     let mut hashes = vec![start; rows];
-    // Rotated and added: every processor has both for vectors of 64 bits, few have the product.
+    // Rotation and addition: every processor has both for vectors of 64-bit integers; few have the product.
     for column in columns {
         for (hash, value) in hashes.iter_mut().zip(column) {
             *hash = hash.rotate_left(23).wrapping_add(value.to_bits());
@@ -69,17 +70,16 @@ pub fn row_hashes<'a>(
     hashes
 }
 
-/// As xxHash finishes.
+/// Mixes the bits like the final step of xxHash.
 #[inline(always)]
 fn mixed(hash: u64) -> u64 {
     let hash = (hash ^ (hash >> 29)).wrapping_mul(0x1656_67b1_9e37_79f9);
     hash ^ (hash >> 32)
 }
 
-/// A number for some values, which is the same for the same ones in the same order, and for others hardly
-/// ever.
+/// Returns a hash of a sequence of values, which depends on their order.
 pub fn hash(values: impl Iterator<Item = f64>) -> u64 {
-    // Mixed after each: they may be few and much alike.
+    // Mixed after each value, because there may be only a few similar ones.
     values.fold(0, |hash: u64, value| mixed(hash.rotate_left(23) ^ value.to_bits()))
 }
 
@@ -88,7 +88,7 @@ vectorised! {
         let columns = block.readings.iter().chain(&block.wrench);
         let hashes = row_hashes(0, block.rows, columns.map(Vec::as_slice));
         let mut fingerprint = Fingerprint { rows: block.rows as u64, ..Fingerprint::default() };
-        // Mixed, so that sums of rows say which rows they are.
+        // Mixed, because sums of unmixed hashes are often equal for different rows.
         for hash in hashes {
             let hash = mixed(hash);
             fingerprint.sum = fingerprint.sum.wrapping_add(hash);

@@ -1,36 +1,37 @@
-//! What to do about an error: which flag, which file, which column.
+//! Hints on how to fix an error: the flag, the file or the column.
 //!
-//! A hint stands beside the error that it is for. An error that only wraps another gives the hint of that one.
+//! A hint is defined next to the error that it belongs to. An error that only wraps another returns the hint
+//! of that one.
 
 use std::error::Error;
 use std::fmt::Display;
 
-/// An error that may know the next step.
+/// An error that may suggest the next step.
 pub trait Hint {
-    /// The next step, where one is known.
+    /// Returns the next step, if one is known.
     fn hint(&self) -> Option<String>;
 }
 
-/// An error with its causes, one after the other.
+/// Formats an error with its causes, one after the other.
 pub fn with_causes(error: &dyn Error) -> String {
     let text = error.to_string();
     match error.source().map(with_causes) {
-        // Some errors say their cause themselves.
+        // The text of some errors already includes the cause.
         Some(cause) if !text.ends_with(&cause) => format!("{text}: {cause}"),
         _ => text,
     }
 }
 
-/// Names as an error lists them: `` `a`, `b` ``.
+/// Formats names for an error message: `` `a`, `b` ``.
 pub fn quoted(names: impl IntoIterator<Item = impl Display>, between: &str) -> String {
     names.into_iter().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(between)
 }
 
-/// The next step after a log of another number of channels than the calibration.
+/// The hint for a log whose number of channels differs from the calibration's.
 pub const OTHER_CHANNELS: &str = "name the sensor columns of the log with `--sensors`, or use the calibration \
                                   of this sensor";
 
-/// The name that is most like `name`, if one is: for names that were mistyped.
+/// Returns the known name that is most similar to `name`, if any is: for names that were mistyped.
 pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let name = name.to_lowercase();
     let likeness = |known: &str| strsim::jaro_winkler(&name, &known.to_lowercase());
@@ -40,7 +41,7 @@ pub fn suggest<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     best.map(|(_, known)| known)
 }
 
-/// `, did you mean …?` where a name is known that is like it.
+/// Formats `, did you mean …?` if a similar name is known.
 pub fn did_you_mean<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     suggest(name, known).map_or_else(String::new, |known| format!(", did you mean `{known}`?"))
 }

@@ -1,7 +1,8 @@
-//! Which vectors of the processor are worked with: the widest that it has, or fewer where a test or a
-//! benchmark asks for that.
+//! The vector instructions in use: by default the widest that the processor has. A test or a benchmark can
+//! ask for narrower ones.
 //!
-//! [`VARIABLE`] of the environment names a set of instructions. Results are the same bits with each.
+//! The environment variable [`VARIABLE`] names an instruction set. Results are identical bit for bit with
+//! each set.
 
 use std::sync::LazyLock;
 
@@ -9,11 +10,11 @@ use pulp::Arch;
 #[doc(hidden)]
 pub use pulp::{Simd, WithSimd};
 
-/// The variable of the environment that names a set: `avx512`, `avx2`, `neon`, or `none` for those that
-/// every processor has.
+/// The environment variable that names an instruction set: `avx512`, `avx2`, `neon`, or `none` for the set
+/// that every processor has.
 pub const VARIABLE: &str = "SHELLCAL_INSTRUCTIONS";
 
-/// The sets that this processor has, the widest first.
+/// Returns the instruction sets of this processor, widest first.
 pub fn available() -> Vec<(&'static str, Arch)> {
     let mut sets = Vec::new();
     #[cfg(target_arch = "x86_64")]
@@ -27,10 +28,10 @@ pub fn available() -> Vec<(&'static str, Arch)> {
     sets
 }
 
-/// What the environment names; the widest that there is where it names none.
+/// Returns the instruction set that the environment names, or the widest if it names none.
 ///
 /// # Errors
-/// A message, if there is no such set, or this processor does not have it.
+/// A message if the name is unknown or this processor lacks the set.
 pub fn chosen() -> Result<Arch, String> {
     let Some(name) = std::env::var_os(VARIABLE) else { return Ok(Arch::new()) };
     let sets = available();
@@ -44,19 +45,19 @@ pub fn chosen() -> Result<Arch, String> {
     }
 }
 
-/// What is worked with: [`chosen`], and the widest where that cannot be.
+/// Returns the instruction set in use: [`chosen`], or the widest if that fails.
 #[inline]
 pub fn arch() -> Arch {
     static CHOSEN: LazyLock<Arch> = LazyLock::new(|| chosen().unwrap_or_default());
     *CHOSEN
 }
 
-/// Defines functions whose loops are compiled for the vectors of every set, and run with those of
+/// Defines functions whose loops are compiled for the vectors of every instruction set, and run with those of
 /// [`arch`].
 ///
-/// The body is inlined whole into code for the widest vectors. What it calls is too if it is `#[inline(always)]`; a closure
-/// may stay a function of its own, which then knows nothing of wide vectors, and calls the library for every fused
-/// multiply-add.
+/// The whole body is inlined into code for each set, including the functions that it calls if they are
+/// `#[inline(always)]`. A closure may remain a separate function, compiled without wide vectors, that calls
+/// the library for every fused multiply-add.
 ///
 /// ```
 /// shell_data::vectorised! {
@@ -72,8 +73,8 @@ pub fn arch() -> Arch {
 /// assert_eq!(y, [7.0, 10.0]);
 /// ```
 ///
-/// A function that names the vectors itself begins with a parameter for them, which its callers leave out:
-/// `fn add<S: Simd>(simd: S, …)`, one to an invocation.
+/// A function that uses vectors explicitly begins with a parameter for them, which its callers omit:
+/// `fn add<S: Simd>(simd: S, …)`. An invocation of the macro can define only one such function.
 #[macro_export]
 macro_rules! vectorised {
     (@output) => { () };

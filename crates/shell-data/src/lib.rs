@@ -2,16 +2,16 @@
 //!
 //! - [`wrench`]: the six axes, their order, names and units;
 //! - [`block`]: a run of consecutive log rows, column by column;
-//! - [`by_axis`]: values by axis in documents;
-//! - [`converter`]: which readings are saturated;
-//! - [`escape`]: text that enters another language;
-//! - [`fingerprint`]: whether two logs hold the same rows;
-//! - [`hint`]: what to do about an error;
-//! - [`instructions`]: which vectors of the processor are worked with;
-//! - [`lock`]: locks that a panic elsewhere leaves usable;
+//! - [`by_axis`]: values per axis in JSON documents;
+//! - [`converter`]: the range of a converter and saturated readings;
+//! - [`escape`]: escaping text for other languages;
+//! - [`fingerprint`]: detection of logs with the same rows;
+//! - [`hint`]: hints on how to fix an error;
+//! - [`instructions`]: the vector instructions in use;
+//! - [`lock`]: locks that stay usable after a panic;
 //! - [`statistics`]: mean and variance, block by block, and the median;
 //! - [`telemetry`]: the columns of a robot's telemetry;
-//! - [`unit`]: units as people write them.
+//! - [`unit`]: parsing units as people write them.
 //!
 //! SI units throughout (s, N, N·m). Frame: x forward, y left, z up.
 //!

@@ -1,9 +1,9 @@
-//! Locks that a panic elsewhere leaves usable.
+//! Locks that stay usable after a panic.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-/// Locks `mutex`, poisoned or not: for values that a thread which panics leaves whole, or whose panic is
-/// passed on in any case.
+/// Locks `mutex`, even if it is poisoned: for values that are valid even if a thread panics while it holds
+/// the lock, or whose panic is propagated anyway.
 pub fn lock<T: ?Sized>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,19 +1,19 @@
-//! Random numbers that are the same bits on every machine.
+//! Random numbers that are identical bit for bit on every machine.
 //!
-//! ChaCha with 8 rounds is the generator, its key made of a seed and a purpose, so that two
-//! purposes never share numbers and a new one disturbs no other. Normal deviates come from the
-//! Box–Muller transform (Box & Muller, Ann. Math. Statist. 29, 610, 1958) over `libm`, because the
-//! logarithm and sine of the standard library differ from platform to platform.
+//! The generator is ChaCha with 8 rounds. Its key is made from a seed and a purpose, so that two purposes
+//! never share numbers and a new purpose does not change the numbers of the others. Normal deviates come from
+//! the Box–Muller transform (Box & Muller, Ann. Math. Statist. 29, 610, 1958) over `libm`, because the
+//! logarithm and sine of the standard library differ between platforms.
 
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::{Rng, SeedableRng};
 
-/// What a stream of random numbers is drawn for.
+/// The purpose of a stream of random numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Purpose {
-    /// How one unit differs from the next.
+    /// Variation from unit to unit.
     Unit = 1,
-    /// How one recording differs from the next: light, warmth, mounting.
+    /// Variation from recording to recording: light, warmth, mounting.
     Session = 2,
     /// Noise of the eight readings.
     Readings = 3,
@@ -23,21 +23,21 @@ pub enum Purpose {
     TrainingPoses = 5,
     /// Poses of a test recording.
     TestPoses = 6,
-    /// How the mounting of the reference sensor differs from one recording to the next.
+    /// Variation of the reference sensor's mounting from recording to recording.
     Mounting = 7,
-    /// Frames that get lost on the way.
+    /// Frames that are lost in transmission.
     Losses = 8,
-    /// What a radio does to packets.
+    /// Effects of a radio on packets.
     Radio = 9,
-    /// Samples drawn again from what there is.
+    /// Bootstrap resampling.
     Bootstrap = 10,
-    /// How one trial of the virtual robot differs from the next.
+    /// Variation from trial to trial of the virtual robot.
     Trial = 11,
-    /// What the controller of its legs does.
+    /// Behaviour of the virtual robot's leg controller.
     Controller = 12,
-    /// Noise of its telemetry.
+    /// Noise of the virtual robot's telemetry.
     Telemetry = 13,
-    /// Which poses of a session are held out, and in which order the others come.
+    /// The poses of a session that are held out, and the order of the others.
     Replay = 14,
 }
 
@@ -49,7 +49,7 @@ pub struct RandomStream {
 }
 
 impl RandomStream {
-    /// The stream of `seed` for `purpose`; `index` tells apart the streams of one purpose.
+    /// Makes the stream of `seed` for `purpose`; `index` distinguishes streams with the same purpose.
     pub fn new(seed: u64, purpose: Purpose, index: u64) -> Self {
         let mut key = [0; 32];
         key[..8].copy_from_slice(&seed.to_le_bytes());
@@ -59,18 +59,18 @@ impl RandomStream {
         Self { generator, spare: None }
     }
 
-    /// A number between 0 and 1, both excluded: the midpoint of one of 2⁵³ equal cells.
+    /// Returns a number between 0 and 1, both excluded: the midpoint of one of 2⁵³ equal cells.
     pub fn uniform(&mut self) -> f64 {
         const CELL: f64 = 1.0 / (1_u64 << 53) as f64;
         ((self.generator.next_u64() >> 11) as f64 + 0.5) * CELL
     }
 
-    /// A number between `low` and `high`.
+    /// Returns a number between `low` and `high`.
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.uniform()
     }
 
-    /// A normal deviate of mean 0 and standard deviation 1.
+    /// Returns a normal deviate with mean 0 and standard deviation 1.
     pub fn normal(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;
@@ -98,7 +98,7 @@ mod tests {
                 *sum += power;
             }
         }
-        // The k-th sample moment has variance (m₂ₖ − mₖ²)/n; five standard deviations.
+        // The k-th sample moment has variance (m₂ₖ − mₖ²)/n; the tolerance is five standard deviations.
         let variances = [1.0, 2.0, 15.0, 96.0];
         for ((sum, expected), variance) in sums.into_iter().zip([0.0, 1.0, 0.0, 3.0]).zip(variances)
         {
@@ -111,7 +111,7 @@ mod tests {
     fn normal_deviates_fill_the_tails_as_they_should() {
         let mut stream = RandomStream::new(4, Purpose::Readings, 0);
         let beyond = (0..DRAWS).filter(|_| stream.normal().abs() > 3.0).count() as f64;
-        // P(|x| > 3) = erfc(3/√2) = 0.002699796; binomial, five standard deviations.
+        // P(|x| > 3) = erfc(3/√2) = 0.002699796; binomial, tolerance five standard deviations.
         let expected = 0.002_699_796 * DRAWS as f64;
         assert!((beyond - expected).abs() < 5.0 * expected.sqrt(), "{beyond}");
     }

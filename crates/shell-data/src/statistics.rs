@@ -1,7 +1,7 @@
 //! Mean and variance, block by block, and the median.
 //!
-//! Blocks are merged by the formula of Chan, Golub and LeVeque (Amer. Statist. 37, 1983), which does
-//! not cancel: a mean that is large against the spread costs no digits.
+//! Blocks are merged with the formula of Chan, Golub and LeVeque (Amer. Statist. 37, 1983), which avoids
+//! cancellation: a mean much larger than the spread costs no digits.
 //!
 //! ```
 //! use shell_data::statistics::RunningVariance;
@@ -13,29 +13,28 @@
 
 use crate::vectorised;
 
-/// Number, mean and sum of squared deviations of some values; merges with that of other values.
+/// Number, mean and sum of squared deviations of values, which can be merged with those of other values.
 ///
-/// The identity of [`merge`](Self::merge) is the default, zero values. `merge` is commutative and
+/// The default, zero values, is the identity of [`merge`](Self::merge). `merge` is commutative and
 /// associative up to rounding, not bit for bit.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RunningVariance {
     /// Number of values.
     pub count: u64,
-    /// Their mean.
+    /// Mean of the values.
     pub mean: f64,
-    /// Sum of their squared deviations from the mean.
+    /// Sum of squared deviations from the mean.
     pub squares: f64,
 }
 
-/// The middle one of the values in their order, the upper one where two are in the middle; `None` without values.
-/// The values are put into another order.
+/// Returns the median, or the upper of the two middle values; `None` without values. Reorders the values.
 pub fn upper_median(values: &mut [f64]) -> Option<f64> {
     let middle = values.len() / 2;
     (!values.is_empty()).then(|| *values.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// The quantile of ascending values, at least one, at rank `(n − 1)·share`: linear between the two
-/// nearest (type 7 of Hyndman & Fan, Am. Statist. 50, 1996).
+/// Returns the quantile of ascending values, at least one, at rank `(n − 1)·share`, interpolated linearly
+/// between the two nearest values (type 7 of Hyndman & Fan, Am. Statist. 50, 1996).
 pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     let rank = (sorted.len() - 1) as f64 * share;
     let below = rank as usize;
@@ -43,14 +42,14 @@ pub fn quantile(sorted: &[f64], share: f64) -> f64 {
     sorted[below] + (sorted[above] - sorted[below]) * (rank - below as f64)
 }
 
-/// The smallest and the largest value; `[∞, −∞]` without values.
+/// Returns the smallest and the largest value; `(∞, −∞)` without values.
 pub fn extremes(values: impl IntoIterator<Item = f64>) -> (f64, f64) {
     let none = (f64::INFINITY, f64::NEG_INFINITY);
     values.into_iter().fold(none, |(least, greatest), x| (least.min(x), greatest.max(x)))
 }
 
-/// The weights of the differences of two means `a` and `b` when sums about them are merged:
-/// `mean += (b − a)·weights.mean`, `Σ(x − x̄)(y − ȳ) += (b_x − a_x)·(b_y − a_y)·weights.product`.
+/// Weights of the difference of the means of two sets of values, `a` and `b`, when sums about these means are
+/// merged: `mean += (b − a)·weights.mean`, `Σ(x − x̄)(y − ȳ) += (b_x − a_x)·(b_y − a_y)·weights.product`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MergeWeights {
     /// `m / (n + m)`.
@@ -60,7 +59,7 @@ pub struct MergeWeights {
 }
 
 impl MergeWeights {
-    /// For `n` values, to which `m` are added; not both zero.
+    /// Computes the weights for merging `m` values into `n` values; not both zero.
     #[inline]
     pub fn new(n: u64, m: u64) -> Self {
         let (n, m) = (n as f64, m as f64);
@@ -69,19 +68,19 @@ impl MergeWeights {
 }
 
 impl RunningVariance {
-    /// Of the values in `column`, in two passes.
+    /// Computes the statistics of the values in `column`, in two passes.
     pub fn new(column: &[f64]) -> Self {
         variance(column)
     }
 
-    /// As [`Self::new`], to be inlined into vectorised code of the caller.
+    /// Like [`Self::new`], for inlining into vectorised code of the caller.
     #[inline(always)]
     pub fn from_inlined(column: &[f64]) -> Self {
         if column.is_empty() {
             return Self::default();
         }
         let n = column.len() as f64;
-        // Sums of differences from some value of the column keep a large offset out of them.
+        // Sums of differences from one value of the column are not affected by a large offset.
         let (origin, sum) = (column[0], sums_about(column, column[0]).0);
         let mean = origin + sum / n;
         let (sum, squares) = sums_about(column, mean);
@@ -105,12 +104,12 @@ impl RunningVariance {
         self.count += other.count;
     }
 
-    /// Root mean square deviation from the mean; NaN for zero values.
+    /// Returns the root mean square deviation from the mean; NaN for zero values.
     pub fn rms_about_mean(&self) -> f64 {
         (self.squares / self.count as f64).sqrt()
     }
 
-    /// Root mean square; NaN for zero values.
+    /// Returns the root mean square; NaN for zero values.
     pub fn rms(&self) -> f64 {
         (self.squares / self.count as f64 + self.mean * self.mean).sqrt()
     }
@@ -122,10 +121,10 @@ vectorised! {
     }
 }
 
-/// Interleaved sums.
+/// Number of interleaved sums.
 const LANES: usize = 16;
 
-/// The sums of `x − origin` and of its square over a column.
+/// Returns the sums of `x − origin` and of its square over a column.
 #[inline(always)]
 fn sums_about(column: &[f64], origin: f64) -> (f64, f64) {
     let (mut sums, mut squares) = ([0.0; LANES], [0.0; LANES]);
@@ -165,12 +164,12 @@ mod tests {
 
     #[test]
     fn a_large_offset_costs_no_digits() {
-        // ±1 about 10¹²: variance exactly 1.
+        // ±1 about 10¹²: the variance is exactly 1.
         let column: Vec<f64> = (0..1000).map(|i| 1e12 + f64::from(1 - 2 * (i % 2))).collect();
         let mut merged = RunningVariance::default();
         column.chunks(7).for_each(|part| merged.merge(&RunningVariance::new(part)));
         assert_eq!(RunningVariance::new(&column).rms_about_mean(), 1.0);
-        // The means of the parts are rounded at 10¹² · 2⁻⁵³ = 1e-4; a sum of squares would be off by
+        // The means of the parts are rounded at 10¹² · 2⁻⁵³ = 1e-4; a sum of squares would have an error of
         // 10²⁴ · 2⁻⁵³ = 1e8.
         assert!((merged.rms_about_mean() - 1.0).abs() < 1e-4);
     }
@@ -182,7 +181,7 @@ mod tests {
         let mut merged = RunningVariance::default();
         column.chunks(13).for_each(|part| merged.merge(&RunningVariance::new(part)));
         assert_eq!(merged.count, 100);
-        // Sums of a hundred terms: 100 · 2⁻⁵³ relative.
+        // Rounding of sums of a hundred terms: 100 · 2⁻⁵³ relative.
         assert!((merged.mean - whole.mean).abs() < 1e-14 * whole.mean);
         assert!((merged.squares - whole.squares).abs() < 1e-13 * whole.squares);
     }

@@ -1,4 +1,4 @@
-//! The columns of a robot's telemetry, by the names they go by.
+//! The columns of a robot's telemetry and their usual names.
 
 /// A column of telemetry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -17,7 +17,7 @@ pub enum Telemetry {
     LeftBackEmf,
     /// Battery voltage.
     Battery,
-    /// Current that both motors, or the whole robot, draw.
+    /// Current of both motors, or of the whole robot.
     Current,
     /// Current of the right motor.
     RightCurrent,
@@ -43,8 +43,9 @@ pub enum Telemetry {
     AccelerationZ,
 }
 
-/// Of each column, in the order of [`Telemetry`]: what people call it, and its names in logs, in lower case
-/// without spaces and punctuation; the lab's first. `gryoy` is a spelling that some of its logs have.
+/// Columns in the order of [`Telemetry`], each with its name for people and its names in logs, in lower case
+/// without spaces and punctuation; the lab's own names come first. `gryoy` is a misspelling in some of the
+/// lab's logs.
 const COLUMNS: [(Telemetry, &str, &str); 19] = {
     use Telemetry::*;
     [
@@ -71,16 +72,16 @@ const COLUMNS: [(Telemetry, &str, &str); 19] = {
 };
 
 impl Telemetry {
-    /// What the electrical power of motors is computed from.
+    /// The columns from which the electrical power of the motors is computed.
     pub const MOTORS: [Self; 5] =
         [Self::RightDuty, Self::LeftDuty, Self::RightBackEmf, Self::LeftBackEmf, Self::Battery];
 
-    /// What people call it.
+    /// Returns the name for people.
     pub const fn name(self) -> &'static str {
         COLUMNS[self as usize].1
     }
 
-    /// The column of this name, given in lower case without spaces and punctuation.
+    /// Returns the column with this name in lower case, without spaces and punctuation.
     pub fn from_name(plain: &str) -> Option<Self> {
         let is_named = |spellings: &str| spellings.split(' ').any(|spelling| spelling == plain);
         COLUMNS.into_iter().find(|(_, _, spellings)| is_named(spellings)).map(|(column, ..)| column)

@@ -1,10 +1,12 @@
-//! Units of what is measured, as people write them: `N`, `mN·m`, `lbf-in`, `mm.N`, `kgf cm`, `m/s^2`, `milliseconds`.
+//! Units of measurement as people write them: `N`, `mN·m`, `lbf-in`, `mm.N`, `kgf cm`, `m/s^2`,
+//! `milliseconds`.
 //!
-//! A unit is a product of symbols with prefixes and exponents. Any mark, or none, stands between the factors:
-//! `N-m`, `N m`, `N.m`, `N*m`, `N·m` and `Nm` are one unit; a digit behind a `-` is an exponent (`m s-2`). Case
-//! tells `MN` from `mN`; it is disregarded in symbols, not in prefixes, where nothing else fits (`fx_n`, `LBF`). The
-//! quantity that is wanted decides what is left: `nm` is a moment, `g` an acceleration, and as a force the weight
-//! of a mass (`kg`, `lb`, `oz`). Units of other quantities, such as `N/mm` for a moment, are not understood.
+//! A unit is a product of symbols with prefixes and exponents. Factors are separated by any mark or by none:
+//! `N-m`, `N m`, `N.m`, `N*m`, `N·m` and `Nm` are the same unit. A digit after a `-` is an exponent
+//! (`m s-2`). Case distinguishes `MN` from `mN`; if nothing matches otherwise (`fx_n`, `LBF`), the case of
+//! symbols is ignored, but not the case of prefixes. The expected quantity resolves the remaining ambiguity:
+//! `nm` is a moment, `g` is an acceleration or, as a force, the weight of a gram, like the weights of other
+//! masses (`kg`, `lb`, `oz`). Units of other quantities, such as `N/mm` for a moment, are rejected.
 
 use crate::wrench::Axis;
 
@@ -24,12 +26,12 @@ pub enum Quantity {
 }
 
 impl Quantity {
-    /// The quantity along an axis of the wrench.
+    /// Returns the quantity of an axis of the wrench.
     pub const fn of_axis(axis: Axis) -> Self {
         if axis.is_moment() { Self::Moment } else { Self::Force }
     }
 
-    /// The units that are understood, in examples.
+    /// Returns examples of accepted units.
     pub const fn understood(self) -> &'static str {
         match self {
             Self::Force => "N, mN, kN, lbf, ozf, gf, kgf, dyn",
@@ -40,7 +42,7 @@ impl Quantity {
         }
     }
 
-    /// Exponents of mass, length, time and angle.
+    /// Returns the exponents of kg, m, s and rad.
     const fn dimension(self) -> Dimension {
         match self {
             Self::Force => FORCE,
@@ -61,9 +63,10 @@ const ANGLE: Dimension = [0, 0, 0, 1];
 const FORCE: Dimension = [1, 1, -2, 0];
 const ACCELERATION: Dimension = [0, 1, -2, 0];
 
-/// Turns values into SI units: `value · times / per`.
+/// A conversion of values to SI units: `value · times / per`.
 ///
-/// Powers of ten below one are divisors, because dividing rounds correctly where multiplying by the inverse would not.
+/// Powers of ten below one are divisors, because a division rounds correctly and a multiplication by the
+/// inverse does not.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Scale {
     /// A factor, 1 for the metric units.
@@ -73,15 +76,15 @@ pub struct Scale {
 }
 
 impl Scale {
-    /// Values in SI units.
+    /// The scale of the SI unit.
     pub const ONE: Self = Self { times: 1.0, per: 1.0 };
 
-    /// The scale of a unit `per` times smaller than the SI unit.
+    /// Returns the scale of a unit that is `per` times smaller than the SI unit.
     pub const fn per_si(per: f64) -> Self {
         Self { times: 1.0, per }
     }
 
-    /// A value in SI units.
+    /// Converts a value to SI units.
     pub fn to_si(self, value: f64) -> f64 {
         value * self.times / self.per
     }
@@ -90,21 +93,21 @@ impl Scale {
 /// A unit of a quantity.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Unit {
-    /// How it is written here: `mN·m`, `lbf·in`.
+    /// The standard spelling: `mN·m`, `lbf·in`.
     pub symbol: String,
-    /// Converts values to SI units.
+    /// The conversion to SI units.
     pub scale: Scale,
 }
 
 impl Unit {
-    /// The unit of this quantity that `text` spells; `None` if it spells none.
+    /// Parses a unit of this quantity; `None` if `text` is not one.
     pub fn parse(text: &str, quantity: Quantity) -> Option<Self> {
         let time = || text.split(" since ").next().unwrap_or(text);
         let text = if quantity == Quantity::Time { time() } else { text };
         let factors = factors(text)?;
         let dimension = quantity.dimension();
         let mut wanted = vec![(dimension, false)];
-        // Where a force is wanted, a mass stands for its weight.
+        // If a force is expected, a mass stands for its weight.
         if matches!(quantity, Quantity::Force | Quantity::Moment) {
             wanted.push((std::array::from_fn(|of| dimension[of] - ACCELERATION[of]), true));
         }
@@ -117,7 +120,7 @@ impl Unit {
         })
     }
 
-    /// Whether `text` spells a unit, also one of length or mass.
+    /// Returns true if `text` is a unit, including units of length or mass.
     pub fn is_spelled(text: &str) -> bool {
         factors(text).is_some_and(|all| {
             [false, true].iter().any(|&folded| !products(&all, folded).is_empty())
@@ -125,11 +128,11 @@ impl Unit {
     }
 }
 
-/// A symbol: names, the first for output; dimension; size as a factor and a power of ten; prefixes that it takes.
+/// A symbol: names, the first for output; dimension; size as a factor and a power of ten; allowed prefixes.
 struct Symbol(&'static [&'static str], Dimension, f64, i32, &'static str);
 
-/// The pound is 0.45359237 kg and the inch 0.0254 m (international yard and pound agreement, 1959), standard gravity
-/// 9.80665 m/s² (3rd CGPM, 1901).
+/// The pound is 0.45359237 kg and the inch 0.0254 m (international yard and pound agreement, 1959), standard
+/// gravity 9.80665 m/s² (3rd CGPM, 1901).
 const SYMBOLS: [Symbol; 20] = [
     Symbol(&["N", "newton"], FORCE, 1.0, 0, "nµumcdDkMG"),
     Symbol(&["lbf", "lbsf"], FORCE, 4.448_221_615_260_5, 0, "k"),
@@ -153,7 +156,7 @@ const SYMBOLS: [Symbol; 20] = [
     Symbol(&["g", "gee", "gn"], ACCELERATION, 9.806_65, 0, "µum"),
 ];
 
-/// Prefixes: how they are shown in the lists of [`SYMBOLS`], how they are written, and their powers of ten.
+/// Prefixes: the character for [`SYMBOLS`], the spellings, and the power of ten.
 const PREFIXES: [(char, &[&str], i32); 10] = [
     ('n', &["n", "nano"], -9),
     ('µ', &["µ", "micro"], -6),
@@ -167,7 +170,7 @@ const PREFIXES: [(char, &[&str], i32); 10] = [
     ('G', &["G", "giga"], 9),
 ];
 
-/// Units of time that only have a prefix.
+/// Abbreviated units of time that consist of a prefix only.
 const SHORT_TIMES: [(&str, &str, i32); 3] =
     [("millis", "ms", -3), ("micros", "µs", -6), ("nanos", "ns", -9)];
 
@@ -191,7 +194,7 @@ impl Product {
             2 => "²",
             -1 => "⁻¹",
             -2 => "⁻²",
-            // No quantity that is read has others.
+            // No supported quantity has other exponents.
             _ => "ⁿ",
         };
         let symbol = format!("{}{power}", self.symbol);
@@ -207,7 +210,7 @@ impl Product {
         Self::new((dimension, self.times * other.times, self.tens + other.tens), symbol)
     }
 
-    /// The unit, or that of the weight of its mass, which is shown as `kgf`.
+    /// Makes the unit; for a weight, the unit of the weight of the mass, which is shown as `kgf`.
     fn unit(&self, is_weight: bool) -> Unit {
         let (mut times, mut symbol) = (self.times, self.symbol.clone());
         if is_weight {
@@ -227,16 +230,16 @@ impl Product {
     }
 }
 
-/// The most factors of a unit.
+/// The largest number of factors in a unit.
 const MOST_FACTORS: usize = 6;
 
-/// The words of a unit and their exponents; `None` if it is none.
+/// Splits a unit into words and their exponents; `None` if it is not a unit.
 fn factors(text: &str) -> Option<Vec<(String, i8)>> {
     let text: String = text.trim().chars().filter_map(plain_mark).collect();
     let text = text.replace("**", "^");
     let (mut factors, mut sign) = (Vec::<(String, i8)>::new(), 1_i8);
     let mut rest = text.as_str();
-    // A factor may stand behind a mark or the word before it, an exponent only behind a word.
+    // A factor may follow a mark or a word, an exponent only a word.
     let mut is_behind_word = false;
     while let Some(first) = rest.chars().next() {
         let length = |is: fn(char) -> bool| rest.find(|c| !is(c)).unwrap_or(rest.len());
@@ -246,7 +249,7 @@ fn factors(text: &str) -> Option<Vec<(String, i8)>> {
             is_behind_word = false;
             match word.to_lowercase().as_str() {
                 "per" if !factors.is_empty() => sign = -1,
-                // `pound force`, `lb-f`, `kilogram-force`: a mass is its weight anyway.
+                // `pound force`, `lb-f`, `kilogram-force`: a mass already stands for its weight.
                 "force" | "f" if !factors.is_empty() => {}
                 _ if factors.len() == MOST_FACTORS => return None,
                 _ => {
@@ -256,7 +259,7 @@ fn factors(text: &str) -> Option<Vec<(String, i8)>> {
                     is_behind_word = true;
                 }
             }
-            // `squared` and `cubed` follow what they raise.
+            // `squared` and `cubed` follow the factor that they raise.
             let power = ["squared", "cubed"].iter().position(|it| word.eq_ignore_ascii_case(it));
             if let Some(power) = power {
                 factors.pop();
@@ -288,7 +291,7 @@ fn factors(text: &str) -> Option<Vec<(String, i8)>> {
     (!factors.is_empty() && sign == 1 && !rest.ends_with('^')).then_some(factors)
 }
 
-/// A character in the one form that the grammar has for it; none for brackets.
+/// Normalises a character to the one form in the grammar; `None` for brackets.
 fn plain_mark(mark: char) -> Option<char> {
     Some(match mark {
         '(' | ')' | '[' | ']' => return None,
@@ -302,7 +305,7 @@ fn plain_mark(mark: char) -> Option<char> {
     })
 }
 
-/// The products that factors may be, most literal first.
+/// Returns the possible meanings of a list of factors, the most literal first.
 fn products(factors: &[(String, i8)], folded: bool) -> Vec<Product> {
     let mut products: Vec<Product> = Vec::new();
     for (at, (word, exponent)) in factors.iter().enumerate() {
@@ -320,7 +323,7 @@ fn products(factors: &[(String, i8)], folded: bool) -> Vec<Product> {
     products
 }
 
-/// The readings of a word: a symbol with a prefix, or else two of them with nothing between.
+/// Returns the possible meanings of a word: a symbol with a prefix, or else two symbols without a separator.
 fn words(word: &str, folded: bool) -> Vec<Product> {
     let mut found = symbols(word, folded);
     if !found.is_empty() {
@@ -334,9 +337,9 @@ fn words(word: &str, folded: bool) -> Vec<Product> {
     found
 }
 
-/// The symbols with their prefixes that a word may be.
+/// Returns the possible meanings of a word as one symbol with a prefix.
 fn symbols(word: &str, folded: bool) -> Vec<Product> {
-    // Words, unlike letters, are the same in any case, and may be plurals.
+    // Names longer than three letters are case-insensitive. All but one-letter names may be plurals.
     let is_same = |text: &str, name: &str| {
         let same = |text: &str| match folded || name.len() > 3 {
             true => text.to_lowercase() == name.to_lowercase(),
@@ -351,7 +354,7 @@ fn symbols(word: &str, folded: bool) -> Vec<Product> {
             found.push(Product::new((*dimension, *times, *tens), names[0].to_owned()));
         }
         for (key, spellings, power) in PREFIXES.iter().filter(|it| prefixes.contains(it.0)) {
-            // Capitals alone do not tell mega from milli.
+            // Without regard to case, `M` may be mega or milli.
             if folded && *key == 'M' {
                 continue;
             }

@@ -1,4 +1,4 @@
-//! The wrench on the shell: axis order, names and units, written down once.
+//! The wrench on the shell: the one definition of axis order, names and units.
 //!
 //! Frame: x forward, y left, z up. Forces in N, moments in N·m. *Drag* is −Fx, *lift* is Fz.
 
@@ -25,27 +25,27 @@ impl Axis {
     /// All six axes, in order.
     pub const ALL: [Axis; 6] = [Axis::Fx, Axis::Fy, Axis::Fz, Axis::Mx, Axis::My, Axis::Mz];
 
-    /// Position in the order of [`Axis::ALL`].
+    /// Returns the position in [`Axis::ALL`].
     pub const fn index(self) -> usize {
         self as usize
     }
 
-    /// The name that people read: `Fx` … `Mz`.
+    /// Returns the name for people: `Fx` … `Mz`.
     pub const fn name(self) -> &'static str {
         ["Fx", "Fy", "Fz", "Mx", "My", "Mz"][self.index()]
     }
 
-    /// The name of a column or field that leaves the program, with its SI unit: `fx_n` … `mz_nm`.
+    /// Returns the name of columns and fields in files, with the SI unit: `fx_n` … `mz_nm`.
     pub const fn column(self) -> &'static str {
         ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"][self.index()]
     }
 
-    /// The SI unit as people read it.
+    /// Returns the symbol of the SI unit.
     pub const fn unit(self) -> &'static str {
         if self.is_moment() { "N·m" } else { "N" }
     }
 
-    /// Whether the axis is a moment.
+    /// Returns true if the axis is a moment.
     pub const fn is_moment(self) -> bool {
         matches!(self, Axis::Mx | Axis::My | Axis::Mz)
     }
@@ -57,93 +57,90 @@ pub type PerAxis<T> = [T; 6];
 /// Standard errors of a load that is a force at a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LoadErrors {
-    /// Of its size, N.
+    /// Standard error of the magnitude, N.
     pub force_n: f64,
-    /// Of its direction, either way, rad.
+    /// Standard error of the direction, about either perpendicular, rad.
     pub angle_rad: f64,
-    /// Of each coordinate of its point, m.
+    /// Standard error of each coordinate of the point, m.
     pub lever_m: f64,
 }
 
-/// The wrench about the origin of a force (N) at a point (m): the force, and `point × force`.
+/// Returns the wrench about the origin of a force (N) at a point (m): the force, and `point × force`.
 pub fn force_at(force: [f64; 3], point: [f64; 3]) -> PerAxis<f64> {
     let ([fx, fy, fz], [mx, my, mz]) = (force, cross(point, force));
     [fx, fy, fz, mx, my, mz]
 }
 
-/// The vector product `a × b`.
+/// Returns the vector product `a × b`.
 pub fn cross([ax, ay, az]: [f64; 3], [bx, by, bz]: [f64; 3]) -> [f64; 3] {
     [ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx]
 }
 
-/// Which axes of the wrench there are: one to six of them, in the order of [`Axis::ALL`]. A reference may
-/// measure only some.
+/// A set of wrench axes, in the order of [`Axis::ALL`]. A reference may measure only some of them.
 ///
-/// Memory has a place for all six ([`PerAxis`]) wherever wrenches are worked with; in those of axes that
-/// there are not, columns are zero and coefficients are zero, and nothing of them leaves the program. What
-/// does leave it is what [`Axes::of`] picks.
+/// In memory, a wrench always has all six axes ([`PerAxis`]); the columns and coefficients of absent axes are
+/// zero. Output contains only the axes that are present, which [`Axes::of`] selects.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 pub struct Axes(u8);
 
 impl Axes {
-    /// All six.
+    /// All six axes.
     pub const ALL: Self = Self(0b11_1111);
-
-    /// None.
+    /// The empty set.
     pub const NONE: Self = Self(0);
 
-    /// Whether an axis is among them.
+    /// Returns true if the set contains an axis.
     pub const fn contains(self, axis: Axis) -> bool {
         self.0 & 1 << axis.index() != 0
     }
 
-    /// Whether all of `others` are among them.
+    /// Returns true if the set contains all of `others`.
     pub const fn contain(self, others: Self) -> bool {
         others.0 & !self.0 == 0
     }
 
-    /// The axes, in order.
+    /// Returns the axes in order.
     pub fn iter(self) -> impl DoubleEndedIterator<Item = Axis> + Clone {
         Axis::ALL.into_iter().filter(move |axis| self.contains(*axis))
     }
 
-    /// How many there are.
+    /// Returns the number of axes.
     pub const fn count(self) -> usize {
         self.0.count_ones() as usize
     }
 
-    /// Whether there are none.
+    /// Returns true if the set is empty.
     pub const fn is_empty(self) -> bool {
         self.0 == 0
     }
 
-    /// Whether there are all six.
+    /// Returns true if the set contains all six axes.
     pub const fn are_all(self) -> bool {
         self.0 == Self::ALL.0
     }
 
-    /// Those of them that are among `others`, too.
+    /// Returns the intersection with `others`.
     pub const fn and(self, others: Self) -> Self {
         Self(self.0 & others.0)
     }
 
-    /// Those of them that are not among `others`.
+    /// Returns the axes that are not in `others`.
     pub const fn without(self, others: Self) -> Self {
         Self(self.0 & !others.0)
     }
 
-    /// The values of the axes that there are.
+    /// Returns the values of the axes in the set.
     pub fn of<T: Clone>(self, values: &PerAxis<T>) -> Vec<T> {
         self.iter().map(|axis| values[axis.index()].clone()).collect()
     }
 
-    /// The values of the axes that there are, with their axes.
+    /// Returns the values of the axes in the set, each with its axis.
     pub fn values<T: Clone>(self, values: &PerAxis<T>) -> AxisValues<T> {
         self.iter().map(|axis| (axis, values[axis.index()].clone())).collect()
     }
 
-    /// One value for each axis that there is, put in its place; `None` unless there are just as many. The
-    /// other positions have `absent`.
+    /// Returns `values`, one for each axis in the set, at the positions of their axes and `absent` at the
+    /// others. `None` if their number is not that of the axes.
     pub fn spread<T: Clone>(self, values: Vec<T>, absent: &T) -> Option<PerAxis<T>> {
         if values.len() != self.count() {
             return None;
@@ -155,7 +152,7 @@ impl Axes {
         Some(spread)
     }
 
-    /// The names of their columns.
+    /// Returns the names of the axes' columns.
     pub fn columns(self) -> Vec<&'static str> {
         self.iter().map(Axis::column).collect()
     }
@@ -180,7 +177,7 @@ impl fmt::Debug for Axes {
     }
 }
 
-/// One value for each axis that there is, in their order.
+/// One value for each axis of a set, in order.
 pub type AxisValues<T> = Vec<(Axis, T)>;
 
 /// The unit of moment columns.
@@ -189,16 +186,16 @@ pub enum MomentUnit {
     /// N·m
     #[serde(rename = "N·m")]
     NewtonMetre,
-    /// mN·m, which is also N·mm
+    /// mN·m, equal to N·mm
     #[serde(rename = "mN·m")]
     MillinewtonMetre,
 }
 
 impl MomentUnit {
-    /// All of them.
+    /// All units.
     pub const ALL: [Self; 2] = [Self::NewtonMetre, Self::MillinewtonMetre];
 
-    /// The symbol of the unit.
+    /// Returns the symbol of the unit.
     pub const fn symbol(self) -> &'static str {
         ["N·m", "mN·m"][self as usize]
     }

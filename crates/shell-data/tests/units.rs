@@ -1,23 +1,24 @@
-//! Two hundred spellings and more of units, against programs that know units.
+//! More than two hundred spellings of units, compared with other programs that parse units.
 //!
-//! Pint 0.25.3 (Python) and UDUNITS 2 (cf-units 3.3.1) were asked for the size of each spelling in SI units. The table lists
-//! those of which Pint gives this figure, those of which only UDUNITS does, and the rest, whose figure is Pint's for
-//! the product written out (`lbf * inch`). Reasons for the rest: Pint reads `N-m` as a difference, UDUNITS as a
-//! product; UDUNITS reads `oz` as a volume; neither reads a mass as its weight, words without a mark between, or capitals.
+//! Pint 0.25.3 (Python) and UDUNITS 2 (cf-units 3.3.1) gave the size of each spelling in SI units. The table
+//! lists the spellings for which Pint gives this size, then those for which only UDUNITS does, then the rest,
+//! whose size is Pint's for the product written out (`lbf * inch`). Reasons for the rest: Pint reads `N-m` as
+//! a difference, UDUNITS as a product; UDUNITS reads `oz` as a volume; neither accepts a mass for its weight,
+//! words without a separator, or capitals.
 
 use std::f64::consts::PI;
 
 use shell_data::Quantity::{self, Acceleration, Angle, Force, Moment, Time};
 use shell_data::Unit;
 
-/// The pound-force and the ounce-force in N, standard gravity in m/s²; inch and foot in m.
+/// Pound-force and ounce-force in N, standard gravity in m/s²; inch and foot in m.
 const LBF: f64 = 4.448_221_615_260_5;
 const OZF: f64 = LBF / 16.0;
 const G: f64 = 9.806_65;
 const INCH: f64 = 0.0254;
 const FOOT: f64 = 0.3048;
 
-/// Quantity, size in SI units, spellings by Pint, by UDUNITS alone, and the rest.
+/// Quantity, size in SI units, and spellings: accepted by Pint, by UDUNITS alone, and the rest.
 #[rustfmt::skip]
 const SPELLINGS: &[(Quantity, f64, &str, &str, &str)] = &[
     (Force, 1e0, "N|newtons|kg m/s^2|kg*m/s**2|kg m s^-2|kg·m/s²|kg·m·s⁻²|kilogram meter per second squared", "Newton|Newtons|NEWTON|kg.m/s2|kg m s-2", "n"),
@@ -82,7 +83,7 @@ fn spellings_have_the_sizes_that_other_programs_give() {
             let unit = Unit::parse(spelling, quantity);
             let found =
                 unit.unwrap_or_else(|| panic!("{quantity:?} `{spelling}`")).scale.to_si(1.0);
-            // A few roundings of the product of factors.
+            // Allows for a few roundings of the product of factors.
             assert!((found / size - 1.0).abs() < 1e-14, "{quantity:?} `{spelling}`: {found}");
             count += 1;
         }
@@ -127,7 +128,7 @@ fn a_unit_is_shown_in_one_way() {
 
 #[test]
 fn metric_units_only_divide_by_powers_of_ten() {
-    // Dividing rounds correctly, so a log in mN reads as it would in N with the point moved.
+    // A division rounds correctly, so a log in mN reads like the same log in N with the decimal point moved.
     let scale = |text| Unit::parse(text, Moment).unwrap().scale;
     assert_eq!((scale("N·mm").times, scale("N·mm").per), (1.0, 1e3));
     assert_eq!(scale("mNm"), scale("mm.N"));

@@ -1,47 +1,46 @@
-//! A radio link that fails in known ways, and keeps books of it.
+//! A radio link with known failures, which it counts.
 //!
-//! Packets go in at their times and come out later: lost, alone or in bursts, twice, late, or with
-//! wrong bytes in them. What is done to which packet follows from a seed. There is no clock here:
-//! times are arguments.
+//! Packets are sent at given times and arrive later: lost (singly or in bursts), duplicated, delayed, or with
+//! corrupted bytes. A seed determines the fate of each packet. There is no clock here: times are arguments.
 
 use std::collections::BTreeMap;
 
 use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 
-/// How a link fails; without any it is perfect.
+/// The failures of a link; the default is a perfect link.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Share of packets that are lost one by one.
+    /// Share of packets that are lost singly.
     pub loss: f64,
-    /// Share of packets that begin a burst, in which all are lost.
+    /// Share of packets that begin a burst, in which all packets are lost.
     pub bursts: f64,
     /// Mean length of a burst, in packets.
     pub burst_packets: f64,
     /// Share of packets that arrive twice.
     pub duplication: f64,
-    /// Share of packets that are held back and so arrive after later ones.
+    /// Share of packets that are held back, and so arrive after later ones.
     pub reordering: f64,
-    /// For how long they are held back, at most, in µs.
+    /// The maximum time that a packet is held back, in µs.
     pub hold_us: u64,
-    /// Share of bytes that arrive as other bytes.
+    /// Share of bytes that are changed.
     pub corruption: f64,
-    /// How long a packet takes, in µs.
+    /// The delay of a packet, in µs.
     pub delay_us: u64,
 }
 
-/// What was done to packets.
+/// The counts of packets by fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Books {
-    /// Packets that were sent.
+    /// Packets sent.
     pub sent: u64,
-    /// Of these, lost one by one.
+    /// Packets lost singly.
     pub lost: u64,
-    /// Lost in bursts.
+    /// Packets lost in bursts.
     pub lost_in_bursts: u64,
-    /// Sent twice.
+    /// Packets sent twice.
     pub duplicated: u64,
-    /// Held back.
+    /// Packets held back.
     pub held_back: u64,
     /// Arrivals with wrong bytes.
     pub corrupted: u64,
@@ -50,20 +49,18 @@ pub struct Books {
 /// A packet that arrives.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Delivery {
-    /// What arrives.
     pub bytes: Vec<u8>,
-    /// Which of the packets sent it is, from 0.
+    /// The number of the packet sent, from 0.
     pub number: u64,
-    /// Whether it is as it was sent.
+    /// True if the packet is unchanged.
     pub intact: bool,
 }
 
-/// The link.
 #[derive(Clone, Debug)]
 pub struct Radio {
     faults: Faults,
     random: RandomStream,
-    /// By time of arrival, then in the order in which they were queued.
+    /// Ordered by time of arrival, then by order of queueing.
     on_the_way: BTreeMap<(u64, u64), Delivery>,
     queued: u64,
     in_burst: bool,
@@ -72,7 +69,7 @@ pub struct Radio {
 
 impl Faults {
     /// # Errors
-    /// [`SimulationError`]: a share is outside 0 to 1, or bursts have no length.
+    /// [`SimulationError`] if a share is outside 0 to 1, or bursts have no length.
     fn check(&self) -> Result<(), SimulationError> {
         let shares = [
             ("loss", self.loss),
@@ -93,7 +90,7 @@ impl Faults {
 }
 
 impl Radio {
-    /// A link with faults that `seed` places.
+    /// Creates a link with faults at times determined by `seed`.
     ///
     /// # Errors
     /// [`SimulationError`].
@@ -109,12 +106,11 @@ impl Radio {
         })
     }
 
-    /// What was done so far.
+    /// The counts so far.
     pub fn books(&self) -> Books {
         self.books
     }
 
-    /// Sends a packet at a time in µs.
     pub fn send(&mut self, now_us: u64, packet: &[u8]) {
         let number = self.books.sent;
         self.books.sent += 1;
@@ -139,12 +135,12 @@ impl Radio {
         }
     }
 
-    /// When the next packet arrives, `None` if none is on its way.
+    /// The time of the next arrival, `None` if no packet is on its way.
     pub(crate) fn next_arrival_us(&self) -> Option<u64> {
         self.on_the_way.first_key_value().map(|(&(due_us, _), _)| due_us)
     }
 
-    /// A packet that has arrived by a time in µs.
+    /// Returns a packet that has arrived by a time in µs.
     pub fn receive(&mut self, now_us: u64) -> Option<Delivery> {
         match self.next_arrival_us()? <= now_us {
             true => self.on_the_way.pop_first().map(|(_, delivery)| delivery),
@@ -152,8 +148,8 @@ impl Radio {
         }
     }
 
-    /// Bursts begin at random and end at random, so their lengths are geometric (the model of E. N.
-    /// Gilbert, Bell Syst. Tech. J. 39, 1253, 1960, with nothing getting through in the bad state).
+    /// Bursts begin and end at random, so their lengths are geometric (the model of E. N. Gilbert, Bell Syst.
+    /// Tech. J. 39, 1253, 1960, with no packet getting through in the bad state).
     fn is_in_burst(&mut self) -> bool {
         self.in_burst = match self.in_burst {
             true => !self.happens(1.0 / self.faults.burst_packets),
@@ -177,7 +173,7 @@ impl Radio {
         self.queued += 1;
     }
 
-    /// Draws nothing for what never happens, so that one fault does not move the others.
+    /// Draws no random number for a share of zero, so that one fault does not shift the others.
     fn happens(&mut self, share: f64) -> bool {
         share > 0.0 && self.random.uniform() < share
     }
@@ -189,7 +185,7 @@ mod tests {
 
     const PACKETS: u64 = 100_000;
 
-    /// Numbers of what arrives of packets sent every ms.
+    /// Numbers of the arrivals among packets sent every ms.
     fn arrivals(faults: Faults, seed: u64) -> (Vec<u64>, Books) {
         let mut radio = Radio::new(faults, seed).unwrap();
         let mut numbers = Vec::new();
@@ -206,7 +202,7 @@ mod tests {
         (numbers, radio.books())
     }
 
-    /// A count that is binomial, within five standard deviations.
+    /// Asserts that a binomial count is within five standard deviations.
     fn assert_share(count: u64, share: f64) {
         let expected = share * PACKETS as f64;
         let deviation = (expected * (1.0 - share)).sqrt();
@@ -236,8 +232,8 @@ mod tests {
         assert_share(books.held_back, 0.95 * 0.02);
         assert_share(books.corrupted, 0.95 * 1.01 * (1.0 - 0.999_f64.powi(8)));
         assert_eq!(numbers.len() as u64, PACKETS - books.lost + books.duplicated);
-        // One in eight is held back for less than the ms to the next packet, and a few next packets
-        // are lost: some 0.83 are late.
+        // One held packet in eight arrives before the next packet, 1 ms later, and a few next packets are
+        // lost: some 0.83 of the held packets are late.
         let mut newest = 0;
         let late = numbers.iter().filter(|&&number| {
             newest = newest.max(number);
@@ -253,7 +249,7 @@ mod tests {
         assert_eq!(numbers.len() as u64, PACKETS - books.lost_in_bursts);
         let gaps = numbers.windows(2).filter(|pair| pair[1] != pair[0] + 1).count();
         let mean = books.lost_in_bursts as f64 / gaps as f64;
-        // A geometric length of mean 5 has a standard deviation of 4.5; 950 bursts, five of them.
+        // A geometric length of mean 5 has a standard deviation of 4.5; five standard errors over 950 bursts.
         assert!((mean - 5.0).abs() < 5.0 * 4.5 / 950.0_f64.sqrt(), "{mean}");
     }
 

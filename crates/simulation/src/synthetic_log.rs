@@ -1,8 +1,8 @@
-//! Writes recordings of the sensor model as CSV, row by row, and trials of the virtual robot as the lab's tools do; or
-//! hands the rows of a recording over in memory, as a log reader would.
+//! Writes recordings of the sensor model as CSV, row by row, and trials of the virtual robot in the format of
+//! the lab's tools; or returns the rows of a recording in memory, as a log reader would.
 //!
-//! Decimals are exact: the reference sensor's steps, 1/160 N and 1/32 N·mm, need five and eight of
-//! them. So the file holds what the model made, and the same command always makes the same bytes.
+//! Decimals are exact: the reference sensor's steps, 1/160 N and 1/32 N·mm, need five and eight of them. The
+//! file thus holds exactly the values of the model, and a given command always writes the same bytes.
 
 use std::io::{self, Write};
 
@@ -20,10 +20,10 @@ pub const FRAME_HEADER: &str = "t_s,s1,s2,s3,s4,s5,s6,s7,s8";
 /// The header of a reference's recording: time and wrench.
 pub const WRENCH_HEADER: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm";
 
-/// Which columns a log has, in which order and under which names.
+/// The columns of a log, their order and their names.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SyntheticLayout {
-    /// `t_s,s1..s8,fx_n..mz_nm`, then `group` (the pose) where there is a load.
+    /// `t_s,s1..s8,fx_n..mz_nm`, then `group` (the pose) for loaded recordings.
     Shellcal,
     /// `Timestamp,Fx,Fy,Fz,Mx,My,Mz,s0..s7`, in N and N·m.
     Peer,
@@ -45,7 +45,7 @@ impl SyntheticLayout {
     /// Writes one row.
     ///
     /// # Errors
-    /// Whatever `out` says.
+    /// Any error of `out`.
     pub fn write_row(
         self,
         out: &mut impl Write,
@@ -71,7 +71,7 @@ impl SyntheticLayout {
 /// Writes a row of a reference's recording.
 ///
 /// # Errors
-/// Whatever `out` says.
+/// Any error of `out`.
 pub fn write_wrench_row(
     out: &mut impl Write,
     time_s: f64,
@@ -85,7 +85,7 @@ pub fn write_wrench_row(
 /// Writes a row of a board's log; its clock counts µs.
 ///
 /// # Errors
-/// Whatever `out` says.
+/// Any error of `out`.
 pub fn write_frame(out: &mut impl Write, time_s: f64, frame: &SimulatedFrame) -> io::Result<()> {
     write!(out, "{time_s:.6}")?;
     write_readings(out, frame)?;
@@ -101,12 +101,12 @@ fn write_wrench(out: &mut impl Write, wrench: &PerAxis<f64>) -> io::Result<()> {
     write!(out, ",{fx:.5},{fy:.5},{fz:.5},{mx:.8},{my:.8},{mz:.8}")
 }
 
-/// Which columns a trial's log has.
+/// The columns of a trial's log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrialLayout {
-    /// Telemetry text with everything.
+    /// Telemetry text with all columns.
     Full,
-    /// Telemetry text without the readings: from before the shell.
+    /// Telemetry text without the readings, as before the shell.
     WithoutSensors,
     /// `t_s,s1..s8`, as `shellcal record` writes: from the board alone.
     WithoutTelemetry,
@@ -115,7 +115,7 @@ pub enum TrialLayout {
 /// Writes the header of a telemetry text: free text, then the names of the columns.
 ///
 /// # Errors
-/// Whatever `out` says.
+/// Any error of `out`.
 pub fn write_telemetry_header(
     out: &mut impl Write,
     settings: &TrialSettings,
@@ -134,7 +134,7 @@ pub fn write_telemetry_header(
 /// Writes a row of a telemetry text.
 ///
 /// # Errors
-/// Whatever `out` says.
+/// Any error of `out`.
 pub fn write_telemetry_row(
     out: &mut impl Write,
     row: &TelemetryRow,
@@ -144,7 +144,7 @@ pub fn write_telemetry_row(
     writeln!(out, "{}", shown.iter().map(i64::to_string).collect::<Vec<_>>().join(","))
 }
 
-/// About what the log reader hands over at once.
+/// The approximate block size of the log reader.
 const BLOCK_ROWS: usize = 6_000;
 
 /// The first `rows` rows that `shellcal synth train` makes by default.

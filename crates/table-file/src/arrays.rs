@@ -1,4 +1,4 @@
-//! Arrays of numbers as the columns of a table: what MATLAB and HDF5 files hold.
+//! Arrays of numbers from MATLAB and HDF5 files, as the columns of a table.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -8,24 +8,23 @@ use crate::element::{Element, Strided};
 use crate::format::{Cell, RowSource, RowStream, TableColumn, WantedColumn};
 use crate::kind::{FileKind, TableError};
 
-/// An array.
 #[derive(Clone, Debug)]
 pub struct Array {
-    /// Its name, after those of the groups that it is in: `group/array`.
+    /// The array's name with the groups that contain it: `group/array`.
     pub name: String,
-    /// Rows, columns, and further sides.
+    /// Number of rows, of columns, and the lengths of further dimensions.
     pub size: Vec<usize>,
-    /// The unit of its values, where the file gives one.
+    /// The unit of the values, if the file states one.
     pub(crate) unit: Option<String>,
-    /// Its elements are row after row, not column after column.
+    /// True if elements are stored row by row, not column by column.
     pub(crate) is_by_row: bool,
     pub(crate) values: ArrayValues,
 }
 
-/// What an array holds.
+/// The content of an array.
 #[derive(Clone, Debug)]
 pub(crate) enum ArrayValues {
-    /// What is no column of a table, in words.
+    /// Anything that cannot be a column of a table, with the reason.
     Other(&'static str),
     /// Numbers or texts that have not been read yet.
     Unread,
@@ -33,7 +32,7 @@ pub(crate) enum ArrayValues {
     Texts(Arc<Vec<String>>),
 }
 
-/// The numbers of an array as the file holds them.
+/// The numbers of an array as stored in the file.
 #[derive(Clone, Debug)]
 pub(crate) struct ArrayNumbers {
     pub(crate) bytes: Arc<Vec<u8>>,
@@ -43,16 +42,16 @@ pub(crate) struct ArrayNumbers {
 }
 
 impl Array {
-    /// Its values in the order of the file, in MATLAB column by column; `None` where they are complex or no
-    /// numbers.
+    /// Returns the values in the order of the file, which is column by column in MATLAB; `None` if they are
+    /// complex or not numbers.
     pub fn values(&self) -> Option<Vec<f64>> {
         let ArrayValues::Numbers(numbers) = &self.values else { return None };
         let number = |at| numbers.cell(at).number().unwrap_or(f64::NAN);
         Some((0..numbers.len()).map(number).collect())
     }
 
-    /// Rows and columns of a matrix, or a vector, in a table: a single row is taken for a column, and what has
-    /// more sides has neither.
+    /// Returns the number of rows and columns in a table: a single row counts as a column, and an array of
+    /// more than two dimensions has neither.
     fn sides(&self) -> (usize, usize) {
         match *self.size {
             [length] | [1, length] => (length, 1),
@@ -61,7 +60,7 @@ impl Array {
         }
     }
 
-    /// Why it is no part of a table, if it is none.
+    /// Returns the reason why the array cannot be part of a table, if it cannot.
     fn refusal(&self) -> Option<&'static str> {
         match (&self.values, self.sides()) {
             (ArrayValues::Other(what), _) => Some(what),
@@ -72,7 +71,7 @@ impl Array {
         }
     }
 
-    /// Whether it has as many values as its sides say, or they have not been read.
+    /// Returns true if the number of values matches the array's size, or the values have not been read.
     pub(crate) fn is_filled(&self) -> bool {
         let (rows, columns) = self.sides();
         match &self.values {
@@ -83,7 +82,7 @@ impl Array {
         }
     }
 
-    /// Whether `name` is that of the array or of a group that it is in.
+    /// Returns true if `name` is the name of the array or of a group that contains it.
     fn is_of(&self, name: &str) -> bool {
         let rest = self.name.strip_prefix(name);
         rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
@@ -105,11 +104,11 @@ impl ArrayNumbers {
     }
 }
 
-/// Fewer rows than these are no log of which a row may be missing.
+/// A log with fewer rows than this is never taken to lack a row.
 const FEW_ROWS: usize = 10;
 
-/// Makes rows of the columns of matrices along which time runs: those that are as long as a vector is, or, where there
-/// is none, all of one length and of different heights.
+/// Transposes matrices whose columns run along time: as many columns as a vector has values, or, if there is
+/// no vector, the same number of columns in all matrices and different numbers of rows.
 fn turn(all: &mut [Array]) {
     let vectors: Vec<usize> = all
         .iter()
@@ -135,14 +134,14 @@ fn turn(all: &mut [Array]) {
     }
 }
 
-/// The columns of a log with their names, where those are known, and notes on what is left out.
+/// The columns of a log, their names if known, and notes on the arrays that are left out.
 pub(crate) type LogColumns = (Option<Vec<TableColumn>>, ArrayRows, Vec<String>);
 
-/// The table that those of `all` make that are a log: of those that `name` is the name of, or else of all, the ones
-/// that have as many rows as most columns. A row that is missing in some at the end is left out of all.
+/// Selects the arrays that make up a log: the arrays called `name`, or all, and among these the ones that
+/// have as many rows as most columns. If some arrays lack the last row, it is left out of all.
 ///
 /// # Errors
-/// [`TableError::Choice`] if there are none of the name, and what else keeps them from being a table.
+/// [`TableError::Choice`] if no array has the name, and other errors if the arrays do not make a table.
 pub(crate) fn columns_of_log(
     kind: FileKind,
     all: Vec<Array>,
@@ -166,7 +165,7 @@ pub(crate) fn columns_of_log(
         return Err(kind.choice("matrix of real numbers", name, found));
     }
     turn(&mut wanted);
-    // Many columns count more than a long one that is something else.
+    // Prefers many columns to a single long one that holds something else.
     let score = |rows: usize| {
         let columns = wanted.iter().filter(|array| array.sides().0 == rows);
         columns.map(|array| array.sides().1 as f64).sum::<f64>() * (rows as f64).ln()
@@ -193,7 +192,7 @@ pub(crate) fn columns_of_log(
     Ok((names(&wanted), ArrayRows { arrays: wanted, rows }, notes))
 }
 
-/// The names of the columns of a table; `None` for a matrix alone, whose columns have none.
+/// Returns the names of a table's columns; `None` for a single matrix, whose columns have no names.
 fn names(all: &[Array]) -> Option<Vec<TableColumn>> {
     if let [matrix] = all
         && matrix.sides().1 > 1
@@ -222,7 +221,7 @@ pub(crate) struct ArrayRows {
 }
 
 impl ArrayRows {
-    /// The array that holds a column, and which of its columns that is.
+    /// Returns the index of the array that contains a column, and the column's index within it.
     pub(crate) fn place(&self, mut column: usize) -> Option<(usize, usize)> {
         for (at, array) in self.arrays.iter().enumerate() {
             let (_, width) = array.sides();

@@ -1,25 +1,25 @@
-//! How much memory a file may ask for.
+//! Limits on the memory that a file may use.
 
 use std::fmt::Display;
 
 use crate::kind::{FileKind, TableError};
 
-/// What any part of a file may take.
+/// Bytes that any part of a file may use, regardless of its length.
 const ANY: u64 = 48 << 20;
 
 /// The longest file, or part of one, that is held in memory.
 pub(crate) const IN_MEMORY: u64 = 2 << 30;
 
-/// How many times its length on disk a part may take beyond that: numbers that were measured take
-/// a third to a thirtieth of their memory when compressed.
+/// Additional bytes that a part may use per byte on disk: measured numbers compress to between a third and a
+/// thirtieth of their size in memory.
 const RATIO: u64 = 32;
 
-/// What is unpacked of a file in all, part after part: time is a budget, too.
+/// Total number of bytes unpacked from a file, which is limited to bound the time.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Unpacked(u64);
 
 impl Unpacked {
-    /// Counts `bytes` more of a file of so many bytes, before they are unpacked.
+    /// Counts `bytes` more before they are unpacked from a file of length `file_bytes`.
     pub(crate) fn add(
         &mut self,
         kind: FileKind,
@@ -31,18 +31,18 @@ impl Unpacked {
     }
 }
 
-/// The longest header, footer, directory or other description of a table.
+/// The longest header, footer, directory or other description of a table, in bytes.
 pub(crate) const DESCRIPTION: u64 = 16 << 20;
 
-/// The most columns of a table.
+/// The largest number of columns of a table.
 pub(crate) const COLUMNS: usize = 4096;
 
-/// How many bytes may be made of a part that has `stored` bytes in the file.
+/// Returns the largest size of a part that takes `stored` bytes in the file.
 pub(crate) const fn limit(stored: u64) -> u64 {
     ANY.saturating_add(stored.saturating_mul(RATIO))
 }
 
-/// Checks that so many `bytes` may be made of a part that has `stored` bytes in the file.
+/// Checks that a part which takes `stored` bytes in the file may have the size `bytes`.
 pub(crate) fn check(
     kind: FileKind,
     what: impl Display,
@@ -52,7 +52,7 @@ pub(crate) fn check(
     within(kind, what, bytes, limit(stored))
 }
 
-/// Checks that a part takes no more than `limit`.
+/// Checks that the size of a part is at most `limit`.
 pub(crate) fn within(
     kind: FileKind,
     what: impl Display,
@@ -68,7 +68,6 @@ pub(crate) fn within(
     }
 }
 
-/// Checks the number of columns.
 pub(crate) fn check_columns(kind: FileKind, columns: usize) -> Result<(), TableError> {
     match columns <= COLUMNS {
         true => Ok(()),

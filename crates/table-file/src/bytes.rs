@@ -1,6 +1,6 @@
-//! Bytes that are taken off a slice, which may end anywhere; and numbers of several bytes.
+//! Reading numbers and bytes from a slice, which may end anywhere, and writing them.
 
-/// What is left of a slice.
+/// The rest of a slice.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ByteReader<'a> {
     pub(crate) rest: &'a [u8],
@@ -21,20 +21,20 @@ impl<'a> ByteReader<'a> {
         Self { rest }
     }
 
-    /// The next `count` bytes.
+    /// Takes the next `count` bytes.
     pub(crate) fn take(&mut self, count: usize) -> Option<&'a [u8]> {
         let (bytes, rest) = self.rest.split_at_checked(count)?;
         self.rest = rest;
         Some(bytes)
     }
 
-    /// A text with its length before it, in 32 bits.
+    /// Takes a text that is preceded by its 32-bit length.
     pub(crate) fn text(&mut self) -> Option<&'a str> {
         let length = self.u32()?;
         str::from_utf8(self.take(usize::try_from(length).ok()?)?).ok()
     }
 
-    /// A number in groups of seven bits, the lowest first.
+    /// Takes an integer in groups of seven bits, lowest first.
     pub(crate) fn varint(&mut self) -> Option<u64> {
         let mut value = 0;
         for shift in (0..64).step_by(7) {
@@ -47,7 +47,7 @@ impl<'a> ByteReader<'a> {
         None
     }
 
-    /// A number of either sign, of which small ones are short.
+    /// Takes a signed integer in zigzag encoding, in which small magnitudes are short.
     pub(crate) fn zigzag(&mut self) -> Option<i64> {
         let value = self.varint()?;
         Some((value >> 1) as i64 ^ -((value & 1) as i64))
@@ -56,7 +56,7 @@ impl<'a> ByteReader<'a> {
     little_endian!(u8: u8, u16: u16, u32: u32, u64: u64, i32: i32, i64: i64);
 }
 
-/// Bytes written one after the other, the lowest of a number first.
+/// Bytes written one after the other; numbers are little-endian.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ByteWriter(pub(crate) Vec<u8>);
 
@@ -66,7 +66,7 @@ impl ByteWriter {
         self
     }
 
-    /// Bytes with their number before them, in 32 bits.
+    /// Writes bytes preceded by their 32-bit length.
     pub(crate) fn block(self, bytes: &[u8]) -> Self {
         self.u32(bytes.len() as u32).bytes(bytes)
     }
@@ -88,7 +88,7 @@ impl ByteWriter {
     }
 }
 
-/// Adds a number in groups of seven bits, the lowest first.
+/// Appends an integer in groups of seven bits, lowest first.
 pub(crate) fn push_varint(bytes: &mut Vec<u8>, mut value: u64) {
     while value >= 0x80 {
         bytes.push(value as u8 | 0x80);

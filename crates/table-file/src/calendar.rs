@@ -1,16 +1,16 @@
-//! Dates and times of the Gregorian calendar, as ISO 8601 and as seconds since 1970.
+//! Dates and times of the Gregorian calendar, in ISO 8601 and in seconds since 1970.
 
-/// The seconds since 1970-01-01T00:00:00Z that a date and time in ISO 8601 means, such as
-/// `2026-03-01T12:00:00.25Z`, `2026-03-01 12:00:00,25+01:00`. Without an offset it is taken as UTC.
+/// Parses a date and time in ISO 8601 into seconds since 1970-01-01T00:00:00Z: `2026-03-01T12:00:00.25Z`,
+/// `2026-03-01 12:00:00,25+01:00`. Without an offset it is taken as UTC.
 ///
-/// `None` if it is none. The whole seconds are exact, and the sum is rounded once.
+/// Returns `None` if the text is not a date and time. The integer part is exact, and the sum is rounded once.
 pub fn seconds_of_iso(text: &str) -> Option<f64> {
     let bytes = text.trim().as_bytes();
     let (date, rest) = bytes.split_at_checked(10)?;
     let [y1, y2, y3, y4, b'-', m1, m2, b'-', d1, d2] = *date else { return None };
     let (year, month, day) = (digits(&[y1, y2, y3, y4])?, digits(&[m1, m2])?, digits(&[d1, d2])?);
     let days = days_since_1970(year, month, day);
-    // Months and days that there are not are others.
+    // An invalid month or day converts back to a different date.
     if date_of(days) != (year, month, day) {
         return None;
     }
@@ -41,13 +41,13 @@ pub fn seconds_of_iso(text: &str) -> Option<f64> {
         return Some(seconds as f64);
     }
     match seconds {
-        // The decimal number of seconds, to be rounded once.
+        // Parses the decimal number of seconds, so that it is rounded once.
         0.. => format!("{seconds}.{fraction}").parse().ok(),
         _ => Some(seconds as f64 + format!("0.{fraction}").parse::<f64>().ok()?),
     }
 }
 
-/// The offset from UTC that ends a time.
+/// Returns the offset from UTC at the end of a time.
 fn offset_s(zone: &[u8]) -> Option<i64> {
     let zone = zone.trim_ascii_start();
     let (sign, zone) = match zone {
@@ -70,7 +70,7 @@ fn digits(bytes: &[u8]) -> Option<i64> {
     })
 }
 
-/// Days from 1970-01-01 to a date, by eras of 400 years that begin on 1 March.
+/// Returns the days from 1970-01-01 to a date, computed in eras of 400 years that begin on 1 March.
 fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
     let year = year - i64::from(month <= 2);
     let (era, of_era) = (year.div_euclid(400), year.rem_euclid(400));
@@ -78,12 +78,12 @@ fn days_since_1970(year: i64, month: i64, day: i64) -> i64 {
     era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468
 }
 
-/// A date and time in UTC by its seconds since 1970, in ISO 8601 with a `Z`.
+/// Formats seconds since 1970 as a date and time in UTC, in ISO 8601 with a `Z`.
 pub fn iso_of_seconds(seconds: u64) -> String {
     iso_of(seconds.try_into().unwrap_or(i64::MAX), 1) + "Z"
 }
 
-/// The date and time at `units` of which `per_second` make a second, since 1970, in ISO 8601.
+/// Formats a time since 1970 in units of 1/`per_second` s as a date and time in ISO 8601.
 pub(crate) fn iso_of(units: i64, per_second: i64) -> String {
     let (seconds, part) = (units.div_euclid(per_second), units.rem_euclid(per_second));
     let (year, month, day) = date_of(seconds.div_euclid(86_400));
@@ -97,12 +97,12 @@ pub(crate) fn iso_of(units: i64, per_second: i64) -> String {
     text
 }
 
-/// The seconds in `units` of which `per_second` make one, rounded once.
+/// Converts units of 1/`per_second` s to seconds, rounded once.
 pub(crate) fn seconds_of(units: i64, per_second: i64) -> f64 {
     if units.unsigned_abs() < 1 << 53 {
         return units as f64 / per_second as f64;
     }
-    // With 64 further bits, of which the last one stands for all that follow.
+    // Computes 64 additional bits; the last one stands for all further bits.
     let per_second = u128::from(per_second.unsigned_abs());
     let scaled = u128::from(units.unsigned_abs()) << 64;
     let bits = (scaled / per_second) | u128::from(!scaled.is_multiple_of(per_second));
@@ -110,7 +110,7 @@ pub(crate) fn seconds_of(units: i64, per_second: i64) -> f64 {
     if units < 0 { -seconds } else { seconds }
 }
 
-/// The year, month and day that begin so many days after 1970-01-01.
+/// Returns the year, month and day of a number of days after 1970-01-01.
 fn date_of(days: i64) -> (i64, i64, i64) {
     let days = days.saturating_add(719_468);
     let (era, of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
@@ -127,7 +127,7 @@ fn date_of(days: i64) -> (i64, i64, i64) {
 mod tests {
     use super::*;
 
-    /// Times from `date -u -d … +%s`.
+    /// Expected values: `date -u -d … +%s`.
     #[test]
     fn times_are_those_of_the_calendar() {
         for (text, expected) in [
@@ -157,7 +157,7 @@ mod tests {
         }
     }
 
-    /// Against the decimal number of seconds, which the standard library rounds once.
+    /// Compares with the decimal number of seconds, which the standard library rounds once.
     #[test]
     fn seconds_are_those_of_their_decimal_number() {
         for units in

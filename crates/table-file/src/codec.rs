@@ -1,23 +1,22 @@
-//! Compressed parts of files, unpacked to a length that is known or bounded.
+//! Decompression of parts of files to a known or bounded length.
 
 use std::error::Error;
 use std::io::{self, Read};
 
 use ruzstd::decoding::StreamingDecoder;
 
-/// How a part is compressed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Codec {
     None,
     Snappy,
     Gzip,
-    /// A block without a frame.
+    /// A raw block, without a frame.
     Lz4Block,
     Lz4Frame,
     Zstd,
 }
 
-/// Unpacks `packed`, which makes `size` bytes. The caller has checked that size.
+/// Unpacks `packed` to `size` bytes. The caller must check that size.
 pub(crate) fn unpack(codec: Codec, packed: &[u8], size: usize) -> Result<Vec<u8>, Box<dyn Error>> {
     let unpacked = match codec {
         Codec::None => packed.to_vec(),
@@ -39,7 +38,7 @@ pub(crate) fn unpack(codec: Codec, packed: &[u8], size: usize) -> Result<Vec<u8>
     }
 }
 
-/// Reads one byte more than there may be, at most.
+/// Reads at most one byte more than `size`, so that the caller can detect an excess.
 fn read(stream: impl Read, size: usize) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     stream.take(size as u64 + 1).read_to_end(&mut bytes)?;

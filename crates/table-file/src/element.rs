@@ -1,25 +1,25 @@
-//! Numbers and times as files hold them.
+//! Numbers and times in their binary representation.
 
 use crate::format::{Cell, ColumnPart};
 
 /// The type of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Element {
-    /// Of 16 bits.
+    /// Floating point, 16 bits.
     Half,
-    /// Of 32 bits.
+    /// Floating point, 32 bits.
     Single,
-    /// Of 64 bits.
+    /// Floating point, 64 bits.
     Double,
-    /// Of 1, 2, 4 or 8 bytes.
+    /// Signed integer of 1, 2, 4 or 8 bytes.
     Signed(u8),
-    /// The same without a sign.
+    /// Unsigned integer of 1, 2, 4 or 8 bytes.
     Unsigned(u8),
-    /// Of 1, 2, 4 or 8 bytes, of which so many bits are the number.
+    /// Signed integer in the lowest `bits` bits of 1, 2, 4 or 8 bytes.
     SignedBits { size: u8, bits: u8 },
-    /// 0 or 1, in a byte.
+    /// Boolean, 0 or 1 in a byte.
     Truth,
-    /// A time since 1970 as a signed number of so many bytes: each is so many units, of which so many make a second.
+    /// A time since 1970 as a signed integer of `size` bytes, in steps of `units`/`per_second` s.
     Time { size: u8, units: i64, per_second: i64 },
 }
 
@@ -37,9 +37,9 @@ impl Element {
         }
     }
 
-    /// The number in `bytes`, of which there are as many as it has.
+    /// Converts the bytes of one element.
     pub(crate) fn cell(self, bytes: &[u8], is_little: bool) -> Cell {
-        // In the lowest bytes of a word.
+        // Copies the bytes to the lowest bytes of a word.
         let mut word = [0; 8];
         for (at, &byte) in bytes.iter().take(8).enumerate() {
             word[if is_little { at } else { bytes.len().min(8) - 1 - at }] = byte;
@@ -60,7 +60,7 @@ impl Element {
             Self::Truth => Cell::Whole(i64::from(bits != 0)),
             Self::Time { size, units, per_second } => {
                 match Self::Signed(size).cell(bytes, is_little) {
-                    // Not a time.
+                    // NaT, "not a time".
                     Cell::Whole(i64::MIN) => Cell::Missing,
                     Cell::Whole(value) => {
                         Cell::Time { units: value.saturating_mul(units), per_second }
@@ -76,31 +76,31 @@ impl Element {
     }
 }
 
-/// Values of one size, a certain distance from each other.
+/// Values of one size at a constant distance.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Strided<'a> {
-    /// From the first value on.
+    /// The bytes, beginning with the first value.
     pub(crate) bytes: &'a [u8],
-    /// From one value to the next.
+    /// Distance from one value to the next, in bytes.
     pub(crate) stride: usize,
     pub(crate) rows: usize,
 }
 
 impl Strided<'_> {
-    /// The first bytes of every value.
+    /// Iterates over the first `SIZE` bytes of each value.
     fn chunks<const SIZE: usize>(&self) -> impl Iterator<Item = [u8; SIZE]> {
         let rows = self.bytes.chunks(self.stride.max(1)).take(self.rows);
         rows.map_while(|row| row.first_chunk::<SIZE>().copied())
     }
 
-    /// The bytes of every value of so many.
+    /// Iterates over the first `size` bytes of each value.
     pub(crate) fn values(&self, size: usize) -> impl Iterator<Item = &[u8]> {
         self.bytes.chunks(self.stride.max(1)).take(self.rows).map_while(move |row| row.get(..size))
     }
 }
 
 impl Element {
-    /// Adds values to those of a column.
+    /// Appends values to a column.
     pub(crate) fn read(self, from: Strided<'_>, is_little: bool, part: &mut ColumnPart) {
         let ColumnPart::Numbers { values, .. } = part else {
             from.values(self.size()).for_each(|bytes| part.push(self.cell(bytes, is_little)));
@@ -129,13 +129,13 @@ impl Element {
             Self::Unsigned(2) => numbers!(u16),
             Self::Unsigned(4) => numbers!(u32),
             Self::Unsigned(8) => numbers!(u64),
-            // Rare ones.
+            // The remaining types are rare.
             _ => from.values(self.size()).for_each(|bytes| part.push(self.cell(bytes, is_little))),
         }
     }
 }
 
-/// A number of half precision (IEEE 754 binary16).
+/// Converts a half-precision number (IEEE 754 binary16).
 fn half(bits: u16) -> f64 {
     let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
     let (exponent, fraction) = (i32::from(bits >> 10 & 0x1f), f64::from(bits & 0x3ff));
@@ -160,7 +160,7 @@ mod tests {
             (Element::Signed(8), i64::MIN.to_le_bytes().to_vec(), Cell::Whole(i64::MIN)),
             (Element::Unsigned(1), vec![255], Cell::Whole(255)),
             (Element::Unsigned(8), vec![255; 8], Cell::Real(18_446_744_073_709_551_615.0)),
-            // 1, −2, 2⁻²⁴ and 65504 by the standard's table.
+            // 1, −2, 2⁻²⁴ and 65504 from the table in the standard.
             (Element::Half, vec![0x00, 0x3c], Cell::Real(1.0)),
             (Element::Half, vec![0x00, 0xc0], Cell::Real(-2.0)),
             (Element::Half, vec![0x01, 0x00], Cell::Real(2_f64.powi(-24))),

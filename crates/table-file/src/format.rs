@@ -1,4 +1,5 @@
-//! What a format reads, the bytes of a file, and what it gives: the names of columns, and a stream of rows.
+//! The interface of a format: it reads the bytes of a file and returns the names of columns and a stream of
+//! rows.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -10,17 +11,17 @@ use std::sync::Arc;
 use crate::calendar::{iso_of, seconds_of};
 use crate::kind::TableError;
 
-/// A file to be opened any number of times.
+/// A file that can be opened any number of times.
 #[derive(Clone, Debug)]
 pub enum FileSource {
-    /// On disk.
+    /// A file on disk.
     Disk(PathBuf),
-    /// In memory, as a browser hands files over.
+    /// A file in memory, as a browser passes it.
     Memory(Arc<[u8]>),
 }
 
 impl FileSource {
-    /// Opens it at its start.
+    /// Opens the file at its start.
     ///
     /// # Errors
     /// [`io::Error`] if a file on disk cannot be opened.
@@ -31,10 +32,10 @@ impl FileSource {
         })
     }
 
-    /// The number of its bytes.
+    /// Returns the length in bytes.
     ///
     /// # Errors
-    /// [`io::Error`] if the system does not say.
+    /// [`io::Error`] if the system cannot tell the length.
     pub fn length(&self) -> io::Result<u64> {
         match self {
             Self::Disk(path) => Ok(path.metadata()?.len()),
@@ -43,7 +44,6 @@ impl FileSource {
     }
 }
 
-/// A file that is read.
 pub type OpenFile = Box<dyn FileBytes>;
 
 /// The bytes of an open file.
@@ -54,21 +54,21 @@ impl<T: Read + Seek + Send> FileBytes for T {}
 /// A value in a table.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Cell {
-    /// Nothing.
+    /// No value.
     #[default]
     Missing,
-    /// A number.
+    /// A floating-point number.
     Real(f64),
-    /// A whole number.
+    /// An integer.
     Whole(i64),
     /// Text.
     Text(String),
-    /// A time since 1970, in units of which so many make a second.
+    /// A time since 1970, in units of 1/`per_second` s.
     Time { units: i64, per_second: i64 },
 }
 
 impl Cell {
-    /// Its number, or time in seconds since 1970; `None` for what is missing or text.
+    /// Returns the number, or the time in seconds since 1970; `None` for text and missing values.
     pub fn number(&self) -> Option<f64> {
         match *self {
             Self::Real(value) => Some(value),
@@ -78,7 +78,8 @@ impl Cell {
         }
     }
 
-    /// Its text on one line: numbers with the fewest digits that read back as the same number, times in ISO 8601.
+    /// Formats the value on one line: numbers with the fewest digits that read back as the same number, times
+    /// in ISO 8601.
     pub fn text(&self) -> Cow<'_, str> {
         match self {
             Self::Missing => Cow::Borrowed(""),
@@ -88,7 +89,7 @@ impl Cell {
                 None => zmij::Buffer::new().format(*value).to_owned(),
             }),
             Self::Time { units, per_second } => Cow::Owned(iso_of(*units, *per_second)),
-            // What no text file has would make the whole file one that is none.
+            // A control character would make the whole text file look like a binary one.
             Self::Text(text) if text.contains(char::is_control) => {
                 Cow::Owned(text.replace(char::is_control, " "))
             }
@@ -97,7 +98,7 @@ impl Cell {
     }
 }
 
-/// The integer that a number is, but for a zero with a sign.
+/// Returns the number as an integer if it is one; −0 is excluded to keep its sign.
 fn whole(value: f64) -> Option<i64> {
     let is_whole = value.trunc() == value && value.abs() < 9e15;
     (is_whole && (value != 0.0 || value.is_sign_positive())).then_some(value as i64)
@@ -108,16 +109,15 @@ fn whole(value: f64) -> Option<i64> {
 pub enum Cells<'a> {
     /// Names and remarks.
     Text(Cow<'a, [String]>),
-    /// Numbers, some of which may be missing.
+    /// Numbers, possibly with missing values.
     Number(Cow<'a, [Option<f64>]>),
-    /// Numbers that are all there.
+    /// Numbers, none missing.
     Full(Cow<'a, [f64]>),
-    /// Counts, some of which may be missing.
+    /// Counts, possibly with missing values.
     Count(Cow<'a, [Option<u64>]>),
 }
 
 impl Cells<'_> {
-    /// How many rows there are.
     pub fn rows(&self) -> usize {
         match self {
             Self::Text(values) => values.len(),
@@ -128,20 +128,19 @@ impl Cells<'_> {
     }
 }
 
-/// A column that is wanted: its position from 0, and whether its values are wanted as they are written, not as
-/// numbers.
+/// A requested column and the form of its values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WantedColumn {
-    /// Its position, from 0.
+    /// Position of the column, from 0.
     pub at: usize,
-    /// Give texts, not numbers.
+    /// True if the values are requested as text, not as numbers.
     pub is_text: bool,
 }
 
 /// Some rows of a column.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ColumnPart {
-    /// Numbers, or times in seconds since 1970; NaN in the rows that are missing, which are listed in order.
+    /// Numbers, or times in seconds since 1970. Missing rows are NaN and listed in order.
     Numbers { values: Vec<f64>, missing: Vec<usize> },
     /// Values of any kind.
     Cells(Vec<Cell>),
@@ -154,7 +153,7 @@ impl Default for ColumnPart {
 }
 
 impl ColumnPart {
-    /// Forgets all rows, and makes it one for what is wanted.
+    /// Removes all rows, and selects the variant for the requested form.
     fn clear(&mut self, is_text: bool) {
         match self {
             Self::Numbers { values, missing } if !is_text => {
@@ -166,7 +165,7 @@ impl ColumnPart {
         }
     }
 
-    /// Adds a value to those of a column whose values are all numbers or times, or to cells.
+    /// Appends a value; a column of [`Self::Numbers`] accepts only numbers and times.
     pub(crate) fn push(&mut self, cell: Cell) {
         match self {
             Self::Cells(cells) => cells.push(cell),
@@ -180,7 +179,7 @@ impl ColumnPart {
         }
     }
 
-    /// Adds every so many values of another one, from the one at `first` on.
+    /// Appends every `step`-th value of another part, beginning with the one at `first`.
     pub(crate) fn extend_by_step(&mut self, from: &Self, first: usize, step: usize) {
         match from {
             Self::Cells(cells) => {
@@ -195,7 +194,7 @@ impl ColumnPart {
         }
     }
 
-    /// Its values as cells.
+    /// Converts the values to cells.
     pub(crate) fn cells(&mut self) -> &mut Vec<Cell> {
         if let Self::Numbers { values, missing } = self {
             let cell = |(at, value): (usize, &f64)| match missing.binary_search(&at) {
@@ -211,19 +210,18 @@ impl ColumnPart {
     }
 }
 
-/// Some rows of the columns that are wanted.
+/// Some rows of the requested columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TablePart {
-    /// How many rows there are.
     pub rows: usize,
-    /// The columns, in the order in which they are wanted.
+    /// The columns, in the order of the request.
     pub columns: Vec<ColumnPart>,
-    /// Rows, in order, that hold nothing or a remark.
+    /// Rows, in order, that are empty or hold a remark.
     pub blank: Vec<usize>,
 }
 
 impl TablePart {
-    /// Forgets all rows, and makes room for what is wanted.
+    /// Removes all rows, and makes room for the requested columns.
     pub(crate) fn clear(&mut self, wanted: &[WantedColumn]) {
         self.rows = 0;
         self.blank.clear();
@@ -235,9 +233,8 @@ impl TablePart {
 /// A column of a table.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct TableColumn {
-    /// Its name.
     pub name: String,
-    /// The unit of its values, as the file writes it.
+    /// The unit of the values, as written in the file.
     pub unit: Option<String>,
 }
 
@@ -247,43 +244,43 @@ impl From<String> for TableColumn {
     }
 }
 
-/// What a format finds in a file.
+/// A table that a format found in a file.
 pub(crate) struct FoundTable {
-    /// The columns, `None` where they have no names or the rows hold them.
+    /// The columns, `None` if they have no names or the names are in the rows.
     pub(crate) columns: Option<Vec<TableColumn>>,
     pub(crate) rows: Arc<dyn RowSource>,
-    /// What is left out of the table, and what was decided.
+    /// Notes on contents that are left out, and on decisions made.
     pub(crate) notes: Vec<String>,
 }
 
 impl FoundTable {
-    /// A table of all that there is.
+    /// Makes a table without notes.
     pub(crate) fn new(columns: Option<Vec<TableColumn>>, rows: impl RowSource + 'static) -> Self {
         Self { columns, rows: Arc::new(rows), notes: Vec::new() }
     }
 }
 
-/// What a format knows of one of its files.
+/// An opened table of some format.
 pub(crate) trait RowSource: fmt::Debug + Send + Sync {
-    /// What a column holds, from 0, if that is not read.
+    /// Returns the content of a column, from 0, if it cannot be read.
     fn unread(&self, _column: usize) -> Option<&'static str> {
         None
     }
 
-    /// The number of columns; 0 where rows differ in it.
+    /// Returns the number of columns; 0 if it differs between rows.
     fn columns(&self) -> usize;
 
-    /// The rows of the columns that are wanted.
+    /// Streams the rows of the requested columns.
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError>;
 }
 
-/// A stream of rows: adds at most so many of the next ones to a part that has none; fewer only at the end.
+/// A stream of rows: appends at most the given number of rows to an empty part; fewer only at the end.
 pub(crate) type RowStream = Box<dyn FnMut(usize, &mut TablePart) -> Result<(), TableError> + Send>;
 
-/// A stream of rows of cells, for formats whose rows are read whole: the next row, `None` if there are no more.
+/// A stream of rows of cells, for formats that read whole rows: the next row, `None` at the end.
 pub(crate) type CellRows = Box<dyn FnMut() -> Result<Option<Vec<Cell>>, TableError> + Send>;
 
-/// The wanted columns of rows of cells; rows for which `is_blank` is true are marked as such.
+/// Selects the requested columns from rows of cells and marks the rows for which `is_blank` is true.
 pub(crate) fn columns_of_cells(
     mut next: CellRows,
     wanted: Vec<WantedColumn>,
@@ -297,7 +294,7 @@ pub(crate) fn columns_of_cells(
                 part.blank.push(part.rows);
             }
             for (column, wanted) in part.columns.iter_mut().zip(&wanted) {
-                // A column may be wanted both as numbers and as texts.
+                // Cloned, because a column may be requested both as numbers and as text.
                 let cell = row.get_mut(wanted.at);
                 column.cells().push(cell.cloned().unwrap_or_default());
             }

@@ -1,5 +1,5 @@
-//! Data sets of numbers in HDF5 files, which those of MATLAB 7.3 are too. The crate `hdf5-pure` reads the
-//! format; what of it is a log, and how much memory a file may ask for, is decided here.
+//! Data sets of numbers in HDF5 files, including MATLAB 7.3. The crate `hdf5-pure` reads the format; this
+//! module selects the data sets that make up a log and limits the memory that a file may use.
 
 use std::io::Read;
 use std::sync::Arc;
@@ -17,19 +17,19 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Hdf5;
 
-/// How deep groups are looked into, which may contain each other, and how many objects are.
+/// Limits on the depth of groups, which may contain each other, and on the number of objects.
 const DEPTH: usize = 8;
 const OBJECTS: usize = 4096;
 
-/// The most that all data sets of a log may take beyond [`RATIO`] times the file: less than elsewhere, as
-/// the file may claim any number of rows that were never written.
+/// Bytes that all data sets of a log may use, in addition to [`RATIO`] times the file's length. The limit is
+/// lower than elsewhere, because a file can claim any number of rows that were never written.
 const ANY: u64 = 16 << 20;
 const RATIO: u64 = 32;
 
-/// How a file of MATLAB begins: its data sets are matrices column by column.
+/// The first bytes of a MATLAB file, in which data sets are matrices stored column by column.
 const MATLAB: &[u8] = b"MATLAB 7.3";
 
-/// The classes of MATLAB that are numbers.
+/// The numeric MATLAB classes.
 const CLASSES: [&str; 11] = [
     "double", "single", "logical", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32",
     "uint64",
@@ -57,7 +57,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     Ok(FoundTable { columns, rows, notes })
 }
 
-/// Vectors and matrices.
+/// The vectors and matrices of a file.
 #[derive(Default)]
 struct DataSets {
     sets: Vec<Array>,
@@ -66,9 +66,9 @@ struct DataSets {
 }
 
 impl DataSets {
-    /// Those of a group, and of the groups in it.
+    /// Adds the data sets of a group and of its subgroups.
     fn add(&mut self, group: &Group, path: &str, depth: usize) -> Result<(), TableError> {
-        // Octave stores a value with its type in a group, column by column.
+        // Octave stores a value with its type in a group; the value is stored column by column.
         let is_octave = group.attrs().is_ok_and(|it| it.contains_key("OCTAVE_NEW_FORMAT"));
         for (name, set) in group.iter_datasets().map_err(unreadable)? {
             self.count()?;
@@ -95,7 +95,7 @@ impl DataSets {
         }
         for (name, inner) in group.iter_groups().map_err(unreadable)? {
             self.count()?;
-            // What MATLAB refers to from cells and objects.
+            // `#` groups hold the objects that MATLAB cells and objects refer to.
             if !name.starts_with('#') {
                 self.add(&inner, &format!("{path}{name}/"), depth - 1)?;
             }
@@ -103,15 +103,16 @@ impl DataSets {
         Ok(())
     }
 
-    /// The unit of a data set, and whether its values are read.
+    /// Returns the unit of a data set, and its values or the reason why they are not read.
     fn values(&self, set: &Dataset) -> Result<(Option<String>, ArrayValues), TableError> {
         let attributes = set.attrs().map_err(unreadable)?;
         let text = |name: &str| attributes.get(name).and_then(AttrValue::as_str);
-        // "milliseconds since 2026-03-01 12:00:00" says from when, too.
+        // Cuts the origin off units such as "milliseconds since 2026-03-01 12:00:00".
         let unit = text("units").or_else(|| text("unit"));
         let unit = unit.and_then(|unit| unit.split(" since ").next()).map(str::trim);
         let unit = unit.filter(|unit| !unit.is_empty()).map(str::to_owned);
-        // Texts of MATLAB are data sets of numbers, too, and of an empty matrix the sides are the numbers.
+        // MATLAB texts are data sets of numbers as well, and an empty matrix stores its dimensions as
+        // numbers.
         let is_number = !attributes.contains_key("MATLAB_empty")
             && text("MATLAB_class").is_none_or(|it| CLASSES.contains(&it));
         let kind = set.datatype().map_err(unreadable)?;
@@ -139,7 +140,7 @@ impl DataSets {
     }
 }
 
-/// What a filter that is not read makes of a data set, by the number that The HDF Group registered.
+/// Returns the reason why a filter is not supported, by its number registered at The HDF Group.
 fn unread_filter(filter: u16) -> Option<&'static str> {
     Some(match filter {
         // Deflate, shuffle, Fletcher32, scale-offset, LZF, ZFP.
@@ -156,7 +157,7 @@ fn unread_filter(filter: u16) -> Option<&'static str> {
     })
 }
 
-/// Its numbers and the order of their bytes; `None` for what is none, or none of the usual ones.
+/// Returns the type and byte order of a data type's numbers; `None` if it is not a usual numeric type.
 fn element(kind: &Datatype) -> Option<(Element, bool)> {
     const HALF: FloatingPointLayout = FloatingPointLayout {
         bit_offset: 0,
@@ -173,14 +174,14 @@ fn element(kind: &Datatype) -> Option<(Element, bool)> {
             let size = *size as u8;
             let element = match (bits == all, layout.signed) {
                 _ if layout.bit_offset != 0 || bits == 0 || bits > all => return None,
-                // The bits above are zeros.
+                // The upper bits are zeros.
                 (_, false) => Element::Unsigned(size),
                 (true, true) => Element::Signed(size),
                 (false, true) => Element::SignedBits { size, bits: bits as u8 },
             };
             (element, byte_order)
         }
-        // Truths of h5py, and other names for whole numbers.
+        // h5py booleans, and integers with names.
         Datatype::Enumeration { base_type, .. } => return self::element(base_type),
         Datatype::FloatingPoint { size, byte_order, layout } => {
             let element = match (size, *layout) {
@@ -213,7 +214,7 @@ impl RowSource for Hdf5Table {
         let wanted_sets: Vec<usize> =
             wanted.iter().filter_map(|wanted| Some(sets.place(wanted.at)?.0)).collect();
         for (at, array) in sets.arrays.iter_mut().enumerate() {
-            // One that is not wanted may claim as many rows as no memory holds, too.
+            // Checked even if not requested: it may claim more rows than memory can hold.
             let (set, bytes) = data_set(&file, &array.name, left)?;
             if wanted_sets.contains(&at) {
                 left -= bytes;
@@ -228,9 +229,9 @@ impl RowSource for Hdf5Table {
     }
 }
 
-/// A data set, and the bytes of its values, of which there may be `most`.
+/// Opens a data set and returns it with the size of its values, which may be at most `most` bytes.
 fn data_set(file: &hdf5_pure::File, path: &str, most: u64) -> Result<(Dataset, u64), TableError> {
-    // A value of Octave is in the group of its name.
+    // Octave stores the value in a group with the variable's name.
     let set = file.dataset(path).or_else(|_| file.dataset(&format!("{path}/value")));
     let set = set.map_err(unreadable)?;
     let size = set.element_size().map_err(unreadable)?;
@@ -241,7 +242,7 @@ fn data_set(file: &hdf5_pure::File, path: &str, most: u64) -> Result<(Dataset, u
     Ok((set, bytes))
 }
 
-/// The values of a data set.
+/// Reads the values of a data set.
 fn values(set: &Dataset, path: &str) -> Result<ArrayValues, TableError> {
     if let Some(sides) = set.chunk_shape().map_err(unreadable)? {
         check_pieces(set, path, &set.shape().map_err(unreadable)?, &sides)?;
@@ -255,8 +256,8 @@ fn values(set: &Dataset, path: &str) -> Result<ArrayValues, TableError> {
     Ok(ArrayValues::Numbers(ArrayNumbers { bytes, range, element, is_little }))
 }
 
-/// Checks that the pieces of a data set lie on their grid, each at a place of its own: one that does not would leave
-/// zeros where its values belong.
+/// Checks that the chunks of a data set lie on its grid, without duplicates: a misplaced chunk would leave
+/// zeros in place of its values.
 fn check_pieces(set: &Dataset, path: &str, shape: &[u64], sides: &[u64]) -> Result<(), TableError> {
     let mut offsets: Vec<Vec<u64>> =
         set.chunks().map_err(unreadable)?.into_iter().map(|chunk| chunk.offset).collect();
@@ -275,11 +276,11 @@ fn check_pieces(set: &Dataset, path: &str, shape: &[u64], sides: &[u64]) -> Resu
     }
 }
 
-/// A file without its soft links: the reader refuses groups that have any.
+/// A file with its soft links hidden: the reader refuses groups that contain any.
 struct WithoutSoftLinks(ReadSeekSource<OpenFile>);
 
-/// Where the entries of a node of a symbol table begin, and how long one is with addresses of eight bytes ("HDF5 File
-/// Format Specification Version 3.0", section III.B).
+/// Length of a symbol table node's header and of an entry with addresses of eight bytes ("HDF5 File Format
+/// Specification Version 3.0", section III.B).
 const NODE_HEAD: usize = 8;
 const NODE_ENTRY: usize = 40;
 
@@ -299,7 +300,7 @@ impl Source for WithoutSoftLinks {
         if count * NODE_ENTRY != entries.len() {
             return Ok(());
         }
-        // A link has no address, and says so.
+        // A soft link has an undefined address and cache type 2.
         let is_link = |entry: &[u8]| entry[8..16] == [0xff; 8] && entry[16..20] == [2, 0, 0, 0];
         let mut kept = 0;
         for at in 0..count {
@@ -314,7 +315,7 @@ impl Source for WithoutSoftLinks {
     }
 }
 
-/// The error of what the reader refuses.
+/// Opens a file with the reader and converts its errors.
 fn read(file: &FileSource) -> Result<hdf5_pure::File, TableError> {
     let source = ReadSeekSource::new(file.open()?).map_err(Error::Format).map_err(unreadable)?;
     hdf5_pure::File::from_source(WithoutSoftLinks(source)).map_err(unreadable)
@@ -327,11 +328,11 @@ fn unreadable(error: Error) -> TableError {
     };
     match error {
         Error::Io(error) => KIND.unread(error, "it is cut off"),
-        // Of HDF5 2.0.
+        // HDF5 2.0.
         Error::Format(InvalidLayoutVersion(_)) => {
             KIND.unsupported("a layout of HDF5 2.0: write with `libver=\"v114\"`, not \"latest\"")
         }
-        // Of a version that is newer than the reader.
+        // Features newer than the reader.
         Error::Format(
             error @ (UnsupportedExternalStorage
             | UnsupportedFilter(_)

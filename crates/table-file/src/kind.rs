@@ -1,30 +1,29 @@
-//! The kinds of file, and why a table in one cannot be read.
+//! File formats, and errors of reading a table.
 
 use std::fmt;
 use std::io;
 
 use shell_data::hint::quoted;
 
-/// A kind of file whose tables can be read.
+/// A file format whose tables can be read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FileKind {
-    /// HDF5, and MATLAB since 7.3.
+    /// HDF5, including MATLAB 7.3 and later.
     Hdf5,
     /// MATLAB, level 5.
     Matlab,
-    /// MCAP, a recording of messages.
+    /// MCAP, a container for recorded messages.
     Mcap,
-    /// An array of NumPy.
+    /// A NumPy array.
     NumPy,
-    /// Parquet.
     Parquet,
-    /// A workbook of Excel.
+    /// An Excel workbook.
     Xlsx,
 }
 
 impl FileKind {
-    /// Its name in documents, and what people call it, with an article.
+    /// Returns the name in documents, and the name for people with an article.
     const fn names(self) -> [&'static str; 2] {
         match self {
             Self::Hdf5 => ["hdf5", "an HDF5 file"],
@@ -36,12 +35,12 @@ impl FileKind {
         }
     }
 
-    /// What people call it, with an article.
+    /// Returns the name for people, with an article.
     pub(crate) const fn with_article(self) -> &'static str {
         self.names()[1]
     }
 
-    /// Its name in documents.
+    /// Returns the name in documents.
     pub const fn key(self) -> &'static str {
         self.names()[0]
     }
@@ -53,20 +52,20 @@ impl fmt::Display for FileKind {
     }
 }
 
-/// A table that cannot be read. The file is named by whoever reports it.
+/// An error of reading a table. The caller adds the name of the file.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum TableError {
     /// The file cannot be read.
     #[error("cannot read the file")]
     Io(#[from] io::Error),
-    /// The file is cut short or contradicts itself.
+    /// The file is truncated or inconsistent.
     #[error("a damaged {kind}: {what}")]
     Damaged { kind: FileKind, what: String },
-    /// The file is right but holds what is not read here.
+    /// The file is valid but its content is not supported.
     #[error("{} that is not read: {what}", kind.with_article())]
     Unsupported { kind: FileKind, what: String },
-    /// The file holds several tables, which are called `part` in it, or none of the name that was asked for.
+    /// The file contains several tables, which it calls `part`, or none with the requested name.
     #[error(
         "{} {}; it has {}",
         kind.with_article(),
@@ -76,7 +75,7 @@ pub enum TableError {
     Choice { kind: FileKind, part: &'static str, wanted: Option<String>, found: Vec<String> },
 }
 
-/// The error of reading a table as text.
+/// Wraps an error for reading a table as text.
 impl From<TableError> for io::Error {
     fn from(error: TableError) -> Self {
         match error {
@@ -87,17 +86,17 @@ impl From<TableError> for io::Error {
 }
 
 impl FileKind {
-    /// The error of a file of this kind that is cut short or contradicts itself.
+    /// Makes the error for a file that is truncated or inconsistent.
     pub(crate) fn damaged(self, what: impl Into<String>) -> TableError {
         TableError::Damaged { kind: self, what: what.into() }
     }
 
-    /// The error of a file of this kind that is right, but holds what is not read.
+    /// Makes the error for a valid file with unsupported content.
     pub(crate) fn unsupported(self, what: impl Into<String>) -> TableError {
         TableError::Unsupported { kind: self, what: what.into() }
     }
 
-    /// The error of a file of this kind that has several parts, or none of the name that is wanted.
+    /// Makes the error for a file with several parts, or without the requested one.
     pub(crate) fn choice(
         self,
         part: &'static str,
@@ -107,7 +106,7 @@ impl FileKind {
         TableError::Choice { kind: self, part, wanted: wanted.map(str::to_owned), found }
     }
 
-    /// The error of bytes that cannot be read: damage, if the file ends before them.
+    /// Makes the error for bytes that cannot be read: damage, if the file ends before them.
     pub(crate) fn unread(self, error: io::Error, what: impl Into<String>) -> TableError {
         match error.kind() {
             io::ErrorKind::UnexpectedEof => self.damaged(what),

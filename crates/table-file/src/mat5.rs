@@ -1,5 +1,5 @@
-//! MATLAB 5 files ("MAT-File Format", MathWorks, chapter "Level 5"): arrays of numbers are read, and tables written
-//! with one variable for each column.
+//! MATLAB 5 files ("MAT-File Format", MathWorks, chapter "Level 5"): reads arrays of numbers, and writes
+//! tables with one variable per column.
 
 use std::io::{self, Read, Write};
 use std::ops::Range;
@@ -15,10 +15,10 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Matlab;
 
-/// Text, version and byte order.
+/// Length of the file header: text, version and byte order.
 const HEADER: usize = 128;
 
-/// Kinds of elements.
+/// Types of data elements.
 const INT8: u32 = 1;
 const UINT8: u32 = 2;
 const UINT16: u32 = 4;
@@ -30,7 +30,7 @@ const COMPRESSED: u32 = 15;
 const UTF8: u32 = 16;
 const UTF16: u32 = 17;
 
-/// Classes of arrays, and the flag of complex ones.
+/// Classes of arrays, and the flag of complex arrays.
 const CELLS: u32 = 1;
 const STRUCT: u32 = 2;
 const CHARACTERS: u32 = 4;
@@ -40,15 +40,15 @@ const INTEGERS: Range<u32> = 8..16;
 const OPAQUE: u32 = 17;
 const COMPLEX: u32 = 0x0800;
 
-/// How deep structs and cells are looked into.
+/// Maximum nesting of structs and cells.
 const DEPTH: u8 = 8;
 
 const CUT_OFF: &str = "it is cut off";
 
-/// The arrays of a file; what else there is, is left out.
+/// Returns the arrays of a file; other contents are left out.
 ///
 /// # Errors
-/// What is wrong with the file.
+/// [`TableError`] if the file is damaged or not supported.
 pub fn arrays(file: Vec<u8>) -> Result<Vec<Array>, TableError> {
     if file.len() < HEADER {
         return Err(KIND.damaged(format!("its header of {HEADER} bytes is cut off")));
@@ -76,7 +76,7 @@ pub fn arrays(file: Vec<u8>) -> Result<Vec<Array>, TableError> {
     Ok(arrays)
 }
 
-/// `total` counts what has been inflated of a file of `file_bytes`.
+/// Inflates an element; `total` counts the bytes inflated from a file of `file_bytes`.
 fn inflate(compressed: &[u8], file_bytes: usize, total: &mut u64) -> Result<Vec<u8>, TableError> {
     let mut inflated = Vec::new();
     let left = budget::limit(file_bytes as u64).saturating_sub(*total);
@@ -87,7 +87,7 @@ fn inflate(compressed: &[u8], file_bytes: usize, total: &mut u64) -> Result<Vec<
     Ok(inflated)
 }
 
-/// An array as the file holds it, and where what follows its name is.
+/// An array in the file; `rest` is the range of bytes after its name.
 struct Matrix<'a> {
     bytes: &'a Arc<Vec<u8>>,
     is_little: bool,
@@ -118,7 +118,7 @@ impl<'a> Matrix<'a> {
         Ok(Self { bytes, is_little, class, is_complex, size, name, rest: parts.rest })
     }
 
-    /// Adds what it holds to `arrays`, as `name` if that is some: itself, or the fields of a struct.
+    /// Adds the array, or the fields of a struct, to `arrays`; `name` replaces the array's name.
     fn add(
         self,
         name: Option<String>,
@@ -188,13 +188,13 @@ impl<'a> Matrix<'a> {
         Ok(())
     }
 
-    /// The texts of a matrix of characters, a row each; `None` if it is none.
+    /// Returns the rows of a character matrix as texts; `None` if it is not one.
     fn texts(&self) -> Result<Option<Vec<String>>, TableError> {
         let mut parts = Elements::new(self.bytes, self.rest.clone(), self.is_little);
         let ([rows, _], CHARACTERS) = (&self.size[..], self.class) else { return Ok(None) };
         let Some((kind, range)) = parts.next()? else { return Ok(Some(Vec::new())) };
         let content = &self.bytes[range];
-        // UTF-16 or, in other files, UTF-8 of plain characters.
+        // UTF-16, or in other files ASCII stored as UTF-8.
         let characters: Vec<u16> = match kind {
             UINT16 | UTF16 => {
                 let pairs = content.as_chunks::<2>().0.iter();
@@ -209,12 +209,12 @@ impl<'a> Matrix<'a> {
                 characters.iter().copied().skip(row).step_by((*rows).max(1)).collect();
             String::from_utf16_lossy(&text).trim_end().to_owned()
         };
-        // No row is longer than what there is.
+        // The header may claim any number of rows; the characters limit it.
         Ok(Some((0..(*rows).min(characters.len())).map(row).collect()))
     }
 }
 
-/// Elements one after the other.
+/// An iterator over consecutive elements.
 struct Elements<'a> {
     bytes: &'a [u8],
     rest: Range<usize>,
@@ -226,7 +226,7 @@ impl<'a> Elements<'a> {
         Self { bytes, rest, is_little }
     }
 
-    /// Kind and position of the next one; `None` at the end.
+    /// Returns the type and position of the next element; `None` at the end.
     fn next(&mut self) -> Result<Option<(u32, Range<usize>)>, TableError> {
         let rest = &self.bytes[self.rest.clone()];
         if rest.is_empty() {
@@ -235,7 +235,7 @@ impl<'a> Elements<'a> {
         let cut_off = || KIND.damaged(format!("{CUT_OFF} at byte {}", self.rest.start));
         let word = |at: usize| rest.get(at..).and_then(|b| integers(b, self.is_little).next());
         let first = word(0).ok_or_else(cut_off)?;
-        // Up to four bytes stand in the tag itself.
+        // Up to four bytes of data are stored in the tag itself.
         let (kind, start, length) = match first >> 16 {
             0 => (first, 8, word(4).ok_or_else(cut_off)? as usize),
             length => (first & 0xFFFF, 4, length as usize),
@@ -251,7 +251,7 @@ impl<'a> Elements<'a> {
     }
 }
 
-/// Integers of 32 bits.
+/// Iterates over 32-bit integers.
 fn integers(bytes: &[u8], is_little: bool) -> impl Iterator<Item = u32> + '_ {
     let (words, _) = bytes.as_chunks::<4>();
     words.iter().map(move |&word| match is_little {
@@ -260,7 +260,7 @@ fn integers(bytes: &[u8], is_little: bool) -> impl Iterator<Item = u32> + '_ {
     })
 }
 
-/// The numbers of an element: MATLAB writes whole numbers in fewer bytes than a double has.
+/// Returns the number type of an element: MATLAB stores doubles with integer values in fewer bytes.
 fn element(kind: u32) -> Option<Element> {
     Some(match kind {
         INT8 => Element::Signed(1),
@@ -277,7 +277,7 @@ fn element(kind: u32) -> Option<Element> {
     })
 }
 
-/// The arrays of a file that make up a log.
+/// Opens the arrays of a file that make up a log.
 pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
     budget::within(KIND, "the file", file.length()?, budget::IN_MEMORY)?;
     let mut bytes = Vec::new();
@@ -286,7 +286,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     Ok(FoundTable { columns, rows: Arc::new(rows), notes })
 }
 
-/// An array of so many rows and columns; its elements are of `kind`, `content` their bytes.
+/// Writes an array of the given size, whose elements are of type `kind` with the bytes `content`.
 fn write_array(
     out: &mut dyn Write,
     name: &str,
@@ -304,7 +304,7 @@ fn write_array(
     write_element(out, MATRIX, &array)
 }
 
-/// An element, its content filled up to a multiple of eight bytes.
+/// Writes an element, padded to a multiple of eight bytes.
 fn write_element(out: &mut dyn Write, kind: u32, content: &[u8]) -> io::Result<()> {
     out.write_all(&[kind.to_le_bytes(), length(content.len())?].concat())?;
     out.write_all(content)?;
@@ -316,7 +316,7 @@ fn length(length: usize) -> io::Result<[u8; 4]> {
     i32::try_from(length).map_err(error).map(i32::to_le_bytes)
 }
 
-/// A name that a variable may have.
+/// Converts a name to a valid variable name.
 fn variable(name: &str) -> String {
     let plain = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
     let name: String = name.chars().map(plain).take(63).collect();
@@ -324,10 +324,10 @@ fn variable(name: &str) -> String {
     if begins { name } else { format!("x{name}").chars().take(63).collect() }
 }
 
-/// Writes a `.mat` file of columns of one length. Their names become those of variables.
+/// Writes columns of equal length to a `.mat` file, as variables with the columns' names.
 ///
 /// # Errors
-/// What the system says, and for columns with missing numbers, which the format cannot store.
+/// [`io::Error`] of the system, or if a column has missing numbers, which the format cannot store.
 pub fn write_matlab(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io::Result<()> {
     let mut header = b"MATLAB 5.0 MAT-file, written by shellcal".to_vec();
     header.resize(124, b' ');
@@ -340,7 +340,7 @@ pub fn write_matlab(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io:
                 let content = numbers.iter().flat_map(|value| value.to_le_bytes());
                 write_array(out, &name, DOUBLES, [rows, 1], DOUBLE, &content.collect::<Vec<_>>())?;
             }
-            // A matrix of characters, filled up with spaces, column by column.
+            // A character matrix, padded with spaces, stored column by column.
             Cells::Text(texts) => {
                 let texts: Vec<Vec<u16>> =
                     texts.iter().map(|text| text.encode_utf16().collect()).collect();
@@ -354,7 +354,7 @@ pub fn write_matlab(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io:
                 }
                 write_array(out, &name, CHARACTERS, [rows, width], UINT16, &content)?;
             }
-            // There are no missing numbers.
+            // The format has no missing numbers.
             Cells::Number(_) | Cells::Count(_) => return Err(io::ErrorKind::Unsupported.into()),
         }
     }

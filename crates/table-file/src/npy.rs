@@ -1,5 +1,5 @@
-//! Arrays of NumPy: the `.npy` format of versions 1 to 3 (NumPy Enhancement Proposal 1), of one or
-//! two dimensions, of numbers or of records with named fields.
+//! NumPy arrays: the `.npy` format, versions 1 to 3 (NumPy Enhancement Proposal 1), with one or two
+//! dimensions of numbers or of records with named fields.
 
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::sync::Arc;
@@ -15,20 +15,19 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::NumPy;
 
-/// An array in a file.
 #[derive(Debug)]
 struct Npy {
     file: FileSource,
-    /// Where the values start.
+    /// Position of the first value in the file.
     start: u64,
     rows: u64,
     row_bytes: u64,
     columns: Vec<ValueOffset>,
-    /// Column after column, not row after row.
+    /// True if values are stored column by column, not row by row.
     by_column: bool,
 }
 
-/// Where the value of a column is in a row, and what it is.
+/// The position of a column's value in a row, and its type.
 #[derive(Clone, Copy, Debug)]
 struct ValueOffset {
     offset: usize,
@@ -36,13 +35,13 @@ struct ValueOffset {
     is_little: bool,
 }
 
-/// What a value is.
+/// The type of a value.
 #[derive(Clone, Copy, Debug)]
 enum NumberKind {
     Number(Element),
-    /// As many bytes.
+    /// A string of this number of bytes.
     Bytes(usize),
-    /// As many characters of four bytes.
+    /// A string of this number of four-byte characters.
     Characters(usize),
 }
 
@@ -84,7 +83,7 @@ pub(crate) fn open(source: &FileSource) -> Result<FoundTable, TableError> {
     Ok(FoundTable::new(columns, npy))
 }
 
-/// What a header says: the names of the columns, if they have any, and where they are.
+/// Evaluates a header: the column names, if there are any, and the columns' positions.
 fn layout(
     file: &FileSource,
     header: &str,
@@ -98,7 +97,7 @@ fn layout(
     let shape = shape(entry("shape")?).ok_or_else(|| KIND.damaged("its shape is none"))?;
     let by_column = *entry("fortran_order")? == Value::Bool(true);
     let (columns, names, row_bytes) = match (entry("descr")?, &*shape) {
-        // As a record of one field.
+        // Treated as a record with a single field.
         (Value::String(kind), [_, sides @ ..]) if sides.len() < 2 => {
             let field = Value::Array(vec!["values".into(), kind.as_str().into(), sides.into()]);
             let (columns, _, row_bytes) = record(&[field])?;
@@ -125,7 +124,7 @@ fn shape(shape: &Value) -> Option<Vec<u64>> {
     shape.as_array()?.iter().map(Value::as_u64).collect()
 }
 
-/// The columns of a record, their names, and its size.
+/// Returns the columns of a record, their names, and the record's size.
 fn record(fields: &[Value]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), TableError> {
     let (mut columns, mut names, mut offset) = (Vec::new(), Vec::new(), 0);
     for field in fields {
@@ -143,7 +142,7 @@ fn record(fields: &[Value]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), Tabl
             _ => return Err(KIND.unsupported("records within records")),
         };
         let (kind, is_little) = match kind.strip_prefix("|V").map(str::parse::<usize>) {
-            // Bytes that only fill up.
+            // Padding bytes.
             Some(Ok(size)) if name.is_empty() && size < 1 << 16 => {
                 offset += size;
                 continue;
@@ -163,7 +162,7 @@ fn record(fields: &[Value]) -> Result<(Vec<ValueOffset>, Vec<String>, u64), Tabl
     Ok((columns, names, offset as u64))
 }
 
-/// The type that `<f8`, `|b1`, `<M8[ns]` and the like mean, and its order of bytes.
+/// Parses a type such as `<f8`, `|b1` or `<M8[ns]`, and its byte order.
 fn kind(name: &str) -> Result<(NumberKind, bool), TableError> {
     let wrong = || KIND.unsupported(format!("values of type `{name}`"));
     let order = name.chars().next().ok_or_else(wrong)?;
@@ -259,7 +258,7 @@ impl ValueOffset {
     }
 }
 
-/// The value that all of `text`, a Python literal, is: it is rewritten as JSON, in which tuples are lists.
+/// Parses a Python literal that must span all of `text`. It is rewritten as JSON, with tuples as lists.
 fn python_literal(text: &str) -> Option<Value> {
     let (mut json, mut rest) = (String::with_capacity(text.len()), text);
     while let Some(first) = rest.chars().next() {
@@ -270,7 +269,7 @@ fn python_literal(text: &str) -> Option<Value> {
                 json.push_str(&Value::from(text).to_string());
                 after
             }
-            // JSON has no comma before the end of a list.
+            // JSON does not allow a comma before the end of a list.
             ',' if after.trim_start().starts_with([')', ']', '}']) => after,
             c if c.is_ascii_alphanumeric() => {
                 let end = rest.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(rest.len());
@@ -298,7 +297,7 @@ fn json_of_word(word: &str) -> Option<String> {
         "True" => "true".to_owned(),
         "False" => "false".to_owned(),
         "None" => "null".to_owned(),
-        // Python 2 wrote long numbers with an L.
+        // Python 2 wrote long integers with an L.
         number => number.trim_end_matches('L').parse::<u64>().ok()?.to_string(),
     })
 }

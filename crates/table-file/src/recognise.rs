@@ -1,24 +1,24 @@
-//! What a file is, from its first bytes.
+//! Recognising the format of a file from its first bytes.
 
 use crate::kind::FileKind;
 
-/// What the first bytes of a file say.
+/// The result of [`recognise`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Recognised {
-    /// A table.
+    /// A table that can be read.
     Table(FileKind),
-    /// A file of a known kind that is not read: what it is, and what to do with it.
+    /// A file of a known format that is not supported.
     Foreign {
-        /// What it is, with an article.
+        /// Name of the format, with an article.
         what: &'static str,
-        /// What to do with it.
+        /// Advice on converting the file.
         remedy: &'static str,
     },
     /// Text, compressed or not, or something unknown.
     Unknown,
 }
 
-/// As many bytes from the start of a file as [`recognise`] looks at.
+/// Number of bytes at the start of a file that [`recognise`] examines.
 pub const RECOGNISED_BYTES: usize = 2048;
 
 const EXPORT: &str = "export the table as CSV or Parquet";
@@ -31,11 +31,11 @@ const AS_NETCDF_4: &str = "write netCDF-4, which is HDF5: `nccopy -k nc4 OLD NEW
 const R_DATA: &str = "an R data file";
 const NO_TABLE: &str = "give the table that it was made of";
 
-/// How HDF5 begins, at a power of two from 512 on or at the start of a file ("HDF5 File Format Specification
+/// The signature of HDF5, at position 0 or at a power of two from 512 ("HDF5 File Format Specification
 /// Version 3.0", section II.A).
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
-/// Kinds that are not read, by how they begin.
+/// Signatures of formats that are not supported.
 const FOREIGN: [(&[u8], &str, &str); 29] = [
     (b"ARROW1", ARROW, AS_PARQUET),
     (b"FEA1", ARROW, AS_PARQUET),
@@ -80,14 +80,14 @@ const FOREIGN: [(&[u8], &str, &str); 29] = [
     (b"\x7fELF", "a program", NO_TABLE),
 ];
 
-/// Tells what a file is by its first [`RECOGNISED_BYTES`], or all if it has fewer.
+/// Recognises a file from its first [`RECOGNISED_BYTES`], or from all bytes if it has fewer.
 pub fn recognise(head: &[u8]) -> Recognised {
     if head.starts_with(b"MATLAB 5.0 MAT-file")
         || matches!(head.get(124..128), Some([0, 1, b'I', b'M'] | [1, 0, b'M', b'I']))
     {
         return Recognised::Table(FileKind::Matlab);
     }
-    // Other programs' headers may stand before it, as MATLAB's does.
+    // Another program's header may precede it, as in MATLAB files.
     if [0, 512, 1024].iter().any(|&at| head.get(at..).is_some_and(|it| it.starts_with(HDF5))) {
         return Recognised::Table(FileKind::Hdf5);
     }
@@ -96,12 +96,12 @@ pub fn recognise(head: &[u8]) -> Recognised {
         [b'P', b'A', b'R', b'1', ..] => return Recognised::Table(FileKind::Parquet),
         [b'\x93', b'N', b'U', b'M', b'P', b'Y', ..] => return Recognised::Table(FileKind::NumPy),
         [b'\x89', b'M', b'C', b'A', b'P', b'0', ..] => return Recognised::Table(FileKind::Mcap),
-        // The block of the parameters, a mark, and the order of bytes there ("The C3D File Format User Guide").
+        // Number of the parameter block, a key, and the byte order there ("The C3D File Format User Guide").
         [2..=9, 0x50, ..] => {
             let remedy = "write its force plates as CSV, with `ezc3d` in Python or Mokka";
             return foreign("a C3D motion capture file", remedy);
         }
-        // A stream of Arrow begins with the mark of a message and its length.
+        // An Arrow stream begins with a continuation marker and the length of the first message.
         [0xff, 0xff, 0xff, 0xff, _, _, ..16, 0, ..] => return foreign(ARROW, AS_PARQUET),
         [b'P', b'K', 3, 4, ..] => return archive(head),
         _ if is_matlab_4(head) => {
@@ -115,13 +115,13 @@ pub fn recognise(head: &[u8]) -> Recognised {
     found.map_or(Recognised::Unknown, |&(_, what, remedy)| foreign(what, remedy))
 }
 
-/// Whether a file begins with a matrix of MATLAB's level 4, which has no mark: five integers (type, rows,
-/// columns, whether there is an imaginary part, length of the name) and a name with a zero at its end
-/// ("MAT-File Format", MathWorks, chapter 2).
+/// Returns true if a file begins with a MATLAB level 4 matrix, which has no signature: five integers (type,
+/// rows, columns, imaginary flag, length of the name) and a name that ends with a zero ("MAT-File Format",
+/// MathWorks, chapter 2).
 fn is_matlab_4(head: &[u8]) -> bool {
     let Some((header, name)) = head.split_first_chunk::<20>() else { return false };
     let word = |at: usize| [header[at], header[at + 1], header[at + 2], header[at + 3]];
-    // The thousands of the type are the machine's order of bytes.
+    // The thousands digit of the type gives the byte order.
     type Order = fn([u8; 4]) -> u32;
     let orders = [(u32::from_le_bytes as Order, 0), (u32::from_be_bytes as Order, 1)];
     orders.into_iter().any(|(read, machine)| {
@@ -138,7 +138,7 @@ fn is_matlab_4(head: &[u8]) -> bool {
     })
 }
 
-/// A zip archive, by the name of the first file in it and what follows.
+/// Recognises a zip archive by the name of its first file and the bytes after it.
 fn archive(head: &[u8]) -> Recognised {
     let has = |name: &[u8]| head.windows(name.len()).any(|window| window == name);
     let foreign = |what, remedy| Recognised::Foreign { what, remedy };
@@ -190,7 +190,8 @@ mod tests {
             (b"SQLite format 3\0", "an SQLite database"),
             (b"CDF\x02\0\0", "a netCDF-3 file"),
             (b"\x02\x50\x06\0", "a C3D motion capture file"),
-            // `scipy.io.savemat(…, {"xy": …}, format="4")` of 3 by 2 numbers; the same of a Sun.
+            // `scipy.io.savemat(…, {"xy": …}, format="4")` with 3 by 2 numbers, and the big-endian
+            // equivalent.
             (b"\0\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03\0\0\0xy\0\0", "a MATLAB 4 file"),
             (b"\0\0\x03\xe8\0\0\0\x03\0\0\0\x02\0\0\0\0\0\0\0\x03xy\0@", "a MATLAB 4 file"),
         ] {

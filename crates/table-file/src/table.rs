@@ -1,4 +1,4 @@
-//! A table of any kind: its columns, and its rows part by part.
+//! A table in any format: its columns, and its rows part by part.
 
 use std::sync::Arc;
 
@@ -13,18 +13,17 @@ use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
 /// A table in a file.
 #[derive(Clone, Debug)]
 pub struct Table {
-    /// The kind of its file.
     pub kind: FileKind,
-    /// Its columns; `None` where they have no names, or the rows hold them.
+    /// The columns; `None` if they have no names, or the names are in the rows.
     pub columns: Option<Vec<TableColumn>>,
-    /// Notes on contents of the file that are left out, with the reason, and on what was decided.
+    /// Notes on contents that are left out, with the reason, and on decisions made.
     pub notes: Vec<String>,
     rows: Arc<dyn RowSource>,
 }
 
 impl Table {
-    /// Finds the columns of the table in a file of this kind: of the matrix, group, sheet or topic `part`, or
-    /// of the one that holds a log.
+    /// Opens a file of the given format and finds the columns of the table: in the matrix, group, sheet or
+    /// topic `part`, or in the one that contains a log.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
@@ -40,27 +39,28 @@ impl Table {
         Ok(Self { kind, columns, notes, rows })
     }
 
-    /// The names of its columns; `None` where they have none, or the rows hold them.
+    /// Returns the names of the columns; `None` if they have none, or the names are in the rows.
     pub fn names(&self) -> Option<Vec<String>> {
         let columns = self.columns.as_ref()?.iter();
         Some(columns.map(|column| column.name.clone()).collect())
     }
 
-    /// The units of its columns, empty where a column has none; none where the columns have no names.
+    /// Returns the units of the columns, empty for a column without one; an empty list if columns have no
+    /// names.
     pub fn units(&self) -> Vec<String> {
         let columns = self.columns.iter().flatten();
         columns.map(|column| column.unit.clone().unwrap_or_default()).collect()
     }
 
-    /// The number of its columns; 0 where rows differ in it.
+    /// Returns the number of columns; 0 if it differs between rows.
     pub fn width(&self) -> usize {
         self.rows.columns()
     }
 
-    /// Checks that the values of a column, from 0, are read.
+    /// Checks that the values of a column, from 0, can be read.
     ///
     /// # Errors
-    /// [`TableError::Unsupported`] with its name and what it holds.
+    /// [`TableError::Unsupported`] with the column's name and content.
     pub fn check_is_read(&self, column: usize) -> Result<(), TableError> {
         let Some(what) = self.rows.unread(column) else { return Ok(()) };
         let name = self.columns.as_ref().and_then(|columns| columns.get(column));
@@ -68,12 +68,13 @@ impl Table {
         Err(self.kind.unsupported(format!("column `{name}` holds values of type {what}")))
     }
 
-    /// How many rows make a part of about so many bytes, of all columns.
+    /// Returns the number of rows in a part of about `bytes` bytes with all columns.
     pub fn rows_of_part(&self, bytes: usize) -> usize {
         (bytes / (3 * self.rows.columns().max(1))).max(1)
     }
 
-    /// Streams the rows of some columns that are [read](Self::check_is_read), from the first row on.
+    /// Streams the rows of some columns that [can be read](Self::check_is_read), beginning with the first
+    /// row.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be opened.
@@ -81,8 +82,8 @@ impl Table {
         Ok(TableStream { rows: Arc::clone(&self.rows).rows(wanted.clone())?, wanted })
     }
 
-    /// The first rows as the text of a CSV file, of at most so many rows and about so many bytes, with a line of names
-    /// before them if the columns have names. If `shown` is some, only those columns are filled.
+    /// Formats the first rows as CSV: at most `rows` rows and about `bytes` bytes, after a line of names if
+    /// the columns have names. If `shown` is given, the other columns are left empty.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read.
@@ -94,7 +95,7 @@ impl Table {
     ) -> Result<Vec<u8>, TableError> {
         let columns = match &self.columns {
             Some(columns) => columns.len(),
-            // Sheets have any number.
+            // A sheet may have any number of columns.
             None if self.rows.columns() == 0 => crate::budget::COLUMNS,
             None => self.rows.columns(),
         };
@@ -125,7 +126,7 @@ impl Table {
     }
 }
 
-/// Adds the line of a row, whose columns are at some places of a line; one of a sheet ends with its last cell.
+/// Writes the line of a row, with its columns at the given places. A line of a sheet ends with its last cell.
 fn write_row(
     part: &TablePart,
     row: usize,
@@ -155,14 +156,15 @@ fn write_row(
     text.push(b'\n');
 }
 
-/// The rows of some columns, part by part.
+/// A stream of the rows of some columns, part by part.
 pub struct TableStream {
     wanted: Vec<WantedColumn>,
     rows: RowStream,
 }
 
 impl TableStream {
-    /// Puts at most so many of the next rows into `part`, fewer only at the end; `false` if there are none.
+    /// Reads the next rows into `part`, at most `rows`, fewer only at the end; returns `false` if there are
+    /// none.
     ///
     /// # Errors
     /// [`TableError`] if the file cannot be read or is damaged.

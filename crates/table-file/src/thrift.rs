@@ -1,13 +1,12 @@
-//! The compact protocol of Thrift ("Thrift Compact protocol encoding"), which Parquet's metadata is
-//! written in, as values whose fields are looked up by number.
+//! The compact protocol of Thrift ("Thrift Compact protocol encoding"), the encoding of Parquet's metadata,
+//! as values whose fields are accessed by number.
 
 use crate::bytes::{ByteReader, push_varint};
 
-/// A value.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Value {
     Truth(bool),
-    /// A number of 32 bits to be written; one that is read is a [`Value::Whole`].
+    /// A 32-bit number to write; any integer that is read becomes a [`Value::Whole`].
     Int(i32),
     Whole(i64),
     Bytes(Vec<u8>),
@@ -22,11 +21,11 @@ const BYTES: u8 = 8;
 const LIST: u8 = 9;
 const STRUCT: u8 = 12;
 
-/// How deep values may be nested.
+/// Maximum nesting of values.
 const DEPTH: usize = 32;
 
 impl Value {
-    /// The field of this number.
+    /// Returns the field with this number.
     pub(crate) fn field(&self, number: i16) -> Option<&Value> {
         let Self::Struct(fields) = self else { return None };
         fields.iter().find(|(of, _)| *of == number).map(|(_, value)| value)
@@ -59,10 +58,10 @@ impl Value {
         }
     }
 
-    /// Adds the value, but for its type. The elements of a list are of the type of its first.
+    /// Writes the value without its type. The elements of a list have the type of its first element.
     pub(crate) fn write(&self, bytes: &mut Vec<u8>) {
         match self {
-            // The type code holds the value; no bytes follow.
+            // The type code contains the value; no bytes follow.
             Self::Truth(_) => {}
             Self::Int(value) => push_varint(bytes, zigzag((*value).into())),
             Self::Whole(value) => push_varint(bytes, zigzag(*value)),
@@ -84,7 +83,7 @@ impl Value {
             Self::Struct(fields) => {
                 let mut last = 0;
                 for (number, value) in fields {
-                    // A field's number is written as its distance to the one before, of four bits.
+                    // A field's number is written as its difference to the previous one, in four bits.
                     debug_assert!((last + 1..last + 16).contains(number), "fields in order");
                     bytes.push(((number - last) as u8) << 4 | value.kind());
                     value.write(bytes);
@@ -102,12 +101,12 @@ impl From<&str> for Value {
     }
 }
 
-/// Small numbers of either sign become small numbers.
+/// Zigzag encoding: maps signed integers of small magnitude to small unsigned ones.
 fn zigzag(value: i64) -> u64 {
     (value << 1 ^ value >> 63) as u64
 }
 
-/// Reads a struct; `None` where it is damaged or cut off.
+/// Reads a struct; `None` if it is damaged or cut off.
 pub(crate) fn read(bytes: &mut ByteReader<'_>) -> Option<Value> {
     structure(bytes, DEPTH)
 }
@@ -135,7 +134,7 @@ fn structure(bytes: &mut ByteReader<'_>, depth: usize) -> Option<Value> {
 
 fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
     Some(match kind {
-        // In a list.
+        // Only elements of a list have a byte.
         1 | 2 => Value::Truth(bytes.u8()? == 1),
         3 => Value::Whole(i64::from(bytes.u8()? as i8)),
         4..=6 => Value::Whole(bytes.zigzag()?),
@@ -152,7 +151,7 @@ fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
                 15 => usize::try_from(bytes.varint()?).ok()?,
                 count => usize::from(count),
             };
-            // Every element takes a byte or more.
+            // Every element takes at least a byte.
             if count > bytes.rest.len() {
                 return None;
             }
@@ -160,7 +159,7 @@ fn value(bytes: &mut ByteReader<'_>, kind: u8, depth: usize) -> Option<Value> {
             Value::List(values.collect::<Option<_>>()?)
         }
         STRUCT => structure(bytes, depth)?,
-        // Parquet has no maps.
+        // Parquet does not use maps.
         _ => return None,
     })
 }

@@ -1,7 +1,7 @@
-//! Workbooks of Excel (Office Open XML, ECMA-376): the cells of one sheet, streamed.
+//! Excel workbooks (Office Open XML, ECMA-376): the cells of one sheet, streamed.
 //!
-//! Rows keep the numbers that the sheet shows. Formulas give the values that were stored with them,
-//! dates are given in ISO 8601.
+//! Rows keep their numbers in the sheet. Formulas yield their stored values, and dates are formatted in ISO
+//! 8601.
 
 use std::collections::HashMap;
 use std::io::Read;
@@ -17,7 +17,7 @@ use crate::zip::{ZipEntry, entries};
 
 const KIND: FileKind = FileKind::Xlsx;
 
-/// As many rows and columns as a sheet can have; we read fewer columns.
+/// The largest number of rows in a sheet.
 const LAST_ROW: u64 = 1 << 20;
 
 /// A sheet of a workbook.
@@ -25,11 +25,11 @@ const LAST_ROW: u64 = 1 << 20;
 struct Sheet {
     file: FileSource,
     entry: ZipEntry,
-    /// The texts that cells refer to.
+    /// The shared strings that cells refer to.
     texts: Arc<[String]>,
     /// The styles of dates and times.
     styles: HashMap<usize, TimeStyle>,
-    /// Whether days are counted from 1904, not from 1900.
+    /// True if days are counted from 1904, not from 1900.
     since_1904: bool,
 }
 
@@ -91,7 +91,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     let mut chosen = None;
     for (name, id) in sheets.iter().filter(|(name, _)| part.is_none_or(|part| name == part)) {
         let found = sheet(id)?;
-        // One without a table is taken if there is no other.
+        // A sheet without a table is chosen only if it is the only sheet.
         if part.is_some() || sheets.len() == 1 || found.has_table()? {
             chosen = Some((name, found));
             break;
@@ -104,7 +104,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
         let others: Vec<&String> = others.iter().filter(|other| *other != name).collect();
         found.notes.push(format!("read from sheet `{name}`; the others are {others:?}"));
     }
-    // Names are in a row, or nowhere.
+    // Names are in a row, or absent.
     Ok(found)
 }
 
@@ -127,18 +127,18 @@ fn shared_texts(file: &FileSource, entry: &ZipEntry) -> Result<Vec<String>, Tabl
     Ok(texts)
 }
 
-/// The way in which a style shows a number of days.
+/// The way a style displays a number of days.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TimeStyle {
     /// A date, with or without a time.
     Date,
-    /// A time of day, or one that has gone by.
+    /// A time of day, or an elapsed time of less than a day.
     Clock,
-    /// A time that has gone by, of any length.
+    /// An elapsed time of any length.
     Elapsed,
 }
 
-/// The styles that show dates or times, by their numbers.
+/// Returns the styles that display dates or times, by number.
 fn time_styles(
     file: &FileSource,
     entry: &ZipEntry,
@@ -170,8 +170,8 @@ fn time_styles(
     Ok(styles)
 }
 
-/// Finds how a format shows a number of days, `None` if not as a date or time. Letters within quotes say nothing, and
-/// brackets stand around hours, minutes or seconds that go on beyond their day.
+/// Determines how a format displays a number of days; `None` if not as a date or time. Letters in quotes have
+/// no meaning, and brackets enclose hours, minutes or seconds that may exceed a day, an hour or a minute.
 fn time_style(code: &str) -> Option<TimeStyle> {
     let (mut quoted, mut bracket, mut escaped) = (false, None, false);
     let mut letters = String::new();
@@ -203,11 +203,11 @@ fn time_style(code: &str) -> Option<TimeStyle> {
     }
 }
 
-/// How many rows of a sheet are looked at for a table.
+/// Number of rows that are searched for a table.
 const LOOKED_AT: usize = 100;
 
 impl Sheet {
-    /// Whether one of its first rows has several cells that are filled.
+    /// Returns true if one of the first rows has several filled cells.
     fn has_table(&self) -> Result<bool, TableError> {
         let mut xml = Xml::new(self.entry.open(&self.file)?);
         let mut before = 0;
@@ -229,7 +229,7 @@ impl RowSource for Sheet {
 
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
         let mut xml = Xml::new(self.entry.open(&self.file)?);
-        // The last row that was given, and one that is further down.
+        // The number of the last row returned, and a row further down that waits for its turn.
         let (mut given, mut waiting) = (0, None);
         let next = move || {
             let next = match waiting.take() {
@@ -249,14 +249,14 @@ impl RowSource for Sheet {
     }
 }
 
-/// Whether a row is empty or a remark.
+/// Returns true if a row is empty or a remark.
 fn is_blank(row: &[Cell]) -> bool {
     let first = row.iter().find(|cell| **cell != Cell::Missing);
     first.is_none_or(|cell| matches!(cell, Cell::Text(text) if text.starts_with(['#'])))
 }
 
 impl Sheet {
-    /// The next row that the file has, after the one of number `before`, and its number.
+    /// Reads the next row in the file after the row number `before`, and its number.
     fn next_row(
         &self,
         xml: &mut Xml<impl Read>,
@@ -317,7 +317,7 @@ struct OpenCell {
 }
 
 impl OpenCell {
-    /// `None` if it stands before the cell that comes next, or too far to the right.
+    /// Returns `None` if the cell precedes the column `next`, or is too far to the right.
     fn new(tag: &XmlTag, next: usize) -> Option<Self> {
         let column = match tag.attribute("r") {
             None => next,
@@ -346,7 +346,7 @@ impl OpenCell {
                 let text = self.text.trim().parse().ok().and_then(|at: usize| sheet.texts.get(at));
                 Cell::Text(text.ok_or("it refers to no text")?.clone())
             }
-            // Texts, errors of formulas such as #DIV/0!, and dates as text.
+            // Text, errors of formulas such as #DIV/0!, and dates as text.
             "str" | "inlineStr" | "e" | "d" => Cell::Text(self.text),
             "b" => Cell::Whole(i64::from(self.text.trim() == "1")),
             _ if self.text.trim().is_empty() => Cell::Missing,
@@ -360,17 +360,18 @@ impl OpenCell {
     }
 }
 
-/// Fewer days than these are no date of a measurement but a time that has gone by.
+/// A number of days below this is an elapsed time, not the date of a measurement.
 const FIRST_DATE: f64 = 366.0;
 
-/// The seconds of a time that has gone by, to the microsecond.
+/// Converts an elapsed time to seconds, rounded to the microsecond.
 fn elapsed(days: f64) -> Cell {
     Cell::Real((days * 86_400e6).round() / 1e6)
 }
 
-/// A date or time from its number of days, to the microsecond, as finely as such numbers go.
+/// Converts a number of days to a date or time, rounded to the microsecond, which is about the precision of
+/// such numbers.
 fn date(days: f64, since_1904: bool) -> Cell {
-    // Excel takes 1900 for a leap year.
+    // Excel treats 1900 as a leap year.
     let days_to_1970 = if since_1904 { 24_107.0 } else { 25_569.0 };
     let microseconds = ((days - days_to_1970) * 86_400e6).round();
     Cell::Time { units: microseconds as i64, per_second: 1_000_000 }
@@ -397,7 +398,7 @@ mod tests {
         ] {
             assert_eq!(time_style(code), expected, "{code}");
         }
-        // The day that both counts give for the same date, 2026-11-22 12:00.
+        // The number of days for the same date, 2026-11-22 12:00, in both systems.
         assert_eq!(date(46_348.5, false).text(), "2026-11-22T12:00:00");
         assert_eq!(date(44_886.5, true).text(), "2026-11-22T12:00:00");
     }

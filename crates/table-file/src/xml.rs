@@ -1,29 +1,28 @@
-//! The part of XML that workbooks are written in: tags, attributes and text, as a stream.
-//! Namespaces are cut off; comments, instructions and document types are skipped.
+//! A streaming parser for the XML in workbooks: tags, attributes and text. Namespaces are removed; comments,
+//! processing instructions and document types are skipped.
 
 use std::io::{BufRead, BufReader, Read};
 
 /// A tag, and the text before it.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct XmlTag {
-    /// What stands between it and the tag before it.
+    /// Text between the previous tag and this one.
     pub(crate) text: String,
     pub(crate) name: String,
-    /// Its attributes as they stand.
+    /// The attributes, unparsed.
     attributes: String,
-    /// Whether it starts an element.
+    /// True if the tag starts an element.
     pub(crate) is_start: bool,
-    /// Whether it ends one: `</a>`, and `<a/>` at once.
+    /// True if the tag ends an element: `</a>`, and also `<a/>`.
     pub(crate) is_end: bool,
 }
 
-/// A stream of tags.
 pub(crate) struct Xml<R> {
     stream: BufReader<R>,
     buffer: Vec<u8>,
 }
 
-/// The longest text or tag.
+/// The longest text or tag, in bytes.
 const LONGEST: usize = 1 << 20;
 
 impl<R: Read> Xml<R> {
@@ -31,7 +30,7 @@ impl<R: Read> Xml<R> {
         Self { stream: BufReader::with_capacity(1 << 16, stream), buffer: Vec::new() }
     }
 
-    /// The next tag; what is wrong is said in words.
+    /// Returns the next tag; the error is a description in words.
     pub(crate) fn next(&mut self) -> Result<Option<XmlTag>, String> {
         let mut text = String::new();
         loop {
@@ -70,7 +69,7 @@ impl<R: Read> Xml<R> {
         }
     }
 
-    /// Adds what comes before the next `end`, and that.
+    /// Appends the bytes up to and including the next `end`.
     fn until(&mut self, end: u8) -> Result<(), String> {
         let left = LONGEST.saturating_sub(self.buffer.len());
         let mut stream = (&mut self.stream).take(left as u64);
@@ -78,7 +77,7 @@ impl<R: Read> Xml<R> {
         if self.buffer.len() < LONGEST { Ok(()) } else { Err(too_long()) }
     }
 
-    /// Reads the tag whose `<` has been read.
+    /// Reads a tag after its `<`.
     fn read_tag(&mut self) -> Result<(), String> {
         let count = |bytes: &[u8], quote| bytes.iter().filter(|byte| **byte == quote).count();
         self.buffer.clear();
@@ -94,7 +93,7 @@ impl<R: Read> Xml<R> {
             } else if tag.starts_with(b"![CDATA[") {
                 tag.ends_with(b"]]>")
             } else {
-                // A `>` may stand in quotes.
+                // A quoted value may contain `>`.
                 count(tag, b'"') % 2 == 0 && (count(tag, b'"') > 0 || count(tag, b'\'') % 2 == 0)
             };
             if is_whole {
@@ -109,7 +108,7 @@ fn too_long() -> String {
 }
 
 impl XmlTag {
-    /// The value of an attribute, whose name may come from a namespace.
+    /// Returns the value of an attribute, with or without a namespace.
     pub(crate) fn attribute(&self, name: &str) -> Option<String> {
         let mut rest = self.attributes.as_str();
         loop {
@@ -126,7 +125,7 @@ impl XmlTag {
     }
 }
 
-/// Text with its references replaced; those that are not known stay.
+/// Replaces entity references; unknown ones stay.
 fn unescape(text: &str) -> String {
     let mut plain = String::with_capacity(text.len());
     let mut rest = text;

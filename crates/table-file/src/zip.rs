@@ -1,4 +1,4 @@
-//! The files in a zip archive (APPNOTE.TXT), found by its directory at the end, stored or deflated.
+//! Files in a zip archive (APPNOTE.TXT), stored or deflated, found through the central directory at its end.
 
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
@@ -17,16 +17,16 @@ pub(crate) struct ZipEntry {
     pub(crate) name: String,
     method: u16,
     is_encrypted: bool,
-    /// Its length in the archive.
+    /// Compressed length.
     pub(crate) packed: u64,
-    /// Where its local header starts.
+    /// Position of the local header.
     start: u64,
 }
 
-/// How far from its end an archive's directory may end: after it stands a comment.
+/// Largest distance of the end record from the end of the archive: a comment follows it.
 const END: u64 = 22 + 0xffff;
 
-/// The files of an archive.
+/// Returns the files of an archive.
 pub(crate) fn entries(file: &FileSource) -> Result<Vec<ZipEntry>, TableError> {
     let (mut file, length) = (file.open()?, file.length()?);
     let start = length.saturating_sub(END);
@@ -75,8 +75,8 @@ fn entry(bytes: &mut ByteReader<'_>) -> Option<ZipEntry> {
     Some(ZipEntry { name, method, is_encrypted: flags & 1 == 1, packed, start })
 }
 
-/// The length in the archive, and where it starts: numbers that are too long for 32 bits stand in an extra field,
-/// after the length of the content if that is.
+/// Returns the compressed length and the position of the header. Numbers that do not fit in 32 bits are in an
+/// extra field, after the uncompressed length if that does not fit either.
 fn in_64_bits(extra: &[u8], size: u32, packed: u32, start: u32) -> Option<(u64, u64)> {
     let mut fields = ByteReader::new(extra);
     let mut long = ByteReader::new(&[]);
@@ -95,7 +95,7 @@ fn in_64_bits(extra: &[u8], size: u32, packed: u32, start: u32) -> Option<(u64, 
 }
 
 impl ZipEntry {
-    /// Its content as a stream, which may be of any length.
+    /// Opens the content as a stream, which may have any length.
     pub(crate) fn open(&self, archive: &FileSource) -> Result<Box<dyn Read + Send>, TableError> {
         let wrong = || KIND.damaged(format!("`{}` in the archive", self.name));
         if self.is_encrypted {

@@ -1,5 +1,5 @@
-//! Files that h5py 3.16 wrote, with damage that HDF5 refuses ("HDF5 File Format Specification Version 3.0", section
-//! III.A.1: nodes of a B-tree of version 1).
+//! Files written by h5py 3.16, with damage that the HDF5 library refuses ("HDF5 File Format Specification
+//! Version 3.0", section III.A.1: nodes of a version 1 B-tree).
 
 #![allow(clippy::disallowed_methods, reason = "tests read files")]
 
@@ -21,7 +21,8 @@ fn a_piece_that_is_not_on_the_grid_of_its_data_set_is_refused() {
     for name in ["chunked.h5", "gzip.h5"] {
         let bytes = std::fs::read(seeds.join(name)).unwrap();
         assert_eq!(read(bytes.clone()).unwrap().rows, 24, "{name}");
-        // Nodes of pieces: a head of 24 bytes, then size and filters of the first piece, then where it is.
+        // Nodes of chunks: a header of 24 bytes, then size and filter mask of the first chunk, then its
+        // offset.
         let nodes = (0..bytes.len()).filter(|&at| bytes[at..].starts_with(b"TREE\x01\x00"));
         let places: Vec<usize> = nodes.map(|node| node + 24 + 8).collect();
         assert!(places.len() >= 8, "{name} has {} data sets in pieces", places.len());

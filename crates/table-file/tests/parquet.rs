@@ -1,5 +1,5 @@
-//! A file that pyarrow 26 wrote, with `write_page_checksum=True`: 24 rows of a number, a decimal, a list of two, and a
-//! number in two structs, of which the outer one is null in every third row.
+//! A file written by pyarrow 26 with `write_page_checksum=True`: 24 rows of a number, a decimal, a list of
+//! two, and a number in two nested structs, of which the outer one is null in every third row.
 
 #![allow(clippy::disallowed_methods, reason = "tests read files")]
 
@@ -7,7 +7,7 @@ use std::path::Path;
 
 use table_file::{ColumnPart, FileKind, FileSource, Table, TablePart, WantedColumn};
 
-/// The numbers of a list and of two other columns, and the texts of one of them.
+/// Reads the numbers of a list and of two other columns, and the texts of one of them.
 fn columns(path: &Path) -> Result<TablePart, String> {
     let file = FileSource::Disk(path.to_owned());
     let table = Table::open(&file, FileKind::Parquet, None).map_err(|error| error.to_string())?;
@@ -57,7 +57,7 @@ fn no_bit_of_a_page_can_change_unnoticed() {
     let bytes = std::fs::read(nested()).unwrap();
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("flipped.parquet");
-    // The footer, which has no checksum, begins where its length at the end of the file says.
+    // The footer has no checksum. Its length is stored at the end of the file.
     let (_, end) = bytes.split_at(bytes.len() - 8);
     let footer = u32::from_le_bytes([end[0], end[1], end[2], end[3]]) as usize + 8;
     let mut refused = 0;

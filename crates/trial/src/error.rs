@@ -1,55 +1,54 @@
-//! Why a trial cannot be evaluated.
+//! Reasons why a trial cannot be evaluated.
 
 use forces::ForceError;
 use shell_data::hint::{Hint, OTHER_CHANNELS};
 use shell_data::wrench::Axes;
 
-/// The fewest periods of a log in a window.
+/// The minimum number of a log's periods in a window.
 pub(super) const FEWEST_PERIODS: f64 = 10.0;
 
 /// A trial that cannot be evaluated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrialError {
-    /// The calibration does not give the axes that results are made of.
+    /// The calibration lacks axes that the results need.
     #[error("drag and lift are made of Fx and Fz: the calibration has no {0}")]
     Axes(Axes),
-    /// The window from `enter` to `exit` is not within the log, whose rows are from `first` to `last`, s.
+    /// The window from `enter` to `exit` is not within the log, whose rows run from `first` to `last`, s.
     #[error(
         "the window from `{enter}` to `{exit}` s is not within the log, which runs from `{first}` to \
          `{last}` s"
     )]
     OutsideLog { enter: f64, exit: f64, first: f64, last: f64 },
-    /// No rows where the window begins or ends, s.
+    /// No rows at the start or the end of the window, s.
     #[error("the log has a gap where the window from `{enter}` to `{exit}` s begins or ends")]
     Gap { enter: f64, exit: f64 },
-    /// The exit is not after the entry, s.
     #[error("the exit at `{exit}` s is not after the entry at `{enter}` s")]
     ExitBeforeEntry { enter: f64, exit: f64 },
-    /// The window is too short for a mean over its rows, which are a `period` apart, s.
+    /// The window is too short for a mean over its rows, which are `period` apart, s.
     #[error(
         "the window from `{enter}` to `{exit}` s is shorter than {FEWEST_PERIODS} periods of the log, \
          `{period}` s each"
     )]
     Short { enter: f64, exit: f64, period: f64 },
-    /// A velocity, mass or length that nothing can be computed with.
+    /// A velocity, mass or length that is not positive.
     #[error("{what} is `{value}`, expected a positive number")]
     NotPositive { what: &'static str, value: f64 },
-    /// Time runs backwards: row `row`, from 1, is at `after`, s, and the row before it at `before`.
+    /// Time runs backwards: row `row`, from 1, is at `after`, s, and the previous row at `before`.
     #[error("the clock jumps back from `{before}` to `{after}` s at row {row}")]
     Backward { row: u64, before: f64, after: f64 },
-    /// The clock stands still over all rows of the log, so many.
+    /// The clock stands still over all rows of the log; the field is their number.
     #[error("the clock does not move on: `{0}` rows, all at one time")]
     NoClock(u64),
-    /// The sensors are not those of the calibration: numbers of channels.
+    /// The numbers of channels of log and calibration differ.
     #[error("the log has `{found}` sensor channels, the calibration `{expected}`")]
     Channels { expected: usize, found: usize },
     /// Neither forces nor energies can be computed.
     #[error("nothing to compute: {0}")]
     Nothing(String),
-    /// The log gives no forces as asked.
+    /// The log cannot give forces with these options.
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
-    /// A result, which is named, is not a finite number.
+    /// The named result is not a finite number.
     #[error("the {0} is not finite: readings or telemetry are far outside what they can be")]
     NotFinite(&'static str),
 }

@@ -23,8 +23,8 @@ use shell_data::wrench::Axis;
 /// Evaluates a trial on the rows around its window.
 ///
 /// # Errors
-/// [`TrialError`] if the window is not within the log, a number of the trial cannot be, or nothing
-/// can be computed at all.
+/// [`TrialError`] if the window is not within the log, a number of the trial is invalid, or nothing can be
+/// computed at all.
 pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     let TrialInput { trial, rows, options, .. } = *input;
     check_window(trial, input.times)?;
@@ -65,7 +65,6 @@ pub fn evaluate(input: &TrialInput<'_>) -> Result<TrialResult, TrialError> {
     Ok(TrialResult { row, stride_rows, diagnostics, trace, phase: None })
 }
 
-/// Checks the window of a trial against the times of its log.
 ///
 /// # Errors
 /// [`TrialError::ExitBeforeEntry`], [`TrialError::OutsideLog`], [`TrialError::Short`].
@@ -84,7 +83,8 @@ pub fn check_window(trial: &Trial, times: &LogTimes) -> Result<(), TrialError> {
     Ok(())
 }
 
-/// The length of the channel, m, the mean velocity, m/s, and m·g·v̄, W, of the trial or else of the profile.
+/// The length of the channel, m, the mean velocity, m/s, and m·g·v̄, W, from the trial or otherwise the
+/// profile.
 fn terms(trial: &Trial, profile: &Profile) -> Result<[f64; 3], TrialError> {
     let positive = |what, value: f64| match value > 0.0 && value.is_finite() {
         true => Ok(value),
@@ -98,20 +98,19 @@ fn terms(trial: &Trial, profile: &Profile) -> Result<[f64; 3], TrialError> {
     Ok([length, velocity, mass * profile.robot.gravity_m_s2 * velocity])
 }
 
-/// A trial whose signals are known.
+/// A trial with its signals.
 struct TrialEvaluation<'a> {
     input: &'a TrialInput<'a>,
     channel_length_m: f64,
     velocity_m_s: f64,
     /// m·g·v̄, W.
     weight_power_w: f64,
-    /// The rows in the window.
     window: Range<usize>,
     signals: Signals,
 }
 
 impl TrialEvaluation<'_> {
-    /// Over a span of so many s, in which the drag costs an energy by its force.
+    /// The measures over a span of `time_s`; `energy` converts a mean force to drag energy.
     fn measures(&self, span: &Span, time_s: f64, energy: impl Fn(f64) -> f64) -> RunMeasures {
         let forces = self.signals.forces.as_ref();
         let mean = |axis: Axis| forces.map(|forces| span.mean(&forces.wrench[axis.index()]));

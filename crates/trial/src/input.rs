@@ -1,4 +1,4 @@
-//! What a trial is evaluated on, and how.
+//! The input and the options of an evaluation.
 
 use serde::Serialize;
 
@@ -8,16 +8,15 @@ use forces::{ForceOptions, ForcePipeline};
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::PerAxis;
 
-/// What is to be evaluated.
+/// A trial to be evaluated.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trial {
     /// The log, as the manifest names it.
     pub file: String,
-    /// The condition.
     pub condition: String,
-    /// When the robot enters the channel, s on the log's clock.
+    /// Entry into the channel, s on the log's clock.
     pub t_enter_s: f64,
-    /// When it leaves, s.
+    /// Exit from the channel, s.
     pub t_exit_s: f64,
     /// Mean velocity, m/s; `None` for the channel's length over the time in it.
     pub velocity_m_s: Option<f64>,
@@ -25,12 +24,12 @@ pub struct Trial {
     pub mass_kg: Option<f64>,
     /// Length of the channel, m; `None` for the profile's.
     pub channel_length_m: Option<f64>,
-    /// What the manifest says of it.
+    /// The notes of the manifest.
     pub notes: Option<String>,
 }
 
 impl Trial {
-    /// The trial of a log between two times, of which nothing else is said.
+    /// A trial of a log between two times, without further data.
     pub fn from_window(file: String, (t_enter_s, t_exit_s): (f64, f64)) -> Self {
         Self { file, t_enter_s, t_exit_s, ..Self::default() }
     }
@@ -43,21 +42,21 @@ pub struct LogTimes {
     pub first_s: f64,
     /// Time of the last row, s.
     pub last_s: f64,
-    /// The usual time from row to row, s.
+    /// The usual time between rows, s.
     pub period_s: f64,
 }
 
-/// The rows of a log that a trial needs, column by column: the window, and around it what the
+/// The rows of a log that a trial needs, column by column: the window, and the rows around it that the
 /// low-pass [needs](forces::PipelineSetup::needed_s).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrialRows {
     /// Time of each row, s, ascending.
     pub times_s: Vec<f64>,
-    /// Readings of each channel, counts; without columns if the log has none.
+    /// Readings of each channel, counts; no columns if the log has none.
     pub readings: Vec<Vec<f64>>,
-    /// Whether a row's readings differ from those of the row before.
+    /// True for each row whose readings differ from the previous row.
     pub fresh: Vec<bool>,
-    /// The columns of telemetry that the log has, in counts.
+    /// The telemetry columns of the log, in counts.
     pub telemetry: Vec<(Telemetry, Vec<f64>)>,
 }
 
@@ -68,36 +67,33 @@ impl TrialRows {
     }
 }
 
-/// How trials are evaluated.
+/// Options of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TrialOptions {
-    /// How readings become forces.
+    /// The conversion of readings to forces.
     #[serde(flatten)]
     pub forces: ForceOptions,
-    /// What is kept to draw or to write.
+    /// The extent of the trace that is kept.
     pub trace: TraceExtent,
-    /// The highest reading that the converter can give, counts.
+    /// The highest reading of the converter, counts.
     pub full_scale: f64,
-    /// The share of the training loads' variance that the calibration leaves unexplained, 1 − R²,
-    /// where it is known: what it gets wrong of any load, whatever the number of frames.
+    /// The unexplained share of the training loads' variance, 1 − R², if known: the relative error of the
+    /// calibration on any load, which does not average out over frames.
     #[serde(skip)]
     pub unexplained: Option<PerAxis<f64>>,
 }
 
-/// What is kept of a trial beside its results.
+/// The extent of the trace that is kept with the results.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum TraceExtent {
-    /// Nothing.
     Nothing,
-    /// The window.
     Window,
-    /// The whole log.
     Log,
 }
 
 impl Default for TrialOptions {
-    /// The usual [`ForceOptions`], and a 12-bit converter.
+    /// The default [`ForceOptions`], and a 12-bit converter.
     fn default() -> Self {
         Self {
             forces: ForceOptions::default(),
@@ -108,28 +104,24 @@ impl Default for TrialOptions {
     }
 }
 
-/// What trials are evaluated with.
+/// The robot and the calibration of its shell.
 #[derive(Clone, Copy, Debug)]
 pub struct Instrument<'a> {
-    /// The robot.
     pub profile: &'a Profile,
-    /// The calibration of its shell; without one there are no forces.
+    /// The calibration of the shell; without one there are no forces.
     pub calibration: Option<&'a Calibration>,
 }
 
-/// A trial, and all that its results are computed from.
+/// A trial with all input of its evaluation.
 #[derive(Clone, Copy, Debug)]
 pub struct TrialInput<'a> {
-    /// What is evaluated.
     pub trial: &'a Trial,
-    /// What it is evaluated with.
     pub instrument: Instrument<'a>,
-    /// The times of its log.
+    /// The times of the log.
     pub times: &'a LogTimes,
-    /// The rows around its window.
+    /// The rows around the window.
     pub rows: &'a TrialRows,
-    /// From its readings to forces, with the frames of the tare if there is one; `None` where there are no forces.
+    /// The pipeline from readings to forces, with the frames of any tare; `None` without forces.
     pub pipeline: Option<&'a ForcePipeline>,
-    /// How it is evaluated.
     pub options: &'a TrialOptions,
 }

@@ -1,37 +1,37 @@
-//! Means and integrals over a window of signals known at the times of rows.
+//! Means and integrals over a window, of signals known at the times of rows.
 //!
-//! By time, a signal runs straight between rows (the trapezoid rule), so rows may be missing or
-//! uneven, and a window may begin and end between them. By row, each row in the window is a sample.
+//! By time, a signal is linear between rows (trapezoid rule), so rows may be missing or uneven, and a window
+//! may begin and end between them. By row, each row in the window is a sample.
 
 use std::ops::Range;
 
 use forces::RowRule;
 
-/// A window over rows: the weight of each row.
+/// A window over rows, with the weight of each row.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Span {
-    /// The rows that count, and their shares of the mean.
+    /// The contributing rows, with their shares of the mean.
     pub(super) shares: Vec<(usize, f64)>,
-    /// The same of the integral over time, s.
+    /// The contributing rows, with their weights in the integral over time, s.
     weights: Vec<(usize, f64)>,
 }
 
 impl Span {
-    /// The window from `from_s` to `to_s` over rows at ascending `times`; `None` if it is not within
-    /// them, has no length, or, by row, holds no row.
+    /// The window from `from_s` to `to_s` over rows at ascending `times`; `None` if the window is not within
+    /// them, has no length or, by row, contains no row.
     ///
-    /// By row, the integral is the sum of each row's value times the time since the row before, from the second
-    /// row on.
+    /// By row, the integral is the sum of each row's value times the time since the previous row, from the
+    /// second row on.
     pub(super) fn new(rule: RowRule, times: &[f64], from_s: f64, to_s: f64) -> Option<Self> {
         let around = rows_around(times, from_s, to_s)?;
         if rule == RowRule::Time {
-            // What the value of each row counts for: ∫f dt = Σ weight·f.
+            // The weight of each row: ∫f dt = Σ weight·f.
             let mut weights: Vec<(usize, f64)> = around.clone().map(|row| (row, 0.0)).collect();
             for (i, pair) in times[around].windows(2).enumerate() {
                 let (a, b) = (pair[0].max(from_s), pair[1].min(to_s));
                 let (length, step) = (b - a, pair[1] - pair[0]);
                 if length > 0.0 {
-                    // The line between the two, at the middle of what lies in the window.
+                    // The position between the two rows of the middle of the part in the window.
                     let share = (0.5 * (a + b) - pair[0]) / step;
                     weights[i].1 += length * (1.0 - share);
                     weights[i + 1].1 += length * share;
@@ -49,7 +49,7 @@ impl Span {
         })
     }
 
-    /// The mean of a signal that has a value for every row.
+    /// The mean of a signal with a value for every row.
     pub(super) fn mean(&self, signal: &[f64]) -> f64 {
         self.shares.iter().map(|&(row, share)| share * signal[row]).sum()
     }
@@ -60,13 +60,13 @@ impl Span {
     }
 }
 
-/// The rows at `times` from one time to another, both included.
+/// The rows at `times` between two times, both included.
 pub(super) fn rows_within(times: &[f64], from_s: f64, to_s: f64) -> Range<usize> {
     times.partition_point(|&t| t < from_s)..times.partition_point(|&t| t <= to_s)
 }
 
-/// From the last row not after `from_s` to the first not before `to_s`; `None` if these are not within the
-/// ascending `times`, or not in this order.
+/// The rows from the last one not after `from_s` to the first one not before `to_s`; `None` if these times
+/// are not within the ascending `times`, or not in this order.
 pub(super) fn rows_around(times: &[f64], from_s: f64, to_s: f64) -> Option<Range<usize>> {
     if from_s >= to_s || !(*times.first()? <= from_s && to_s <= *times.last()?) {
         return None;

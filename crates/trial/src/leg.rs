@@ -1,23 +1,23 @@
-//! Leg angles from encoder counts, and the strides that they make.
+//! Leg angles from encoder counts, and the strides that follow from them.
 
 use std::f64::consts::TAU;
 
 use super::integral::rows_around;
 use shell_data::statistics::extremes;
 
-/// How far back the speed of a leg is looked at to tell by how much it has moved on, s: some
-/// encoder noise does not matter, and a gait is steady.
+/// The time over which the speed of a leg is measured for the prediction of its next angle, s: long enough
+/// against encoder noise, and short against changes of gait.
 const SPEED_OVER_S: f64 = 0.02;
 
-/// The angle that a leg has to move on for not to stand still, rad.
+/// The minimum rotation of a leg that does not count as standing still, rad.
 pub(super) const STILL_RAD: f64 = 0.1;
 
-/// The angle of a leg at each row, rad, unwrapped, from an encoder that may start again at zero after
-/// a turn, or after 2³² counts.
+/// The unwrapped angle of a leg at each row, rad, from an encoder that may wrap to zero after a turn, or
+/// after 2³² counts.
 ///
-/// A step between rows is taken as that which, among those an encoder that wraps can mean, is nearest
-/// to where the leg's speed of the last 20 ms would have taken it: right across missing rows
-/// as long as the speed changes by less than half a turn over the gap.
+/// Among the steps that a wrapping encoder allows, the one nearest to an extrapolation of the leg's speed
+/// over the last 20 ms is used. This is correct across missing rows as long as the speed changes by less than
+/// half a turn over the gap.
 pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f64> {
     let (low, high) = extremes(counts.iter().copied());
     let turn = TAU / rad_per_count;
@@ -44,18 +44,18 @@ pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f
 /// The strides of a window.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Strides {
-    /// When each whole stride starts and the last one ends, s; empty if there is none.
+    /// Start of each whole stride, and the end of the last, s; empty without strides.
     pub(super) times_s: Vec<f64>,
-    /// The longest time without any motion worth the name, s.
+    /// The longest time without significant motion, s.
     pub(super) longest_still_s: f64,
 }
 
 impl Strides {
-    /// The whole turns that `angle` makes in the window from `from_s` to `to_s`, from phase 0 to
-    /// phase 0, the way that it turns in the whole window.
+    /// Finds the whole turns of `angle` in the window from `from_s` to `to_s`, from phase 0 to phase 0, in
+    /// the direction of rotation over the whole window.
     ///
-    /// A turn ends when the leg first gets there. What it goes back and makes good does not count
-    /// twice, so noise, a stall or a reversal do not make strides.
+    /// A turn ends when the leg first reaches its end. Backward motion that is later made up does not count
+    /// twice, so noise, a stall or a reversal does not create strides.
     pub(super) fn new(times: &[f64], angle: &[f64], from_s: f64, to_s: f64) -> Self {
         let Some(rows) = rows_around(times, from_s, to_s) else { return Self::default() };
         let (times, angle) = (&times[rows.clone()], &angle[rows]);
@@ -77,7 +77,7 @@ impl Strides {
                 }
                 furthest = (time, angle);
             } else if time > furthest.0 {
-                // From here on it makes good what it has lost.
+                // From here on the leg makes up the lost angle.
                 furthest.0 = time;
             }
             if furthest.1 - moved.1 >= STILL_RAD {
@@ -97,12 +97,11 @@ impl Strides {
         self.times_s.windows(2).map(|pair| (pair[0], pair[1]))
     }
 
-    /// Number of whole strides.
     pub(super) fn count(&self) -> usize {
         self.times_s.len().saturating_sub(1)
     }
 
-    /// Strides in a second, Hz; `None` without any.
+    /// Strides per second, Hz; `None` without strides.
     pub(super) fn frequency_hz(&self) -> Option<f64> {
         let (first, last) = (self.times_s.first()?, self.times_s.last()?);
         Some(self.count() as f64 / (last - first)).filter(|hz| hz.is_finite())
@@ -119,7 +118,7 @@ mod tests {
 
     const SCALE: f64 = 95.8738e-6;
 
-    /// Rows a millisecond apart for `duration_s`, and a leg of `angle(t)` in whole counts.
+    /// Rows one millisecond apart over `duration_s`, with a leg at `angle(t)` in whole counts.
     fn record(duration_s: f64, angle: impl Fn(f64) -> f64) -> (Vec<f64>, Vec<f64>) {
         let times: Vec<f64> = (0..(duration_s * 1e3) as i32).map(|i| f64::from(i) * 1e-3).collect();
         let counts = times.iter().map(|&t| (angle(t) / SCALE).round()).collect();
@@ -141,7 +140,7 @@ mod tests {
                 assert!((a - b - shift).abs() < 1e-9);
             }
         }
-        // A 32-bit counter that overflows on the way.
+        // A 32-bit counter that overflows during the run.
         let top = 2.0_f64.powi(31);
         let overflow = |c: &f64| (c + top - 100_000.0 + top).rem_euclid(2.0 * top) - top;
         let found = unwrap(&times, &counts.iter().map(overflow).collect::<Vec<_>>(), SCALE);
@@ -166,8 +165,7 @@ mod tests {
             let (times, counts) = record(1.0, |t| way * TAU * (10.0 * t + 0.25));
             let angle = unwrap(&times, &counts, SCALE);
             let strides = Strides::new(&times, &angle, 0.1, 0.9);
-            // Phase 0 at 0.075 + 0.1·k s going forward, and the same going back: within the window
-            // from 0.175 to 0.875 s.
+            // Phase 0 is at 0.075 + 0.1·k s in either direction: within the window from 0.175 to 0.875 s.
             assert_eq!(strides.count(), 7);
             for (k, time) in strides.times_s.iter().enumerate() {
                 // Half a count at 10 turns/s is 0.8 µs.
@@ -179,7 +177,7 @@ mod tests {
 
     #[test]
     fn noise_a_stall_and_a_reversal_make_no_strides() {
-        // Ten turns in a second, a stall of 0.5 s at a phase of 0, half a turn back, and on.
+        // Ten turns in a second, a stall of 0.5 s at phase 0, half a turn back, then forward again.
         let path = |t: f64| match t {
             t if t < 1.0 => 10.0 * t + 0.001,
             t if t < 1.5 => 10.001,
@@ -194,7 +192,7 @@ mod tests {
         // From 1 to 13 turns.
         assert_eq!(strides.count(), 12);
         assert!((strides.times_s[9] - 0.9999).abs() < 1e-3, "turn 10 ends before the stall");
-        // Turn 11 is made at 1.6 + 1.499/10 s.
+        // Turn 11 ends at 1.6 + 1.499/10 s.
         assert!((strides.times_s[10] - 1.7499).abs() < 1e-3, "{:?}", strides.times_s);
         assert!((strides.longest_still_s - 0.65).abs() < 0.02, "{}", strides.longest_still_s);
     }

@@ -6,25 +6,25 @@ use super::trace::Trace;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::Axis;
 
-/// Stretches that a stride is averaged in.
+/// Number of bins of the phase.
 pub(crate) const PHASES: usize = 32;
 
-/// One force over the phase: mean and standard deviation from stride to stride, in N, one for each
-/// of `PHASES` equal stretches of the phase.
+/// A force over the phase: mean and standard deviation between strides, in N, for each of `PHASES` equal bins
+/// of the phase.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseForce {
-    /// Mean of the strides' means.
+    /// Mean over the strides of the mean in a bin.
     pub mean_n: Vec<f64>,
-    /// Their standard deviation, 0 for a single stride.
+    /// Standard deviation between strides, 0 for a single stride.
     pub sd_n: Vec<f64>,
 }
 
 /// Drag and lift over the phase of the right leg.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseProfile {
-    /// Strides that it is made of.
+    /// Number of strides averaged.
     pub strides: usize,
-    /// Middle of each stretch of the phase, rad.
+    /// Middle of each bin of the phase, rad.
     pub phase_rad: Vec<f64>,
     /// Drag, −Fx.
     pub drag: PhaseForce,
@@ -33,8 +33,8 @@ pub struct PhaseProfile {
 }
 
 impl PhaseProfile {
-    /// Of the whole strides of a trace between two times, s. Strides without a row in some stretch (the leg
-    /// stalled, or rows are missing) are left out; `None` if that leaves none or there are no forces.
+    /// Averages the whole strides of a trace between two times, s. Strides without a row in some bin (the leg
+    /// stalled, or rows are missing) are skipped. Returns `None` without forces or without remaining strides.
     pub fn new(trace: &Trace, [from_s, to_s]: [f64; 2]) -> Option<Self> {
         let spans = trace.stride_times_s.windows(2).map(|pair| [pair[0], pair[1]]);
         let spans = spans.filter(|[start, end]| *start >= from_s && *end <= to_s);
@@ -51,7 +51,7 @@ impl PhaseProfile {
         })
     }
 
-    /// Of the strides of both.
+    /// Combines the strides of both profiles.
     pub fn merged(&self, other: &Self) -> Self {
         let strides = self.strides + other.strides;
         let force = |a: &PhaseForce, b: &PhaseForce| {
@@ -75,7 +75,7 @@ impl PhaseProfile {
 }
 
 impl PhaseForce {
-    /// Mean and squared deviations over so many strides in stretch `i` of the phase.
+    /// Mean and squared deviations over `strides` in bin `i` of the phase.
     fn at(&self, i: usize, strides: usize) -> RunningVariance {
         let squares = self.sd_n[i] * self.sd_n[i] * (strides as f64 - 1.0);
         RunningVariance { count: strides as u64, mean: self.mean_n[i], squares }
@@ -94,7 +94,7 @@ impl PhaseForce {
     }
 }
 
-/// The means of a force over the stretches of one stride.
+/// The means of a force over the bins of one stride.
 fn stride(trace: &Trace, [from, to]: [f64; 2], axis: Axis, sign: f64) -> Option<[f64; PHASES]> {
     let rows = trace.t_s.partition_point(|&t| t < from)..trace.t_s.partition_point(|&t| t < to);
     let force = trace.wrench[axis.index()].get(rows.clone())?;
@@ -116,7 +116,7 @@ fn stride(trace: &Trace, [from, to]: [f64; 2], axis: Axis, sign: f64) -> Option<
 mod tests {
     use super::*;
 
-    /// 20 strides of 0.1 s with 96 rows each: drag cos φ + stride number's sign, lift sin 2φ.
+    /// 20 strides of 0.1 s with 96 rows each: drag cos φ ± 0.1 with alternating sign, lift sin 2φ.
     fn trace(backwards: bool) -> Trace {
         let t_s: Vec<f64> = (0..1920).map(|i| 0.1 / 96.0 * (f64::from(i) + 0.5)).collect();
         let angle: Vec<f64> = t_s.iter().map(|t| TAU * t / 0.1).collect();
@@ -146,7 +146,7 @@ mod tests {
             // The first stride starts before the window, the last ends after it.
             assert_eq!(profile.strides, 18);
             for (i, phase) in profile.phase_rad.iter().enumerate() {
-                // Three rows in a stretch w = 0.2 rad wide, w/3 apart: their mean is that at the middle
+                // Three rows in a bin of width w = 0.2 rad, w/3 apart: their mean is the value at the middle
                 // less (2/3)(kw/3)²/2 of it, 0.6 % for k = 2.
                 assert!((profile.drag.mean_n[i] - phase.cos()).abs() < 0.0015);
                 assert!((profile.lift.mean_n[i] - (2.0 * phase).sin()).abs() < 0.006);
@@ -165,7 +165,8 @@ mod tests {
         assert_eq!(whole.strides, merged.strides);
         for (a, b) in [(&whole.drag, &merged.drag), (&whole.lift, &merged.lift)] {
             let pairs = a.mean_n.iter().chain(&a.sd_n).zip(b.mean_n.iter().chain(&b.sd_n));
-            // Sums of eighteen values in another order; √ of rounding where the deviation is zero.
+            // Sums of eighteen values in another order; the root of rounding errors where the deviation is
+            // zero.
             assert!(pairs.into_iter().all(|(a, b)| (a - b).abs() < 1e-7));
         }
     }

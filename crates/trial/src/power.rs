@@ -1,8 +1,8 @@
 //! Electrical power of the leg motors.
 //!
-//! It is taken from the first of these that the log has: columns of power, the battery's voltage times
-//! columns of current, or the formula of the motor with duty and back EMF. The first two need their
-//! units in the profile.
+//! The source of power is the first of these in the log: columns of power, the battery's voltage times
+//! columns of current, or the formula of the motor with duty and back EMF. The first two need their units in
+//! the profile.
 
 use std::ops::Range;
 
@@ -16,22 +16,24 @@ use shell_data::telemetry::Telemetry;
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Power {
     pub(super) total_w: Vec<f64>,
-    /// Of the right and the left motor, where the log tells them apart.
+    /// The power of the right and the left motor, if the log has both.
     pub(super) sides_w: Option<[Vec<f64>; 2]>,
 }
 
-/// Of all, of the right and of the left motor.
+/// Total, right and left.
 const POWERS: [Telemetry; 3] = [Telemetry::Power, Telemetry::RightPower, Telemetry::LeftPower];
 const CURRENTS: [Telemetry; 3] =
     [Telemetry::Current, Telemetry::RightCurrent, Telemetry::LeftCurrent];
 
 const NO_ENERGY: &str = "electrical energy and specific resistance are left out";
 
-/// What the battery of a robot gives, V. Readings beyond are in another unit than the profile says.
+/// The plausible range of a robot's battery voltage, V. Readings outside it have another unit than the
+/// profile states.
 const BATTERY_V: std::ops::RangeInclusive<f64> = 0.5..=100.0;
 
 impl Power {
-    /// From telemetry; why there is none, if so. The battery is looked at in the rows `window`.
+    /// Computes power from telemetry, or gives the reason why it cannot. The battery is checked in the rows
+    /// `window`.
     pub(super) fn new(
         rows: &TrialRows,
         profile: &Profile,
@@ -53,7 +55,7 @@ impl Power {
         telemetry.motors(window)
     }
 
-    /// Of columns for all, for the right and for the left motor, as far as they are there.
+    /// Combines columns of total, right and left power, as far as present.
     fn from_columns([total, right, left]: [Option<Vec<f64>>; 3]) -> Option<Self> {
         let sides_w = right.zip(left).map(|(right, left)| [right, left]);
         let total_w = total.or_else(|| sides_w.as_ref().map(sum))?;
@@ -72,13 +74,12 @@ struct PowerColumns<'a> {
 }
 
 impl PowerColumns<'_> {
-    /// A column in SI: in the unit that the profile gives, or else of counts that are `per_count` each.
+    /// A column in SI units: from the unit in the profile, or otherwise from counts of `per_count` each.
     fn in_si(&self, kind: Telemetry, per_count: Option<f64>) -> Option<Vec<f64>> {
         let unit = self.profile.unit(kind).or(per_count)?;
         Some(self.rows.telemetry(kind)?.iter().map(|value| value * unit).collect())
     }
 
-    /// The voltage of the battery, V.
     fn battery(&self, window: Range<usize>) -> Result<Vec<f64>, Diagnostic> {
         let counts = self.rows.telemetry(Telemetry::Battery).unwrap_or_default();
         let in_window = counts.get(window).unwrap_or_default();
@@ -104,7 +105,7 @@ impl PowerColumns<'_> {
         }
     }
 
-    /// By the formula of the motors.
+    /// Power by the formula of the motors.
     fn motors(&self, window: Range<usize>) -> Result<Power, Diagnostic> {
         let missing = Telemetry::MOTORS.iter().filter(|kind| self.rows.telemetry(**kind).is_none());
         let missing: Vec<&str> = missing.map(|kind| kind.name()).collect();
@@ -178,7 +179,7 @@ mod tests {
 
     #[test]
     fn the_formula_of_the_motor_takes_units_and_counts() {
-        // Half duty at 4 V with 0.7 V of back EMF is 2 W, as the example of the motor has it.
+        // Half duty at 4 V with 0.7 V of back EMF is 2 W, as in the motor's worked example.
         let telemetry = [
             (RightDuty, [50.0; 2]),
             (LeftDuty, [-50.0; 2]),

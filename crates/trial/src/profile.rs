@@ -1,7 +1,7 @@
-//! Robot profiles: what the counts of a robot's telemetry mean, and what the robot is.
+//! Robot profiles: the scales of a robot's telemetry, and its properties.
 //!
-//! A profile is a TOML document. [`Profile::velociroach`] is built in; its file says where each
-//! constant comes from. A document with `base = "velociroach"` has only what differs from it.
+//! A profile is a TOML document. [`Profile::velociroach`] is built in; its file cites the source of each
+//! constant. A document with `base = "velociroach"` lists only the differences from it.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -13,25 +13,21 @@ use toml::{Spanned, Table, Value};
 
 use super::manifest::{ManifestProblem, parse_toml as parse};
 
-/// The built-in profile as a document, to start another from.
+/// The built-in profile as a document, as a template for others.
 pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml");
 
 /// A robot and its channel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Profile {
-    /// What the robot is called.
     pub name: String,
-    /// What its telemetry counts mean.
+    /// The scales of its telemetry.
     pub telemetry: TelemetryScales,
-    /// Columns of telemetry that its logs have by other names, or in units in place of counts.
+    /// Telemetry columns that its logs name differently, or have in physical units.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub columns: BTreeMap<String, TelemetryColumn>,
-    /// Its leg motors.
     pub motor: Motor,
-    /// Its body.
     pub robot: Robot,
-    /// What it runs through.
     pub channel: TrialChannel,
 }
 
@@ -53,19 +49,19 @@ pub struct TelemetryScales {
     pub duty_counts: f64,
 }
 
-/// How the logs of a robot have a column of telemetry.
+/// The form of a telemetry column in the logs of a robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetryColumn {
-    /// Its name, if that does not say what it is.
+    /// Its name, if not the standard one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
-    /// Its unit, if it is not in counts.
+    /// Its unit, if not counts.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub unit: Option<String>,
 }
 
-/// A leg motor; the two are alike.
+/// A leg motor; both have the same constants.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Motor {
@@ -75,7 +71,6 @@ pub struct Motor {
     pub torque_constant_nm_per_a: f64,
 }
 
-/// The robot's body.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Robot {
@@ -83,16 +78,14 @@ pub struct Robot {
     pub mass_kg: f64,
     /// Acceleration of free fall g, m/s².
     pub gravity_m_s2: f64,
-    /// Length, m, if known: figures shade when the robot enters and leaves.
+    /// Length, m, if known; figures use it to shade entry and exit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub length_m: Option<f64>,
 }
 
-/// The channel of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TrialChannel {
-    /// Its length, m.
     pub length_m: f64,
 }
 
@@ -105,8 +98,8 @@ impl Profile {
     /// Reads a profile.
     ///
     /// # Errors
-    /// [`ManifestProblem`] with line and column: no TOML, a key that is missing or unknown, a constant
-    /// that is not a positive number, or a unit that the column cannot have.
+    /// [`ManifestProblem`] with line and column: not TOML, a missing or unknown key, a constant that is not a
+    /// positive number, or a unit that does not suit the column.
     pub fn parse(text: &str) -> Result<Self, ManifestProblem> {
         let has_base = parse::<Table>(text)?.contains_key("base");
         let profile: Self = if has_base { Differences::parse(text)? } else { parse(text)? };
@@ -129,18 +122,18 @@ impl Profile {
         Ok(profile)
     }
 
-    /// The name that its logs have for a column of telemetry, where the profile gives one.
+    /// The name of a telemetry column in its logs, if the profile gives one.
     pub fn column_name(&self, kind: Telemetry) -> Option<&str> {
         self.columns.get(key_of(kind)?)?.name.as_deref()
     }
 
-    /// How much of the SI unit the unit of a column is, where the profile gives one.
+    /// The factor from the unit of a column to the SI unit, if the profile gives one.
     pub(super) fn unit(&self, kind: Telemetry) -> Option<f64> {
         let (key, _, units) = COLUMNS.into_iter().find(|(_, of, _)| *of == kind)?;
         in_si(self.columns.get(key)?.unit.as_deref()?, units)
     }
 
-    /// The angle of what a column of a leg's position counts, rad.
+    /// The angle per count of a leg position column, rad.
     pub(super) fn leg_rad(&self, leg: Telemetry) -> f64 {
         self.unit(leg).unwrap_or(self.telemetry.leg_rad_per_count)
     }
@@ -149,7 +142,7 @@ impl Profile {
 /// A table of constants, with their positions.
 type NamedConstants = BTreeMap<Spanned<String>, f64>;
 
-/// A document that has only what differs from a profile that is built in.
+/// A document with only the differences from a built-in profile.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Differences {
@@ -189,7 +182,7 @@ impl Differences {
                 *constant = Value::Float(value);
             }
         }
-        // Every table and key is one of the base's, and every value a number.
+        // Every table and key exists in the base, and every value is a number.
         let mut profile: Profile = document
             .try_into()
             .map_err(|error: toml::de::Error| ManifestProblem::at(text, 0, error.to_string()))?;
@@ -200,14 +193,13 @@ impl Differences {
 }
 
 impl Motor {
-    /// The electrical power drawn by one motor, W: `|d·V·(V − E)/R|` of duty d, battery V and back
-    /// EMF E.
+    /// The electrical power drawn by one motor, W: `|d·V·(V − E)/R|` with duty d, battery V and back EMF E.
     pub fn power_w(&self, duty: f64, battery_v: f64, back_emf_v: f64) -> f64 {
         (duty * battery_v * (battery_v - back_emf_v) / self.resistance_ohm).abs()
     }
 }
 
-/// Units, and how much of the SI unit each is.
+/// Units with their factors to the SI unit.
 type Units = &'static [(&'static str, f64)];
 
 const ANGLE: Units = &[("rad", 1.0), ("deg", PI / 180.0), ("rev", TAU)];
@@ -216,7 +208,7 @@ const VOLTAGE: Units = &[("V", 1.0), ("mV", 1e-3)];
 const CURRENT: Units = &[("A", 1.0), ("mA", 1e-3)];
 const POWER: Units = &[("W", 1.0), ("mW", 1e-3)];
 
-/// The columns that results are computed from: their keys in a profile, and the units that they may be in.
+/// The columns that results are computed from: their keys in a profile, and their possible units.
 const COLUMNS: [(&str, Telemetry, Units); 13] = [
     ("right_leg", Telemetry::RightLeg, ANGLE),
     ("left_leg", Telemetry::LeftLeg, ANGLE),
@@ -243,12 +235,12 @@ pub(super) fn key_of(kind: Telemetry) -> Option<&'static str> {
     COLUMNS.into_iter().find(|(_, of, _)| *of == kind).map(|(key, ..)| key)
 }
 
-/// How much of the SI unit a unit is, if it is one of these.
+/// The factor from a unit to the SI unit, if it is one of `units`.
 fn in_si(unit: &str, units: Units) -> Option<f64> {
     units.iter().find(|(name, _)| *name == unit).map(|(_, si)| *si)
 }
 
-/// Checks what a profile says of the column `key`; what is wrong is said in words.
+/// Checks the entry of the column `key` in a profile; the error is a message.
 fn check_column(key: &str, column: &TelemetryColumn) -> Result<(), String> {
     let Some((.., units)) = COLUMNS.into_iter().find(|(known, ..)| *known == key) else {
         let keys = quoted(COLUMNS.iter().map(|(key, ..)| key), ", ");
@@ -295,7 +287,7 @@ mod tests {
     #[test]
     fn a_motor_against_a_worked_example() {
         let motor = Profile::velociroach().motor;
-        // Half duty at 4 V with 0.7 V of back EMF: 0.5·3.3/3.3 = 0.5 A in the mean.
+        // Half duty at 4 V with 0.7 V of back EMF: 0.5·3.3/3.3 = 0.5 A on average.
         assert!((motor.power_w(-0.5, 4.0, 0.7) - 2.0).abs() < 1e-15);
     }
 

@@ -1,4 +1,4 @@
-//! What trials give: rows of tables, traces to draw, and what a reader of these should know about them.
+//! The results of trials: table rows, traces, and diagnostics.
 
 use std::collections::BTreeMap;
 
@@ -11,8 +11,8 @@ use super::uncertainty::ForceUncertainty;
 use super::window::Proposal;
 use shell_data::wrench::Axis;
 
-/// The results of one trial. What the log or the calibration does not allow is `None`, and
-/// [`TrialResult::diagnostics`] say why.
+/// The results of one trial. Values that the log or the calibration does not allow are `None`, with the
+/// reason in [`TrialResult::diagnostics`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialResult {
     /// The row of the per-trial table.
@@ -20,19 +20,20 @@ pub struct TrialResult {
     pub row: TrialRow,
     /// One row for each whole stride in the window, in order.
     pub stride_rows: Vec<StrideRow>,
-    /// What to know about these results.
+    /// Diagnostics for the reader of these results.
     #[serde(rename = "remarks")]
     pub diagnostics: Vec<Diagnostic>,
-    /// What happened over the window, or over the whole log, if asked for.
+    /// The signals over the window, or over the whole log, if requested.
     #[serde(skip)]
     pub trace: Option<Trace>,
-    /// Drag and lift over the phase of the leg, if that was made from the trace.
+    /// Drag and lift over the phase of the leg, if computed from the trace.
     #[serde(skip)]
     pub phase: Option<PhaseProfile>,
 }
 
 impl TrialResult {
-    /// The first diagnostic of each kind with the name of its trial, and how many more there are; notes first.
+    /// The first diagnostic of each kind with the name of its trial, and the number of further ones; notes
+    /// first.
     pub fn diagnostics_of_each_kind<'a>(
         trials: impl IntoIterator<Item = (&'a str, &'a Self)>,
     ) -> impl Iterator<Item = (Severity, String)> {
@@ -51,39 +52,38 @@ impl TrialResult {
     }
 }
 
-/// How much a diagnostic matters.
+/// The severity of a diagnostic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
-    /// How the log was recorded.
+    /// Information on how the log was recorded.
     Note,
     /// The results may be worse than they look.
     Warning,
 }
 
-/// Something that a reader of a trial's results should know.
+/// Information that a reader of a trial's results should know.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Diagnostic {
-    /// How much it matters.
     pub severity: Severity,
     /// A short name for scripts, the same for all of a kind.
     pub code: &'static str,
-    /// What it is, in words.
+    /// The message.
     pub text: String,
 }
 
 impl Diagnostic {
-    /// How the log was recorded.
+    /// A note on how the log was recorded.
     pub(super) fn note(code: &'static str, text: impl Into<String>) -> Self {
         Self { severity: Severity::Note, code, text: text.into() }
     }
 
-    /// What may make results worse than they look.
+    /// A warning that results may be worse than they look.
     pub fn warning(code: &'static str, text: impl Into<String>) -> Self {
         Self { severity: Severity::Warning, code, text: text.into() }
     }
 
-    /// The window was found in the forces.
+    /// A note that the window was found in the forces.
     pub fn found_window(found: &Proposal) -> Self {
         let text = format!(
             "the window was found in the drag: confidence {:.0} %, entry ± {:.3} s, exit ± {:.3} s",
@@ -96,26 +96,24 @@ impl Diagnostic {
     }
 }
 
-/// One trial.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialRow {
     /// The log, as the manifest names it.
     pub file: String,
-    /// The condition.
     pub condition: String,
-    /// When the robot enters the channel, s on the log's clock.
+    /// Entry into the channel, s on the log's clock.
     pub t_enter_s: f64,
-    /// When it leaves, s.
+    /// Exit from the channel, s.
     pub t_exit_s: f64,
-    /// The time between, s.
+    /// The time between entry and exit, s.
     pub duration_s: f64,
     /// Mean velocity v̄, m/s.
     pub velocity_m_s: f64,
-    /// Rows of the log in the window.
+    /// Number of rows in the window.
     pub rows: u64,
-    /// Rows among them whose readings differ from those before; `None` without sensors.
+    /// Number of rows in the window with new readings; `None` without sensors.
     pub fresh_frames: Option<u64>,
-    /// What it was like; its length is that of the channel.
+    /// The measures over the length of the channel.
     #[serde(flatten)]
     pub measures: RunMeasures,
     /// The 95 % interval of the drag energy, J.
@@ -124,25 +122,26 @@ pub struct TrialRow {
     pub drag_mean_95_n: Option<Interval>,
     /// The 95 % interval of the mean lift, N.
     pub lift_mean_95_n: Option<Interval>,
-    /// Whole strides in the window; `None` without a leg position.
+    /// Number of whole strides in the window; `None` without a leg position.
     pub strides: Option<u64>,
-    /// Strides in a second: whole strides over the time from the first one's start to the last one's
-    /// end, Hz.
+    /// Strides per second: whole strides over the time from the start of the first to the end of the last,
+    /// Hz.
     pub stride_frequency_hz: Option<f64>,
-    /// The length that the drag energy is over, m.
+    /// The length that the drag energy refers to, m.
     #[serde(skip)]
     pub channel_length_m: f64,
-    /// Whether most frames are outside the calibrated range.
+    /// True if most frames are outside the calibrated range.
     #[serde(skip)]
     pub is_beyond_range: bool,
-    /// How sure its mean forces are.
+    /// The uncertainty of the mean forces.
     #[serde(skip)]
     pub uncertainty: Option<ForceUncertainty>,
 }
 
 impl TrialRow {
-    /// What the calibration's error makes of a quantity, along directions that are alike in all trials, with its degrees
-    /// of freedom. `None` if nothing is known of it; of what is no force it is nothing.
+    /// The error of a quantity due to the calibration, as components along directions common to all trials,
+    /// with its degrees of freedom. Returns `None` if it is unknown; it is zero for quantities that do not
+    /// depend on forces.
     pub fn shared_error(&self, quantity: Quantity) -> Option<(Vec<f64>, f64)> {
         let (axis, factor) = match quantity {
             Quantity::Drag => (Axis::Fx, -1.0),
@@ -161,17 +160,17 @@ impl TrialRow {
 /// One stride: a turn of the right leg from phase 0 to phase 2π.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct StrideRow {
-    /// Its number in the trial, from 1.
+    /// The number in the trial, from 1.
     pub stride: u64,
     /// Start, s on the log's clock.
     pub t_start_s: f64,
     /// End, s.
     pub t_end_s: f64,
-    /// The time T between, s.
+    /// The duration T, s.
     pub period_s: f64,
-    /// Rows of the log in it.
+    /// Number of rows in the stride.
     pub rows: u64,
-    /// What it was like; its length is v̄·T.
+    /// The measures over the length v̄·T.
     #[serde(flatten)]
     pub measures: RunMeasures,
 }
@@ -183,7 +182,7 @@ pub struct RunMeasures {
     pub drag_mean_n: Option<f64>,
     /// Mean lift, Fz, N.
     pub lift_mean_n: Option<f64>,
-    /// mean(Fx) times the length, J: negative where energy is lost to drag.
+    /// mean(Fx) times the length, J: negative if energy is lost to drag.
     pub drag_energy_j: Option<f64>,
     /// ∫ (P_left + P_right) dt, J.
     pub electrical_energy_j: Option<f64>,
@@ -196,30 +195,28 @@ pub struct RunMeasures {
 /// Statistics of one quantity in one condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ConditionRow {
-    /// The condition.
     pub condition: String,
-    /// Of trials or of strides.
+    /// The unit of observation, trials or strides.
     pub per: Per,
-    /// What of them.
     pub quantity: Quantity,
-    /// The numbers, in the quantity's SI unit.
+    /// The statistics, in the quantity's SI unit.
     #[serde(flatten)]
     pub statistics: Statistics,
-    /// Its mean less that of the reference condition, if one was named and this is another.
+    /// The difference of the mean from that of the reference condition, if one was named and this is another.
     pub difference: Option<MeanDifference>,
 }
 
-/// Of what statistics are.
+/// The unit of observation of statistics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Per {
-    /// One value a trial.
+    /// One value per trial.
     Trial,
-    /// One value a stride.
+    /// One value per stride.
     Stride,
 }
 
-/// What trials and strides are compared by.
+/// A quantity by which trials and strides are compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
@@ -231,12 +228,10 @@ pub enum Quantity {
     DragEnergy,
     /// Electrical energy, J.
     ElectricalEnergy,
-    /// Specific resistance.
     SpecificResistance,
 }
 
 impl Per {
-    /// Both.
     pub const ALL: [Self; 2] = [Self::Trial, Self::Stride];
 
     /// `trial` or `stride`.
@@ -249,7 +244,6 @@ impl Per {
 }
 
 impl Quantity {
-    /// All of them.
     pub const ALL: [Self; 5] = [
         Self::Drag,
         Self::Lift,
@@ -258,11 +252,11 @@ impl Quantity {
         Self::SpecificResistance,
     ];
 
-    /// What conditions are compared by, the first first.
+    /// The quantities by which conditions are compared, the most important first.
     pub const COMPARED: [Self; 3] =
         [Self::DragEnergy, Self::ElectricalEnergy, Self::SpecificResistance];
 
-    /// What people call it, the name of its column, and its unit.
+    /// The name, the name of the column, and the unit.
     const fn texts(self) -> [&'static str; 3] {
         match self {
             Self::Drag => ["drag", "drag_mean_n", "N"],
@@ -273,7 +267,6 @@ impl Quantity {
         }
     }
 
-    /// What people call it.
     pub const fn name(self) -> &'static str {
         self.texts()[0]
     }
@@ -283,12 +276,12 @@ impl Quantity {
         self.texts()[1]
     }
 
-    /// The SI unit as people read it; empty without one.
+    /// The SI unit for display; empty without one.
     pub const fn unit(self) -> &'static str {
         self.texts()[2]
     }
 
-    /// That of a trial or a stride.
+    /// The value of this quantity in the measures of a trial or a stride.
     pub fn of(self, measures: &RunMeasures) -> Option<f64> {
         match self {
             Self::Drag => measures.drag_mean_n,

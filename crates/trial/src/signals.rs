@@ -1,5 +1,4 @@
-//! The signals of a trial at every row: forces, motor power, leg angles; and what a reader of its results should know
-//! about its log.
+//! The signals of a trial at every row: forces, motor power and leg angles, with diagnostics on the log.
 
 use std::ops::Range;
 
@@ -16,28 +15,29 @@ use shell_data::statistics::{extremes, upper_median};
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A stall is reported when the leg stands still for this many strides.
+/// A stall is reported if the leg stands still for this number of strides.
 const STALL_STRIDES: f64 = 2.0;
 
 const NO_FORCES: &str = "forces and drag energy are left out";
 
-/// What can be computed of the rows of a trial.
+/// The signals that can be computed from the rows of a trial.
 pub(super) struct Signals {
     pub(super) forces: Option<TrialForces>,
     pub(super) power: Option<Power>,
-    /// Angles, rad; empty where they are not known.
+    /// Angles, rad; empty if unknown.
     right_leg: Vec<f64>,
     left_leg: Vec<f64>,
     pub(super) strides: Option<Strides>,
-    /// Whether most frames of the window are outside the calibrated range.
+    /// True if most frames of the window are outside the calibrated range.
     pub(super) is_beyond: bool,
 }
 
 impl Signals {
-    /// Adds to `diagnostics` what is missing, and what is unusual in the rows `window`.
+    /// Computes the signals, and adds `diagnostics` on missing data and on anything unusual in the rows
+    /// `window`.
     ///
     /// # Errors
-    /// [`TrialError`] if there are neither forces nor power, or the sensors are not the calibration's.
+    /// [`TrialError`] if there are neither forces nor power, or the sensors do not match the calibration.
     pub(super) fn new(
         input: &TrialInput<'_>,
         window: Range<usize>,
@@ -148,18 +148,18 @@ fn find_forces(
     Ok(Some(TrialForces { wrench, frame_of_row, frames }))
 }
 
-/// The forces of the rows of a trial.
+/// The forces at the rows of a trial.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TrialForces {
-    /// Tared and filtered, one value a row, N and N·m; axes that were not asked for are empty.
+    /// Tared and filtered, one value per row, N and N·m; axes that were not requested are empty.
     pub(super) wrench: PerAxis<Vec<f64>>,
-    /// The number of the frame that each row shows.
+    /// The number of the frame of each row.
     pub(super) frame_of_row: Vec<usize>,
-    /// Readings of each frame, counts, one column a channel.
+    /// Readings of each frame, counts, one column per channel.
     pub(super) frames: Vec<Vec<f64>>,
 }
 
-/// Each frame once: its readings, and for every row the number of its frame.
+/// The readings of each distinct frame, and the number of its frame for every row.
 fn frames(rows: &TrialRows) -> (Vec<Vec<f64>>, Vec<usize>) {
     let is_new = |row: usize| row == 0 || rows.fresh[row];
     let new_rows: Vec<usize> = (0..rows.times_s.len()).filter(|&row| is_new(row)).collect();
@@ -173,12 +173,12 @@ fn frames(rows: &TrialRows) -> (Vec<Vec<f64>>, Vec<usize>) {
     (rows.readings.iter().map(pick).collect(), frame_of_row)
 }
 
-/// Rows of the window that bring a new frame.
+/// Number of rows in the window with a new frame.
 pub(super) fn count_fresh(rows: &TrialRows, window: Range<usize>) -> u64 {
     rows.fresh[window].iter().filter(|fresh| **fresh).count() as u64
 }
 
-/// Rows that repeat, and rows that are missing.
+/// Reports repeated and missing rows.
 fn diagnose_rows(input: &TrialInput<'_>, window: Range<usize>, diagnostics: &mut Vec<Diagnostic>) {
     let rows = window.len() as u64;
     let missing = missing_rows(&input.rows.times_s[window.clone()], input.times.period_s);
@@ -200,16 +200,16 @@ fn diagnose_rows(input: &TrialInput<'_>, window: Range<usize>, diagnostics: &mut
     }
 }
 
-/// How many rows are missing between ascending `times` of rows that should be `period_s` apart.
+/// The number of rows missing between ascending `times`, which should be `period_s` apart.
 fn missing_rows(times: &[f64], period_s: f64) -> u64 {
     let missing = |pair: &[f64]| ((pair[1] - pair[0]) / period_s).round() as u64;
     times.windows(2).map(|pair| missing(pair).saturating_sub(1)).sum()
 }
 
-/// A tare that was not taken at rest.
+/// Reports a tare that was not taken at rest.
 fn diagnose_tare(tare: &TareFrames, profile: &Profile, enter_s: f64) -> Vec<Diagnostic> {
     let mut diagnostics = Vec::new();
-    // By how much the right leg moves; 0 if that is not known.
+    // The rotation of the right leg; 0 if unknown.
     let per_count = profile.leg_rad(Telemetry::RightLeg);
     let (low, high) = extremes(unwrap(&tare.times_s[..tare.leg.len()], &tare.leg, per_count));
     let (turned_rad, end_s) = ((high - low).max(0.0), tare.end_s());
@@ -227,7 +227,7 @@ fn diagnose_tare(tare: &TareFrames, profile: &Profile, enter_s: f64) -> Vec<Diag
     diagnostics
 }
 
-/// Readings of frames that cannot be trusted.
+/// Reports unreliable readings.
 fn diagnose_frames(
     calibration: &Calibration,
     readings: &[Vec<f64>],
@@ -248,7 +248,7 @@ fn diagnose_frames(
     })
 }
 
-/// Legs that do not turn.
+/// Reports legs that do not turn.
 fn diagnose_legs(strides: Option<&Strides>) -> Option<Diagnostic> {
     let Some(strides) = strides else {
         let text = "the log has no right leg position: strides are left out";

@@ -1,19 +1,19 @@
-//! Statistics of a handful of trials, or of their strides.
+//! Statistics of a small number of trials, or of their strides.
 //!
-//! - Quartiles interpolate between the two nearest values at rank `(n − 1)·p` (type 7 of Hyndman &
-//!   Fan, Am. Statist. 50, 1996): what NumPy, matplotlib and R do by default.
-//! - Whiskers are Tukey's: the outermost values within 1.5 interquartile ranges of the box; values
-//!   beyond are outliers.
-//! - Intervals are of the mean, by the bootstrap, bias-corrected and accelerated (BCa: Efron, J. Am.
-//!   Statist. Assoc. 82, 1987; Efron & Tibshirani, An Introduction to the Bootstrap, §14.3). The
-//!   bootstrap is too narrow for few trials, so the normal quantile is replaced by
-//!   `√(n/(n − 1))·t` (Hesterberg, Am. Statist. 69, 2015, §4.1).
-//! - Of fewer than eight trials resamples say too little, and the interval is Student's; of fewer than
-//!   five there is none.
-//! - What the calibration gets wrong is alike in all trials, and does not average out: intervals are wider by it, in
-//!   quadrature.
-//! - Strides of one trial resemble each other: what is drawn again is whole trials, with all their
-//!   strides (Davison & Hinkley, Bootstrap Methods, §3.8), and the mean is that over strides.
+//! - Quartiles interpolate between the two nearest values at rank `(n − 1)·p` (type 7 of Hyndman & Fan, Am.
+//!   Statist. 50, 1996), the default of NumPy, matplotlib and R.
+//! - Whiskers are Tukey's: the outermost values within 1.5 interquartile ranges of the box; values beyond are
+//!   outliers.
+//! - Intervals are for the mean, by the bootstrap, bias-corrected and accelerated (BCa: Efron, J. Am.
+//!   Statist. Assoc. 82, 1987; Efron & Tibshirani, An Introduction to the Bootstrap, §14.3). The bootstrap is
+//!   too narrow for few trials, so the normal quantile is replaced by `√(n/(n − 1))·t` (Hesterberg, Am.
+//!   Statist. 69, 2015, §4.1).
+//! - With fewer than eight trials, resampling is not informative enough, and the interval is Student's. With
+//!   fewer than five there is no interval.
+//! - The error of the calibration is common to all trials, and does not average out: it is added to the
+//!   intervals in quadrature.
+//! - Strides of one trial resemble each other. The bootstrap therefore resamples whole trials with all their
+//!   strides (Davison & Hinkley, Bootstrap Methods, §3.8); the mean is over strides.
 
 use serde::Serialize;
 use statrs::distribution::{ContinuousCDF, Normal};
@@ -22,65 +22,59 @@ use calibration::uncertainty::student_quantile;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::statistics::quantile;
 
-/// How often a sample is drawn again.
+/// Number of bootstrap samples.
 pub(crate) const RESAMPLES: usize = 4000;
 
-/// The share of the truth that intervals are to hold.
+/// The confidence level of intervals.
 const LEVEL: f64 = 0.95;
 
-/// The fewest trials that give an interval: from the smallest to the largest of n values lies the
-/// median of what they are drawn from with a chance of 1 − 2¹⁻ⁿ, 94 % of five.
+/// The minimum number of trials for an interval: the range of n values contains the median of their
+/// distribution with a probability of 1 − 2¹⁻ⁿ, 94 % for five.
 const FEWEST: usize = 5;
 
-/// The fewest trials of which the bootstrap's interval is taken: below, it holds 91 % of five normal
-/// values, and Student's 95 %.
+/// The minimum number of trials for the bootstrap interval. With five normal values it covers 91 %, and
+/// Student's interval 95 %.
 const FEWEST_BOOTSTRAPPED: usize = 8;
 
-/// The most trials that are drawn again and again. Of more the distribution of the mean is normal but
-/// for its skewness, which is known, and drawing takes minutes.
+/// The maximum number of trials that are resampled. With more, the distribution of the mean is normal except
+/// for its skewness, which is known, and resampling takes minutes.
 const MOST_DRAWN: usize = 5000;
 
 /// Values of one quantity in one condition.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ValueSample {
     values: Vec<f64>,
-    /// Sum and number of the values that belong together.
+    /// Sum and number of the values of each cluster.
     clusters: Vec<(f64, usize)>,
-    /// Errors that all trials share, along directions alike in all: sums over the values.
+    /// Errors common to all trials, along common directions: sums over the values.
     shared: Vec<f64>,
-    /// Their degrees of freedom.
+    /// Degrees of freedom of the common errors.
     degrees_of_freedom: Option<f64>,
-    /// Whether of some trial nothing is known of its error.
+    /// True if the error of some trial is unknown.
     is_unknown: bool,
 }
 
-/// From here to there, both in the quantity's unit.
+/// An interval in the quantity's unit.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Interval {
-    /// The lower end.
     pub low: f64,
-    /// The upper end.
     pub high: f64,
 }
 
-/// The numbers of a sample.
+/// The statistics of a sample.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Statistics {
     /// Number of values.
     pub n: usize,
-    /// Number of trials that they come from.
+    /// Number of trials that the values come from.
     pub trials: usize,
-    /// Arithmetic mean.
     pub mean: f64,
-    /// Standard deviation with `n − 1`; `None` of one value.
+    /// Standard deviation with `n − 1`; `None` for a single value.
     pub sd: Option<f64>,
-    /// 95 % interval of the mean; `None` of fewer than five trials.
+    /// 95 % interval of the mean; `None` with fewer than five trials.
     pub mean_95: Option<Interval>,
-    /// First quartile.
     pub q1: f64,
-    /// Median.
     pub median: f64,
-    /// Third quartile.
     pub q3: f64,
     /// The smallest value within 1.5 interquartile ranges below the first quartile.
     pub whisker_low: f64,
@@ -93,19 +87,19 @@ pub struct Statistics {
     pub values: Vec<f64>,
 }
 
-/// How far a mean is from that of a reference condition.
+/// The difference of a mean from that of a reference condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeanDifference {
-    /// The reference.
+    /// The reference condition.
     pub reference: String,
-    /// The mean less that of the reference.
+    /// The mean minus that of the reference.
     pub mean: f64,
-    /// Its 95 % interval; `None` where either comes from fewer than five trials.
+    /// The 95 % interval of the difference; `None` if either has fewer than five trials.
     pub mean_95: Option<Interval>,
 }
 
 impl ValueSample {
-    /// Adds the values of one trial's strides. Values that are not finite are left out.
+    /// Adds the values of one trial's strides. Values that are not finite are skipped.
     pub fn add_cluster(&mut self, values: impl IntoIterator<Item = f64>) {
         let before = self.values.len();
         self.values.extend(values.into_iter().filter(|value| value.is_finite()));
@@ -115,8 +109,8 @@ impl ValueSample {
         }
     }
 
-    /// Adds what all trials share of the errors of as many `values` of a trial as were added last: its parts along
-    /// directions that are alike in all trials, each of one standard deviation.
+    /// Adds the common errors of the `values` of the trial added last: components along directions common to
+    /// all trials, each one standard deviation.
     pub fn add_shared_error(&mut self, parts: &[f64], degrees_of_freedom: f64) {
         let count = self.clusters.last().map_or(0, |(_, count)| *count) as f64;
         self.shared.resize(self.shared.len().max(parts.len()), 0.0);
@@ -125,19 +119,19 @@ impl ValueSample {
         self.degrees_of_freedom = Some(least);
     }
 
-    /// Says that nothing is known of the errors of some trial: then there are no intervals.
+    /// Records that the errors of some trial are unknown, which rules out intervals.
     pub fn add_unknown_error(&mut self) {
         self.is_unknown = true;
     }
 
-    /// The mean of the shared errors.
+    /// The mean of the common errors.
     fn mean_shared(&self) -> impl Iterator<Item = f64> + '_ {
         let count = self.values.len().max(1) as f64;
         self.shared.iter().map(move |sum| sum / count)
     }
 
-    /// An interval about `mean` of how trials scatter, wider by the error that they share; `parts` as in
-    /// [`Self::add_shared_error`].
+    /// Widens the interval `scatter` about `mean`, which covers the scatter of trials, by their common error;
+    /// `parts` as in [`Self::add_shared_error`].
     fn widened(&self, mean: f64, scatter: Interval, parts: impl Iterator<Item = f64>) -> Interval {
         let error = parts.map(|part| part * part).sum::<f64>().sqrt();
         let degrees = self.degrees_of_freedom.unwrap_or(f64::INFINITY);
@@ -148,7 +142,7 @@ impl ValueSample {
         }
     }
 
-    /// The numbers; `None` without values. The same `seed` gives the same interval.
+    /// The statistics; `None` without values. Equal `seed`s give equal intervals.
     pub fn statistics(&self, seed: u64) -> Option<Statistics> {
         let n = self.values.len();
         let mut sorted = self.values.clone();
@@ -159,7 +153,7 @@ impl ValueSample {
         let [q1, median, q3] = [0.25, 0.5, 0.75].map(|p| quantile(&sorted, p));
         let reach = 1.5 * (q3 - q1);
         let within = |x: &&f64| (q1 - reach..=q3 + reach).contains(*x);
-        // The box's end where no value lies between it and the fence.
+        // If no value lies between the box and its fence, the whisker ends at the box.
         let whisker_low = sorted.iter().find(within).unwrap_or(&first).min(q1);
         let whisker_high = sorted.iter().rev().find(within).unwrap_or(&last).max(q3);
         let beyond = |x: &f64| *x < whisker_low || *x > whisker_high;
@@ -181,7 +175,7 @@ impl ValueSample {
         })
     }
 
-    /// How far the mean is from that of `reference`, which is called `name`; `None` if either has no
+    /// The difference of the mean from that of `reference`, which is called `name`; `None` if either has no
     /// values.
     pub fn difference(&self, reference: &Self, name: &str, seed: u64) -> Option<MeanDifference> {
         if self.values.is_empty() || reference.values.is_empty() {
@@ -193,7 +187,7 @@ impl ValueSample {
             scatter.filter(|_| !self.is_unknown && !reference.is_unknown).map(|scatter| {
                 let (mut own, mut other) = (self.mean_shared(), reference.mean_shared());
                 let count = self.shared.len().max(reference.shared.len());
-                // Along directions that are alike an error cancels as far as both have it.
+                // Along common directions, errors cancel as far as both have them.
                 let parts = (0..count)
                     .map(move |_| own.next().unwrap_or(0.0) - other.next().unwrap_or(0.0));
                 self.widened(difference, scatter, parts)
@@ -207,11 +201,10 @@ fn mean(clusters: &[(f64, usize)]) -> f64 {
     sum / n as f64
 }
 
-/// Trials of a sample with the sign of its mean in what is asked for.
+/// Trials of a sample, with the sign of its mean in the requested sum.
 type Signed<'a> = (f64, &'a [(f64, usize)]);
 
-/// The interval of the sum of the samples' means with their signs; `None` if some sample is of too few
-/// clusters.
+/// The interval of the signed sum of the samples' means; `None` if some sample has too few clusters.
 fn interval(samples: &[Signed<'_>], seed: u64) -> Option<Interval> {
     let fewest = samples.iter().map(|(_, clusters)| clusters.len()).min()?;
     match fewest {
@@ -221,12 +214,12 @@ fn interval(samples: &[Signed<'_>], seed: u64) -> Option<Interval> {
     }
 }
 
-/// Student's interval, of several samples with the degrees of freedom of Welch (Biometrika 34, 1947).
+/// Student's interval; for several samples with Welch's degrees of freedom (Biometrika 34, 1947).
 ///
-/// A trial of several strides counts by its influence on the mean, `(s − c·m)·k/n` for the sum s of its c
-/// strides, the mean m of all n strides and k trials. (Hall's transformation, which takes skewness out, holds
-/// a percent more of skew values, but of five the skewness is hardly known, and where it comes out large an end
-/// runs away by many standard errors.)
+/// A trial with several strides counts by its influence on the mean, `(s − c·m)·k/n`, with the sum s of its c
+/// strides, the mean m of all n strides, and k trials. (Hall's transformation, which removes skewness, covers
+/// one percent more of skewed values. But five values hardly determine the skewness, and if its estimate is
+/// large, one end runs away by many standard errors.)
 fn student(samples: &[Signed<'_>]) -> Interval {
     let (mut estimate, mut variance, mut welch) = (0.0, 0.0, 0.0);
     for &(sign, clusters) in samples {
@@ -243,20 +236,21 @@ fn student(samples: &[Signed<'_>]) -> Interval {
     Interval { low: estimate - half, high: estimate + half }
 }
 
-/// The sum of the samples' means with their signs.
+/// The signed sum of the samples' means.
 fn signed_sum(samples: &[Signed<'_>], means: &[f64]) -> f64 {
     samples.iter().zip(means).map(|((sign, _), mean)| sign * mean).sum()
 }
 
-/// The BCa interval of the sum of the samples' means with their signs, the smallest of them of `fewest` clusters.
+/// The BCa interval of the signed sum of the samples' means; `fewest` is the number of clusters of the
+/// smallest sample.
 fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     let means: Vec<f64> = samples.iter().map(|(_, clusters)| mean(clusters)).collect();
     let estimate = signed_sum(samples, &means);
     let n = fewest as f64;
     let z = (n / (n - 1.0)).sqrt() * student_quantile(LEVEL, n - 1.0);
     let (variance, acceleration) = influence(samples, &means);
-    // Where the bootstrap distribution of a mean is: its bias is its acceleration (Efron & Tibshirani,
-    // §14.3), its quantiles those of Cornish and Fisher.
+    // The limit of the bootstrap distribution of a mean: its bias equals its acceleration (Efron &
+    // Tibshirani, §14.3), and its quantiles follow Cornish and Fisher.
     if samples.iter().any(|(_, clusters)| clusters.len() > MOST_DRAWN) {
         let end = |z: f64| {
             let shifted = acceleration + z;
@@ -281,7 +275,7 @@ fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     drawn.sort_unstable_by(f64::total_cmp);
 
     let normal = Normal::standard();
-    // Ties, which few clusters bring, count half.
+    // Ties, which occur with few clusters, count half.
     let below = drawn.iter().filter(|&&x| x < estimate).count();
     let ties = drawn.iter().filter(|&&x| x == estimate).count();
     let share = (below as f64 + ties as f64 / 2.0) / RESAMPLES as f64;
@@ -295,8 +289,8 @@ fn bootstrap(samples: &[Signed<'_>], fewest: usize, seed: u64) -> Interval {
     Interval { low: end(-z), high: end(z) }
 }
 
-/// The variance of the bootstrap, and its acceleration, which is the skewness over six: by what leaving out one
-/// cluster changes.
+/// The variance of the bootstrap, and its acceleration, which is the skewness over six, from the changes when
+/// one cluster is omitted.
 fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
     let (mut squares, mut cubes) = (0.0, 0.0);
     for (i, (_, clusters)) in samples.iter().enumerate() {
@@ -310,7 +304,7 @@ fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
             })
             .collect();
         let centre = left.iter().sum::<f64>() / left.len() as f64;
-        // Of several samples each is weighed by what one of its clusters counts for.
+        // With several samples, each is weighted by the influence of one of its clusters.
         for value in left {
             let influence = (clusters.len() - 1) as f64 * (centre - value) / clusters.len() as f64;
             squares += influence * influence;
@@ -325,7 +319,7 @@ fn influence(samples: &[Signed<'_>], means: &[f64]) -> (f64, f64) {
 mod tests {
     use super::*;
 
-    /// Values that have nothing to do with each other, one a trial.
+    /// Independent values, one per trial.
     fn independent(values: impl IntoIterator<Item = f64>) -> ValueSample {
         let mut sample = ValueSample::default();
         values.into_iter().for_each(|value| sample.add_cluster([value]));
@@ -336,27 +330,26 @@ mod tests {
         independent(values.iter().copied()).statistics(1).unwrap()
     }
 
-    /// `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the same values.
+    /// Expected: `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the same values.
     #[test]
     fn box_plots_are_those_of_matplotlib() {
         let s = of(&[7.0, 1.0, 2.0, 100.0, 3.0, 4.0]);
         assert_eq!((s.q1, s.median, s.q3), (2.25, 3.5, 6.25));
         assert_eq!((s.whisker_low, s.whisker_high), (1.0, 7.0));
         assert_eq!(s.outliers, [100.0]);
-        // No value between the third quartile, 2.75, and its fence: the whisker is the box's end.
+        // No value lies between the third quartile, 2.75, and its fence: the whisker ends at the box.
         let s = of(&[1.0, 1.0, 1.0, 8.0]);
         assert_eq!((s.q3, s.whisker_high), (2.75, 2.75));
         assert_eq!(s.outliers, [8.0]);
     }
 
-    /// Both ways of the interval of one skewed sample: what is drawn scatters by a few percent of its
-    /// width.
+    /// Both methods on one skewed sample: the bootstrap's interval scatters by a few percent of its width.
     #[test]
     fn intervals_of_many_values_are_those_of_the_bootstrap() {
         let value = |i: usize| (-(i as f64 + 0.5).ln() + (MOST_DRAWN as f64).ln()).powi(2);
         let drawn: Vec<f64> = (0..MOST_DRAWN).map(value).collect();
         let drawn = of(&drawn).mean_95.unwrap();
-        // The same distribution, one value more.
+        // One more value of this distribution.
         let more: Vec<f64> = (0..MOST_DRAWN).chain([MOST_DRAWN / 2]).map(value).collect();
         let found = of(&more).mean_95.unwrap();
         let width = drawn.high - drawn.low;
@@ -375,7 +368,7 @@ mod tests {
         assert_eq!((s.sd, s.mean_95), (Some(0.0), Some(Interval { low: 2.0, high: 2.0 })));
     }
 
-    /// Of many normal values the interval is the textbook's, `mean ± 1.96·sd/√n`.
+    /// For many normal values the interval is the textbook's, `mean ± 1.96·sd/√n`.
     #[test]
     fn the_interval_of_many_values_is_that_of_the_normal_distribution() {
         let mut stream = RandomStream::new(9, Purpose::Readings, 0);
@@ -383,12 +376,13 @@ mod tests {
         let s = of(&values);
         let Interval { low, high } = s.mean_95.unwrap();
         let se = s.sd.unwrap() / f64::sqrt(2000.0);
-        // Quantiles of 4000 draws scatter by √(0.025·0.975/4000)/φ(1.96) = 0.042 standard errors; five.
+        // Quantiles of 4000 draws scatter by √(0.025·0.975/4000)/φ(1.96) = 0.042 standard errors; the limit
+        // is five times that.
         assert!((low - (s.mean - 1.96 * se)).abs() < 0.21 * se);
         assert!((high - (s.mean + 1.96 * se)).abs() < 0.21 * se);
     }
 
-    /// The share of 10,000 samples of so many values whose interval holds their mean.
+    /// The share of 10,000 samples of `trials` values whose interval contains their mean.
     fn coverage(trials: usize, mean: f64, mut value: impl FnMut(&mut RandomStream) -> f64) -> f64 {
         let mut stream = RandomStream::new(8, Purpose::Readings, 0);
         let held = (0..10_000).filter(|_| {
@@ -399,12 +393,12 @@ mod tests {
         held.count() as f64 / 10_000.0
     }
 
-    /// Five values, as many as the paper has trials, and six.
+    /// Five values, as many as the paper has trials, and more.
     #[test]
     fn intervals_hold_the_mean_of_few_values() {
         for trials in [5, 6, 7] {
-            // Binomial, some four standard deviations of 0.22 %, about 95 % of normal values, which is
-            // exact; of values as skew as Erlang's of order 4 (skewness 1) it is some 93 %.
+            // Some four binomial standard deviations of 0.22 % about 95 % for normal values, where the
+            // interval is exact; some 93 % for values as skewed as Erlang's of order 4 (skewness 1).
             let normal = coverage(trials, 0.0, RandomStream::normal);
             assert!((0.94..0.96).contains(&normal), "{trials}: {normal}");
             let erlang =
@@ -414,7 +408,7 @@ mod tests {
         }
     }
 
-    /// The textbook's interval of −2, −1, 0, 1 and 2: `t₄ = 2.7764`, `s/√5 = √0.5`.
+    /// The textbook interval of −2, −1, 0, 1 and 2: `t₄ = 2.7764`, `s/√5 = √0.5`.
     #[test]
     fn the_interval_of_five_values_is_students() {
         let Interval { low, high } = of(&[-2.0, -1.0, 0.0, 1.0, 2.0]).mean_95.unwrap();
@@ -429,7 +423,7 @@ mod tests {
             let s = of(&(0..40).map(|_| -stream.uniform().ln()).collect::<Vec<_>>());
             s.mean_95.is_some_and(|i| i.low < 1.0 && 1.0 < i.high)
         });
-        // BCa holds about 93.5 % here (Davison & Hinkley, §5.4); binomial, four standard deviations.
+        // BCa covers about 93.5 % here (Davison & Hinkley, §5.4); four binomial standard deviations.
         let share = held.count() as f64 / 400.0;
         assert!((0.885..0.985).contains(&share), "{share}");
     }
@@ -439,7 +433,7 @@ mod tests {
         let mut stream = RandomStream::new(3, Purpose::Readings, 0);
         let (mut clustered, mut alone) = (ValueSample::default(), ValueSample::default());
         for _ in 0..20 {
-            // Ten strides all alike: no more known than from one.
+            // Ten identical strides: no more information than one.
             let level = stream.normal();
             clustered.add_cluster([level; 10]);
             alone.add_cluster([level]);
@@ -447,7 +441,7 @@ mod tests {
         let (a, b) = (clustered.statistics(7).unwrap(), alone.statistics(7).unwrap());
         let width = |s: &Statistics| s.mean_95.map(|i| i.high - i.low).unwrap();
         assert_eq!((a.n, a.trials), (200, 20));
-        // The same draws of the same trials, sums rounded otherwise.
+        // Both draw the same trials, but round sums differently.
         assert!((width(&a) / width(&b) - 1.0).abs() < 1e-9);
     }
 
@@ -463,12 +457,12 @@ mod tests {
         };
         let (first, second) = (sample(0.0, [3.0, 4.0]), sample(10.0, [3.0, 0.0]));
         let Interval { low, high } = first.statistics(1).unwrap().mean_95.unwrap();
-        // `t₄·√0.5` of the scatter and 1.96 of the shared 5 are at right angles.
+        // `t₄·√0.5` of the scatter and 1.96 of the common 5 add in quadrature.
         let expected = (2.776_445 * 0.5_f64.sqrt()).hypot(1.959_964 * 5.0);
         assert!((high - expected).abs() < 1e-4 && (low + high).abs() < 1e-12, "{high} {expected}");
         let difference = second.difference(&first, "first", 1).unwrap();
         let Interval { low, high } = difference.mean_95.unwrap();
-        // Welch: eight degrees of freedom, `t₈ = 2.306`, variance 1; of the shared error 4 is left.
+        // Welch: eight degrees of freedom, `t₈ = 2.306`, variance 1; 4 remains of the common error.
         let expected = 2.306_004_f64.hypot(1.959_964 * 4.0);
         assert!(
             (high - 10.0 - expected).abs() < 1e-4 && (low + high - 20.0).abs() < 1e-9,
@@ -490,7 +484,7 @@ mod tests {
         let d = b.difference(&a, "a", 1).unwrap();
         let Interval { low, high } = d.mean_95.unwrap();
         assert!(low < 2.0 && 2.0 < high && d.reference == "a");
-        // Sample standard deviations of 30 and 50 values scatter by some 13 %; three times that.
+        // Sample standard deviations of 30 and 50 values scatter by some 13 %; the limit is three times that.
         assert!(((high - low) / (2.0 * 1.96 * se) - 1.0).abs() < 0.4);
         assert_eq!(a.difference(&ValueSample::default(), "b", 1), None);
     }

@@ -1,11 +1,11 @@
-//! Results as tables, to be written as CSV or Parquet.
+//! Results as tables, for CSV or Parquet.
 
 use super::results::{ConditionRow, Diagnostic, StrideRow, TrialResult, TrialRow};
 use super::trace::Trace;
 use shell_data::wrench::Axis;
 use table_file::write::{Cells, NamedTable};
 
-/// The records of a table, which is made column by column.
+/// The records of a table, which is built column by column.
 struct TableRows<T>(Vec<T>);
 
 impl<T> TableRows<T> {
@@ -22,7 +22,7 @@ impl<T> TableRows<T> {
     }
 }
 
-/// One row a trial.
+/// One row per trial.
 pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> NamedTable {
     let results = TableRows(results.collect());
     let text = |of: fn(&TrialRow) -> &str| results.text(|result| of(&result.row).to_owned());
@@ -55,7 +55,7 @@ pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> Named
     ])
 }
 
-/// One row a stride.
+/// One row per stride.
 pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> NamedTable {
     let of_trial = |result: &'a TrialResult| {
         result.stride_rows.iter().map(move |stride| (&result.row, stride))
@@ -65,7 +65,7 @@ pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> Name
     NamedTable::new([
         ("file", rows.text(|(trial, _)| trial.file.clone())),
         ("condition", rows.text(|(trial, _)| trial.condition.clone())),
-        // Which trial it is, where a log has several.
+        // Distinguishes several trials of one log.
         ("t_enter_s", rows.number(|(trial, _)| Some(trial.t_enter_s))),
         ("stride", rows.count(|(_, stride)| Some(stride.stride))),
         ("t_start_s", number(|r| Some(r.t_start_s))),

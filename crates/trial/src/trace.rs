@@ -1,17 +1,16 @@
-//! The signals of a trial over time, to draw or to write.
+//! The signals of a trial over time.
 
 use super::integral::rows_within;
 use shell_data::wrench::PerAxis;
 
-/// What happened over time. Columns that the log does not allow are empty, the others as long as
-/// `t_s`.
+/// The signals over time. Columns that the log does not allow are empty, the others as long as `t_s`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
     /// Time of each row, s on the log's clock.
     pub t_s: Vec<f64>,
     /// Wrench, tared and filtered, N and N·m.
     pub wrench: PerAxis<Vec<f64>>,
-    /// Whether the row brings a new frame.
+    /// True for each row with a new frame.
     pub fresh: Vec<bool>,
     /// Angle of the right legs, unwrapped, rad.
     pub right_leg_rad: Vec<f64>,
@@ -21,21 +20,21 @@ pub struct Trace {
     pub right_power_w: Vec<f64>,
     /// Electrical power of the left motor, W.
     pub left_power_w: Vec<f64>,
-    /// Electrical power of both motors, where the log does not tell them apart, W.
+    /// Electrical power of both motors, if the log has only their sum, W.
     pub power_w: Vec<f64>,
     /// Start of each whole stride, and the end of the last, s.
     pub stride_times_s: Vec<f64>,
 }
 
 impl Trace {
-    /// The rows from one time to another, s, both included.
+    /// The rows between two times, s, both included.
     pub fn within(&self, from_s: f64, to_s: f64) -> Self {
         let rows: Vec<usize> = rows_within(&self.t_s, from_s, to_s).collect();
         self.with_rows(&rows)
     }
 
-    /// The rows that bring a new frame, with the power of each motor as its mean since the frame before;
-    /// without sensors, rows `period_s` apart.
+    /// The rows with a new frame, where each motor's power is the mean since the previous frame; without
+    /// sensors, rows `period_s` apart.
     pub fn thinned(&self, period_s: f64) -> Self {
         let mut last_s = f64::NEG_INFINITY;
         let is_shown = |&row: &usize| {

@@ -1,25 +1,25 @@
-//! How sure the mean force of a window is.
+//! The uncertainty of the mean force of a window.
 //!
-//! The mean force less the tare is linear in the coefficients C, with d the mean features of the
-//! window less those of the tare: `dᵀC`. Its error has four parts, which are added as variances:
+//! The tared mean force is linear in the coefficients C: `dᵀC`, where d is the difference between the mean
+//! features of the window and those of the tare. Its error has four parts, which add as variances:
 //!
-//! - that of the coefficients, `‖Tᵀd‖²` (or `S·‖Fᵀd‖²` where rows are taken as independent; see
+//! - the error of the coefficients, `‖Tᵀd‖²` (or `S·‖Fᵀd‖²` if rows are treated as independent; see
 //!   [`calibration::uncertainty`]);
-//! - the noise of the tare's mean, from how its frames scatter, with what neighbours have in common
-//!   (Newey & West, Econometrica 55, 1987);
-//! - the noise of the window's mean, the same noise over its frames;
-//! - what the calibration cannot follow, such as play in the springs: it does not average out over a
-//!   window, and is taken to be the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`, of
-//!   the training data's unexplained variance S without the noise σ² of a frame.
+//! - the noise of the tare's mean, from the scatter of its frames, with their autocorrelation (Newey & West,
+//!   Econometrica 55, 1987);
+//! - the noise of the window's mean, from the same noise over its frames;
+//! - the error of the model, such as play in the springs. It does not average out over a window, and is taken
+//!   as the same share of any load, `(1 − R²)·(1 − σ²/S)·F²`: the training data's unexplained variance S
+//!   without the noise σ² of a frame.
 //!
-//! Without a tare the residual variance of the calibration stands for the noise. Of a physics model the coefficients' part
-//! is in what it cannot follow, for which loads that were held out stand.
+//! Without a tare, the residual variance of the calibration replaces the noise. For a physics model, the
+//! error of the coefficients is part of the model error, which is taken from held-out loads.
 //!
-//! The first and the last part are the calibration's, and alike in all trials: they do not average out over trials, and
-//! cancel in a difference as far as loads are alike. They are kept as a vector, of which means and differences are taken
-//! before its length.
+//! The first and the last part come from the calibration and are common to all trials: they do not average
+//! out over trials, and cancel in a difference as far as loads agree. They are kept as a vector; means and
+//! differences are computed from the vector before its length.
 //!
-//! The interval is that of Student's t with the degrees of freedom of Welch and Satterthwaite.
+//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom.
 
 use super::input::TrialInput;
 use super::integral::Span;
@@ -28,29 +28,29 @@ use calibration::uncertainty::{CoefficientCovariance, Covariance, student_quanti
 use calibration::{Kind, Polynomial};
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The share of the truth that intervals are to hold.
+/// The confidence level of intervals.
 const LEVEL: f64 = 0.95;
 
-/// How sure the mean forces of a trial are, along Fx and Fz.
+/// The uncertainty of the mean forces of a trial, along Fx and Fz.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ForceUncertainty {
     /// Half the widths of 95 % intervals, N.
     pub half_widths: PerAxis<f64>,
-    /// What the calibration's error makes of the means: their parts along directions that are alike in all trials, each
-    /// of one standard deviation, N.
+    /// The error of the means due to the calibration: components along directions common to all trials, each
+    /// one standard deviation, N.
     pub shared: PerAxis<Vec<f64>>,
     /// The degrees of freedom of that error.
     pub degrees_of_freedom: f64,
 }
 
-/// How sure the means of `forces` over `span` are; `None` if the calibration does not say it.
+/// The uncertainty of the means of `forces` over `span`; `None` if the calibration does not provide it.
 pub(super) fn of_means(
     input: &TrialInput<'_>,
     forces: &TrialForces,
     span: &Span,
 ) -> Option<ForceUncertainty> {
     let (calibration, pipeline) = (input.instrument.calibration?, input.pipeline?);
-    // What each frame counts for in the mean.
+    // Weight of each frame in its mean.
     let mut shares = vec![0.0; forces.frames.first().map_or(0, Vec::len)];
     span.shares.iter().for_each(|&(row, share)| shares[forces.frame_of_row[row]] += share);
     let mut of_tare = PerAxis::default();
@@ -67,8 +67,8 @@ pub(super) fn of_means(
             of_polynomial(covariance, &difference)
         }
         Kind::Physics(physics) => {
-            // What it says of a frame is for a load and a mounting of its own, of which a tare takes the most off: what
-            // is left grows with the load, and is what held-out loads left unexplained.
+            // The model's error of a frame covers any load and mounting, and a tare removes most of it. The
+            // remainder grows with the load: it is the share that held-out loads leave unexplained.
             input.options.unexplained?;
             let groups = physics.intervals.as_ref().map_or(0, |of| of.groups);
             let errors = calibration.standard_errors(&forces.frames, None)?;
@@ -102,7 +102,7 @@ pub(super) fn of_means(
             let variance = variances(noise)[1] * (1.0 / frames + own_frames);
             parts.push((variance, frames - 1.0));
         } else {
-            // Nothing is known of its zero and its noise but what the training rows scattered.
+            // Only the scatter of the training rows indicates the error of its zero and its noise.
             parts.push((of_frame[axis], degrees_of_freedom));
         }
         half_widths[axis] = half_width(&parts);
@@ -110,7 +110,7 @@ pub(super) fn of_means(
     Some(ForceUncertainty { half_widths, shared, degrees_of_freedom })
 }
 
-/// What a calibration knows of its errors.
+/// The errors of a calibration.
 struct ModelErrors {
     /// The variance of the error of a frame, squares of N.
     of_frame: PerAxis<f64>,
@@ -119,7 +119,7 @@ struct ModelErrors {
     degrees_of_freedom: f64,
 }
 
-/// Of coefficients, at the mean features of a window less those of its tare.
+/// The errors due to coefficients, at the mean features of a window minus those of its tare.
 fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
     let of_frame = std::array::from_fn(|axis| covariance.residual[axis][axis]);
     let shared = std::array::from_fn(|axis| match &covariance.coefficients {
@@ -136,7 +136,7 @@ fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
 
 /// `Σ share·x` of the features x of each frame.
 fn mean_features(polynomial: &Polynomial, frames: &[Vec<f64>], shares: &[f64]) -> Vec<f64> {
-    /// Frames whose features are held at once.
+    /// Number of frames whose features are held at once.
     const FRAMES: usize = 256;
     let features = &polynomial.features;
     let mut mean = vec![0.0; features.len()];
@@ -159,8 +159,8 @@ fn products<'a>(factor: &'a [Vec<f64>], x: &'a [f64]) -> impl Iterator<Item = f6
     factor.iter().map(move |column| column.iter().zip(x).map(|(f, x)| f * x).sum())
 }
 
-/// The variance of a value of `x`, of two or more, and that of their mean, times its length: Bartlett's weights over the cube root of the
-/// length, and never less than if values had nothing in common.
+/// The variance of the values `x`, two or more, and that of their mean, times their number. It uses
+/// Bartlett's weights up to the cube root of the number, and is never less than for uncorrelated values.
 fn variances(x: &[f64]) -> [f64; 2] {
     let n = x.len() as f64;
     let mean = x.iter().sum::<f64>() / n;
@@ -174,7 +174,7 @@ fn variances(x: &[f64]) -> [f64; 2] {
     [own, own + (1..=lags.min(x.len() - 1)).map(weighed).sum::<f64>().max(0.0)]
 }
 
-/// Of variances, with the degrees of freedom that each was found with.
+/// Half the width of the interval from variances with their degrees of freedom.
 fn half_width(parts: &[(f64, f64)]) -> f64 {
     let variance: f64 = parts.iter().map(|part| part.0).sum();
     if variance <= 0.0 {
@@ -190,7 +190,7 @@ mod tests {
     use super::*;
     use shell_data::random::{Purpose, RandomStream};
 
-    /// An autoregressive signal, whose variance of the mean is `σ²/(1 − φ)²/n` for long ones.
+    /// An autoregressive signal, whose variance of the mean is `σ²/(1 − φ)²/n` for long signals.
     #[test]
     fn the_variance_of_a_mean_allows_for_what_neighbours_have_in_common() {
         let mut stream = RandomStream::new(5, Purpose::Readings, 0);
@@ -207,8 +207,8 @@ mod tests {
                 found += variances(&x)[1] / 200.0;
             }
             let expected = 1.0 / (1.0 - phi) / (1.0 - phi);
-            // Bartlett's weights up to lag 7 leave 1 − 2.50/3 out of the second; white noise is
-            // never taken for less than it is.
+            // Bartlett's weights up to lag 7 miss 1 − 2.50/3 in the second case; white noise is never
+            // underestimated.
             assert!((share..1.12).contains(&(found / expected)), "{phi}: {}", found / expected);
         }
     }

@@ -1,4 +1,4 @@
-//! Tables of values by condition, such as are published: one row a stride or a trial.
+//! Tables of values by condition, as found in publications: one row per stride or trial.
 
 use std::collections::HashMap;
 use std::hash::Hash;
@@ -14,27 +14,25 @@ pub struct ValueTable {
     pub by: String,
     /// The columns of values, by name.
     pub quantities: Vec<String>,
-    /// Cells of each quantity that are empty, and so missing.
+    /// Number of empty cells (missing values) of each quantity.
     pub empty: Vec<usize>,
-    /// The conditions in the order in which they are first named, with one sample a quantity.
+    /// The conditions in order of first occurrence, with one sample per quantity.
     pub conditions: Vec<(String, Vec<ValueSample>)>,
 }
 
-/// The numbers of a quantity in a condition.
+/// The statistics of a quantity in a condition.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ValueRow {
-    /// The condition.
     pub condition: String,
-    /// The column.
     pub quantity: String,
-    /// The numbers, in the column's unit.
+    /// The statistics, in the column's unit.
     #[serde(flatten)]
     pub statistics: Statistics,
-    /// Its mean less that of the reference, if one was named and this is another.
+    /// The difference of the mean from the reference, if one was named and this is another condition.
     pub difference: Option<MeanDifference>,
 }
 
-/// Items in groups of one key each, in the order in which the keys first occur.
+/// Groups items by key, in the order in which the keys first occur.
 fn groups<T, K: Eq + Hash>(
     items: impl IntoIterator<Item = T>,
     key: impl Fn(&T) -> K,
@@ -50,12 +48,13 @@ fn groups<T, K: Eq + Hash>(
 }
 
 impl ValueTable {
-    /// Reads a table with a header. Conditions are in the column `by`, or in the first; values in the
-    /// columns `of`, or in all others that hold numbers alone. Rows with the same entry in the column
-    /// `trial`, if there is one, are strides of one trial, and resemble each other.
+    /// Reads a table with a header. Conditions are in the column `by`, or in the first one; values are in the
+    /// columns `of`, or in all others that contain only numbers. Rows with the same entry in the column
+    /// `trial`, if given, are strides of one trial, and resemble each other.
     ///
     /// # Errors
-    /// [`ManifestProblem`] if there is no such column, no column of numbers or no row, or a field is missing.
+    /// [`ManifestProblem`] if such a column, a column of numbers or any row is missing, or a field is
+    /// missing.
     pub fn parse(
         text: &str,
         by: Option<&str>,
@@ -108,7 +107,7 @@ impl ValueTable {
         let conditions = groups(rows.iter().enumerate(), |(_, row)| &row[by]).into_iter();
         let conditions = conditions.map(|rows| {
             let condition = rows[0].1[by].to_owned();
-            // Without names of trials each row is one.
+            // Without names of trials, each row is a trial.
             let trials = groups(rows, |(at, row)| trial.map(|column| &row[column]).ok_or(*at));
             let sample = |&column: &usize| {
                 let mut sample = ValueSample::default();
@@ -130,7 +129,7 @@ impl ValueTable {
         })
     }
 
-    /// The numbers of all quantities and conditions; differences are from `reference`.
+    /// The statistics of all quantities and conditions; differences are from `reference`.
     pub fn statistics(&self, reference: Option<&str>, seed: u64) -> Vec<ValueRow> {
         let mut rows = Vec::new();
         for (at, quantity) in self.quantities.iter().enumerate() {

@@ -34,7 +34,7 @@ def main():
         else:
             obey(board, sys.stdin, sys.stdout)
     except (BrokenPipeError, ConnectionError, KeyboardInterrupt):
-        pass  # whoever asked has gone
+        pass  # the client has gone
 
 
 if __name__ == "__main__":

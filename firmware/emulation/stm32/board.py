@@ -16,7 +16,7 @@ from .timer import PulseTimer, Timer
 from .usart import Usart
 from .watchdog import Watchdog
 
-#: Peripherals that hold what is written and no more: power control, requests of DMA, and the debug port.
+#: Peripherals that only hold what is written: power control, DMA requests, and the debug port.
 PLAIN = [0x4000_7000, 0x4002_0800, 0xE004_2000]
 
 
@@ -31,7 +31,7 @@ class Board:
         self.serial = bytes(range(1, 13))
         start, end = (image.symbols[f"__calibration_{name}"] for name in ("start", "end"))
         self.code_size = start - 0x0800_0000
-        #: What the module at the other end does to CTS: "low" is clear to send.
+        #: CTS as driven by the module at the other end: "low" is clear to send.
         self.cts = "low"
         self.converter_works = True
         self.scene = Scene(script)
@@ -73,7 +73,7 @@ class Board:
         uc.mmio_map(pages.start, len(pages.content), pages.read, None, pages.write, None)
         blocks = {}
         for base, peripheral in self.places.items():
-            # Unicorn maps whole pages of 4 KiB, in which there may be several peripherals.
+            # Unicorn maps whole pages of 4 KiB, which may hold several peripherals.
             for offset in range(0, peripheral.SIZE, 0x1000):
                 blocks.setdefault((base + offset) & ~0xFFF, []).append((base, peripheral))
         for page, inside in blocks.items():
@@ -98,7 +98,7 @@ class Board:
 
         return read, write
 
-    # What the core asks
+    # Requests of the core
 
     def next_event(self):
         return min((peripheral.next_event() for peripheral in self.timed), default=NEVER)
@@ -116,10 +116,10 @@ class Board:
         self._pending_reset = cause
         self.core.raise_soon(Reset(cause))
 
-    # From outside
+    # Actions from outside
 
     def power_on(self):
-        """Memory comes up with what is in it by chance, which is made the same every time."""
+        """Powers the board on. RAM comes up with content that is arbitrary, but the same every time."""
         self.core.uc.mem_write(RAM, b"\xa5" * self.wiring.ram_size)
         self.pages.power_off()
         self.reset("power")
@@ -136,7 +136,7 @@ class Board:
         self.core.reset()
 
     def run(self, seconds):
-        """Runs for a time; false if the power was cut, and then the board is off."""
+        """Runs for a time; returns false if the power was cut, which leaves the board off."""
         end = self.core.now + seconds * HZ
         while self.core.now < end:
             try:
@@ -148,7 +148,7 @@ class Board:
         return True
 
     def changed_registers(self):
-        """Registers of peripherals that are not as the reset has left them, but for those of the core."""
+        """Registers of peripherals that differ from their reset state, except those of the core."""
         return {
             f"{base + offset:#010x}": value
             for base, peripheral in self.places.items()
@@ -158,12 +158,12 @@ class Board:
         }
 
     def take_sent(self):
-        """Bytes that have left the board since the last time."""
+        """Bytes that have left the board since the last call."""
         sent, self.usart.sent = self.usart.sent, []
         return bytes(byte for _, byte in sent)
 
     def stack(self):
-        """The deepest that the stack has been, in bytes."""
+        """The greatest depth of the stack so far, in bytes."""
         return self.core.stack_top - self.core.deepest
 
 

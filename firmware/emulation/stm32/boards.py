@@ -1,7 +1,6 @@
-"""The boards: what the models of the two microcontrollers differ in, and what is wired to them.
+"""The boards: the differences between the two microcontrollers, and the wiring.
 
-Everything else is at the same addresses, with the same interrupts, in RM0394 (STM32L4) and RM0440
-(STM32G4).
+All other peripherals have the same addresses and interrupts in RM0394 (STM32L4) and RM0440 (STM32G4).
 """
 
 from dataclasses import dataclass
@@ -13,17 +12,17 @@ class Wiring:
 
     flash_size: int
     ram_size: int
-    #: Ports whose pins are looked at, and all others.
+    #: Ports whose pins are used, and all others.
     ports: str
     other_ports: str
-    #: The control register of clocks after a reset: which oscillators run.
+    #: Reset value of the clock control register, which tells the oscillators that run.
     oscillators: int
-    #: The first converter, its inputs within the chip, and those of the photointerrupters.
+    #: The first converter, its internal inputs, and the inputs of the photointerrupters.
     converter: int
     reference: int
     thermometer: int
     inputs: list
-    #: What CFGR's EXTSEL and EXTEN are for a rising edge of TIM6's trigger output.
+    #: EXTSEL and EXTEN in CFGR for a rising edge of TIM6's trigger output.
     trigger: int
     #: Port and pin of each emitter.
     emitters: list
@@ -49,7 +48,7 @@ BOARDS = {
     ),
     "nucleo-g491re": Wiring(
         flash_size=512 * 1024,
-        ram_size=96 * 1024,  # and 16 KiB of CCM SRAM, which nobody uses
+        ram_size=96 * 1024,  # and 16 KiB of CCM SRAM, unused
         ports="ABC",
         other_ports="DEFG",
         oscillators=0x500,

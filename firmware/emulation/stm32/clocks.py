@@ -1,15 +1,15 @@
-"""Reset and clock control: what is asked for is ready at once (RM0394, chapter 6)."""
+"""Reset and clock control: every requested clock is ready at once (RM0394, chapter 6)."""
 
 from .peripheral import Peripheral
 
 CR, CFGR, BDCR, CSR, CRRCR = 0x00, 0x08, 0x90, 0x94, 0x98
 
-#: Bits in CR that switch something on, and the distance to those that say that it is ready.
+#: Enable bits in CR, and the distance from each to its ready bit.
 ON_AND_READY = [(0, 1), (8, 2), (16, 1), (24, 1), (26, 1)]
 
-#: Flags in CSR that tell why the last reset came.
+#: Flags in CSR that tell the cause of the last reset.
 CAUSES = {"power": 1 << 27, "pin": 0, "software": 1 << 28, "watchdog": 1 << 29}
-PIN = 1 << 26  # set by every cause, for the pin is pulled by all
+PIN = 1 << 26  # set by every cause, since all pull the pin
 
 
 class Rcc(Peripheral):

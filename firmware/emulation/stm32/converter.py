@@ -1,4 +1,4 @@
-"""ADC1 with its oversampler (RM0394, chapter 16), and the photointerrupters before it."""
+"""ADC1 with its oversampler (RM0394, chapter 16), and the photointerrupters at its inputs."""
 
 from .factory import (
     COLD_CODE,
@@ -17,13 +17,13 @@ ADRDY, EOC, EOS, OVR = 1 << 0, 1 << 2, 1 << 3, 1 << 4
 ADEN, ADSTART, ADSTP, ADCAL = 1 << 0, 1 << 2, 1 << 4, 1 << 31
 #: In CFGR2; the ratio is in bits 2 to 4, the shift in bits 5 to 8.
 ROVSE = 1 << 0
-#: In CFGR: what starts conversions, and at which of its edges.
+#: In CFGR: the trigger that starts conversions, and its edge.
 EXTSEL, EXTEN, RISING = 0x1F << 5, 3 << 10, 1 << 10
-#: Cycles of sampling by SMPR, and of conversion with 12 bits.
+#: Sampling cycles by SMPR, and cycles of a 12-bit conversion.
 SAMPLING = [2.5, 6.5, 12.5, 24.5, 47.5, 92.5, 247.5, 640.5]
 CONVERSION = 12.5
 
-#: By what the clock is divided, by PRESC of the common control register.
+#: Clock dividers by PRESC of the common control register.
 CCR = 0x308
 DIVISIONS = [1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256]
 
@@ -31,7 +31,7 @@ CHANNELS = 8
 
 
 class Converter(Peripheral):
-    """Single conversions of one input, started by software or by TIM6, and bursts that the oversampler adds up."""
+    """Conversions of one input, started by software or by TIM6, singly or in bursts that the oversampler adds up."""
 
     def reset(self):
         super().reset()
@@ -78,12 +78,12 @@ class Converter(Peripheral):
         return (SAMPLING[code] + CONVERSION) * DIVISIONS[self.load(CCR) >> 18 & 0xF]
 
     def _ratio(self):
-        """Conversions that are added up for one result."""
+        """Number of conversions added up for one result."""
         oversampling = self.load(CFGR2)
         return 2 << (oversampling >> 2 & 7) if oversampling & ROVSE else 1
 
     def _result(self, codes):
-        """The sum, shifted to the right and rounded by what is shifted out, and of that 16 bits."""
+        """The sum, shifted right with rounding, truncated to 16 bits."""
         total = sum(codes)
         if self.load(CFGR2) & ROVSE:
             shift = self.load(CFGR2) >> 5 & 0xF
@@ -96,7 +96,7 @@ class Converter(Peripheral):
             self.end = self.begin + self._ratio() * self._conversion_cycles()
 
     def trigger(self):
-        """TIM6's trigger output rises."""
+        """Handles a rising edge of TIM6's trigger output."""
         if self.load(CR) & ADSTART and self.load(CFGR) & EXTEN and self.end == NEVER:
             self._start()
 
@@ -109,7 +109,7 @@ class Converter(Peripheral):
         cycles = self._conversion_cycles()
         lit = self.lit()
         start_us = self.begin / 80
-        # After a pause the first conversion is not to be trusted, and is made to show (errata).
+        # The first conversion after a pause is unreliable (errata), and the model makes it visibly wrong.
         paused = self.last_end is None or self.begin - self.last_end > 80_000
         codes = []
         for i in range(self._ratio()):
@@ -118,7 +118,7 @@ class Converter(Peripheral):
         self.last_end, self.end = self.end, NEVER
         flags = self.load(ISR)
         if flags & EOC:
-            flags |= OVR  # nobody has read what was there before, and it stays
+            flags |= OVR  # the previous result was not read, and stays
         else:
             self.registers[DR] = self._result(codes)
         self.registers[ISR] = flags | EOC | EOS
@@ -141,7 +141,7 @@ class Converter(Peripheral):
         return self.board.scene.code(wiring.inputs.index(source), lit, time_us)
 
     def lit(self):
-        """The emitter that is on, `None` if none is; two at a time are a fault of the firmware."""
+        """The emitter that is on, `None` if none is; two at a time are a firmware fault."""
         ports, emitters = self.board.ports, self.board.wiring.emitters
         on = [i for i, (port, pin) in enumerate(emitters) if ports[port].is_high(pin)]
         if len(on) > 1:

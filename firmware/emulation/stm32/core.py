@@ -1,8 +1,8 @@
 """The core: runs blocks of instructions, counts them, and takes interrupts between them.
 
-Unicorn has no NVIC, so exceptions are entered and left here: the core's state is kept, room for the
-frame that hardware would push is made on the stack, and a trap in place of the link register's magic
-value tells that the handler has returned.
+Unicorn has no NVIC, so this module enters and leaves exceptions: it saves the core's state, reserves room on the
+stack for the frame that hardware would push, and replaces the link register's magic value by a trap address that
+signals the return of the handler.
 """
 
 import struct
@@ -28,24 +28,24 @@ from .nvic import CFSR, VTOR
 
 RAM = 0x2000_0000
 SYSTEM_MEMORY = 0x1FFF_0000
-#: Where handlers return to: in memory of the ROM that nothing else is in. Bit 2 is clear, as in the
-#: value that hardware gives to one who was on the main stack.
+#: Return address of handlers: an unused address in ROM. Bit 2 is clear, as in the value that hardware gives a
+#: handler that interrupted code on the main stack.
 TRAP = SYSTEM_MEMORY + 0x1000
-#: The bootloader in ROM: its stack pointer, and where it begins, which are its first two words. What it
-#: does there is not modelled: the core stays, and what it was given is told.
+#: The bootloader in ROM: its stack pointer and entry point, which are its first two words. Its work is not
+#: modelled: the core stops there, and the model reports the state that it was given.
 ROM_STACK, ROM_START = 0x2000_2F40, SYSTEM_MEMORY + 0x100
 UNIQUE_ID = 0x1FFF_7590
 NMI, HARD_FAULT, FIRST_IRQ = 2, 3, 16
-#: Registers that hardware saves, with those of the floating-point unit.
+#: Size of the registers that hardware saves, including those of the floating-point unit.
 FRAME = 26 * 4
-#: Entering and leaving an exception take so many cycles each, that of Arm's manual for zero wait states.
+#: Cycles for entering and leaving an exception, after Arm's manual for zero wait states.
 ENTRY_CYCLES, EXIT_CYCLES = 12, 10
 STACKED = [UC_ARM_REG_R0, UC_ARM_REG_R1, UC_ARM_REG_R2, UC_ARM_REG_R3, UC_ARM_REG_R12, UC_ARM_REG_LR]
-#: Most instructions between two looks at what is pending.
+#: Maximum number of instructions between two checks for pending interrupts.
 SLICE = 20_000
 
 WFE, SEV, CPSIE, SPIN = b"\x20\xbf", b"\x40\xbf", b"\x62\xb6", b"\xfe\xe7"
-#: The second byte of a write to a special register, of whose four the last two say that it is PRIMASK.
+#: The second byte of a write to a special register; the last two of its four bytes select PRIMASK.
 MSR, PRIMASK = 0xF3, b"\x10\x88"
 
 #: Bits of CFSR.
@@ -86,11 +86,11 @@ class Core:
         for where in (TRAP, ROM_START):
             uc.hook_add(UC_HOOK_CODE, self._at_instruction, begin=where, end=where)
         uc.hook_add(UC_HOOK_INTR, self._at_exception)
-        #: Instructions executed, and cycles beside them, since the board was made.
+        #: Instructions executed, and other cycles, since the board was created.
         self.instructions, self.other_cycles = 0, 0
         self.deepest = RAM + board.wiring.ram_size
         self.wanted_pc = self.wanted_sp = None
-        #: How the bootloader in ROM was entered.
+        #: State in which the bootloader in ROM was entered.
         self.in_rom = None
 
     # Time
@@ -100,7 +100,7 @@ class Core:
         return self.instructions + self.other_cycles
 
     def stall(self, cycles):
-        """The core waits for the flash."""
+        """Adds the cycles that the core waits for the flash."""
         self.other_cycles += cycles
 
     def reset(self):
@@ -113,10 +113,10 @@ class Core:
         self.pc = self.vectors[1] | 1
         self.stack_top = self.vectors[0]
 
-    # Hooks: they run within Unicorn, and stop it at the start of a block or an instruction
+    # Hooks: Unicorn calls them, and they stop it at the start of a block or an instruction
 
     def _instructions_in(self, start, end):
-        """How many instructions there are between two addresses."""
+        """Number of instructions between two addresses."""
         count = self.lengths.get((start, end))
         if count is None:
             code = self.uc.mem_read(start, end - start)
@@ -129,7 +129,7 @@ class Core:
         return count
 
     def _leave_block(self, at=None):
-        """Counts the block that has ended, up to an instruction in it."""
+        """Counts the block that has ended, up to the instruction `at`."""
         if self.block is not None:
             start, end = self.block
             self.instructions += self._instructions_in(start, end if at is None else at)
@@ -164,7 +164,7 @@ class Core:
         self.stop = "undefined"
         uc.emu_stop()
 
-    # What peripherals ask for
+    # Requests of peripherals
 
     def stop_soon(self):
         self.limit = 0
@@ -178,7 +178,7 @@ class Core:
     # Running
 
     def run(self, until):
-        """Runs to the cycle `until` at least, or until an error that a peripheral has raised."""
+        """Runs at least to the cycle `until`, or until a peripheral raises an error."""
         while self.now < until:
             self.board.advance()
             if self.error is not None:
@@ -192,7 +192,7 @@ class Core:
             self._execute(until, most=self._take_exception())
 
     def _execute(self, until, most):
-        """Runs to the next event, or so many instructions."""
+        """Runs to the next event, or `most` instructions."""
         ahead = min(self.board.next_event(), until) - self.now
         self.limit = self.instructions + max(1, min(int(ahead) + 1, most))
         self.stop = None
@@ -217,7 +217,7 @@ class Core:
             self._fault(UNDEFINSTR)
 
     def _sleep(self, until):
-        """Time passes to the next interrupt that can be taken."""
+        """Advances time to the next interrupt that can be taken."""
         self.board.advance()
         while not self.board.nvic.is_waiting() and not self.nmi and self.error is None:
             if self.now >= until:
@@ -235,16 +235,16 @@ class Core:
         }
 
     def _is_lost(self):
-        """Whether the core is where there is no code."""
+        """Whether the core is outside the code."""
         pc = self.uc.reg_read(UC_ARM_REG_PC)
         return not self.vectors[1] & ~0xFFFF <= pc < self.vectors[1] + self.board.code_size
 
     # Exceptions
 
     def _take_exception(self):
-        """Enters the handler of what is pending; how many instructions may pass until that is looked at again."""
+        """Enters the pending handler; returns how many instructions may pass until the next check."""
         self.deepest = min(self.deepest, self.uc.reg_read(UC_ARM_REG_SP))
-        # Unicorn does not keep how far in an IT block it is.
+        # Unicorn does not save the position in an IT block.
         if self.uc.reg_read(UC_ARM_REG_XPSR) & 0x0600_FC00:
             return 1
         if self.nmi:
@@ -258,12 +258,12 @@ class Core:
         return SLICE
 
     def _is_interruptible(self):
-        """Whether nothing goes before all interrupts: a fault, the non-maskable one, or a critical section."""
+        """Whether interrupts can be taken: no fault, no non-maskable interrupt, no critical section."""
         interrupts = len(self.board.nvic.active)
         return len(self.contexts) == interrupts and not self.uc.reg_read(UC_ARM_REG_PRIMASK)
 
     def _enter(self, vector):
-        """Saves the core's state, and pushes what a handler may look at."""
+        """Saves the core's state, and pushes the frame that a handler may read."""
         uc = self.uc
         self.contexts.append((uc.context_save(), self.pc))
         stacked = [uc.reg_read(register) for register in STACKED]
@@ -272,7 +272,7 @@ class Core:
         try:
             uc.mem_write(sp, struct.pack("<8I", *stacked))
         except UcError:
-            # There is no memory: the handler is that of the fault, and the frame is lost.
+            # There is no memory: the fault handler runs instead, and the frame is lost.
             registers = self.board.nvic.registers
             registers[CFSR] = registers.get(CFSR, 0) | STKERR
             vector = HARD_FAULT
@@ -288,10 +288,10 @@ class Core:
         self.other_cycles += EXIT_CYCLES
         if len(self.contexts) < len(self.board.nvic.active):
             self.board.nvic.leave()
-        self.board.raise_lines()  # an interrupt whose cause is left comes again
+        self.board.raise_lines()  # an interrupt whose cause persists is raised again
 
     def _fault(self, status):
-        """What the core cannot execute is a hard fault, for no other handler is enabled."""
+        """Raises a hard fault for an instruction that the core cannot execute: no other handler is enabled."""
         self.pc = self.uc.reg_read(UC_ARM_REG_PC) | 1
         self._leave_block(None)
         registers = self.board.nvic.registers

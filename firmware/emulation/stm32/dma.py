@@ -1,14 +1,14 @@
-"""DMA1 (RM0394, chapter 11): bytes between memory and a peripheral that asks for one at a time."""
+"""DMA1 (RM0394, chapter 11): byte transfers between memory and a peripheral, one per request."""
 
 from .peripheral import Peripheral
 
 FIRST_IRQ = 11
 ISR, IFCR = 0x00, 0x04
-#: Of each channel, from its first register.
+#: Offsets within a channel's registers.
 FIRST, STRIDE, CCR, CNDTR, CPAR, CMAR = 0x08, 20, 0, 4, 8, 12
 CHANNELS = 7
 EN, TCIE, HTIE, TEIE, FROM_MEMORY, CIRC = 1 << 0, 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 5
-#: Flags of a channel; the first stands for all.
+#: Flags of a channel; the first is the OR of the others.
 GIF, TCIF, HTIF = 1 << 0, 1 << 1, 1 << 2
 
 
@@ -35,7 +35,7 @@ class Dma(Peripheral):
         self.board.usart.refill()
 
     def _serving(self, address, from_memory):
-        """The channel that serves the register at an address, if there is one with something left to do."""
+        """The channel that serves the register at an address, if it has bytes left to transfer."""
         for channel in range(CHANNELS):
             control = self.load(self._at(channel, CCR))
             if control & EN and bool(control & FROM_MEMORY) == from_memory:
@@ -44,7 +44,7 @@ class Dma(Peripheral):
         return None
 
     def _step(self, channel):
-        """Where the next byte is; the count goes on."""
+        """Address of the next byte; decrements the count."""
         left, length = self.load(self._at(channel, CNDTR)), self.lengths[channel]
         place = self.load(self._at(channel, CMAR)) + length - left
         left -= 1
@@ -66,7 +66,7 @@ class Dma(Peripheral):
         return byte
 
     def give(self, address, byte):
-        """Takes a byte from a peripheral's register; false if nobody serves it."""
+        """Takes a byte from a peripheral's register; returns false if no channel serves it."""
         channel = self._serving(address, from_memory=False)
         if channel is None:
             return False

@@ -1,4 +1,4 @@
-"""What is taken from an ELF file: bytes for the flash, and symbols (TIS ELF specification 1.2)."""
+"""The parts of an ELF file that the model needs: bytes for the flash, and symbols (TIS ELF specification 1.2)."""
 
 import struct
 
@@ -13,13 +13,13 @@ class Elf:
             raise SystemExit(f"`{path}` is not an ELF file of 32 bits, little-endian")
         phoff, shoff = struct.unpack_from("<II", data, 28)
         phentsize, phnum, shentsize, shnum = struct.unpack_from("<HHHH", data, 42)
-        #: Physical address and content of what is loaded.
+        #: Physical address and content of the loaded segments.
         self.segments = []
         for i in range(phnum):
             kind, offset, _, address, size = struct.unpack_from("<5I", data, phoff + i * phentsize)
             if kind == PT_LOAD and size:
                 self.segments.append((address, data[offset : offset + size]))
-        #: Address of each symbol by its name.
+        #: Address of each symbol by name.
         self.symbols = {}
         sections = [
             struct.unpack_from("<10I", data, shoff + i * shentsize) for i in range(shnum)

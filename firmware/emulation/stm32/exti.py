@@ -1,4 +1,4 @@
-"""Rising edges of pins as interrupts (RM0394, chapters 9 and 13): line 15, which is PA15 here."""
+"""Interrupts at rising edges of pins (RM0394, chapters 9 and 13): line 15, which is PA15 here."""
 
 from collections import deque
 
@@ -6,7 +6,7 @@ from .peripheral import HZ, NEVER, Peripheral
 
 IRQ = 40  # of lines 10 to 15
 IMR, RTSR, PR = 0x00, 0x08, 0x14
-EXTICR4 = 0x14  # of the system configuration: which port lines 12 to 15 are of
+EXTICR4 = 0x14  # of the system configuration: the ports of lines 12 to 15
 LINE = 15
 
 
@@ -17,7 +17,7 @@ class Exti(Peripheral):
         super().__init__(board)
 
     def drive(self, delays):
-        """The pin rises after each of these times from now, s, which are in order."""
+        """Schedules rising edges after these delays from now, in s and ascending."""
         self.edges.extend(self.board.core.now + delay * HZ for delay in delays)
 
     def store(self, offset, value):

@@ -1,10 +1,10 @@
-"""What the factory has written into the chip, and the conditions that the board is in now (DS11451)."""
+"""Factory calibration codes of the chip, and the board's present conditions (DS11451)."""
 
-#: Codes of the voltage reference, and of the thermometer at 30 °C and 130 °C, by their addresses.
+#: Codes of the voltage reference, and of the thermometer at 30 °C and 130 °C, by address.
 REFERENCE_CODE, COLD_CODE, HOT_CODE = 0x1FFF_75AA, 0x1FFF_75A8, 0x1FFF_75CA
 FACTORY = {REFERENCE_CODE: 1655, COLD_CODE: 1035, HOT_CODE: 1380}
 FACTORY_V = 3.0
 
-#: Of the board.
+#: Present conditions of the board.
 SUPPLY_V = 3.3
 TEMPERATURE_C = 31.5

@@ -1,8 +1,8 @@
 """Flash: the interface, and the pages of the calibration (RM0394, chapter 3).
 
-Code is in memory that cannot be written. The pages of the calibration are read and written here, so
-that the power can be cut during an operation, and a double word that was left half done cannot be
-read afterwards. The data cache goes on showing what was erased until it is reset.
+Code is in memory that cannot be written. The calibration's pages are modelled here, so that the power can be cut
+during an operation, which leaves a double word unreadable. The data cache keeps returning erased data until it
+is reset.
 """
 
 import struct
@@ -24,7 +24,7 @@ KEYS = [0x4567_0123, 0xCDEF_89AB]
 WRITE_CYCLES = int(81.69e-6 * HZ)
 ERASE_CYCLES = int(22.02e-3 * HZ)
 
-#: What an operation has done that the power was cut during.
+#: Possible effects of an operation that a power cut interrupts.
 OUTCOMES = ["nothing", "some bits", "unreadable", "complete"]
 
 
@@ -33,7 +33,7 @@ class PowerCut(Exception):
 
 
 class FlashInterface(Peripheral):
-    """The registers."""
+    """The registers of the interface."""
 
     def reset(self):
         super().reset()
@@ -77,7 +77,7 @@ class FlashInterface(Peripheral):
 
 
 class Pages:
-    """The pages that the image keeps its calibration in."""
+    """The pages in which the image keeps its calibration."""
 
     def __init__(self, board, start, end):
         self.board, self.start = board, start
@@ -85,7 +85,8 @@ class Pages:
         self.unreadable = set()
         self.cache = {}
         self.first_half = None
-        #: Operations since the board was made, and the one to cut the power at, with its outcome.
+        #: Operations since the board was created, and the operation at which to cut the power, with its
+        #: outcome.
         self.operations = 0
         self.cut = None
 
@@ -131,20 +132,20 @@ class Pages:
             self.board.core.stall(WRITE_CYCLES)
 
     def _change(self, start, new):
-        """Gives a page or a double word its content, or as much as the power lasts for."""
+        """Gives a page or a double word its content, or part of it if the power is cut."""
         words = set(range(start, start + len(new), DOUBLE_WORD))
         outcome = "complete"
         if self.cut is not None and self.cut[0] == self.operations:
             outcome = self.cut[1]
         elif self.cut is not None and self.cut[0] < self.operations:
-            return  # the power is gone, the core just does not know yet
+            return  # the power is gone, but the core has not stopped yet
         self.operations += 1
         if outcome == "complete":
             self.content[start : start + len(new)] = new
             self.unreadable -= words
         elif outcome == "some bits":
             for i, byte in enumerate(new):
-                mask = i * 167 & 0xFF ^ 0x5A  # any pattern that takes some bits of each
+                mask = i * 167 & 0xFF ^ 0x5A  # any pattern that takes some bits of both
                 self.content[start + i] = self.content[start + i] & mask | byte & ~mask
             self.unreadable -= words
         elif outcome == "unreadable":

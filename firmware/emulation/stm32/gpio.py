@@ -1,4 +1,4 @@
-"""Pins (RM0394, chapter 8): what is put out, and where a pull holds a line that nobody drives."""
+"""Pins (RM0394, chapter 8): output levels, and pulls that define the level of an undriven line."""
 
 from .peripheral import Peripheral
 

@@ -1,7 +1,7 @@
-"""The board's serial line on a TCP connection or a pseudoterminal, for programs that take it for a board.
+"""The board's serial line as a TCP connection or a pseudoterminal, for programs that expect a board.
 
-On a connection time goes as fast as this machine can, and bytes that arrive are received when they are
-there. On a pseudoterminal it keeps pace with the wall, where this machine is quick enough.
+With TCP, time runs as fast as the host allows, and bytes are received when they arrive. A pseudoterminal runs in
+real time if the host is fast enough.
 """
 
 import os
@@ -11,7 +11,7 @@ import sys
 import time
 import tty
 
-#: How much time passes between two looks at the connection, in s.
+#: Simulated time between two polls of the connection, in s.
 STEP = 0.002
 
 
@@ -48,7 +48,7 @@ def serve_pty(board):
             pass
         board.run(STEP)
         waiting += board.take_sent()
-        # What nobody reads holds the board up, as its radio does.
+        # Unread output holds up the board, as its radio would.
         board.cts = "high" if len(waiting) > 4096 else "low"
         try:
             waiting = waiting[os.write(line, waiting) :]

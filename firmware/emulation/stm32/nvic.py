@@ -15,12 +15,12 @@ class Nvic(Peripheral):
         self.registers[0xD00] = 0x410F_C241  # CPUID of a Cortex-M4
         self.pending = set()
         self.enabled = set()
-        #: Interrupts whose handlers have begun, each in the middle of the one before.
+        #: Active interrupts, each nested in the previous one.
         self.active = []
 
     def pend(self, irq):
-        """A peripheral raises its line. While its handler runs that is looked at once it has returned (DDI0403,
-        B3.4.1)."""
+        """Raises a peripheral's interrupt line. While its handler runs, the line is checked only after the return
+        (DDI0403, B3.4.1)."""
         if irq not in self.active:
             self.pending.add(irq)
 
@@ -28,7 +28,7 @@ class Nvic(Peripheral):
         return self.registers.get(IPR + (irq & ~3), 0) >> 8 * (irq % 4) & 0xFF
 
     def take(self):
-        """The interrupt to serve next, no longer pending; `None` if there is none."""
+        """Takes the interrupt to serve next, which is then no longer pending; `None` if there is none."""
         ready = self.pending & self.enabled
         if not ready:
             return None
@@ -40,7 +40,7 @@ class Nvic(Peripheral):
         return irq
 
     def leave(self):
-        """The handler that has begun last has returned."""
+        """Marks the return of the handler that was entered last."""
         self.active.pop()
 
     def is_waiting(self):

@@ -1,20 +1,20 @@
-"""Orders of a test, one JSON object a line, and a report to each.
+"""Orders of a test as JSON objects, one per line, with a report on each.
 
-| order | what it does |
+| order | effect |
 |---|---|
 | {"run": s} | lets time pass |
-| {"send": hex} | bytes on the serial line to the board, as fast as it carries them |
-| {"cts": "low" / "high" / "open"} | clear to send, held up, nothing connected |
-| {"converter": false} | conversions do not end any more |
+| {"send": hex} | sends bytes on the serial line to the board at its rate |
+| {"cts": "low" / "high" / "open"} | sets CTS: clear to send, held up, not connected |
+| {"converter": false} | conversions no longer end |
 | {"cut": [n, outcome]} | cuts the power at the n-th flash operation from now |
-| {"power": true} | switches on again; the flash is as it was left |
-| {"branch": true} | what follows is undone by the next "leave" |
+| {"power": true} | switches on again; the flash keeps its content |
+| {"branch": true} | the next "leave" undoes all orders after this one |
 | {"leave": true} | back to the state at "branch" |
-| {"jump": address} | the core goes on there, as after a damaged return address |
-| {"stack": address} | the stack pointer is there, as after so many calls |
+| {"jump": address} | the core continues there, as after a damaged return address |
+| {"stack": address} | sets the stack pointer, as deeply nested calls would |
 | {"edges": [s, ...]} | the sync input rises after each of these times |
 | {"flicker": [steps, hz]} | ambient light of this amplitude and frequency |
-| {"rate": baud} | the rate of the other end; what is off by more than 4 % is not understood |
+| {"rate": baud} | sets the rate of the other end; a mismatch of more than 4 % garbles the bytes |
 """
 
 import json
@@ -25,12 +25,12 @@ from .peripheral import HZ
 
 
 def obey(board, requests, answers):
-    """Reads orders until there are no more."""
+    """Executes orders until the input ends."""
     on, reported = True, 0
     for line in requests:
         order, value = next(iter(json.loads(line).items()))
         if order == "branch":
-            # A copy of this process goes on; this one keeps the state and waits for its end.
+            # The child process continues; the parent keeps the state and waits for the child's end.
             child = os.fork()
             if child:
                 os.waitpid(child, 0)

@@ -1,14 +1,14 @@
-"""Registers in memory, and when something happens next."""
+"""Memory-mapped registers, and the schedule of a peripheral's events."""
 
-#: Cycles of the core in a second.
+#: Core cycles per second.
 HZ = 80_000_000
 NEVER = float("inf")
 
 
 class Peripheral:
-    """A block of 32-bit registers that hold what is written, unless a subclass knows better.
+    """A block of 32-bit registers that hold what is written, unless a subclass overrides them.
 
-    A narrower access is one to a part of its register.
+    A narrower access reads or writes a part of the register.
     """
 
     SIZE = 0x400
@@ -45,5 +45,5 @@ class Peripheral:
             word = self.registers.get(offset & ~3, 0)
             value = word & ~(mask << shift) | (value & mask) << shift
         self.store(offset & ~3, value & 0xFFFF_FFFF)
-        # An interrupt or an earlier event may have come of it.
+        # The write may cause an interrupt or an earlier event.
         self.board.core.stop_soon()

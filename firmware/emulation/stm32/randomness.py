@@ -1,4 +1,4 @@
-"""The generator of random numbers (RM0394, chapter 24); here they are the same in every run."""
+"""The random number generator (RM0394, chapter 24), with the same numbers in every run."""
 
 from .peripheral import Peripheral
 

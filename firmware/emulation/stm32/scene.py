@@ -1,4 +1,4 @@
-"""What the photointerrupters see: a script of frames, dark and lit code of each channel."""
+"""The scene in front of the photointerrupters: a script of frames, with a dark and a lit code per channel."""
 
 import math
 import struct
@@ -9,11 +9,11 @@ FRAME = struct.Struct(f"<{2 * CHANNELS}H")
 
 
 class Scene:
-    """Plays the frames of a script over and over, one for each that the firmware takes.
+    """Plays the frames of a script in a loop, one for each frame that the firmware takes.
 
-    A frame begins when the first channel is converted in the dark after the last was lit. Without a
-    script every channel has a code of its own. Ambient light may flicker: `flicker` is its amplitude in steps and its
-    frequency in Hz.
+    A frame begins when the first channel is converted in the dark after the last was lit. Without a script every
+    channel has a constant code. Ambient light may flicker: `flicker` is its amplitude in steps and its frequency
+    in Hz.
     """
 
     flicker = (0, 0)

@@ -1,4 +1,4 @@
-"""TIM2, a counter of 32 bits with four compare channels, and TIM6, a basic one (RM0394, chapters 27, 29)."""
+"""TIM2, a 32-bit counter with four compare channels, and TIM6, a basic timer (RM0394, chapters 27 and 29)."""
 
 from .peripheral import NEVER, Peripheral
 
@@ -6,7 +6,7 @@ TIM2_IRQ = 28
 CR1, CR2, DIER, SR, EGR, CNT, PSC, ARR, CCR1 = 0x00, 0x04, 0x0C, 0x10, 0x14, 0x24, 0x28, 0x2C, 0x34
 CEN, URS, OPM = 1, 4, 8
 UIF, UG = 1, 1
-#: In CR2: an update is the trigger output.
+#: In CR2: the update event is the trigger output.
 MMS, MMS_UPDATE = 7 << 4, 2 << 4
 
 
@@ -14,8 +14,8 @@ class Timer(Peripheral):
     def reset(self):
         super().reset()
         self.registers[ARR] = 0xFFFF_FFFF
-        self.start = None  # cycle at which the counter stood at 0
-        self.seen = 0  # ticks whose flags are set
+        self.start = None  # cycle at which the counter was 0
+        self.seen = 0  # ticks up to which flags are set
 
     def _ticks(self, now):
         return int(now - self.start) // (self.load(PSC) + 1)
@@ -51,7 +51,7 @@ class Timer(Peripheral):
             self.board.nvic.pend(TIM2_IRQ)
 
     def _next_match(self, tick, compare):
-        """The first tick after `tick` at which the counter stands at `compare`."""
+        """The first tick after `tick` at which the counter equals `compare`."""
         return tick + 1 + (compare - tick - 1) % self._modulus()
 
     def next_event(self):
@@ -83,13 +83,13 @@ class Timer(Peripheral):
 
 
 class PulseTimer(Peripheral):
-    """Counts once from 0 to ARR and stops: TIM6 in one-pulse mode, the only one that is modelled, whose update starts
-    conversions by the trigger output."""
+    """TIM6 in one-pulse mode, the only mode that is modelled: it counts once from 0 to ARR and stops. Its update
+    event starts conversions through the trigger output."""
 
     def reset(self):
         super().reset()
         self.registers[ARR] = 0xFFFF
-        self.prescaler = 0  # the one in use; PSC is what an update makes of it
+        self.prescaler = 0  # the value in use, which an update copies from PSC
         self.end = NEVER
 
     def store(self, offset, value):
@@ -103,7 +103,7 @@ class PulseTimer(Peripheral):
         elif offset == CR1 and value & CEN and not self.load(CR1) & CEN:
             if not value & OPM:
                 raise AssertionError("TIM6 is modelled in one-pulse mode")
-            if self.load(ARR):  # a counter that goes to 0 stands still
+            if self.load(ARR):  # with ARR = 0 the counter does not run
                 ticks = self.load(ARR) + 1
                 self.end = self.board.core.now + ticks * (self.prescaler + 1)
         elif offset == CR1 and not value & CEN:

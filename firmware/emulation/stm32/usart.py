@@ -1,4 +1,4 @@
-"""USART1 (RM0394, chapter 38): a shift register each way, at the pace of the baud rate."""
+"""USART1 (RM0394, chapter 38): a shift register per direction, at the baud rate."""
 
 from collections import deque
 
@@ -10,46 +10,46 @@ UE, RE, TE = 1 << 0, 1 << 2, 1 << 3
 ORE, IDLE, RXNE, TC, TXE = 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7
 TEACK, REACK = 1 << 21, 1 << 22
 DMAR, DMAT, CTSE = 1 << 6, 1 << 7, 1 << 9
-#: Of the registers, as DMA knows them.
+#: Base address, by which DMA finds the registers.
 BASE = 0x4001_3800
-#: Flags that ICR clears; RXNE and TXE are none of them.
+#: Flags that ICR clears; RXNE and TXE are not among them.
 CLEARABLE = 0x0012_1B5F
 BITS_PER_BYTE = 10
-CTS_PIN = 11  # of port A
-#: Rates of the two ends may differ by so much.
+CTS_PIN = 11  # on port A
+#: Maximum relative difference of the two ends' rates.
 TOLERANCE = 0.04
 
 
 class Usart(Peripheral):
     def __init__(self, board):
-        #: The rate of the other end, baud; `None` follows the board's.
+        #: The rate of the other end in baud; `None` follows the board's rate.
         self.other_end = None
-        self.sent = []  # cycle and byte: what has left has left, whatever happens to the board
+        self.sent = []  # cycle and byte; kept across resets of the board
         super().__init__(board)
 
     def reset(self):
         super().reset()
         self.registers[ISR] = TXE | TC
-        self.shifting = None  # the byte that goes out, and the cycle at which it has gone
+        self.shifting = None  # the outgoing byte, and the cycle at which it is complete
         self.waiting = None
-        self.incoming = deque()  # earliest cycle and byte
+        self.incoming = deque()  # earliest cycle, and byte
         self.receiver_free = 0
-        self.idle_at = NEVER  # when the line will have been idle for a byte
+        self.idle_at = NEVER  # when the line has been idle for the time of a byte
 
     def byte_cycles(self):
         return BITS_PER_BYTE * max(self.load(BRR), 1)
 
     def rate(self):
-        """The rate that is set, baud; 0 while there is none."""
+        """The current rate in baud; 0 before it is set."""
         return HZ / self.load(BRR) if self.load(BRR) else 0
 
     def on_wire(self, byte):
-        """What arrives of a byte: another where the ends have different rates."""
+        """The byte that arrives, which differs from the one sent if the ends have different rates."""
         is_same = self.other_end is None or abs(self.rate() / self.other_end - 1) < TOLERANCE
         return byte if is_same else byte * 0x4D + 0x2B & 0xFF
 
     def receive(self, data, at):
-        """Bytes that arrive one after the other, the first not before `at`."""
+        """Queues bytes that arrive back to back, the first not before `at`."""
         self.incoming.extend((at, byte) for byte in data)
 
     def load(self, offset):
@@ -77,7 +77,7 @@ class Usart(Peripheral):
         self._shift(self.board.core.now)
 
     def refill(self):
-        """Asks DMA for bytes while there is room for one."""
+        """Requests bytes from DMA while there is room for one."""
         while self.load(CR3) & DMAT and self.waiting is None:
             byte = self.board.dma.take(BASE + TDR)
             if byte is None:
@@ -89,7 +89,7 @@ class Usart(Peripheral):
             return True
         level = self.board.cts
         if level == "open":
-            # A line that nothing holds is taken at its worst.
+            # An undriven line without a pull-down counts as high, the worst case.
             level = "low" if self.board.ports["A"].pull(CTS_PIN) == "down" else "high"
         return level == "low"
 

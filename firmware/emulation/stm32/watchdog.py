@@ -1,4 +1,4 @@
-"""Independent watchdog (RM0394, chapter 32), with its oscillator of 32 kHz as it should be."""
+"""Independent watchdog (RM0394, chapter 32), with its oscillator at its nominal 32 kHz."""
 
 from .peripheral import HZ, NEVER, Peripheral
 

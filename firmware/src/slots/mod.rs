@@ -3,13 +3,13 @@
 //! | offset in the slot | bytes | field |
 //! |---:|---:|---|
 //! | 0 | 2,272 | record |
-//! | 2,272 | 4 | generation, little-endian: one more than that of the other slot when it was written |
-//! | 2,276 | 4 | CRC-32 of all before it, little-endian |
+//! | 2,272 | 4 | generation, little-endian: the other slot's generation at the time of writing, plus one |
+//! | 2,276 | 4 | CRC-32 of all bytes before it, little-endian |
 //!
-//! A slot counts if its CRC is right, and of two that count the newer generation is in use. A new
-//! record goes into the other slot, so until its last byte is written the old one is in use. A slot
-//! whose erasing or writing was cut short has a wrong CRC, or cannot be read at all where the memory
-//! checks itself; either way it does not count.
+//! A slot is valid if its CRC is right; of two valid slots, the newer generation is in use. A new record goes
+//! into the other slot, so the old one stays in use until the last byte is written. A slot whose erasing or
+//! writing was interrupted has a wrong CRC, or cannot be read at all if the memory has error detection.
+//! Either way it is invalid.
 
 use crate::board::{Storage, StorageError};
 use crate::upload::{RECORD, Record};
@@ -22,31 +22,31 @@ const TAIL: usize = 8;
 /// Length of a slot in bytes.
 const SLOT: usize = RECORD + TAIL;
 
-/// Bytes that are read at a time: a record is not copied onto the stack.
+/// Bytes read at a time, so that no record is copied to the stack.
 const PIECE: usize = 128;
 
 static CRC32: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
-/// Calibrations in memory that is erased in sectors: at its start are the slots, of as many whole sectors as one
-/// takes.
+/// Calibrations in a memory that is erased in sectors. The slots are at its start, each a whole number of
+/// sectors.
 #[derive(Clone, Debug)]
 pub struct Slots<F> {
     pub(crate) flash: F,
 }
 
 impl<F: NorFlash> Slots<F> {
-    /// Slots in a memory that is long enough for both.
+    /// Creates the slots in a memory that is large enough for both.
     pub const fn new(flash: F) -> Self {
         const { assert!(SLOT.is_multiple_of(F::WRITE_SIZE), "a slot is written in whole words") };
         Self { flash }
     }
 
-    /// The first byte of a slot.
+    /// Returns the offset of a slot.
     fn offset(slot: u32) -> u32 {
         slot * SLOT.next_multiple_of(F::ERASE_SIZE) as u32
     }
 
-    /// The generation of a slot, `None` if it does not count.
+    /// Returns the generation of a slot, `None` if it is invalid.
     fn generation(&mut self, slot: u32) -> Option<u32> {
         let digest = &mut CRC32.digest();
         let mut tail = [0; TAIL];
@@ -58,7 +58,7 @@ impl<F: NorFlash> Slots<F> {
         counts.then_some(u32::from_le_bytes(*generation))
     }
 
-    /// Reads the record of a slot, piece by piece, with the position of each.
+    /// Reads the record of a slot piece by piece, and passes each with its position.
     fn read_record(&mut self, slot: u32, mut take: impl FnMut(usize, &[u8])) -> Option<()> {
         let mut piece = [0; PIECE];
         for at in (0..RECORD).step_by(PIECE) {
@@ -69,7 +69,7 @@ impl<F: NorFlash> Slots<F> {
         Some(())
     }
 
-    /// The slot in use and its generation.
+    /// Returns the slot in use and its generation.
     fn newest(&mut self) -> Option<(u32, u32)> {
         match (self.generation(0), self.generation(1)) {
             (Some(first), Some(second)) => {
@@ -107,7 +107,7 @@ impl<F: NorFlash> Storage for Slots<F> {
         }
     }
 
-    /// What was stored before stays in its slot, so it is still there after an error.
+    /// Stores a record. The previous one stays in its slot, so it survives an error.
     fn store(&mut self, record: &Record) -> Result<(), StorageError> {
         let (slot, generation) = match self.newest() {
             Some((slot, generation)) => (1 - slot, generation.wrapping_add(1)),

@@ -1,4 +1,4 @@
-//! From readings to a wrench, on the board.
+//! Conversion of readings to a wrench on the board.
 
 mod physics;
 
@@ -15,7 +15,7 @@ pub struct Converter {
     taring: Option<Taring>,
 }
 
-/// A mean that is being taken.
+/// A mean in progress.
 #[derive(Clone, Debug)]
 struct Taring {
     mean: Wrench,
@@ -29,10 +29,10 @@ impl Converter {
         Self { calibration, zero: None, taring: None }
     }
 
-    /// Fx, Fy, Fz in N and Mx, My, Mz in N·m of a frame of readings in counts, of which the channels whose bit is
-    /// set in `saturated` are not to be trusted; powers have no way to do without them.
+    /// Returns Fx, Fy, Fz in N and Mx, My, Mz in N·m for a frame of readings in counts.
     ///
-    /// While a zero is taken, the frame goes into it.
+    /// Channels whose bit is set in `saturated` are unreliable; only a physics calibration can leave them
+    /// out. While a zero is being taken, the frame contributes to it.
     pub fn convert(&mut self, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
         let wrench = match &self.calibration {
             Calibration::Cubic(cubic) => cubic_wrench(cubic, readings),
@@ -42,7 +42,7 @@ impl Converter {
         (wrench - self.zero.unwrap_or_default()).into()
     }
 
-    /// Takes the mean of the next `frames` wrenches as zero; none takes the zero back.
+    /// Takes the mean of the next `frames` wrenches as zero; 0 removes the zero.
     pub fn start_zero(&mut self, frames: u16) {
         self.taring = (frames > 0).then(|| Taring { mean: Wrench::zeros(), taken: 0, frames });
         if frames == 0 {
@@ -50,12 +50,12 @@ impl Converter {
         }
     }
 
-    /// Whether there is a zero.
+    /// Returns whether a zero is set.
     pub fn is_zeroed(&self) -> bool {
         self.zero.is_some()
     }
 
-    /// Whether a zero is being taken, for which frames have to be converted.
+    /// Returns whether a zero is being taken, which needs converted frames.
     pub fn is_taring(&self) -> bool {
         self.taring.is_some()
     }
@@ -71,11 +71,11 @@ impl Converter {
     }
 }
 
-/// The wrench of a frame of readings in counts by a cubic calibration.
+/// Computes the wrench of a frame of readings in counts with a cubic calibration.
 ///
-/// `w = C·φ(z) + c` in single precision, with `z = (r − centre) · scale` and the features
-/// φ = (z1, z1², z1³, z2, …). Readings are 16-bit integers, exact in an `f32`, and z is of order
-/// one, so what is lost is of the order of 25 roundings of the largest term: 3e-6 of it.
+/// `w = C·φ(z) + c` in single precision, with `z = (r − centre) · scale` and the features φ = (z1, z1², z1³,
+/// z2, …). Readings are 16-bit integers, exact in an `f32`, and z is of order one. So the error is about 25
+/// roundings of the largest term: 3e-6 relative to it.
 fn cubic_wrench(calibration: &Cubic, readings: &[u16; CHANNELS]) -> Wrench {
     let Cubic { centre, scale, coefficients, intercept } = calibration;
     // Six numbers per feature, one feature after another: columns of a 6 × 24 matrix.

@@ -5,7 +5,7 @@ use shared_proto::{Answer, Command, Edge, Packet, Refusal};
 
 use crate::bench::Bench;
 
-/// How long a new rate has to prove itself, µs.
+/// Trial time of a new rate, µs.
 const TRIAL_US: u64 = 3_000_000;
 
 fn edges(bench: &mut Bench) -> Vec<Edge> {
@@ -18,7 +18,7 @@ fn edges(bench: &mut Bench) -> Vec<Edge> {
         .collect()
 }
 
-/// Edges at these times, µs, with so many missed before each.
+/// Adds edges at these times in µs, with the number of edges missed before each.
 fn drive(bench: &Bench, seen: impl IntoIterator<Item = (u64, u16)>) {
     let seen = seen.into_iter().map(|(at_us, missed)| SeenEdge { at_us, missed });
     bench.world.edges.borrow_mut().extend(seen);
@@ -49,7 +49,7 @@ fn edges_without_end_cost_no_sample_and_are_counted() {
     let mut bench = Bench::new();
     bench.done(Command::Start);
     let start_us = bench.now_us();
-    // Held up for a tenth of a second, in which a hundred edges come: one is under way, and eight wait.
+    // Held up for a tenth of a second, during which a hundred edges come: one is under way, and eight wait.
     bench.world.held_up.set(true);
     drive(&bench, (1..=100).map(|i| (start_us + 1_000 * i, 0)));
     bench.run_for(102_000);
@@ -78,7 +78,7 @@ fn a_rate_is_set_after_its_answer_and_kept_once_something_is_heard() {
     bench.status();
     bench.run_for(2 * TRIAL_US);
     assert_eq!(*bench.world.rates.borrow(), [rate(115_200)]);
-    // What the line carries is that of the new rate: 34 bytes of a sample at 95 % of 11,527 per second.
+    // The new rate limits the stream: 34 bytes of a sample at 95 % of 11,527 per second.
     bench.done(Command::SetSettling { settling_us: 30 });
     bench.world.settling_us.set(30);
     bench.done(Command::SetOversampling { conversions: 4 });
@@ -92,11 +92,11 @@ fn a_rate_is_set_after_its_answer_and_kept_once_something_is_heard() {
 fn a_rate_on_which_nothing_is_heard_is_taken_back() {
     let mut bench = Bench::on_a_line();
     bench.done(Command::SetBaud { baud: 921_600 });
-    // Noise is nothing.
+    // Noise does not count as heard.
     bench.send(&[0x55; 40]);
     bench.run_for(TRIAL_US + 300_000);
     assert_eq!(*bench.world.rates.borrow(), [rate(921_600), baud::FIRST]);
-    // So are the limits: 34 bytes at 95 % of 5,818 per second.
+    // The limits are restored, too: 34 bytes at 95 % of 5,818 per second.
     bench.done(Command::SetSettling { settling_us: 30 });
     bench.done(Command::SetOversampling { conversions: 4 });
     let (answer, _) = bench.ask(Command::SetPeriod { period_us: 1_000 });
@@ -108,7 +108,7 @@ fn a_rate_that_there_is_not_or_that_does_not_carry_the_stream_is_refused() {
     let mut bench = Bench::on_a_line();
     let (answer, _) = bench.ask(Command::SetBaud { baud: 12_345 });
     assert_eq!(answer, Answer::Refused(Refusal::OutOfRange));
-    // 100 Hz, which is what a reset leaves, needs 34 bytes at 95 % of 960 per second.
+    // 100 Hz, the rate after a reset, needs 34 bytes at 95 % of 960 per second.
     let (answer, _) = bench.ask(Command::SetBaud { baud: 9_600 });
     assert_eq!(answer, Answer::Refused(Refusal::LineTooSlow { shortest_us: 37_281 }));
     assert_eq!(*bench.world.rates.borrow(), []);
@@ -119,7 +119,7 @@ fn a_rate_that_there_is_not_or_that_does_not_carry_the_stream_is_refused() {
 #[test]
 fn the_bootloader_is_started_after_its_answer_and_by_its_name() {
     let mut bench = Bench::on_a_line();
-    // Nobody can send every board there at once.
+    // The command is not possible for all boards at once.
     let to = bench.to.take();
     bench.tell(Command::Bootloader);
     bench.to = to;

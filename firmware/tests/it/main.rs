@@ -1,4 +1,4 @@
-//! The whole firmware against a world of virtual time, through the bytes on its link.
+//! The whole firmware in an environment with virtual time, tested through the bytes on its link.
 
 mod bench;
 mod line;
@@ -32,7 +32,7 @@ fn half_a_minute_at_100_hz_has_every_frame_on_its_slot() {
     let mut samples = bench.done(Command::Start);
     bench.run_for(30_000_000);
     samples.extend(bench.samples());
-    // The first at once.
+    // The first frame is immediate.
     assert_eq!(samples.len(), 3_001);
     for (i, sample) in samples.iter().enumerate() {
         assert_eq!(usize::from(sample.sequence), i);
@@ -80,8 +80,8 @@ fn a_link_that_is_held_up_costs_samples_that_are_counted_and_nothing_else() {
     bench.world.held_up.set(false);
     bench.run_for(100_000);
     let samples = bench.samples();
-    // One on its way and the last 15 waiting, with word of the board's health among them, then those of
-    // the 100 ms; the 84 between are counted.
+    // One sample on its way and the last 15 entries of the queue, one of them a health report, then the
+    // samples of the 100 ms; the 84 between are counted.
     assert_eq!(samples.len(), 16 + 10);
     let sequence: Vec<u16> = samples.iter().map(|sample| sample.sequence).collect();
     assert_eq!(sequence, (1..27).collect::<Vec<u16>>());
@@ -125,7 +125,7 @@ fn a_new_period_counts_from_the_command_and_stopping_stops() {
     bench.run_for(1_000_000);
     assert!(bench.packets().is_empty());
     let samples = bench.done(Command::Start);
-    // The sequence goes on.
+    // The sequence continues.
     assert_eq!(samples[0].sequence, 8);
 }
 
@@ -153,7 +153,7 @@ fn wrenches_are_those_of_the_calibration_uploaded_less_the_zero() {
     for sample in &samples {
         assert_eq!(wrench(sample), expected(&mut converter, sample.clock_us));
     }
-    // 50 frames are one turn of what is played, so their mean is that of any turn.
+    // 50 frames are one period of the played signal, so their mean is that of any period.
     bench.done(Command::Zero { frames: 50 });
     bench.run_for(600_000);
     bench.samples();
@@ -163,10 +163,10 @@ fn wrenches_are_those_of_the_calibration_uploaded_less_the_zero() {
     let turn = &turn[turn.len() - 50..];
     for axis in 0..6 {
         let mean = turn.iter().map(|sample| wrench(sample)[axis]).sum::<f32>() / 50.0;
-        // 50 roundings of values of up to some 20 N.
+        // 50 roundings of values of up to about 20 N.
         assert!(mean.abs() < 1e-4, "{mean}");
     }
-    // Taking it back.
+    // Removes the zero.
     bench.done(Command::Zero { frames: 0 });
     bench.run_for(20_000);
     let last = *bench.samples().last().unwrap();
@@ -297,7 +297,7 @@ fn a_command_of_another_version_is_refused_but_its_samples_are_not_answered() {
     bench.run_for(1_000);
     let refused = Packet::Answer { number: 0, answer: Answer::Refused(Refusal::OtherVersion) };
     assert_eq!(bench.packets(), [refused]);
-    // The start of version 2.
+    // The start command of version 2.
     bench.send(&[0x01, 0x03, 0x28, 0x07, 0x01, 0x01, 0x01, 0x01, 0x04, 0x03, 0xBF, 0x6E, 0x00]);
     bench.run_for(1_000);
     assert_eq!(bench.packets(), [refused]);
@@ -314,12 +314,12 @@ fn health_goes_before_the_first_sample_after_a_change_and_once_a_second() {
     let healths = bench.healths();
     let clocks: Vec<u32> =
         healths.iter().map(|(health, _)| (health.clock_us - 5_000_000) / 1_000).collect();
-    // From the end of a frame to the end of the first that ends a second later.
+    // From the end of a frame to the end of the first frame that ends a second later.
     assert_eq!(clocks, [0, 1_000, 2_000, 3_000, 4_000]);
     for (health, sample) in healths {
         let sample = sample.expect("a sample follows");
         assert_eq!((health.sequence, health.clock_us), (sample.sequence, sample.clock_us));
-        // Dark conversions, settling, half of the lit ones; and from channel to channel all of them.
+        // Dark conversions, settling, half of the lit ones; and all of them from channel to channel.
         assert_eq!((health.timing.first_us, health.timing.step_us), (12 + 100 + 6, 236));
         assert_eq!(health.dark, std::array::from_fn(|channel| 160 * channel as u16));
         let degrees = i32::from(health.vitals.temperature_cdeg.unwrap());
@@ -329,7 +329,7 @@ fn health_goes_before_the_first_sample_after_a_change_and_once_a_second() {
     bench.run_for(30_000);
     let [(health, _)] = bench.healths()[..] else { panic!("one word of the change") };
     assert_eq!((health.timing.first_us, health.timing.step_us), (6 + 100 + 3, 218));
-    // Whoever starts a stream that runs wants to know.
+    // A repeated start requests a new report.
     bench.tell(Command::Start);
     bench.run_for(10_000);
     assert_eq!(bench.healths().len(), 1);
@@ -342,13 +342,13 @@ fn where_frames_fill_their_period_health_makes_none_late() {
     bench.world.settling_us.set(30);
     bench.done(Command::SetSettling { settling_us: 30 });
     bench.done(Command::SetOversampling { conversions: 16 });
-    // 8 · (2 · 30 + 3 · 24 + 30) µs are thought of, 1,056 µs are taken.
+    // 8 · (2 · 30 + 3 · 24 + 30) µs are planned, 1,056 µs are taken.
     bench.done(Command::SetPeriod { period_us: 1_296 });
     bench.tell(Command::Start);
     bench.run_for(5_000_000);
     let healths = bench.healths();
     assert!(healths.len() >= 5);
-    // 240 µs are left, less than measuring may take.
+    // 240 µs remain, less than a measurement may take.
     assert!(healths.iter().all(|(health, _)| health.vitals.supply_mv.is_none()));
     assert_eq!(bench.status().late, 0);
     bench.done(Command::SetPeriod { period_us: 1_310 });
@@ -413,8 +413,9 @@ fn the_watchdog_is_not_fed_while_a_conversion_does_not_end() {
     assert!(bench.world.longest_unfed_us.get() >= 5_000_000);
 }
 
-// Light of 300 steps' amplitude over a reading of 1,600, at the settings after a reset, whose conversions of
-// 1.5 µs make Δ 112 µs: 300 · (1 − cos 2πfΔ) is 1.1 steps at 120.6 Hz, and a channel is rounded to a 16th.
+// Light with an amplitude of 300 steps over a reading of 1,600, at the settings after a reset, whose
+// conversions of 1.5 µs make Δ 112 µs: 300 · (1 − cos 2πfΔ) is 1.1 steps at 120.6 Hz, and a channel is
+// rounded to a 16th of a step.
 #[test]
 fn of_light_that_flickers_less_than_two_steps_are_left() {
     for mains in [50.0, 60.0, 100.0, 120.0] {

@@ -1,7 +1,6 @@
 """Calibration and trial processing for an optical 6-axis force/torque shell.
 
-Nothing but names is imported until one is used: `import shellcal` costs a few milliseconds, numpy is loaded
-with the first array.
+Imports are lazy: `import shellcal` takes a few milliseconds, and numpy is loaded with the first array.
 """
 
 from __future__ import annotations

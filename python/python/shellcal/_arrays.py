@@ -1,4 +1,4 @@
-"""Arrays that users give, as the matrices that the core takes, or an exception that says what to do."""
+"""Conversion of the user's arrays to matrices for the core, or an exception with a hint."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy.typing as npt
 from ._errors import ArrayError
 
 Matrix = npt.NDArray[np.float64]
-#: How often each row is there; how much each counts; which rows are there at all.
+#: Number of repetitions of each row; weight of each row; mask of the rows that are used.
 Weights = tuple[npt.NDArray[np.uint32] | None, Matrix | None, npt.NDArray[np.bool_] | None]
 Labels = tuple[npt.NDArray[np.uint32], list[str]]
 
 #: Channels are counted in a byte.
 MOST_CHANNELS = 255
-#: What exact sums hold.
+#: Capacity of the exact sums.
 MOST_ROWS = 2**30
 AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
@@ -64,7 +64,7 @@ def wrench(value: Any, rows: int) -> Matrix:
 
 
 def labels(value: Any, rows: int) -> Labels | None:
-    """`groups`: for each row the label of what is held out together."""
+    """`groups`: for each row the label of its group; a group is held out as a whole."""
     if value is None:
         return None
     array = np.asarray(value)
@@ -102,7 +102,7 @@ def times(value: Any, rows: int) -> Matrix | None:
 
 
 def weights(value: Any, rows: int) -> Weights:
-    """`sample_weight`: whole numbers are numbers of rows, others weights of squares."""
+    """`sample_weight`: integers are repetitions of rows, other numbers weights of squares."""
     if value is None:
         return None, None, None
     array = np.asarray(value)
@@ -135,7 +135,7 @@ def weights(value: Any, rows: int) -> Weights:
 
 def _matrix(value: Any, name: str, columns_of_vectors: bool = False) -> Matrix:
     if hasattr(value, "toarray") and hasattr(value, "nnz"):
-        # A TypeError is what users of sparse matrices know.
+        # Users of sparse matrices expect a TypeError.
         raise TypeError(f"{name} is a sparse matrix, which is not taken: give {name}.toarray()")
     array = np.asarray(value)
     kind = array.dtype.kind
@@ -155,7 +155,7 @@ def _matrix(value: Any, name: str, columns_of_vectors: bool = False) -> Matrix:
             f"Expected 2D array, got {array.ndim}D array instead: {name} has the shape {array.shape}",
             hint="Reshape your data: one row for each sample, array.reshape(1, -1) for a single one",
         )
-    # Another width or byte order and fields that are not aligned are copied; any strides are not.
+    # Other widths or byte orders, and unaligned fields, are copied; arbitrary strides are not.
     return np.require(array, np.float64, ["A"])
 
 
@@ -176,7 +176,7 @@ def _numbers(array: npt.NDArray[Any], name: str) -> Matrix:
 
 
 def _finite(array: Matrix, name: str, columns: list[str]) -> Matrix:
-    # A sum that is finite has finite terms only; the terms are looked at where it is not.
+    # A finite sum implies finite terms; otherwise the terms are checked one by one.
     with np.errstate(over="ignore", invalid="ignore"):
         if np.isfinite(array.sum()):
             return array

@@ -1,8 +1,8 @@
-"""Columns of numpy as an Arrow stream, by the C data interface and the PyCapsule interface.
+"""numpy columns as an Arrow stream, by the C data interface and the PyCapsule interface.
 
-https://arrow.apache.org/docs/format/CDataInterface.html. The structures are made with `ctypes`, from what every
-Python has: numbers are lent where they are, texts are copied into one run of bytes. The stream has one record
-batch, of columns without nulls.
+https://arrow.apache.org/docs/format/CDataInterface.html. The structures are built with `ctypes` from the standard
+library. Numbers are shared without a copy, texts are copied to a contiguous buffer. The stream has one record batch,
+with columns without nulls.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ _Stream._fields_ = [
     ("private_data", c_void_p),
 ]
 
-#: What consumers still hold, by a number that its structure carries: memory that is lent must not go.
+#: Objects that consumers still hold, by a number that the structure carries: shared memory must stay alive.
 _lent: dict[int, Any] = {}
 _next = iter(range(1, 2**63))
 
@@ -78,10 +78,10 @@ def _lend(things: Any) -> int:
 
 
 def _releasing(kind: Any) -> Any:
-    """The function that releases a structure of this kind.
+    """Returns the function that releases a structure of this kind.
 
-    A consumer may call it at the very end, when the names of this module are gone: it brings what it needs, and
-    stays for ever.
+    A consumer may call it at interpreter exit, when the names of this module are gone. So it carries its dependencies,
+    and is never freed.
     """
 
     def release(
@@ -92,7 +92,7 @@ def _releasing(kind: Any) -> Any:
         size: int = ctypes.sizeof(c_void_p),
     ) -> None:
         own = structure.contents
-        # Those in it that nobody has moved out.
+        # Children that the consumer has not moved out.
         for place in range(getattr(own, "n_children", 0)):
             child = own.children[place]
             if child and child.contents.release:
@@ -112,7 +112,7 @@ _release_stream = _releasing(_ReleaseStream)
 
 
 class _Column:
-    """A column as Arrow has it: its format, and its buffers, the first of which would be of nulls."""
+    """A column in Arrow's format: its format string and its buffers, the first of which would hold nulls."""
 
     def __init__(self, name: str, values: npt.NDArray[Any]) -> None:
         self.name = name.encode()
@@ -137,7 +137,7 @@ class _Column:
 
 
 def _texts(values: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
-    """Where each text begins, and all of them in UTF-8, one after the other."""
+    """Returns the offsets of the texts, and all texts in UTF-8, one after the other."""
     names, places = np.unique(values, return_inverse=True)
     encoded = [str(name).encode() for name in names]
     lengths = np.asarray([len(text) for text in encoded], dtype=np.int64)
@@ -173,7 +173,7 @@ def _struct_array(array: _Array, columns: list[_Column]) -> None:
 
 
 def stream(columns: Mapping[str, npt.NDArray[Any]]) -> Any:
-    """The capsule of a stream of these columns."""
+    """Returns the capsule of a stream of these columns."""
     own = [_Column(name, values) for name, values in columns.items()]
     is_done = False
 
@@ -215,7 +215,7 @@ def _destroy(
     capsule: Any, at: Any = _get_pointer, name: bytes = _NAME, capsules: Any = _capsules, to: Any = pointer
 ) -> None:
     made = capsules.pop(at(capsule, name), None)
-    # A consumer that took the stream has marked this one as released.
+    # A consumer that took the stream has marked it as released.
     if made is not None and made.release:
         made.release(to(made))
 

@@ -1,4 +1,4 @@
-"""Calibrations: from readings to wrenches, with errors that can be trusted."""
+"""Calibrations: conversion of readings to wrenches, with reliable error estimates."""
 
 from __future__ import annotations
 
@@ -36,36 +36,35 @@ class Calibration:
     Parameters
     ----------
     model : {"linear", "cubic", "quadratic", "cubic+products", "poly3", "auto", "physics"}
-        ``"auto"`` compares all on held-out groups (`groups`, or plateaus, or stretches of time) and takes the
-        smallest polynomial that predicts them as well as the best, with its ridge, or the physics model
-        where that predicts them better. ``"physics"`` is what photointerrupters answer to a wrench,
-        inverted: for few poses, and for loads beyond them. It holds all rows in memory, takes some seconds,
-        and has no use for `intercept`, `ridge`, `solver`, `truncate` and `covariance`.
+        ``"auto"`` compares all models on held-out groups (`groups`, or plateaus, or stretches of time). It takes the
+        smallest polynomial that predicts them as well as the best, with its ridge, or the physics model if that
+        predicts them better. ``"physics"`` inverts the response of photointerrupters to a wrench: for few poses, and
+        for loads outside their range. It holds all rows in memory, takes some seconds, and does not use `intercept`,
+        `ridge`, `solver`, `truncate` and `covariance`.
     intercept : bool
         Whether to fit a constant.
     ridge : float
         λ ≥ 0 of a penalty on coefficients, relative to features of norm one.
     solver : str
-        ``"exact"`` unless told otherwise: sums of integers without rounding, right to the last place, the
-        same bits for any order of the rows. Readings that are no counts of a converter are solved by
-        refined QR, with a warning where that loses digits. The others are those of ``shellcal fit --solver``.
+        ``"exact"`` by default: integer sums without rounding, exact to the last digit, with the same bits for any
+        order of the rows. Readings that are not counts of a converter are solved by refined QR, with a warning if that
+        loses digits. The others are those of ``shellcal fit --solver``.
     truncate : float, optional
-        With ``solver="svd"``: leaves out directions whose singular value is below this share of the
-        largest.
+        With ``solver="svd"``: leaves out directions with a singular value below this fraction of the largest.
     lag : float or "auto"
-        How much later than the readings the reference shows a load, s; rows, without `time`. ``"auto"`` finds it.
+        Delay of the reference after the readings, s; in rows without `time`. ``"auto"`` estimates it.
     memory_terms : sequence of float or "auto"
-        Time constants, s, of the terms ``s - EMA(s)`` that each channel gets; rows, without `time`. ``"auto"`` takes
-        those that lower the errors on rows that were held out. Rows have to be in the order of time.
+        Time constants, s, of the terms ``s - EMA(s)`` that are added for each channel; in rows without `time`.
+        ``"auto"`` takes those that lower the errors on held-out rows. Rows must be in the order of time.
     cv : bool or int
-        Whether `fit` finds the errors on held-out groups, too: each group alone, or in so many folds. With
-        ``model="auto"`` it does in any case.
+        Whether `fit` also computes errors on held-out groups: each group alone, or in this many folds. With
+        ``model="auto"`` it always does.
     covariance : {"auto", "groups", "rows", "none"}
-        What standard errors come from: ``"auto"`` takes groups where there are ten, rows otherwise.
+        Source of the standard errors: ``"auto"`` takes groups if there are at least ten, otherwise rows.
     seed : int
-        How rows are assigned to the random split that `cv` compares with.
+        Seed of the random split that `cv` compares with.
     threads : int
-        0 for one per core. No result depends on it.
+        Number of threads, 0 for one per core. No result depends on it.
     serial : str, optional
         The label of the sensor, for the file.
 
@@ -74,16 +73,16 @@ class Calibration:
     n_features_in_ : int
         Channels.
     document_ : dict
-        All that the calibration file says: coefficients, diagnostics, covariance.
+        The content of the calibration file: coefficients, diagnostics, covariance.
     coefficients_ : ndarray of shape (terms, 6)
-        For readings ``z = (s - centre) / scale``, in N and N·m. The physics model has none.
+        For readings ``z = (s - centre) / scale``, in N and N·m. Not available for the physics model.
     terms_ : list of str
         The feature of each row of `coefficients_`.
     diagnostics_ : dict
-        Rows, rank, condition and errors, also on held-out groups.
+        Rows, rank, condition number and errors, also on held-out groups.
     verdict_ : list of str
-        What the calibration is worth: the error on data that were not used for the fit, the 95 % interval of
-        a sample, what to use it for, what to record next.
+        Assessment of the calibration: the error on data that were not used for the fit, the 95 % interval of a sample,
+        suitable uses, and recommended further recordings.
     """
 
     document_: dict[str, Any]
@@ -92,7 +91,7 @@ class Calibration:
     feature_names_in_: Any
     _fitted: Fitted
     _outputs: int | None
-    #: Some of the rows, for the figure; or the figure.
+    #: A sample of the rows for the figure; or the figure.
     _shown: tuple[_arrays.Matrix, _arrays.Matrix] | str | None
 
     def __init__(
@@ -124,7 +123,7 @@ class Calibration:
         self.threads = threads
         self.serial = serial
 
-    # What scikit-learn asks of an estimator, without importing it.
+    # The interface of a scikit-learn estimator, without importing scikit-learn.
 
     @classmethod
     def _names(cls) -> list[str]:
@@ -156,7 +155,7 @@ class Calibration:
     def __sklearn_is_fitted__(self) -> bool:
         return hasattr(self, "_fitted")
 
-    # From rows to a calibration.
+    # Fitting
 
     def fit(
         self,
@@ -172,29 +171,29 @@ class Calibration:
         Parameters
         ----------
         X : array of shape (n, channels)
-            Readings, counts: one row per sample. Not copied where it is of `float64`, whatever its strides.
+            Readings, counts: one row per sample. Not copied if the type is `float64`, for any strides.
         y : array of shape (n, 6)
-            The wrench that the reference measured: Fx, Fy, Fz in N, Mx, My, Mz in N·m. Fewer columns are
-            taken as the first of these.
+            The wrench measured by the reference: Fx, Fy, Fz in N, Mx, My, Mz in N·m. Fewer columns are the first of
+            these.
         sample_weight : array of shape (n,), optional
-            Whole numbers say how often each row is there: everything is, to the last bit, that of a fit to
-            rows repeated so often, and takes as long. Other numbers w weight the squares of errors, as if
-            the variance of a row were divided by w; standard errors are those of a sample of weight 1.
-            No sum of such rows is exact: they are solved by refined QR, with a warning, without `cv`, `ridge` or
-            errors by group, and ``"auto"`` takes the cubic model. Diagnostics count every row once. 0 leaves a row out.
+            Integers are repetitions of a row: the result is, to the last bit, that of a fit to the repeated rows, and
+            takes as long. Other numbers w weight the squares of errors, as if the variance of a row were divided by w;
+            standard errors are for a sample of weight 1. Such rows have no exact sums: they are solved by refined QR,
+            with a warning, without `cv`, `ridge` or errors by group, and ``"auto"`` takes the cubic model.
+            Diagnostics count every row once. 0 leaves a row out.
         groups : array of shape (n,), optional
-            A label per row of what resembles each other: pose, session, file. Standard errors, held-out
-            errors and the choice of a model come from these.
+            A label per row for rows that resemble each other: pose, session, file. Standard errors, held-out errors and
+            the choice of a model are based on these groups.
 
         Returns
         -------
         Calibration
-            This one.
+            This calibration.
 
         Raises
         ------
         ArrayError
-            Of the shape, type or content of an array.
+            If the shape, type or content of an array is unsuitable.
         FitError
             If the rows do not determine the coefficients.
         """
@@ -216,7 +215,7 @@ class Calibration:
             warnings.warn(message, ShellcalWarning, stacklevel=2)
         self._take(fitted)
         self._outputs = None if np.asarray(y).ndim == 1 else wrench.shape[1]
-        # Of rows that are not one after the other nothing is remembered.
+        # Without consecutive rows, memory terms cannot be evaluated.
         self._shown = None if fitted.has_memory() else _some_rows(readings, wrench)
         if names is not None:
             self.feature_names_in_ = names
@@ -269,7 +268,7 @@ class Calibration:
             raise Expected(message)
         raise NotFittedError(message)
 
-    # From readings to wrenches.
+    # Conversion of readings to wrenches
 
     def predict(
         self,
@@ -279,24 +278,24 @@ class Calibration:
         *,
         time: Any = None,
     ) -> Any:
-        """The wrench of every row, without a tare.
+        """Returns the wrench of every row, without a tare.
 
         Parameters
         ----------
         X : array of shape (n, channels)
             Readings, counts.
         return_std : bool
-            Also give standard errors.
+            Whether to return standard errors, too.
         interval : float, optional
-            Also give the bounds of the interval that holds this share of new samples, such as 0.95.
+            Level, such as 0.95, of intervals for new samples whose bounds are returned, too.
         time : array of shape (n,), optional
-            The time of each row, s, which memory terms take; rows are then those of one recording, in order. Where the
-            reference lagged, wrenches are those that it shows at these times.
+            The time of each row, s, which memory terms need; rows must then be those of one recording, in order. If the
+            reference has a lag, the wrenches are those that it shows at these times.
 
         Returns
         -------
         wrench : ndarray of shape (n, axes)
-            Fx, Fy, Fz in N, Mx, My, Mz in N·m, those that the calibration has; of shape (n,) after a fit to a single column.
+            Fx, Fy, Fz in N, Mx, My, Mz in N·m, as far as the calibration has them; of shape (n,) after a fit to a single column.
         std : ndarray of that shape
             If `return_std`.
         lower, upper : ndarrays of that shape
@@ -330,28 +329,28 @@ class Calibration:
         return wrench[:, : self._outputs]
 
     def convert(self, readings: Any, time: float | None = None) -> _arrays.Matrix:
-        """The wrench of one frame, with the bits of `predict`, at the cost of one: for loops that wait for it.
+        """Returns the wrench of one frame quickly, with the same bits as `predict`, for real-time loops.
 
-        Memory terms go on from the frame before, and start anew where time jumps, as at the start of a log: for two boards
-        load the calibration twice. With a lag it is the wrench at the time of the readings, which `predict` moves.
+        Memory terms continue from the previous frame, and restart when time jumps, as at the start of a log: for two
+        boards, load the calibration twice. With a lag the wrench is at the time of the readings, which `predict` shifts.
 
         Parameters
         ----------
-        readings : sequence of float
+            One value per channel.
             One for each channel.
-        time : float, optional
+            Time of the frame, s; required for a calibration with memory terms.
             When it was taken, s; of a calibration with memory terms.
         """
         return self._known().convert(readings, time)
 
     def out_of_range(self, X: Any) -> Any:
-        """For each row, whether a reading is outside the range of the training data."""
+        """Returns for each row whether a reading is outside the range of the training data."""
         fitted = self._known()
         return np.asarray(fitted.out_of_range(_arrays.readings(X, fitted.channels())))
 
     def score(self, X: Any, y: Any, sample_weight: Any = None, *, time: Any = None) -> float:
-        """R², the mean of the axes: 1 is perfect, 0 no better than the mean load. Squares are weighted by
-        `sample_weight`."""
+        """Returns R², the mean over the axes: 1 is perfect, 0 no better than the mean load. `sample_weight` weights
+        the squares."""
         predicted = np.asarray(self.predict(X, time=time))
         predicted = predicted.reshape(predicted.shape[0], -1)
         measured = _arrays.wrench(y, predicted.shape[0])
@@ -369,16 +368,16 @@ class Calibration:
         np.divide(residual, spread, out=of_axis, where=spread > 0.0)
         return float(np.where(spread > 0.0, 1.0 - of_axis, of_axis).mean())
 
-    # The file.
+    # Files
 
     @classmethod
     def load(cls, path: PathLike, *, edited: bool = False) -> Calibration:
-        """The calibration in a file of ``shellcal fit`` or of `save`; with `edited`, one that was changed since."""
+        """Loads a calibration from a file of ``shellcal fit`` or `save`; with `edited`, a file changed since then."""
         return cls._of(Fitted.load(os.fspath(path), edited))
 
     @classmethod
     def from_json(cls, document: str | bytes, name: str = "<json>", *, edited: bool = False) -> Calibration:
-        """The calibration in a document; with `edited`, in one that was changed since it was written."""
+        """Loads a calibration from a document; with `edited`, one changed since it was written."""
         data = document.encode() if isinstance(document, str) else document
         return cls._of(Fitted.parse(data, name, edited))
 
@@ -400,16 +399,16 @@ class Calibration:
         return new
 
     def to_json(self) -> str:
-        """The document, as ``shellcal fit`` writes it."""
+        """Returns the document, as ``shellcal fit`` writes it."""
         return self._known().to_json()
 
     def save(self, path: PathLike) -> None:
-        """Writes the document to a file, whole or not at all."""
+        """Writes the document to a file, completely or not at all."""
         write_whole(path, self.to_json().encode())
 
     def __getstate__(self) -> dict[str, Any]:
         state = dict(self.__dict__)
-        # The rows of the figure do not travel.
+        # The rows of the figure are not pickled.
         state.pop("_shown", None)
         if "_fitted" in state:
             state["_fitted"] = state["_fitted"].to_json()
@@ -421,7 +420,7 @@ class Calibration:
         if "_fitted" in state:
             self._fitted = Fitted.parse(state["_fitted"].encode(), "<pickle>", False)
 
-    # What it says of itself.
+    # Properties and display
 
     @property
     def diagnostics_(self) -> dict[str, Any]:
@@ -487,14 +486,14 @@ class Calibration:
             )
 
 
-#: Rows in the figure of a notebook.
+#: Maximum number of rows in the figure of a notebook.
 _SHOWN = 4000
 
 
 def _some_rows(
     readings: _arrays.Matrix, wrench: _arrays.Matrix
 ) -> tuple[_arrays.Matrix, _arrays.Matrix]:
-    """Rows for a figure: all, or some at random, the same every time."""
+    """Returns the rows of a figure: all, or a reproducible random sample."""
     rows = len(readings)
     if rows <= _SHOWN:
         return readings.copy(), wrench.copy()

@@ -1,4 +1,4 @@
-"""How far a model may be trusted on poses that it has not seen, and which model to take."""
+"""Reliability of a model on new poses, and choice of a model."""
 
 from __future__ import annotations
 
@@ -18,25 +18,24 @@ def cross_validate(
     sample_weight: Any = None,
     **options: Any,
 ) -> dict[str, Any]:
-    """Errors on groups that were held out, beside those on rows that were held out at random.
+    """Returns errors on held-out groups and, for comparison, on rows held out at random.
 
     Parameters
     ----------
     X, y, groups, sample_weight
-        As for `Calibration.fit`; `groups` have to be given.
+        As for `Calibration.fit`; `groups` are required.
     model : str
         As for `Calibration`.
     folds : int, optional
-        Folds of groups; each group alone unless told otherwise.
+        Number of folds of groups; by default each group is a fold.
     options
         Further parameters of `Calibration`, such as `ridge`.
 
     Returns
     -------
     dict
-        ``grouped`` and ``random``: for each axis ``rms`` and ``bias``, predicted less measured, in N and
-        N·m; ``groups``, ``folds``, ``rows``, and the groups that are ``undetermined``: without them the
-        model cannot be fitted.
+        ``grouped`` and ``random``: for each axis ``rms`` and ``bias``, predicted minus measured, in N and N·m;
+        ``groups``, ``folds``, ``rows``, and the ``undetermined`` groups, without which the model cannot be fitted.
     """
     if model == "auto":
         raise OptionError("cross_validate is for one model; choose_model compares all")
@@ -49,7 +48,7 @@ def cross_validate(
 def choose_model(
     X: Any, y: Any, groups: Any, *, sample_weight: Any = None, **options: Any
 ) -> Calibration:
-    """The smallest model that predicts new groups as well as the best of them, fitted.
+    """Fits and returns the smallest model that predicts new groups as well as the best one.
 
     `diagnostics_["selection"]` has all candidates with their errors. `X`, `y`, `groups` and
     `sample_weight` are as for `Calibration.fit`, `options` as for `Calibration`.

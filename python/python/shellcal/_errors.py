@@ -1,19 +1,19 @@
-"""Exceptions: what went wrong, where, and what to do about it."""
+"""Exceptions: the fault, its place, and a hint."""
 
 from __future__ import annotations
 
 
 class ShellcalError(ValueError):
-    """Anything that this package refuses.
+    """Base class of the exceptions of this package.
 
     Attributes
     ----------
     message : str
-        What is wrong, without the hint.
+        The fault, without the hint.
     file, line, column : str, int, int or None
-        Where, as far as that is known; lines and columns count from 1.
+        The place of the fault, as far as known; lines and columns count from 1.
     hint : str or None
-        What to do about it.
+        How to resolve the fault.
     """
 
     def __init__(
@@ -36,11 +36,11 @@ class ShellcalError(ValueError):
 
 
 class ArrayError(ShellcalError):
-    """An array of a shape, type or content that cannot be used."""
+    """An array with an unsuitable shape, type or content."""
 
 
 class OptionError(ShellcalError):
-    """An option that is not one of those there are."""
+    """An unknown option, or an invalid value."""
 
 
 class LogError(ShellcalError):
@@ -52,24 +52,24 @@ class DocumentError(ShellcalError):
 
 
 class FitError(ShellcalError):
-    """Rows that do not determine what is asked of them."""
+    """Rows that do not determine the requested model."""
 
 
 class MergeError(ShellcalError):
-    """Partial fits that are no parts of one fit."""
+    """Partial fits that do not belong to one fit."""
 
 
 class CountedTwiceError(MergeError):
-    """A partial fit whose rows have been counted already."""
+    """A partial fit whose rows were counted before."""
 
 
 class ProgramError(ShellcalError):
-    """The program `shellcal` could not do it."""
+    """A failure of the program `shellcal`."""
 
 
 class NotFittedError(ShellcalError, AttributeError):
-    """A calibration that has not been fitted or loaded yet."""
+    """A calibration that was not fitted or loaded yet."""
 
 
 class ShellcalWarning(UserWarning):
-    """A result that is to be read with care."""
+    """A result that needs caution."""

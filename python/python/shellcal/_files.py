@@ -1,4 +1,4 @@
-"""Files: how they are named, and written whole."""
+"""Files: path types, and atomic writing."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ PathLike = str | os.PathLike[str]
 
 
 def write_whole(path: PathLike, document: bytes) -> None:
-    """Writes a file, whole or not at all."""
+    """Writes a file, completely or not at all."""
     temporary = f"{os.fspath(path)}.{os.getpid()}.tmp"
     try:
         with open(temporary, "wb") as file:

@@ -1,4 +1,4 @@
-"""What results show of themselves in a notebook."""
+"""Display of results in a notebook."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def escaped(text: str) -> str:
 
 
 def calibration(name: str, document: dict[str, Any], figure: str | None = None) -> str:
-    """The table of errors, and the figure, an SVG document, if there is one."""
+    """Returns the table of errors, and the figure, an SVG document, if there is one."""
     diagnostics = document.get("diagnostics")
     if diagnostics is None:
         return f"<p>Calibration <b>{escape(name)}</b></p>"
@@ -35,7 +35,7 @@ def calibration(name: str, document: dict[str, Any], figure: str | None = None) 
         + f"<td>{unit}</td></tr>"
         for place, (axis, unit) in enumerate(_AXES)
     )
-    # As a picture: the names in an SVG document are its own, and nothing of it is part of the page.
+    # As an image, so that the ids in the SVG document do not become part of the page.
     picture = (
         ""
         if figure is None

@@ -17,15 +17,15 @@ _COLUMNS = ("format", "sensors", "wrench", "time", "group", "time_unit", "moment
 
 
 class Table(Mapping[str, npt.NDArray[Any]]):
-    """Columns of one length by name, each a numpy array.
+    """Named columns of equal length, each a numpy array.
 
-    A mapping (``pandas.DataFrame(dict(t))``); and an Arrow table by the PyCapsule interface, for whatever takes
-    one (``polars.DataFrame(t)``, ``pyarrow.table(t)``, ``duckdb.sql("from t")``).
+    The table is a mapping (``pandas.DataFrame(dict(t))``), and also an Arrow table by the PyCapsule interface
+    (``polars.DataFrame(t)``, ``pyarrow.table(t)``, ``duckdb.sql("from t")``).
 
     Attributes
     ----------
     about : dict
-        What the file was: format, rows that were left out, rows that repeat their readings.
+        Properties of the file: format, rows left out, rows that repeat their readings.
     """
 
     def __init__(self, columns: Mapping[str, npt.NDArray[Any]], about: dict[str, Any]) -> None:
@@ -46,7 +46,7 @@ class Table(Mapping[str, npt.NDArray[Any]]):
 
     @property
     def rows(self) -> int:
-        """Rows of every column."""
+        """Number of rows."""
         return max((len(column) for column in self._columns.values()), default=0)
 
     @property
@@ -57,17 +57,17 @@ class Table(Mapping[str, npt.NDArray[Any]]):
 
     @property
     def Y(self) -> npt.NDArray[np.float64]:
-        """The wrench, of shape (rows, axes): Fx, Fy, Fz in N, Mx, My, Mz in N·m, those that there are."""
+        """The wrench, of shape (rows, axes): Fx, Fy, Fz in N, Mx, My, Mz in N·m, as far as present."""
         axes = [name for name in _AXES if name in self._columns] or _AXES
         return np.column_stack([self[name] for name in axes])
 
     @property
     def groups(self) -> npt.NDArray[Any] | None:
-        """The label of each row, where the log has a group column."""
+        """The label of each row, if the log has a group column."""
         return self._columns.get("group")
 
     def __arrow_c_stream__(self, requested_schema: Any = None) -> Any:
-        # A consumer has to take the types that there are: `float64`, and `large_utf8` for text.
+        # The consumer has to accept the available types: `float64`, and `large_utf8` for text.
         from ._arrow import stream
 
         return stream(self._columns)
@@ -93,30 +93,30 @@ _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
 
 
 def read_log(path: PathLike, **options: Any) -> Table:
-    """Reads a log, in any of the formats that ``shellcal`` reads, whole into memory.
+    """Reads a log completely into memory, in any of the formats of ``shellcal``.
 
     Parameters
     ----------
     path : path
         The log, also compressed with gzip.
     format, sensors, wrench, time, group, time_unit, moment_unit : str, optional
-        What the columns are, where their names do not say, as the options of ``shellcal fit``: ``wrench`` names
+        Meanings of the columns, if their names do not tell, as for the options of ``shellcal fit``: ``wrench`` names
         six columns, or some with their axes (``fx=a,fz=b``).
     skip_bad_rows : bool
-        Leaves out rows that are wrong.
+        Leaves out invalid rows.
     threads : int
         0 for one per core.
 
     Returns
     -------
     Table
-        ``t_s`` in s, ``s1`` … in counts, ``fx_n`` … in N, ``mx_nm`` … in N·m, telemetry as it stands in the
-        log, ``group`` as text: those that the log has.
+        The columns of the log: ``t_s`` in s, ``s1`` … in counts, ``fx_n`` … in N, ``mx_nm`` … in N·m, telemetry without
+        conversion, ``group`` as text.
 
     Raises
     ------
     LogError
-        With file, line, column and what to do.
+        With file, line, column and a hint.
     """
     columns, groups, (kind, skipped, repeated) = _read_log(os.fspath(path), reading(options))
     found: dict[str, npt.NDArray[Any]] = dict(columns)
@@ -128,7 +128,7 @@ def read_log(path: PathLike, **options: Any) -> Table:
 
 
 def reading(options: dict[str, Any]) -> tuple[dict[str, str], bool, int]:
-    """The options of reading a log, as the core has them."""
+    """Converts the options of reading a log to the core's."""
     options = dict(options)
     skip, threads = options.pop("skip_bad_rows", False), options.pop("threads", 0)
     if not isinstance(threads, int) or not 0 <= threads <= 1024:

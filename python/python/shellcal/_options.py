@@ -1,4 +1,4 @@
-"""Options that are checked before they reach the library."""
+"""Options, checked before they reach the library."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from ._errors import OptionError
 
 
 def folds(cv: bool | int) -> tuple[int | None] | None:
-    """As the core has it: not asked for, each group, or so many folds."""
+    """Converts `cv` to the core's form: not requested, each group, or a number of folds."""
     if cv is False or cv is None:
         return None
     if cv is True:
@@ -27,7 +27,7 @@ def text(name: str, value: Any) -> str:
 
 
 def physics(given: dict[str, bool]) -> None:
-    """Whether only options were given that the physics model knows."""
+    """Checks that all given options apply to the physics model."""
     for name, is_given in given.items():
         if is_given:
             raise OptionError(
@@ -51,7 +51,7 @@ def count(name: str, value: Any, most: int = 2**64 - 1) -> int:
 
 
 def time_constants(value: Any) -> list[float] | None:
-    """Times of memory terms; `None` where they are searched for."""
+    """Times of memory terms; `None` to search for them."""
     if isinstance(value, str):
         if value == "auto":
             return None

@@ -1,4 +1,4 @@
-"""Who made a document, and when."""
+"""Creator and date of a document."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from datetime import datetime, timezone
 from ._errors import OptionError
 from ._native import __version__
 
-#: The last second that RFC 3339 has four digits of a year for.
+#: The last second for which RFC 3339 has a four-digit year.
 _LAST_SECOND = 253_402_300_799
 
 
 def made_by() -> tuple[str, str]:
-    """Program and version; the time in UTC, or that of `SOURCE_DATE_EPOCH`, for results byte for byte."""
+    """Returns program and version, and the UTC time or that of `SOURCE_DATE_EPOCH`, for reproducible results."""
     text = os.environ.get("SOURCE_DATE_EPOCH")
     if text is None:
         moment = datetime.now(timezone.utc)

@@ -1,4 +1,4 @@
-"""Partial fits: the exact sums over some rows, merged with those over others in any order."""
+"""Partial fits: exact sums over some rows, which can be merged in any order."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from ._origin import made_by
 
 
 class Partial:
-    """The sums over some rows: all that a fit of `model` needs to know of them.
+    """The sums over some rows: all that a fit of `model` needs from them.
 
-    Exact, so that whatever is merged with whatever in any order gives the bits of one fit over all rows.
+    The sums are exact, so any order of merging gives the bits of one fit over all rows.
 
     Parameters
     ----------
     model : {"linear", "cubic", "quadratic", "poly3", "auto"}
-        The largest model that is to be fitted; ``"auto"`` sums what the choice of a model needs.
+        The largest model to be fitted; ``"auto"`` sums the data for the choice of a model.
     intercept : bool
-        Whether there is to be a constant.
+        Whether the model has a constant.
     groups : bool or {"auto", "file", "column"}
-        Whether the sums of each group are kept, for held-out errors, the choice of a model and standard
-        errors by group. 12 kB a group for cubic, 100 kB for poly3 of eight channels.
+        Whether the sums of each group are kept, for held-out errors, the choice of a model and standard errors by
+        group. 12 kB per group for cubic, 100 kB for poly3 with eight channels.
     seed : int
-        How rows are assigned to the random split that held-out errors are compared with.
+        Seed of the random split for comparison with held-out errors.
     """
 
     def __init__(
@@ -49,15 +49,15 @@ class Partial:
         self._sums: _Sums | None = None
 
     def add(self, X: Any, y: Any, *, groups: Any = None, name: PathLike = "<array>") -> Partial:
-        """Adds rows: arrays as for `Calibration.fit`, called `name`. The same rows are refused twice.
+        """Adds rows: arrays as for `Calibration.fit`, called `name`. Adding the same rows twice is an error.
 
         Raises
         ------
         FitError
-            If the rows cannot be summed exactly: readings have to be counts of a converter. Logs of other
-            numbers can be added (`add_logs`).
+            If the rows have no exact sums: readings must be counts of a converter. Logs with other numbers can be
+            added with `add_logs`.
         CountedTwiceError
-            If the same rows have been added already.
+            If the same rows were added before.
         """
         readings = _arrays.readings(X)
         wrench = _arrays.wrench(y, readings.shape[0])
@@ -68,21 +68,21 @@ class Partial:
         return self._add(new)
 
     def add_logs(self, *paths: PathLike, fresh: bool = False, **columns: Any) -> Partial:
-        """Adds the rows of logs. `columns` are those of `read_log`; `fresh` leaves out rows that repeat
-        the readings of the row before. Where no exact sums can be had of them, as of readings in volts, R factors of a
-        QR factorisation are kept, which merge with their like alone, and to the last digits but one."""
+        """Adds the rows of logs. `columns` are those of `read_log`; `fresh` leaves out rows that repeat the previous
+        readings. Logs without exact sums, as with readings in volts, are kept as R factors of a QR factorisation, which
+        merge only with each other, and are exact to the last digits but one."""
         files = [os.fspath(path) for path in paths]
         return self._add(_Sums.from_logs(files, self._what, fresh, reading(columns), made_by()))
 
     def merge(self, other: Partial) -> Partial:
-        """Adds the rows of another; this one stays as it was where that cannot be.
+        """Adds the rows of another partial fit; after an error this one is unchanged.
 
         Raises
         ------
         MergeError
-            If both are not parts of one fit.
+            If the two do not belong to one fit.
         CountedTwiceError
-            If rows of the other have been counted already.
+            If rows of the other were counted before.
         """
         if other._sums is not None:
             self._add(other._sums)
@@ -98,7 +98,7 @@ class Partial:
         return self
 
     def has_counted(self, other: Partial) -> bool:
-        """Whether all sources of `other` are among those of this one."""
+        """Whether all sources of `other` are among the sources of this one."""
         if self._sums is None or other._sums is None:
             return False
         return self._sums.has_counted(other._sums.copy() if other is self else other._sums)
@@ -112,9 +112,9 @@ class Partial:
         covariance: str = "auto",
         serial: str | None = None,
     ) -> Calibration:
-        """The calibration, of `model` or a smaller one, as ``shellcal merge`` gives it.
+        """Returns the calibration with `model` or a smaller one, as ``shellcal merge`` does.
 
-        It lacks what takes the rows: largest errors, how errors and loads are distributed.
+        It lacks the results that need the rows: largest errors, and distributions of errors and loads.
         """
         fitted = self._known().solve(
             None if model is None else _options.text("model", model),
@@ -131,29 +131,29 @@ class Partial:
             raise OptionError("this partial fit has no rows: `add` some")
         return self._sums
 
-    # As bytes.
+    # Serialisation
 
     def to_bytes(self) -> bytes:
-        """The document, as ``shellcal merge --partial`` writes it."""
+        """Returns the document, as ``shellcal merge --partial`` writes it."""
         return self._known().document()
 
     @classmethod
     def from_bytes(cls, document: bytes) -> Partial:
-        """The partial fit in a document."""
+        """Parses a document."""
         return cls._of(_Sums.parse(document))
 
     @classmethod
     def load(cls, path: PathLike) -> Partial:
-        """The partial fit in a file."""
+        """Loads a file."""
         return cls._of(_Sums.load(os.fspath(path)))
 
     @classmethod
     def read_all(cls, documents: bytes) -> list[Partial]:
-        """Partial fits that stand one after the other."""
+        """Parses concatenated partial fits."""
         return [cls._of(sums) for sums in read_partials(documents)]
 
     def save(self, path: PathLike) -> None:
-        """Writes the document to a file, whole or not at all."""
+        """Writes the document to a file, completely or not at all."""
         write_whole(path, self.to_bytes())
 
     @classmethod
@@ -176,21 +176,21 @@ class Partial:
 
     __hash__ = None  # type: ignore[assignment]
 
-    # What it is.
+    # Properties
 
     @property
     def rows(self) -> int:
-        """Rows summed."""
+        """Number of summed rows."""
         return 0 if self._sums is None else self._sums.rows()
 
     @property
     def groups(self) -> list[str] | None:
-        """The labels of the groups, where they are kept."""
+        """The labels of the groups, if they are kept."""
         return None if self._sums is None else self._sums.groups()
 
     @property
     def sources(self) -> list[tuple[str, str | None, int]]:
-        """Name, checksum and rows of everything that was added."""
+        """Name, checksum and rows of every source."""
         if self._sums is None:
             return []
         return [(os.fspath(path), checksum, rows) for path, checksum, rows in self._sums.sources()]
@@ -214,7 +214,7 @@ def partial_fit(
     seed: int = 1,
     **columns: Any,
 ) -> Partial:
-    """The partial fit of a log, or of several: what ``shellcal fit --partial`` writes."""
+    """Returns the partial fit of one or more logs, as ``shellcal fit --partial`` writes it."""
     paths = [logs] if isinstance(logs, (str, os.PathLike)) else list(logs)
     return Partial(model, intercept=intercept, groups=groups, seed=seed).add_logs(*paths, **columns)
 
@@ -222,10 +222,10 @@ def partial_fit(
 def merge(
     partials: Iterable[Partial], *, duplicates: str = "refuse", skipped: list[str] | None = None
 ) -> Partial:
-    """All partial fits as one, one at a time in memory beside the sum.
+    """Merges all partial fits, with only one at a time in memory in addition to the sum.
 
-    With ``duplicates="skip"`` those whose sources have all been counted already are left out, and their
-    names put into `skipped`: for queues that deliver twice.
+    With ``duplicates="skip"``, partial fits whose sources were all counted before are left out, and their names are
+    added to `skipped`: for queues that may deliver twice.
     """
     if duplicates not in ("refuse", "skip"):
         raise OptionError(f"duplicates is {duplicates!r}, expected `refuse` or `skip`")

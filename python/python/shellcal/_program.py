@@ -1,7 +1,7 @@
-"""What works on whole files, as the program does it: the same options, the same bits.
+"""Functions on whole files, computed by the program: the same options, the same bits.
 
-The program lies in the wheel. It runs as a process of its own, so the interpreter is not held up, Ctrl-C ends
-it, and no result depends on which of both was asked.
+The program is part of the wheel. It runs as a separate process, so it does not block the interpreter, and Ctrl-C ends
+it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _Paths = PathLike | Iterable[PathLike]
 
 
 def program() -> str:
-    """The path of the program: that of `SHELLCAL_PROGRAM`, of the wheel, or on the `PATH`."""
+    """Returns the path of the program: from `SHELLCAL_PROGRAM`, from the wheel, or from the `PATH`."""
     named = os.environ.get("SHELLCAL_PROGRAM")
     if named:
         return named
@@ -56,14 +56,14 @@ def program() -> str:
 def run(command: str, *inputs: PathLike, ok: tuple[int, ...] = (0,), **options: Any) -> Any:
     """Runs a command of the program and returns what it prints with ``--json``.
 
-    Options are named as those of the program, with ``_`` for ``-``: ``True`` gives a flag, a list several
-    values, ``None`` nothing. What the program warns of becomes a `ShellcalWarning`. What takes long shows a bar,
-    where tqdm is installed, in notebooks and terminals.
+    Options have the names of the program's, with ``_`` for ``-``: ``True`` is a flag, a list several values, ``None``
+    no option. Warnings of the program become `ShellcalWarning`. Long runs show a progress bar in notebooks and
+    terminals if tqdm is installed.
 
     Raises
     ------
     ProgramError
-        With what the program says, its file, line and column, and its hint.
+        With the program's message, file, line and column, and hint.
     """
     arguments = [program(), *command.split(), "--json"]
     for name, value in options.items():
@@ -90,7 +90,7 @@ _PROGRESS = re.compile(rb"progress: (\d+)/(\d+)\s*$")
 
 
 def _execute(arguments: list[str], progress: _progress.Progress | None) -> tuple[int, bytes, str]:
-    """Exit code, standard output and what was said besides, but for the progress."""
+    """Returns exit code, standard output, and standard error without the progress."""
     if progress is None:
         done = subprocess.run(arguments, capture_output=True, stdin=subprocess.DEVNULL, check=False)
         return done.returncode, done.stdout, done.stderr.decode(errors="replace")
@@ -102,7 +102,7 @@ def _execute(arguments: list[str], progress: _progress.Progress | None) -> tuple
         arguments, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
         assert process.stdout is not None and process.stderr is not None
-        # Both pipes are read, or the program would wait for one of them.
+        # Both pipes must be read, otherwise the program would block on one of them.
         output = process.stdout
         reader = threading.Thread(target=lambda: printed.append(output.read()))
         reader.start()
@@ -164,7 +164,7 @@ def _paths(paths: _Paths) -> list[PathLike]:
 
 
 class _Calibrated:
-    """The file of a calibration, for as long as the program reads it."""
+    """The file of a calibration, which exists while the program reads it."""
 
     def __init__(self, calibration: Calibration | PathLike) -> None:
         self._calibration = calibration
@@ -184,9 +184,9 @@ class _Calibrated:
 
 
 def fit_logs(train: _Paths, test: _Paths = (), **options: Any) -> Calibration:
-    """``shellcal fit``: a calibration from logs, byte for byte that of the program.
+    """``shellcal fit``: fits a calibration from logs, byte for byte as the program does.
 
-    `options` are those of the program: ``model="physics"``, ``cv=True``, ``plot="fit.svg"`` and so on.
+    `options` are the program's: ``model="physics"``, ``cv=True``, ``plot="fit.svg"`` and so on.
     """
     with tempfile.TemporaryDirectory(prefix="shellcal-") as folder:
         output = Path(folder) / "calibration.json"
@@ -204,13 +204,13 @@ def fit_logs(train: _Paths, test: _Paths = (), **options: Any) -> Calibration:
 def convert(
     calibration: Calibration | PathLike, log: PathLike, output: PathLike | None = None, **options: Any
 ) -> Any:
-    """``shellcal convert``: forces and moments of a log, tared and filtered as the program does it.
+    """``shellcal convert``: forces and moments of a log, tared and filtered as by the program.
 
     Returns
     -------
     Table
-        The columns that the program writes: ``t_s`` in s, ``fx_n`` … in N, ``mx_nm`` … in N·m, standard
-        errors and flags; with `output` what the program says of it, as a dict.
+        The columns of the program's output: ``t_s`` in s, ``fx_n`` … in N, ``mx_nm`` … in N·m, standard errors and
+        flags; with `output` the program's summary, as a dict.
     """
     with _Calibrated(calibration) as file, tempfile.TemporaryDirectory(prefix="shellcal-") as folder:
         path = Path(folder) / "wrench.csv" if output is None else Path(output)
@@ -231,7 +231,7 @@ def batch(
 ) -> Any:
     """``shellcal batch``: all trials of a manifest, with statistics by condition, as a dict.
 
-    Trials that could not be evaluated are in ``failures``; they raise no exception.
+    Trials that could not be evaluated are listed in ``failures``; they raise no exception.
     """
     if calibration is None:
         return run("batch", manifest, ok=(0, 1), **options)
@@ -245,26 +245,26 @@ def simulate(**options: Any) -> Any:
 
 
 def align(reference: PathLike, log: PathLike, output: PathLike, **options: Any) -> Any:
-    """``shellcal align``: one training log of a reference's recording and a board's, as a dict with the
+    """``shellcal align``: joins a reference's and a board's recording to a training log; returns a dict with the
     offset (s) and its standard error."""
     return run("align", reference, log, output=output, **options)
 
 
 def synth(kind: str, output: PathLike, **options: Any) -> Any:
-    """``shellcal synth``: a recording from a model of the sensor: ``train``, ``test``, ``zero``, ``trial``
-    into a file, ``pair`` or ``trials`` into a folder."""
+    """``shellcal synth``: a recording from a model of the sensor: ``train``, ``test``, ``zero`` or ``trial`` into a
+    file, ``pair`` or ``trials`` into a folder."""
     if kind in ("pair", "trials"):
         return run(f"synth {kind}", output, **options)
     return run(f"synth {kind}", output=output, **options)
 
 
 def info(*logs: PathLike) -> Any:
-    """``shellcal info``: what logs are."""
+    """``shellcal info``: describes logs."""
     return run("info", *logs)
 
 
 def _read_csv(path: Path, about: Any) -> Table:
-    """The columns of a table that the program wrote: numbers, or text where they are none."""
+    """Reads the columns of a table that the program wrote: numbers, otherwise text."""
     with open(path, encoding="utf-8") as file:
         names = file.readline().rstrip("\n").split(",")
         cells = [line.rstrip("\n").split(",") for line in file]

@@ -1,4 +1,4 @@
-"""A bar of tqdm while something takes long, where tqdm is installed and somebody looks."""
+"""A tqdm progress bar for long operations, if tqdm is installed and the output is interactive."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-#: What takes less has no bar, in seconds, and does not import tqdm.
+#: Duration in seconds below which there is no bar, and tqdm is not imported.
 _DELAY = 1.0
 
 
 class Progress:
-    """Told how much is done; makes a bar when that is worth it."""
+    """Receives the progress; creates a bar for long operations."""
 
     def __init__(self, what: str, unit: str) -> None:
         self._what, self._unit = what, unit
@@ -32,7 +32,7 @@ class Progress:
             self._bar.update(done - self._bar.n)
 
     def close(self) -> None:
-        """Leaves the bar as it is."""
+        """Closes the bar in its current state."""
         if self._bar is not None:
             self._bar.close()
 
@@ -40,7 +40,7 @@ class Progress:
 def _bar(what: str, unit: str) -> Any:
     try:
         with warnings.catch_warnings():
-            # A notebook without widgets gets a bar of text.
+            # A notebook without widgets gets a text bar.
             warnings.simplefilter("ignore")
             from tqdm.auto import tqdm
 
@@ -56,7 +56,7 @@ def _is_watched() -> bool:
 
 @contextmanager
 def shown(what: str, unit: str) -> Iterator[Progress | None]:
-    """What is to be told how much is done; `None` where nobody looks."""
+    """Yields the receiver of the progress; `None` if the output is not interactive."""
     progress = Progress(what, unit) if _is_watched() else None
     try:
         yield progress

@@ -1,7 +1,7 @@
-"""Frames while a board sends them, from ``shellcal stream``.
+"""Frames in real time from ``shellcal stream``.
 
-The program runs as a process of its own, so what it passes on has the bits of its logs, and a loop in Python that is
-slow delays nobody: it loses frames, and is told how many.
+The program runs as a separate process, so its frames have the same bits as its logs, and a slow Python loop delays no
+other reader: it loses frames, and the program reports how many.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from ._program import PathLike, _Calibrated, _error, _option, program
 
 _Numbers = npt.NDArray[np.float64]
 
-#: Lines that wait for the loop, at most; then the program counts what is lost.
+#: Maximum number of lines that wait for the loop; beyond it the program counts losses.
 _WAITING = 4096
 
-#: How long the program may take to end, s.
+#: Time for the program to end, s.
 _PATIENCE = 5.0
 
 _AXES = ("fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm")
@@ -45,19 +45,19 @@ class Frame:
     Attributes
     ----------
     t : float
-        When it was taken, s on the board's clock.
+        Time of the frame, s on the board's clock.
     index : int
-        Its sequence number; what is between two is lost on the way from the board.
+        Sequence number; a gap means frames lost on the way from the board.
     host_t : float
-        When it arrived at this computer, s since 1970.
+        Arrival time at this computer, s since 1970.
     wrench, std : array of 6, or None
         Fx, Fy, Fz in N, Mx, My, Mz in N·m, and their standard errors; ``nan`` for axes that the calibration lacks.
     readings : array of 8, or None
-        Steps of the 12-bit converter.
+        In steps of the 12-bit converter.
     flags : tuple of str
-        Empty when all is well: ``"s3:range"``, ``"s3:saturated"``, ``"untared"``, ``"mark1"`` and so on.
+        Empty for a regular frame: ``"s3:range"``, ``"s3:saturated"``, ``"untared"``, ``"mark1"`` and so on.
     row, lost : int
-        Its number in the stream, and how many frames this loop has been too slow for so far.
+        Number of the frame in the stream, and number of frames that this loop has lost so far by being too slow.
     """
 
     __slots__ = ("t", "index", "host_t", "wrench", "std", "readings", "flags", "row", "lost")
@@ -94,7 +94,7 @@ def _numbers(row: dict[str, Any], names: tuple[str, ...]) -> _Numbers | None:
     values = [row.get(name) for name in names]
     if values.count(None) == len(names):
         return None
-    # None becomes nan.
+    # None becomes NaN.
     return np.array(values, dtype=np.float64)
 
 
@@ -114,7 +114,7 @@ def _block(frames: list[Frame]) -> FrameBlock:
 
 
 class _Lines:
-    """What the program prints, read by threads, which hold no stream alive."""
+    """The program's output, read by threads that do not keep the stream alive."""
 
     def __init__(self, process: subprocess.Popen[bytes]) -> None:
         self.lines: deque[bytes] = deque()
@@ -134,7 +134,7 @@ class _Lines:
         with out:
             for line in out:
                 if not line.endswith(b"\n"):
-                    break  # The program has ended in the middle of it, since nobody read.
+                    break  # The program has ended within a line, since its output was not read.
                 with self.changed:
                     while len(self.lines) >= _WAITING and not self.is_closing:
                         self.changed.wait()
@@ -159,7 +159,7 @@ class _Lines:
         self.waiters.clear()
 
     def take(self, timeout: float | None) -> bytes | None:
-        """The next line; ``None`` if there is none in time, or no more."""
+        """Returns the next line; ``None`` at a timeout or at the end."""
         with self.changed:
             if not self.lines and not self.is_over:
                 self.changed.wait_for(lambda: self.lines or self.is_over, timeout)
@@ -191,7 +191,7 @@ class _Lines:
 
 
 def _start(arguments: list[str]) -> subprocess.Popen[bytes]:
-    # Ctrl-C is for this process, which ends the other one; so it is in notebooks.
+    # This process handles Ctrl-C and ends the program; the same applies to notebooks.
     return subprocess.Popen(
         arguments,
         stdin=subprocess.PIPE,
@@ -207,7 +207,7 @@ def _wake(future: asyncio.Future[None]) -> None:
 
 
 class FrameStream:
-    """Frames of a board or a log, see `stream`. Iterate it, with ``for`` or ``async for``."""
+    """Frames of a board or a log, see `stream`. Supports ``for`` and ``async for``."""
 
     def __init__(self, arguments: list[str], calibrated: _Calibrated | None) -> None:
         self._calibrated = calibrated
@@ -249,12 +249,12 @@ class FrameStream:
         return self._frame(line)
 
     def read(self, timeout: float | None = None) -> Frame | None:
-        """The next frame; ``None`` at the end, or if there is none within `timeout` s.
+        """Returns the next frame; ``None`` at the end, or if none arrives within `timeout` s.
 
         Raises
         ------
         ProgramError
-            If the stream has ended for a reason: a port that is gone, a calibration that does not fit.
+            If the stream has failed: a lost port, an unsuitable calibration.
         """
         if self._is_closed:
             return None
@@ -265,7 +265,7 @@ class FrameStream:
         return self._frame(line)
 
     def latest(self) -> Frame | None:
-        """The newest frame, without waiting for one; older ones are passed over. ``None`` before the first."""
+        """Returns the newest frame without waiting, and skips older ones. ``None`` before the first."""
         line = None if self._is_closed else self._lines.take_newest()
         if line is not None:
             return self._frame(line)
@@ -273,7 +273,7 @@ class FrameStream:
         return self._latest
 
     def chunks(self, seconds: float) -> Iterator[FrameBlock]:
-        """Frames in blocks of so many seconds of the board's clock, as arrays; the last may be shorter."""
+        """Yields blocks of frames as arrays, each of this many seconds of the board's clock; the last may be shorter."""
         frames: list[Frame] = []
         for frame in self:
             if frames and not 0 <= frame.t - frames[0].t < seconds:
@@ -284,11 +284,11 @@ class FrameStream:
             yield _block(frames)
 
     def tare(self) -> None:
-        """Takes the mean wrench of the next 50 frames as zero; the first with it has the flag ``"tared"``."""
+        """Takes the mean wrench of the next 50 frames as zero; the first frame with it has the flag ``"tared"``."""
         self._order("tare")
 
     def untare(self) -> None:
-        """Takes that zero back."""
+        """Removes that zero."""
         self._order("untare")
 
     def mark(self) -> None:
@@ -296,16 +296,16 @@ class FrameStream:
         self._order("mark")
 
     def rate(self, hz: float | None) -> None:
-        """So many frames per second from now on, without aliasing; ``None`` for all."""
+        """Sets the number of frames per second, without aliasing; ``None`` for all."""
         self._order("rate all" if hz is None else f"rate {hz!r}")
 
     @property
     def lost(self) -> int:
-        """Frames that this loop has been too slow for, as the newest of them says."""
+        """Number of frames lost because this loop is too slow, as of the newest frame."""
         return 0 if self._latest is None else self._latest.lost
 
     def close(self) -> None:
-        """Ends the stream, and tells the board to stop. Twice is as good as once."""
+        """Ends the stream, and tells the board to stop. Can be called repeatedly."""
         self._is_closed = True
         self._end()
         if self._calibrated is not None:
@@ -334,7 +334,7 @@ class FrameStream:
                 warnings.warn(line.removeprefix("warning: "), ShellcalWarning, stacklevel=4)
 
     def _check(self) -> None:
-        """Raises why the stream has ended, if it was for a reason."""
+        """Raises the reason if the stream has failed."""
         if self._is_closed or not self._lines.is_over:
             return
         code = self._process.wait(_PATIENCE)
@@ -346,7 +346,7 @@ class FrameStream:
 
 
 def _end(process: subprocess.Popen[bytes], lines: _Lines) -> None:
-    """Ends the program: by the end of its input, and if that does not help, by force."""
+    """Ends the program: by closing its input, or by force if that does not help."""
     with lines.changed:
         lines.is_closing = True
         lines.lines.clear()
@@ -355,7 +355,7 @@ def _end(process: subprocess.Popen[bytes], lines: _Lines) -> None:
         if process.stdin is not None:
             process.stdin.close()
     except OSError:
-        pass  # It has ended before.
+        pass  # It has already ended.
     try:
         process.wait(_PATIENCE)
     except subprocess.TimeoutExpired:
@@ -368,18 +368,18 @@ def _end(process: subprocess.Popen[bytes], lines: _Lines) -> None:
 def stream(
     source: PathLike, calibration: Calibration | PathLike | None = None, **options: Any
 ) -> FrameStream:
-    """``shellcal stream``: frames while they arrive.
+    """``shellcal stream``: frames as they arrive.
 
     ``with shellcal.stream("/dev/ttyUSB0", calibration="cal.json", lowpass=10) as frames: for f in frames: …``
 
     Parameters
     ----------
     source
-        A serial port, ``tcp://HOST:PORT``, that of a `simulated_board`, or a log, which is played at its own pace.
+        A serial port, ``tcp://HOST:PORT``, the port of a `simulated_board`, or a log, which is played in real time.
     calibration
-        For forces.
+        Calibration for forces.
     options
-        Those of the program: ``lowpass=10``, ``no_lowpass=True``, ``no_tare=True``, ``rate=100``,
+        Options of the program: ``lowpass=10``, ``no_lowpass=True``, ``no_tare=True``, ``rate=100``,
         ``reconnect=True``, ``speed=4``. The board is told to start unless ``start=False``.
     """
     options.setdefault("start", True)
@@ -417,9 +417,9 @@ class SimulatedBoard:
         self.close()
 
     def load(self, *wrench: float) -> None:
-        """Puts a load on the shell from now on: Fx, Fy, Fz in N, Mx, My, Mz in N·m; what is left out is 0.
+        """Sets the load on the shell: Fx, Fy, Fz in N, Mx, My, Mz in N·m; missing values are 0.
 
-        Only of a board with ``load="-"``.
+        Only for a board with ``load="-"``.
         """
         line = ",".join(repr(float(value)) for value in (*wrench, *[0.0] * (6 - len(wrench))))
         assert self._process.stdin is not None
@@ -427,12 +427,12 @@ class SimulatedBoard:
         self._process.stdin.flush()
 
     def close(self) -> None:
-        """Switches it off."""
+        """Switches the board off."""
         self._end()
 
 
 def _document(out: IO[bytes]) -> bytes:
-    """The document of ``--json``, which ends with a brace alone on its line."""
+    """Reads the document of ``--json``, which ends with a brace alone on its line."""
     text = b""
     for line in out:
         text += line
@@ -451,14 +451,14 @@ def _end_board(process: subprocess.Popen[bytes]) -> None:
 
 
 def simulated_board(rate: float | None = None, **options: Any) -> SimulatedBoard:
-    """``shellcal board --simulate``: a board for who has none, until it is closed. Its port is ``board.port``.
+    """``shellcal board --simulate``: a simulated board, which runs until it is closed. Its port is ``board.port``.
 
     Parameters
     ----------
     rate
-        Frames per second in place of the usual 100, Hz.
+        Frames per second instead of the usual 100, Hz.
     options
-        Those of the program: ``seed=1``, ``radio="loss=0.1"``, ``load="load.csv"``, or ``load="-"`` for `SimulatedBoard.load`.
+        Options of the program: ``seed=1``, ``radio="loss=0.1"``, ``load="load.csv"``, or ``load="-"`` for `SimulatedBoard.load`.
     """
     arguments = [program(), "--json", "board", "--simulate", "--until-eof"]
     for name, value in options.items():
@@ -470,7 +470,7 @@ def simulated_board(rate: float | None = None, **options: Any) -> SimulatedBoard
 
 
 def _set_rate(board: SimulatedBoard, rate: float) -> None:
-    # Less averaging where eight channels would not fit into a period.
+    # Less averaging if eight channels would not fit into a period.
     quick = [["sampling", "--settling", "25", "--conversions", "4"]] if rate > 200 else []
     for order in [*quick, ["rate", repr(float(rate))]]:
         deadline = time.monotonic() + _PATIENCE

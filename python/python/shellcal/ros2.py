@@ -1,6 +1,6 @@
 """Wrenches for ROS 2, without an installed ROS: ``python -m shellcal.ros2 PORT --calibration cal.json``.
 
-Publishes over DDS by the package ``cyclonedds`` (``pip install shellcal[ros2]``), with the names, types and quality of
+Publishes over DDS with the package ``cyclonedds`` (``pip install shellcal[ros2]``), with the names, types and quality of
 service of ROS 2's middleware:
 
 =================  =======================================  ==========================================
@@ -12,8 +12,8 @@ ROS 2              DDS topic                                DDS type
                    ``rr/wrench/tareReply``                  ``std_srvs::srv::dds_::Trigger_Response_``
 =================  =======================================  ==========================================
 
-Requests and replies begin with the client's number and that of the request, as ``rmw_cyclonedds_cpp`` has them; other
-middlewares of ROS 2 have topics, not services, in common with it.
+Requests and replies begin with the numbers of the client and of the request, as in ``rmw_cyclonedds_cpp``; other ROS 2
+middlewares are compatible for topics, not for services.
 """
 
 import argparse
@@ -40,7 +40,7 @@ except ImportError as error:
     raise ImportError(f"{error}; `pip install shellcal[ros2]` installs it") from None
 
 
-# `cyclonedds` does not find the types of postponed annotations, so there are none in this file.
+# `cyclonedds` cannot resolve postponed annotations, so this file has none.
 
 
 @dataclass
@@ -99,7 +99,7 @@ class TriggerResponse(IdlStruct, typename="std_srvs::srv::dds_::Trigger_Response
 #: XCDR version 1, which ROS 2 writes.
 _CLASSIC = Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False)
 
-#: That of ROS 2's publishers unless told otherwise (``rmw_qos_profile_default``), and of its services.
+#: Default quality of ROS 2's publishers (``rmw_qos_profile_default``), and of its services.
 RELIABLE = Qos(
     Policy.Reliability.Reliable(100_000_000),
     Policy.Durability.Volatile,
@@ -107,7 +107,7 @@ RELIABLE = Qos(
     _CLASSIC,
 )
 
-#: That of ROS 2's publishers of sensors (``rmw_qos_profile_sensor_data``).
+#: Quality of ROS 2's sensor publishers (``rmw_qos_profile_sensor_data``).
 SENSOR = Qos(
     Policy.Reliability.BestEffort,
     Policy.Durability.Volatile,
@@ -136,7 +136,7 @@ class Node:
         return DataWriter(publisher, Topic(self._participant, name, kind, qos=qos), qos=qos)
 
     def publish(self, frame: Frame) -> None:
-        """Sends a frame; its stamp is the board's clock, set by this computer's at the first frame."""
+        """Publishes a frame; its stamp is the board's clock, set by this computer's at the first frame."""
         if frame.wrench is None:
             raise ShellcalError("there are no wrenches: name a calibration by `--calibration`")
         if self._start is None:
@@ -154,7 +154,7 @@ class Node:
         return WrenchStamped(Header(stamp, self._frame_id), wrench)
 
     def serve(self, frames: FrameStream, frame: Frame) -> None:
-        """Begins the tare that somebody has asked for, and answers when `frame` is the first with it."""
+        """Begins a requested tare, and replies when `frame` is the first frame with it."""
         requests = self._request.take(16)
         if requests:
             self._waiting += requests
@@ -201,7 +201,7 @@ def main(words: list[str] | None = None) -> int:
             for frame in frames:
                 node.publish(frame)
                 node.serve(frames, frame)
-            # Reliable readers get what is on its way.
+            # Gives reliable readers time to receive pending messages.
             time.sleep(0.1)
     except KeyboardInterrupt:
         pass

@@ -1,7 +1,7 @@
-//! Any bytes, cut anywhere, into every decoder.
+//! Feeds arbitrary bytes, cut anywhere, into every decoder.
 //!
-//! The first byte says where to cut. Beyond not panicking: cutting must not change what comes out,
-//! and what comes out must survive being sent again.
+//! The first byte selects the cuts. Besides the absence of panics, the target checks that cutting does not
+//! change the events, and that decoded packets survive another round trip.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,4 @@
-//! How much damage the CRC finds, and what noise does.
+//! The damage that the CRC detects, and the effect of noise.
 
 use shared_proto::{Decoder, Framing, Packet, Sample, Values};
 use system_tests::random::Random;
@@ -22,8 +22,8 @@ fn crc(content: &[u8]) -> u16 {
     })
 }
 
-/// What a flipped bit does to the difference between the CRC computed and the CRC received, for
-/// every bit of a packet of `content` bytes and a CRC. By linearity it does not depend on content.
+/// Returns the effect of a flipped bit on the difference between the computed and the received CRC, for every
+/// bit of a packet of `content` bytes and a CRC. By linearity it does not depend on the content.
 fn syndromes(content: usize) -> Vec<u16> {
     let zero = crc(&vec![0; content]);
     let mut syndromes: Vec<u16> = (0..8 * content)
@@ -37,12 +37,12 @@ fn syndromes(content: usize) -> Vec<u16> {
     syndromes
 }
 
-// The CRC is that of the bytes as they are sent, mask and all. An error of up to four bits goes unseen only
-// if the syndromes of two sets of at most two bits are equal; all of them differ.
+// The CRC covers the bytes as sent, including the mask. An error of up to four bits is undetected only if the
+// syndromes of two sets of at most two bits are equal; all of them differ.
 #[test]
 fn every_error_of_up_to_four_bits_in_a_sample_of_readings_is_found() {
     let packet = sample(&mut Random(1)).encode();
-    // Without the CRC, the code of COBS and the delimiter.
+    // Without the CRC, the COBS code and the delimiter.
     let single = syndromes(packet.len() - 4);
     let mut seen = vec![false; 1 << 16];
     seen[0] = true;
@@ -56,8 +56,8 @@ fn every_error_of_up_to_four_bits_in_a_sample_of_readings_is_found() {
     }
 }
 
-// Bits of the frame as it is on the line, whose first byte is the code of COBS, and where a flipped bit can turn
-// version 3 into version 2, whose CRC is another.
+// Flips bits of the frame as sent. Its first byte is the COBS code, and a flipped bit can turn version 3 into
+// version 2, which has a different CRC.
 #[test]
 fn no_error_of_up_to_three_bits_of_a_frame_passes_as_another_packet() {
     let sent = sample(&mut Random(5));
@@ -68,7 +68,7 @@ fn no_error_of_up_to_three_bits_of_a_frame_passes_as_another_packet() {
     let mut passed = 0;
     for first in 0..bits {
         for second in first..bits {
-            // Every seventh third bit: another seventh for each of the others.
+            // Every seventh third bit, with a different phase for each pair of the others.
             for third in (second + (first + second) % 7..bits).step_by(7) {
                 let mut damaged = body.to_vec();
                 [first, second, third].into_iter().for_each(|bit| flip(&mut damaged, bit));
@@ -80,8 +80,8 @@ fn no_error_of_up_to_three_bits_of_a_frame_passes_as_another_packet() {
     assert_eq!(passed, 0);
 }
 
-// Two to thirty bytes are replaced, so the CRC is as good as random: it misses 1 in 65,536. Over a
-// million frames that is 15.3 ± 3.9; six standard deviations above are 39.
+// Two to thirty bytes are replaced, so the CRC is effectively random: it misses 1 in 65,536. Over a million
+// frames that is 15.3 ± 3.9; six standard deviations above are 39.
 #[test]
 fn of_frames_damaged_beyond_recognition_no_more_pass_than_the_crc_allows() {
     let mut random = Random(1);
@@ -99,7 +99,7 @@ fn of_frames_damaged_beyond_recognition_no_more_pass_than_the_crc_allows() {
     assert!(passed <= 39, "{passed}");
 }
 
-// Random bytes, and bytes of which many have a meaning.
+// Random bytes, and bytes many of which have a meaning.
 #[test]
 fn ten_million_random_strings_do_no_harm() {
     const MEANINGFUL: [u8; 12] =
@@ -124,9 +124,9 @@ fn ten_million_random_strings_do_no_harm() {
             None => original.feed(&string[..len], |_| events += 1),
         }
     }
-    // Nothing to be found but what the CRC lets through: 10⁷ strings have some 10⁷ delimiters, one
-    // piece in 256 has a length and header that fit, one in 65,536 of those a CRC.
+    // Only accidental matches of the CRC: 10⁷ strings have about 10⁷ delimiters, one piece in 256 has a
+    // matching length and header, one in 65,536 of those a matching CRC.
     assert!(events < 100, "{events}");
-    // All that a decoder remembers is in place: it has nowhere to grow.
+    // A decoder stores all its state inline: it cannot grow.
     assert!(size_of::<Decoder>() <= 640);
 }

@@ -1,4 +1,4 @@
-//! The protocol of a stream is found out wherever listening begins.
+//! Detection of a stream's protocol from any starting point.
 
 use shared_proto::xbee::{Address, ApiFrame, Mode};
 use shared_proto::{Framing, Packet, Protocol, Sample, Values, detect, skinproc::Scan};
@@ -20,7 +20,7 @@ fn packet(i: u16, random: &mut Random) -> Packet {
 fn every_framing_is_found_wherever_listening_begins() {
     let mut random = Random(1);
     for framing in Framing::ALL {
-        // Without escapes an escaped stream is a plain one as well; this address needs one.
+        // Without an escape, an escaped stream is also a plain one; this address needs an escape.
         let stream: Vec<u8> = (0..50)
             .flat_map(|i| match framing {
                 Framing::Xbee(mode) => {

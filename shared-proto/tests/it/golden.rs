@@ -1,7 +1,7 @@
 //! The wire format, pinned by literal bytes.
 //!
-//! The bytes were made by a program written from the README in another language (bitwise CRC,
-//! frames built field by field), not by this crate, and stand in the README as well.
+//! The bytes were produced by a program in another language, written from the README (bitwise CRC, frames
+//! built field by field), independently of this crate. The README shows them, too.
 
 use shared_proto::xbee::{Address, ApiFrame, Mode};
 use shared_proto::{
@@ -14,7 +14,7 @@ fn bytes(hex: &str) -> Vec<u8> {
     hex.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).expect("hex")).collect()
 }
 
-/// The board with [`SERIAL`], in a run of any number.
+/// The board with [`SERIAL`], in an arbitrary run.
 const ORIGIN: PacketOrigin = PacketOrigin { board: 0xC655, start: 0x2A17 };
 
 fn received(packet: Packet) -> ReceivedPacket {
@@ -35,14 +35,14 @@ fn readings() -> Packet {
 const READINGS: &str = "04 01 35 03 1d 54 c7 16 2b 41 43 0e 01 91 7b b1 85 21 92 e1 9f d1 91 21 83 51 83 \
              81 8b 01 01 e1 25 00";
 
-/// For every board.
+/// A command for every board.
 fn command(command: Command) -> Packet {
     Packet::Command { number: 7, to: None, command }
 }
 
 const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 
-/// For the board with this serial number, whose CRC-32 is 0x925FC655.
+/// A command for the board with this serial number, whose CRC-32 is 0x925FC655.
 fn addressed(command: Command) -> Packet {
     Packet::Command { number: 7, to: Some(BoardId::from_serial(&SERIAL)), command }
 }
@@ -328,7 +328,7 @@ fn what_a_newer_board_says_is_read_as_far_as_it_goes() {
             other => panic!("{other:?}"),
         }
     };
-    // Made as above: refusal 200 with three bytes more, board 200, answer 200 with three bytes.
+    // Made as above: refusal 200 with three additional bytes, board 200, answer 200 with three bytes.
     let refusal = answer_in("01 03 39 07 0c 55 c6 17 2a 03 c8 61 62 63 f6 15 00");
     assert_eq!(refusal, Answer::Refused(Refusal::Other(200)));
     let board = answer_in(
@@ -341,7 +341,7 @@ fn what_a_newer_board_says_is_read_as_far_as_it_goes() {
     assert_eq!(answer, Answer::Other(200));
 }
 
-/// The lengths that the README promises.
+/// Checks the lengths in the README.
 #[test]
 fn a_sample_of_readings_takes_at_most_44_bytes_whatever_its_values() {
     let mut state = 1_u64;

@@ -1,4 +1,4 @@
-//! The tests of the protocol, one module for each subject.
+//! The tests of the protocol, one module per subject.
 
 #![allow(unreachable_pub, reason = "modules of a test have no outside")]
 

@@ -1,12 +1,11 @@
-//! What a decoder makes of a stream does not depend on how the stream is cut, and damage costs
-//! what it hits.
+//! Decoding does not depend on the way a stream is cut, and damage affects only the packets that it hits.
 
 use proptest::prelude::*;
 use shared_proto::{Decoder, Event, Framing, MAX_FRAME, Packet, ReceivedPacket};
 
 use crate::common::{any_packet, any_sample, decode, on_the_wire};
 
-/// The packet that an event came from.
+/// Returns the packet of an event.
 fn packet(event: &Event) -> Packet {
     match *event {
         Event::Packet(ReceivedPacket { packet, .. }) => packet,
@@ -18,7 +17,7 @@ fn packets(decoder: &mut Decoder, bytes: &[u8]) -> Vec<Packet> {
     decode(decoder, bytes).iter().map(packet).collect()
 }
 
-/// Packets in bytes: a NaN in a wrench differs from itself.
+/// Encodes packets, since a NaN in a wrench differs from itself.
 fn encoded(packets: &[Packet]) -> Vec<Vec<u8>> {
     packets.iter().map(|packet| packet.encode().to_vec()).collect()
 }
@@ -63,7 +62,7 @@ proptest! {
             damaged.concat().chunks(piece).flat_map(|bytes| packets(&mut decoder, bytes)).collect();
         prop_assert_eq!(encoded(&received), encoded(&[sent[0], sent[2]]));
         let counters = decoder.counters;
-        // A byte that becomes a delimiter cuts the packet in two, unless it stands next to one.
+        // A byte that becomes a delimiter splits the packet in two, unless it is next to one.
         let pieces = damaged[1].split(|&byte| byte == 0).filter(|piece| !piece.is_empty());
         prop_assert_eq!(counters.bad_crc + counters.malformed, pieces.count() as u64);
     }
@@ -81,8 +80,7 @@ proptest! {
         let mut cut = wires.clone();
         cut[1].drain(from..to);
         let mut decoder = Decoder::new(framing);
-        // In plain API mode a frame cut short waits for bytes that may never come; more pushes it
-        // out.
+        // In plain API mode a truncated frame waits for bytes that may never come; more bytes push it out.
         let mut stream = cut.concat();
         stream.extend([0; 140]);
         let received = packets(&mut decoder, &stream);

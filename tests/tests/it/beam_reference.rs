@@ -1,5 +1,5 @@
-//! The beam channel against the whole of a reference solution in 40-digit arithmetic, of which `beam-channel`'s
-//! own tests hold the main figures.
+//! Comparison of the beam channel with a complete reference solution in 40-digit arithmetic; the tests of
+//! `beam-channel` contain its main figures.
 
 use beam_channel::{Angle, BeamPlateau, Channel, Model, Normal, Setup, Wall};
 use serde_json::Value;
@@ -46,7 +46,7 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
     let pitch = setup.channel.pitch_m;
     for (what, extreme) in [("peak_drag", plateau.peak), ("min_drag", plateau.minimum)] {
         close(what, extreme.drag_n, &values[what]["value"]);
-        // The same position, perhaps some beams further on.
+        // The same position, possibly some beams further on.
         let spacings = (number(&values[what]["X_r"]) - extreme.x_m) / pitch;
         assert!((spacings - spacings.round()).abs() * pitch < 1e-12, "{name}: {what} {spacings}");
         assert_eq!(extreme.is_limit, values[what]["kind"] != "interior", "{name}: {what}");
@@ -91,14 +91,14 @@ fn check_all(setup: &Setup, values: &Value, name: &str) {
     close("ungated", pushed, &variants["ungated"]);
 }
 
-/// The work in J that a pair of beams would do before they bend forward, had their tips been drawn
-/// back by a body that is only coming: what the reference calls ungated, and the model leaves out. By
-/// the formulas, with nothing of the model but the position where they begin to bend forward.
+/// Returns the work in J that a pair of beams would do before they bend forward, if an approaching body had
+/// drawn their tips back. The reference calls this part ungated, and the model leaves it out. Computed from
+/// the formulas, using only the position where the beams begin to bend forward from the model.
 fn pulled_work(setup: &Setup, first_touch_rad: f64) -> f64 {
     let Setup { ellipse, beam, .. } = setup;
     let (rx, ry, length) = (ellipse.semi_length_m, ellipse.semi_width_m, beam.length_m);
     let stiffness = beam.torsional_stiffness() / length;
-    // With φ = first touch + z²: travel's slope in z, and drag's product with it.
+    // With φ = first touch + z²: the slope of the travel in z, and its product with the drag.
     let at = |z: f64| {
         let (phi, half) = (first_touch_rad + z * z, 0.5 * z * z);
         let rise = 2.0 * ry * (first_touch_rad + half).cos() * half.sin();
@@ -115,7 +115,7 @@ fn pulled_work(setup: &Setup, first_touch_rad: f64) -> f64 {
         let drag = -stiffness * angle * (out + beam.friction * back) / back.hypot(out);
         (slope, drag * slope)
     };
-    // The tip leaves where travel turns, found by bisection.
+    // The tip leaves where the travel turns, found by bisection.
     let (mut low, mut high) = (0.0, (0.5 * std::f64::consts::PI - first_touch_rad).sqrt());
     for _ in 0..60 {
         let middle = 0.5 * (low + high);

@@ -1,9 +1,9 @@
-//! Between the serial port of the modelled board and a pty for `shellcal`.
+//! A bridge between the serial port of the modelled board and a pty for `shellcal`.
 //!
-//! The model counts time in instructions and waits for nobody: it gives minutes of samples in
-//! seconds. So what the board sends is taken at once and kept until `shellcal` has read it, and
-//! while too much is kept the emulator is stopped, which the board cannot notice. Nothing is lost
-//! here, however long the host stalls.
+//! The model counts time in instructions and never waits: it produces minutes of samples in seconds. So the
+//! bridge takes the board's output at once and stores it until `shellcal` has read it. While too much is
+//! stored, the emulator is stopped, which the board cannot notice. No data are lost here, even if the host
+//! stalls for long.
 
 use std::collections::VecDeque;
 use std::io::{Read, Write};
@@ -19,14 +19,14 @@ use serialport::{SerialPort, TTYPort};
 use shared_proto::xbee::{Address, ApiFrame, Deframer, Mode};
 use system_tests::program::Running;
 
-/// Bytes that are kept before the emulator is stopped, and until it goes on.
+/// Stored bytes at which the emulator is stopped, and at which it continues.
 const HIGH_WATER: usize = 1 << 14;
 const LOW_WATER: usize = 1 << 12;
 
-/// A payload of a radio packet.
+/// Payload size of a radio packet.
 const RADIO_PACKET: usize = 100;
 
-/// What is at the host's end.
+/// The device at the host's end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BaseStation {
     /// A wire, or an XBee in transparent mode.
@@ -49,7 +49,7 @@ struct Shared {
 }
 
 impl EmulatedBoard {
-    /// Starts an emulator by the command that connects its serial line to an address.
+    /// Starts an emulator with the command that connects its serial line to an address.
     pub fn start(base: BaseStation, command: impl FnOnce(SocketAddr) -> Command) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let mut command = command(listener.local_addr().unwrap());
@@ -95,8 +95,7 @@ impl Shared {
         }
     }
 
-    /// What nobody reads yet is tried again: the pty does not take it as long as its other end is
-    /// not open.
+    /// Retries unread data: the pty does not accept them until its other end is open.
     fn give_to_host(&self, mut pty: TTYPort) {
         loop {
             let mut outgoing = self.outgoing.lock().unwrap();

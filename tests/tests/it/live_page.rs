@@ -13,10 +13,10 @@ use system_tests::program::{Recording, Running, command, interrupt, run, run_pat
 
 use crate::page_rules::{check_rules, contrast, keep};
 
-/// A board in this process, so that its clock can be held against that of the browser.
+/// A board in this process, so that its clock can be compared with the browser's.
 struct Board {
     board: SimulatedBoard,
-    /// When its clock was zero at the earliest, ms since 1970.
+    /// Earliest time at which its clock was zero, ms since 1970.
     from_ms: f64,
 }
 
@@ -25,7 +25,7 @@ impl Board {
         let from_ms = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs_f64() * 1e3;
         let board = SimulatedBoard::start(BoardSettings::new(Load::hands(2), 2));
         let board = board.unwrap();
-        // At a rate that a busy machine simulates without delay: a board that is late is not what is measured.
+        // At a rate that a busy machine can simulate without delay: the board's delay is not under test.
         run_patiently(dir, &format!("board {} rate 100", board.port()), 0);
         Self { board, from_ms }
     }
@@ -51,7 +51,7 @@ impl Server {
         Self { address: address.to_owned(), child: Running(child) }
     }
 
-    /// Waits until it has ended well: only then are its logs whole.
+    /// Waits until it has ended successfully: only then are its logs complete.
     fn wait(mut self) {
         let deadline = SystemTime::now() + Duration::from_secs(60);
         while self.child.0.try_wait().unwrap().is_none() {
@@ -62,7 +62,7 @@ impl Server {
     }
 }
 
-/// The delay of every picture, from the sample of its newest row to when it is drawn, ms, in order of size.
+/// Returns the delay of every picture, from the sample of its newest row to its drawing, ms, sorted.
 fn delays(browser: &mut Browser, board: &Board) -> Vec<f64> {
     let watch = "(() => { window.seen = []; const now = document.getElementById('now'); \
         new MutationObserver(() => window.seen.push([Date.now(), parseFloat(now.textContent)]))\
@@ -79,8 +79,8 @@ fn delays(browser: &mut Browser, board: &Board) -> Vec<f64> {
     delays
 }
 
-/// How far the right end of each trace is from the value beside it, as a share of the trace's height: what is
-/// drawn is looked at point by point. Grey is the zero line.
+/// Returns the distance between the right end of each trace and the displayed value, as a share of the
+/// trace's height, from the pixels of the drawing. Grey is the zero line.
 const OFF: &str = "(() => [...document.querySelectorAll('.trace')].map((row) => {\
     const canvas = row.querySelector('canvas'), { width, height } = canvas;\
     const points = canvas.getContext('2d').getImageData(width - 6, 0, 6, height).data;\
@@ -111,11 +111,10 @@ fn the_page_follows_the_board() {
     let delays = delays(&mut browser, &board);
     let [median, worst] = [delays[50], delays[delays.len() - 1]];
     println!("{median:.0} ms from a sample to its picture (median), {worst:.0} ms at most");
-    // The middle one, since a machine that others use may be late now and then. A sample is older than its
-    // picture.
+    // The median, since a shared machine may be late now and then. A sample is older than its picture.
     assert!((0.0..200.0).contains(&median), "{delays:?}");
 
-    // What is drawn is what is said.
+    // The drawing matches the values.
     browser.click("document.querySelector('[data-order=pause]')");
     browser.wait_for("document.getElementById('flags').textContent.includes('PAUSED')");
     browser.wait_for(
@@ -140,7 +139,7 @@ fn the_page_follows_the_board() {
     }
     keep(&browser.screenshot(), "live-1400.png.base64");
 
-    // Others look on, on other screens, in the dark.
+    // Other viewers have other screens, and dark mode.
     for (width, dark) in [(1400, false), (1024, true), (390, false), (390, true)] {
         let mut other = Browser::start(&chromium, [width, 800], width < 500);
         if dark {
@@ -150,7 +149,7 @@ fn the_page_follows_the_board() {
         other.wait_for("document.querySelectorAll('.trace').length === 6");
         let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
         assert_eq!(other.evaluate(beyond), 0, "{width}");
-        // Nor is anything cut off at the side.
+        // No content is cut off at the side, either.
         let cut = "[...document.querySelectorAll('body *')].filter((e) => e.getBoundingClientRect().right > document.documentElement.clientWidth + 0.5).map((e) => e.outerHTML.slice(0, 80))";
         assert_eq!(other.evaluate(cut), Value::Array(Vec::new()), "{width}");
         assert!(contrast(&mut other) > 4.5, "{width}");
@@ -166,7 +165,7 @@ fn the_page_follows_the_board() {
     interrupt(&server.child.0);
     browser.wait_for("document.getElementById('state').textContent === 'the program has ended'");
     assert_eq!(browser.complaints(), Vec::<String>::new());
-    // The page asks for itself, its events and its orders.
+    // The page requests itself, its events and its orders.
     let requests = browser.requests();
     let origin = server.address.split("/?").next().unwrap();
     assert!(requests.iter().all(|request| request.starts_with(origin)), "{requests:?}");
@@ -179,8 +178,8 @@ fn the_page_follows_the_board() {
     assert_eq!(log.text("flags").iter().filter(|flags| flags.contains("mark1")).count(), 1);
 }
 
-/// A sensor at rest for 8 s, then three loads, each held for 4 s and taken off for 1 s; over and over, so that a
-/// machine that is late has another chance.
+/// A sensor at rest for 8 s, then three loads, each held for 4 s and removed for 1 s; repeated, so that a
+/// slow machine gets another chance.
 fn write_loads(dir: &Path) {
     let mut log = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n0,0,0,0,0,0,0\n".to_owned();
     for (at, fx) in [1.5, -1.5, 1.0].into_iter().enumerate() {
@@ -249,7 +248,7 @@ fn a_plan_is_followed_load_by_load() {
         let labels = log.text("group");
         let rows = labels.iter().zip(log.numbers("fx_n")).filter(|(label, _)| **label == group);
         let forces: Vec<f64> = rows.map(|(_, fx)| fx).collect();
-        // Two seconds at the board's 100 Hz; less what the view left out on a busy machine.
+        // Two seconds at the board's 100 Hz, minus frames that the view skipped on a busy machine.
         assert!((150..=260).contains(&forces.len()), "{group}: {} rows", forces.len());
         // The calibration's error, and creep.
         assert!(forces.iter().all(|found| (found - fx).abs() < 0.5), "{group}: {forces:?}");

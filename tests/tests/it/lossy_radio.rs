@@ -9,7 +9,7 @@ use system_tests::on_the_wire;
 
 const PACKETS: u64 = 1_000_000;
 
-/// A sample whose content tells which it is.
+/// A sample whose content identifies it.
 fn sample(index: u64) -> Sample {
     let mut state = index;
     let mut random = || {
@@ -26,25 +26,25 @@ fn sample(index: u64) -> Sample {
     }
 }
 
-/// What was done to the stream, as the decoder should see it.
+/// The effects on the stream, as the decoder should see them.
 #[derive(Debug, Default, PartialEq)]
 struct Faults {
     missing: u64,
     duplicates: u64,
     reordered: u64,
-    /// Pieces between delimiters that are not what was sent.
+    /// Pieces between delimiters that differ from the frames sent.
     damaged: u64,
 }
 
-/// What went over the air.
+/// The data on the air.
 struct Sent {
-    /// What arrived unharmed, in order.
+    /// The packets that arrived intact, in order.
     intact: Vec<u64>,
     books: Books,
     stream: Vec<u8>,
 }
 
-/// Sends a packet every ms: 5 % get lost, 1 % arrive twice, 1 % are late by up to 8 packets.
+/// Sends a packet every ms: 5 % are lost, 1 % arrive twice, 1 % are late by up to 8 packets.
 fn send(framing: Framing, corruption: f64, seed: u64) -> Sent {
     let faults = radio::Faults {
         loss: 0.05,
@@ -57,7 +57,7 @@ fn send(framing: Framing, corruption: f64, seed: u64) -> Sent {
     let mut radio = Radio::new(faults, seed).unwrap();
     let mut sent = Sent { intact: Vec::new(), books: Books::default(), stream: Vec::new() };
     let bytes = |index| on_the_wire(&Packet::Sample(sample(index)), framing);
-    // One more at either end arrives whatever happens, so that all losses lie between.
+    // One additional packet at either end always arrives, so that all losses lie in between.
     sent.intact.push(0);
     sent.stream.extend(bytes(0));
     for index in 1..=PACKETS {
@@ -90,8 +90,8 @@ fn faults(intact: &[u64]) -> Faults {
     faults
 }
 
-/// Damaged pieces of a COBS stream: what stands between zeros and is not a frame that was sent,
-/// nor is nothing. Where a delimiter was hit, an unharmed frame stands at the end of such a piece.
+/// Returns the damaged pieces of a COBS stream: non-empty pieces between zeros that are not sent frames.
+/// After a damaged delimiter, an intact frame is at the end of such a piece.
 fn damaged_pieces(sent: &Sent) -> u64 {
     let mut damaged = 0;
     let mut intact = sent.intact.iter();
@@ -111,7 +111,7 @@ fn damaged_pieces(sent: &Sent) -> u64 {
 }
 
 struct ReceivedFrames {
-    /// Without those that arrived before.
+    /// Without packets that arrived before.
     indices: Vec<u64>,
     wrong: u64,
     losses: Losses,
@@ -121,7 +121,7 @@ fn receive(framing: Framing, stream: &[u8]) -> ReceivedFrames {
     let mut boards = Boards::new(Protocol::Packets(framing));
     stream.chunks(1000).for_each(|bytes| boards.feed(bytes, None));
     boards.finish();
-    // An address that was damaged without a trace is heard once, which makes no frame.
+    // An undetected error in an address creates a board with a single packet, which makes no frame.
     let with_frames: Vec<_> =
         boards.heard.iter().filter(|board| !board.frames.is_empty()).collect();
     let [board] = with_frames[..] else { panic!("{} boards", with_frames.len()) };
@@ -138,20 +138,20 @@ fn receive(framing: Framing, stream: &[u8]) -> ReceivedFrames {
     }
 }
 
-/// What arrived for the first time, in order.
+/// Returns the packets that arrived for the first time, in order.
 fn first_arrivals(intact: &[u64]) -> Vec<u64> {
     let mut seen = HashSet::new();
     intact.iter().copied().filter(|&index| seen.insert(index)).collect()
 }
 
-// One packet in some 28 loses two bytes or more; of those the CRC passes one in 65,536, which makes
-// half a wrong packet expected in a million. With this seed there is none, so the books must agree.
+// One packet in about 28 loses two bytes or more. The CRC passes one in 65,536 of them, so half a wrong
+// packet is expected in a million. With this seed there is none, so the accounts must agree.
 #[test]
 fn over_a_transparent_link_all_counters_equal_the_faults() {
     let sent = send(Framing::Cobs, 0.01, 3);
     let received = receive(Framing::Cobs, &sent.stream);
     assert_eq!(received.wrong, 0);
-    // No good frame is lost. One whose delimiter alone was hit is damaged all the same.
+    // No intact frame is lost. A frame whose delimiter alone was hit counts as damaged all the same.
     assert_eq!(received.indices, first_arrivals(&sent.intact));
     let losses = received.losses;
     let counted = Faults {
@@ -171,24 +171,23 @@ fn check_api_frames(mode: Mode, seed: u64) {
 
     let got: HashSet<u64> = received.indices.iter().copied().collect();
     assert!(sent.intact.iter().all(|index| got.contains(index)), "a good frame was lost");
-    // Where only the API header was hit, twice, its checksum lets one in 256 pass, and the packet
-    // in it is good: 10⁶ · 36 (pairs of bytes) · 10⁻⁴ · 0.74 (the rest unharmed) / 256 = 10
-    // expected.
+    // If only the API header was hit, twice, its checksum passes one in 256, and the packet in it is intact:
+    // 10⁶ · 36 (pairs of bytes) · 10⁻⁴ · 0.74 (the rest intact) / 256 = 10 expected.
     let more = received.indices.len() - first_arrivals(&sent.intact).len();
     assert!(more < 30, "{more}");
 
     let losses = received.losses;
     let expected = faults(&received.indices);
     assert_eq!((losses.missing, losses.reordered), (expected.missing, expected.reordered));
-    // Damage that touches in neighbours is counted once, damage that looks like a start twice.
+    // Damage to adjacent frames is counted once, damage that looks like a start twice.
     let damaged = losses.bad_crc + losses.damaged;
     let ratio = damaged as f64 / sent.books.corrupted as f64;
     assert!((0.97..=1.03).contains(&ratio), "{ratio}");
 }
 
-// In API mode the module's own radio drops what was damaged in the air; here the serial line does
-// the damage, to the API header as well as to the packet. A frame with a wrong length and a right
-// checksum can take a good one with it; a twentieth of one is expected in a million.
+// In API mode the module's radio drops frames damaged in the air; here the serial line does the damage, to
+// the API header as well as to the packet. A frame with a wrong length and a right checksum can take an
+// intact one with it; a twentieth of one is expected in a million.
 #[test]
 fn over_api_frames_no_good_frame_is_lost_and_the_counters_are_those_of_the_faults() {
     check_api_frames(Mode::Plain, 8);

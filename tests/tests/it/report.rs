@@ -1,5 +1,5 @@
-//! A report of trials in a headless browser: it loads without a complaint or a request, draws its
-//! plots, and can be used by mouse and by keyboard, on a phone, and on paper.
+//! A report of trials in a headless browser: it loads without warnings or requests, draws its plots, and
+//! works with mouse and keyboard, on a phone, and on paper.
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use system_tests::program::run;
 
 use crate::page_rules::{check_page, check_rules, contrast, keep};
 
-/// A name that would be harmful if it were taken for markup, or for a tag of the plotting library.
+/// A name that would do harm as markup, or as a tag of the plotting library.
 const NASTY: &str = "<img src=x onerror=alert(1)></script><b>";
 
 /// Ten trials in all five conditions, and their report.
@@ -18,8 +18,8 @@ fn report(dir: &Path) -> PathBuf {
     run(dir, "synth trials trials --per-condition 2", 0);
     run(dir, "synth train --rows 5000 --output train.csv", 0);
     run(dir, "fit --model cubic train.csv --output calibration.json", 0);
-    // One more trial, with a name, a condition and a note that are to be shown as they are, and one
-    // whose log is not there.
+    // One more trial, with a name, a condition and a note that must be shown literally, and one whose log is
+    // missing.
     let log = format!("{}.txt", NASTY.replace('/', "_"));
     fs::copy(dir.join("trials/free-1.txt"), dir.join("trials").join(&log)).unwrap();
     let manifest = fs::read_to_string(dir.join("trials/manifest.csv")).unwrap();
@@ -47,18 +47,18 @@ fn a_report_works_in_a_browser() {
     let report = report(dir.path());
     let mut browser = open(&chromium, &report, [1200, 900], false);
 
-    // The effect, six box plots, two of phase, two of the trial that is open.
+    // The effect, six box plots, two phase plots, two plots of the open trial.
     assert_eq!(
         browser.evaluate("document.querySelectorAll('.js-plotly-plot .main-svg').length > 0"),
         true
     );
     let drawn = browser.evaluate("[...document.querySelectorAll('.js-plotly-plot')].filter((p) => p.querySelector('.trace, .boxes, .scatterlayer .lines')).length");
     assert_eq!(drawn, 11);
-    // Each has a description for who does not see it, and none is empty.
+    // Each has a description for users without sight, and none is empty.
     let described = "[...document.querySelectorAll('.plot')].every((p) => p.getAttribute('role') === 'group' && p.getAttribute('aria-label').length > 20)";
     assert_eq!(browser.evaluate(described), true);
 
-    // Names are text.
+    // Names are shown as text.
     let shown = browser.evaluate("[...document.querySelectorAll('td')].filter((c) => c.textContent.includes('onerror')).length > 0");
     assert_eq!(shown, true);
     assert_eq!(browser.evaluate("document.querySelectorAll('main img, main b').length"), 0);
@@ -74,7 +74,7 @@ fn a_report_works_in_a_browser() {
     browser.click(button);
     browser.wait_for(visible);
 
-    // So does the space bar; the button shows that it has the focus.
+    // The space bar does the same; the button shows the focus.
     browser.evaluate(&format!("{button}.focus()"));
     browser.press(" ");
     browser.wait_for(&format!("{pressed} === 'false'"));
@@ -82,7 +82,7 @@ fn a_report_works_in_a_browser() {
     let next = browser.evaluate("document.activeElement.tagName === 'BUTTON' && getComputedStyle(document.activeElement).outlineStyle");
     assert_eq!(next, "solid");
 
-    // Zoom by button, and all of it again.
+    // Zoom by button, and reset.
     let range = "document.querySelector('#forces-0')._fullLayout.xaxis.range";
     let before = browser.evaluate(range);
     let by_label = |label: &str| {
@@ -104,7 +104,7 @@ fn a_report_works_in_a_browser() {
     assert!(contrast(&mut browser) > 4.5);
     check_rules(&mut browser);
 
-    // The numbers behind a figure, by a click: every frame of the trial, under a line of names.
+    // A click gives the numbers behind a figure: every frame of the trial, with a header.
     browser.evaluate(
         "const make = URL.createObjectURL; URL.createObjectURL = (blob) => { blob.text().then((text) => { window.saved = text; }); return make.call(URL, blob); }; 0",
     );
@@ -122,7 +122,8 @@ fn a_report_works_in_a_browser() {
     assert_eq!(browser.requests(), Vec::<String>::new());
 }
 
-/// The effect per condition comes first, the tables fit, and what does not shows that it goes on.
+/// The effect per condition comes first, the tables fit, and a table that does not fit shows that it
+/// continues.
 #[test]
 #[ignore = "needs Chromium"]
 fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
@@ -143,13 +144,13 @@ fn a_report_answers_first_and_cuts_nothing_without_a_cue() {
         }
         browser.open(&report);
         browser.wait_for("document.documentElement.dataset.plots === 'drawn'");
-        // In units that suit, with intervals.
+        // In suitable units, with intervals.
         assert_eq!(browser.evaluate("document.querySelector('main h2').id"), "effect");
         let effect = browser.evaluate("document.querySelector('section').innerText");
         let effect = effect.as_str().unwrap();
         assert!(effect.contains("drag energy (mJ)") && effect.contains(" ± "), "{effect}");
         assert!(effect.contains("Drag energy per trial differs from that of free"), "{effect}");
-        // Where a table is wider than its box, the box has shadows at its sides.
+        // A table wider than its box has shadows at the sides of the box.
         let cut = "[...document.querySelectorAll('.table')].filter((t) => t.scrollWidth > t.clientWidth + 1 && !getComputedStyle(t).backgroundImage.includes('gradient')).length";
         assert_eq!(browser.evaluate(cut), 0);
         let wider = "[...document.querySelectorAll('section > .table')].filter((t) => t.scrollWidth > t.clientWidth + 1).map((t) => t.getAttribute('aria-label')).join()";
@@ -171,7 +172,7 @@ fn a_report_fits_on_a_phone() {
     let dir = tempfile::tempdir().unwrap();
     let report = report(dir.path());
     let mut browser = open(&chromium, &report, [360, 740], true);
-    // Nothing is wider than the screen but tables, which scroll on their own.
+    // Only tables are wider than the screen, and they scroll separately.
     assert_eq!(browser.evaluate("document.documentElement.scrollWidth"), 360);
     let widest = browser.evaluate("Math.max(...[...document.querySelectorAll('.plot .main-svg')].map((p) => p.getBoundingClientRect().right))");
     assert!(widest.as_f64().unwrap() <= 360.0, "{widest}");
@@ -179,7 +180,7 @@ fn a_report_fits_on_a_phone() {
     assert_eq!(browser.complaints(), Vec::<String>::new());
 }
 
-/// The report of a calibration: what it may not be used for, at all widths, without a script.
+/// The report of a calibration: its limits of use, at all widths, without a script.
 #[test]
 #[ignore = "needs Chromium"]
 fn the_report_of_a_calibration_can_be_read_at_any_width() {
@@ -201,7 +202,7 @@ fn the_report_of_a_calibration_can_be_read_at_any_width() {
         let headings =
             browser.evaluate("[...document.querySelectorAll('h2')].map((h) => h.id).join(' ')");
         assert_eq!(headings, "answer limits figure coverage groups model outliers origin");
-        // Both drawings are there, with everything that is clipped in them.
+        // Both drawings are there, including clipped content.
         let drawn = browser.evaluate("[...document.querySelectorAll('.drawing svg')].every((s) => s.getBBox().width > 700 && [...s.querySelectorAll('[clip-path]')].every((g) => document.getElementById(g.getAttribute('clip-path').slice(5, -1))?.closest('svg') === s))");
         assert_eq!(drawn, true);
         assert_eq!(browser.evaluate("document.querySelectorAll('.drawing svg').length"), 2);

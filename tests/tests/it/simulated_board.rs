@@ -1,7 +1,7 @@
 //! `shellcal` on both ends of a pty: a simulated board, and the program that records it.
 //!
-//! The simulated board's clock shows when its frames were due, not when the machine got round to
-//! them, so nothing here depends on how busy the machine is, apart from how long it takes.
+//! The simulated board's clock shows when its frames were due, not when the machine computed them, so the
+//! results do not depend on the machine's load; only the duration does.
 
 use std::fs;
 use std::path::Path;
@@ -13,7 +13,7 @@ use system_tests::program::{Recording, finish, interrupt, number, run, start, wa
 
 const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// A load of which every axis is a function of time: 2 s at rest, then along each axis in turn.
+/// A load with every axis as a function of time: 2 s at rest, then along each axis in turn.
 const LOAD: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm
 0,0,0,0,0,0,0
 2,0,0,0,0,0,0
@@ -23,10 +23,10 @@ const LOAD: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm
 6,0,0,0,0,0,0
 ";
 
-/// What channels may disagree by under 1 N at 20 Hz.
+/// Maximum disagreement of channels under 1 N at 20 Hz.
 const LIMIT_N: f64 = 0.02;
 
-/// A simulated board on the port `board` of a directory.
+/// Starts a simulated board on the port `board` of a directory.
 pub(crate) struct Board<'a> {
     dir: &'a Path,
     child: Option<Child>,
@@ -47,7 +47,7 @@ impl<'a> Board<'a> {
         run(self.dir, &format!("board board {what}"), 0)
     }
 
-    /// Records until so many rows are in the log.
+    /// Records until the log has `rows` rows.
     pub(crate) fn record(&self, log: &str, rows: usize, arguments: &str) -> (Recording, String) {
         let arguments = format!("--json record board --start -o {log} {arguments}");
         let child = start(self.dir, &arguments);
@@ -57,7 +57,7 @@ impl<'a> Board<'a> {
         (Recording::read(&self.dir.join(log)), said)
     }
 
-    /// Ctrl-C: what it says of its radio.
+    /// Sends Ctrl-C and returns the report on its radio.
     pub(crate) fn end(mut self) -> String {
         let child = self.child.take().unwrap();
         interrupt(&child);
@@ -86,7 +86,7 @@ fn assert_unbroken(log: &Recording, period_s: f64) {
     }
 }
 
-/// The wrench of the script at a time on the board.
+/// Returns the wrench of the script at a time on the board.
 fn load_at(time_s: f64) -> [f64; 6] {
     let rows: Vec<Vec<f64>> = LOAD
         .lines()
@@ -113,9 +113,9 @@ fn forces_of_a_recording_are_those_of_the_script() {
     assert_unbroken(&log, 0.01);
     let times = log.numbers("t_s");
     let wrenches = log.table(WRENCH);
-    // The calibration's own errors on the shipped test data are 0.131, 0.130, 0.137 N, 0.0038,
-    // 0.0053, 0.0051 N·m (README); creep, hysteresis and the start's temperature are another draw
-    // here, so half as much again.
+    // The calibration's errors on the shipped test data are 0.131, 0.130, 0.137 N, 0.0038, 0.0053, 0.0051 N·m
+    // (README). Creep, hysteresis and the initial temperature are a different draw here, so half as much
+    // again is allowed.
     for (axis, limit) in [0.20, 0.20, 0.21, 0.0057, 0.0080, 0.0076].into_iter().enumerate() {
         let errors = wrenches
             .iter()
@@ -128,7 +128,7 @@ fn forces_of_a_recording_are_those_of_the_script() {
     }
 }
 
-/// A force along z of 1 N, 19.7 times a second, so that the phase at which frames meet it moves on.
+/// A force of 1 N along z at 19.7 Hz, so that its phase at the frames shifts.
 const LOAD_HZ: f64 = 19.7;
 
 fn shaken() -> String {
@@ -138,7 +138,7 @@ fn shaken() -> String {
     format!("t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n{rows}")
 }
 
-/// Sine and cosine of the load's frequency in a column of readings, by least squares.
+/// Returns sine and cosine of the load's frequency in a column of readings, by least squares.
 fn phasor(times: &[f64], readings: &[f64]) -> [f64; 2] {
     let mean = readings.iter().sum::<f64>() / readings.len() as f64;
     let (mut ss, mut sc, mut cc, mut ys, mut yc) = (0.0, 0.0, 0.0, 0.0, 0.0);
@@ -170,12 +170,11 @@ fn channels_agree_on_a_load_of_20_hz() {
     };
     let (sampled, at_one_time) = (record("sampled.csv", "--as-sampled"), record("log.csv", ""));
     let (sampled_at, moved) = (phasors(&sampled), phasors(&at_one_time));
-    // What the channels show in newtons, if each shows 1 N as sampled: how far they are apart at the
-    // worst moment.
+    // The channels' signals in newtons, if each measures 1 N as sampled: their largest disagreement.
     let disagreement = |phasors: &[[f64; 2]]| -> f64 {
         let forces = phasors.iter().zip(&sampled_at).map(|(it, sampled)| {
             let steps_per_newton = sampled[0].hypot(sampled[1]);
-            // All channels show loads the same way round.
+            // All channels have the same sign.
             let sign = sampled[0].signum();
             it.map(|part| part * sign / steps_per_newton)
         });
@@ -185,14 +184,14 @@ fn channels_agree_on_a_load_of_20_hz() {
     };
     let (before, after) = (disagreement(&sampled_at), disagreement(&moved));
     println!("channels disagree by {before:.3} N as sampled, by {after:.4} N at one time");
-    // 2 sin(π · 19.7 Hz · 7 · 0.278 ms), to what the springs' friction adds.
+    // 2 sin(π · 19.7 Hz · 7 · 0.278 ms), plus the effect of the springs' friction.
     assert!((before - 0.240).abs() < 0.03, "{before}");
     assert!(after < LIMIT_N, "{after}");
     assert!(at_one_time.text("flags").iter().all(|flags| flags.is_empty()));
-    // The board has said how it is about once a second.
+    // The board has reported its health about once a second.
     let told = at_one_time.text("supply_v").iter().filter(|text| !text.is_empty()).count();
     assert!((6..=9).contains(&told), "{told}");
-    // The temperature holds in between, for who calibrates with it.
+    // The temperature is repeated in between, for calibrations that use it.
     assert!(at_one_time.text("temperature_c").iter().all(|text| !text.is_empty()));
 }
 
@@ -207,8 +206,8 @@ fn a_thousand_frames_per_second_come_whole() {
     board.end();
     let index = log.numbers("index");
     assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0));
-    // A machine that is busy may not run the board for a while, which then takes more frames at once than wait for
-    // the line. It counts those that it drops; each other one is in the log, at its time.
+    // A busy machine may suspend the board for a while, which then takes more frames at once than its queue
+    // can hold. It counts the dropped frames; every other frame is in the log, at its time.
     let mut missing = 0;
     for pair in log.numbers("t_s").windows(2) {
         let slots = (pair[1] - pair[0]) / 0.001;
@@ -235,11 +234,11 @@ fn edges_at_the_sync_input_are_in_the_log_after_they_were() {
     let rows = lines.filter(|row| !row[sync].is_empty());
     let found: Vec<[f64; 3]> =
         rows.map(|row| [t, sync, sync_s].map(|at| number(row[at]))).collect();
-    // A radio that loses packets may have lost one of them.
+    // A lossy radio may have lost one of them.
     assert!(found.len() >= 2, "{found:?}");
     for [row_s, sync, sync_s] in found {
         assert_eq!(sync_s, edges_s[sync as usize]);
-        // Two edges in a frame, the frame that is under way, and frames that are lost.
+        // Two edges in a frame, the frame under way, and lost frames.
         assert!(row_s > sync_s - 0.01 && row_s < sync_s + 0.1, "{row_s} {sync_s}");
     }
 }
@@ -269,7 +268,7 @@ fn a_lossy_radio_costs_what_it_loses_and_every_loss_is_counted() {
     let (log, said) = board.record("log.csv", 400, "");
     let books = board.end();
     let index = log.numbers("index");
-    // What is missing stands between the rows, and the rows say so.
+    // Missing frames are counted in the rows after the gap.
     let missing: f64 = log.numbers("missing").iter().sum();
     let (mut newest, mut gaps) = (index[0], 0.0);
     for &index in &index[1..] {

@@ -26,13 +26,13 @@ fn rows(path: &Path) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// The bits of a wrench by the number of its frame.
+/// Returns the bits of a wrench by frame number.
 fn bits(rows: &[Value]) -> HashMap<i64, [u64; 6]> {
     let wrench = |row: &Value| AXES.map(|axis| row[axis].as_f64().unwrap().to_bits());
     rows.iter().map(|row| (row["index"].as_i64().unwrap(), wrench(row))).collect()
 }
 
-/// A program whose standard input and output are ours.
+/// A program with its standard input and output piped.
 fn talk(dir: &Path, arguments: &str) -> Child {
     let mut program = command(dir);
     program.args(arguments.split_whitespace());
@@ -52,7 +52,8 @@ fn rows_have_the_bits_of_the_log() {
         let streamed = rows(&dir.join("rows.jsonl"));
         let streamed_bits = bits(&streamed);
         let wrenches = log.table(AXES);
-        // With channels brought to one time, the last three frames wait for those after them, or the end.
+        // If channels are aligned to a common time, the last three frames wait for later ones, or for the
+        // end.
         assert_eq!(streamed.len(), log.rows());
         assert!(log.rows() >= 300);
         let (index, times) = (log.numbers("index"), log.numbers("t_s"));
@@ -85,7 +86,7 @@ fn a_log_streams_with_the_bits_of_convert() {
     let (streamed, converted) =
         (Recording::read(&dir.join("rows.csv")), Recording::read(&dir.join("wrench.csv")));
     assert_eq!(streamed.rows(), 400);
-    // Until tare and clock are known rows are those of the calibration alone.
+    // Until tare and clock are known, rows have the forces of the calibration alone.
     let bits = |recording: &Recording| -> Vec<[u64; 6]> {
         recording.table(AXES)[50..].iter().map(|wrench| wrench.map(f64::to_bits)).collect()
     };
@@ -94,7 +95,7 @@ fn a_log_streams_with_the_bits_of_convert() {
     let errors = ["fx_se_n", "mz_se_nm"];
     let last = |recording: &Recording| recording.table(errors)[399];
     assert_eq!(last(&streamed), last(&converted));
-    // Without a calibration there are the forces of the log.
+    // Without a calibration, the stream has the log's forces.
     let printed = succeed(dir, "stream log.csv --speed 1000");
     let first: Value = serde_json::from_str(printed.lines().next().unwrap()).unwrap();
     assert!(first["fx_n"].is_number() && first.get("s8").is_none(), "{first}");
@@ -128,11 +129,11 @@ fn commands_come_by_the_standard_input() {
     };
     assert!(seen.iter().any(|row| flag(row, "mark1")));
     let fx = |row: &Value| row["fx_n"].as_f64().unwrap();
-    // A step of the converter is some 0.005 N.
+    // A step of the converter is about 0.005 N.
     assert!(fx(&tared).abs() < 0.02, "{tared}");
     assert!(seen.iter().all(|row| (fx(row) - fx(&seen[0])).abs() < 0.05));
     writeln!(input, "rate 10").unwrap();
-    // The rate takes hold some frames later.
+    // The rate takes effect some frames later.
     let times: Vec<f64> = (0..200).map(|_| next()["t_s"].as_f64().unwrap()).collect();
     let slow = times.windows(2).filter(|pair| (pair[1] - pair[0] - 0.1).abs() < 1e-3).count();
     assert!(slow >= 60, "{slow}");
@@ -179,7 +180,7 @@ fn what_cannot_be_streamed_is_told() {
     ended(dir, "fit other.csv --model linear -o two.json -q", 0);
     let said = refused(dir, "stream log.csv --calibration two.json");
     assert!(said.contains("2 channels"), "{said}");
-    // A low-pass that the rate does not allow ends the stream with what was wrong.
+    // A low-pass that the rate does not allow ends the stream with an error.
     let (_, said) =
         ended(dir, "stream log.csv --calibration cal.json --lowpass 400 --speed 1000", 2);
     assert!(said.contains("error: "), "{said}");

@@ -15,11 +15,11 @@ use system_tests::program::{Recording, finish, interrupt, run, start, wait_for_r
 const ADDRESSES: [u16; 2] = [0x2052, 0x2053];
 const BROADCAST: u16 = 0xFFFF;
 
-/// Of the base station's line. At 57,600 baud it does not carry both.
+/// Rate of the base station's line. 57,600 baud would not carry both boards.
 const BAUD: u32 = 115_200;
 const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
 
-/// A board under a force that never changes, without noise: all its frames are alike.
+/// A board under a constant force, without noise: all its frames are equal.
 fn board(unit_seed: u64, fz_n: f64) -> TTYPort {
     let load = LoadTable::new([(0.0, [0.0, 0.0, fz_n, 0.0, 0.0, 0.0])]).unwrap();
     let settings = BoardSettings {
@@ -35,7 +35,7 @@ fn board(unit_seed: u64, fz_n: f64) -> TTYPort {
     TTYPort::open(&port).unwrap()
 }
 
-/// A base station and the modules of the boards, which cut streams where they please.
+/// A base station and the boards' radio modules, which cut the streams at arbitrary points.
 fn coordinator(mode: Mode, boards: [TTYPort; 2]) -> String {
     let (mut station, host) = TTYPort::pair().unwrap();
     station.set_timeout(Duration::from_millis(5)).unwrap();
@@ -84,7 +84,7 @@ fn coordinator(mode: Mode, boards: [TTYPort; 2]) -> String {
             let from = Address::Short(address);
             let frame = ApiFrame::Receive { from, rssi, payload: &payload };
             let bytes = frame.encode(mode).unwrap();
-            // At the pace of the line, ten bits to a byte.
+            // At the pace of the line, ten bits per byte.
             thread::sleep(free_at.saturating_duration_since(Instant::now()));
             free_at =
                 free_at.max(Instant::now()) + Duration::from_secs(10) * bytes.len() as u32 / BAUD;
@@ -100,7 +100,7 @@ fn coordinator(mode: Mode, boards: [TTYPort; 2]) -> String {
     name
 }
 
-/// The one set of readings of a log, every frame of which has arrived.
+/// Returns the only distinct readings of a log whose frames have all arrived.
 fn only_readings(path: &Path, rssi: f64) -> [f64; 8] {
     let log = Recording::read(path);
     let index = log.numbers("index");
@@ -109,7 +109,7 @@ fn only_readings(path: &Path, rssi: f64) -> [f64; 8] {
     assert!(log.numbers("missing").iter().all(|&missing| missing == 0.0));
     assert!(log.numbers("rssi_dbm").iter().all(|&dbm| dbm == rssi));
     let readings = log.table(READINGS);
-    // The instrument gets warm and its springs creep, which moves readings by some steps in this time.
+    // The instrument warms up and its springs creep, which shifts readings by some steps in this time.
     for row in &readings {
         let near = row.iter().zip(&readings[0]).all(|(a, b)| (a - b).abs() <= 25.0);
         assert!(near, "{row:?} among {:?}", readings[0]);
@@ -122,13 +122,13 @@ fn two_boards_behind_one_base_station_are_two_logs() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let port = coordinator(Mode::Escaped, [board(1, 1.0), board(2, -1.0)]);
-    // What is for one board has to say for which.
+    // A command for one board must name the board.
     let refused = run(dir, &format!("board {port} --framing xbee-ap2 rate 150"), 2);
     assert!(refused.contains("2 boards answer"), "{refused}");
     // `simulated  2`, in hexadecimal digits.
     let serial: String = b"simulated  2".iter().map(|byte| format!("{byte:02x}")).collect();
     run(dir, &format!("board {port} --framing xbee-ap2 --board {serial} rate 50"), 0);
-    // By its address no other hears it.
+    // With its address, no other board receives it.
     let identity = run(dir, &format!("board {port} --framing xbee-ap2 --to 0x2053 identify"), 0);
     assert!(identity.contains(&serial), "{identity}");
 

@@ -1,5 +1,5 @@
-//! The page that fits, converts and records, in a headless browser: it gives what the program gives, byte for byte, and works
-//! for who uses a keyboard, a phone, or a dark screen.
+//! The page that fits, converts and records, in a headless browser: its results equal the program's byte for
+//! byte, and it works with a keyboard, on a phone, and on a dark screen.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,14 +13,14 @@ use system_tests::{chromium, real_recording};
 
 use crate::page_rules::{check_page, check_rules, keep};
 
-/// Names the page, which `cargo xtask test` builds.
+/// Variable with the path of the page, which `cargo xtask test` builds.
 const PAGE: &str = "SHELLCAL_WEB_PAGE";
 
 fn open(size: [u32; 2], dark: bool) -> Browser {
     open_after(size, dark, "")
 }
 
-/// As [`open`], after a script.
+/// Opens the page like [`open`], after running a script.
 fn open_after([width, height]: [u32; 2], dark: bool, script: &str) -> Browser {
     let chromium = chromium::find().unwrap();
     let mut browser = Browser::start(&chromium, [width, height], width < 500);
@@ -51,7 +51,7 @@ fn choose(browser: &mut Browser, id: &str, value: &str) {
     ));
 }
 
-/// Clicks, and waits for the result.
+/// Clicks and waits for the result.
 fn work(browser: &mut Browser, button: &str) {
     browser.evaluate("document.getElementById('status').textContent = ''; 0");
     browser.click(&by_id(button));
@@ -64,7 +64,7 @@ fn saved(browser: &mut Browser, name: &str) -> String {
     String::from_utf8(bytes).unwrap()
 }
 
-/// A calibration without date and checksum, which are new in each file.
+/// Removes date and checksum, which differ in each file, from a calibration.
 fn lasting(text: &str) -> Vec<&str> {
     let is_new =
         |line: &str| line.starts_with("  \"date\": ") || line.starts_with("  \"checksum\": ");
@@ -78,7 +78,7 @@ fn check_same_calibration(found: &str, expected: &str, name: &str) {
     assert!(found == expected, "{name}: another calibration: {differing:?}");
 }
 
-/// A folder with the calibration of some logs by the program: of the first, tested on the others.
+/// Returns a folder with the program's calibration from some logs: fitted to the first, tested on the others.
 fn fit_by_program(files: &[PathBuf], model: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let names: Vec<_> = files.iter().map(|file| name_of(file)).collect();
@@ -97,8 +97,8 @@ fn name_of(file: &Path) -> &str {
     file.file_name().unwrap().to_str().unwrap()
 }
 
-/// Fits to the first of some files and tests on the others, in the page and by the program; returns the page and the
-/// folder of the program.
+/// Fits to the first of some files and tests on the others, in the page and with the program; returns the
+/// page and the program's folder.
 fn compare_fits(files: &[PathBuf], model: &str) -> (Browser, tempfile::TempDir) {
     let dir = fit_by_program(files, model);
     let mut browser = open([1200, 900], false);
@@ -111,7 +111,7 @@ fn compare_fits(files: &[PathBuf], model: &str) -> (Browser, tempfile::TempDir) 
     (browser, dir)
 }
 
-/// Converts the last of some files in the page, with the calibration that it made and with that of the program.
+/// Converts the last of some files in the page, with its own calibration and with the program's.
 fn compare_forces(browser: &mut Browser, dir: &Path, files: &[PathBuf]) {
     let last = name_of(files.last().unwrap());
     run(dir, &format!("convert by-program.json {last} -o forces.csv"), 0);
@@ -157,7 +157,7 @@ fn the_page_gives_the_bits_that_the_program_gives_of_recordings() {
     let (mut browser, dir) = compare_fits(&files, "cubic");
     compare_forces(&mut browser, dir.path(), &files);
     check_quiet(browser);
-    // Its clock jumps, across which nothing is converted by default.
+    // Its clock jumps; by default rows across a jump are not converted.
     check_quiet(compare_fits(&[real_recording("others/photointerrupters/poses.csv")], "auto").0);
 }
 
@@ -167,7 +167,7 @@ fn the_page_works_by_keyboard_on_a_phone_and_in_the_dark() {
     for (width, dark) in [(1200, false), (1024, true), (360, false)] {
         let mut browser = open([width, 800], dark);
         check_rules(&mut browser);
-        // The first step of a keyboard is past the header, the next to the files.
+        // The first Tab is past the header, the next one goes to the files.
         browser.press("Tab");
         assert_eq!(browser.evaluate("document.activeElement.hash"), "#main");
         browser.evaluate("document.getElementById('example').focus()");
@@ -177,7 +177,7 @@ fn the_page_works_by_keyboard_on_a_phone_and_in_the_dark() {
         choose(&mut browser, "model", "linear");
         browser.press("Enter");
         browser.wait_for("document.getElementById('status').textContent === 'Done.'");
-        // What is new has the focus.
+        // New content has the focus.
         assert_eq!(browser.evaluate("document.activeElement.id"), "result-heading");
         assert_eq!(
             browser
@@ -221,7 +221,7 @@ fn damaged_files_are_told_one_by_one_and_the_page_stays_alive() {
     let mut browser = open([1200, 900], false);
     browser.choose(&by_id("files"), &files);
     wait_for_files(&mut browser, files.len());
-    // A kind and what was found, or why it is not read.
+    // The kind of a file and its contents, or why it cannot be read.
     let silent =
         "logs.filter(({ answer: { error, findings } }) => !error && !(findings.length > 0)).length";
     assert_eq!(browser.evaluate(silent), 0);
@@ -241,15 +241,16 @@ fn a_fit_can_be_cancelled() {
     let mut browser = open([1200, 900], false);
     browser.click(&by_id("example"));
     wait_for_files(&mut browser, 2);
-    // In one step, so that the fit cannot have ended before.
+    // In one step, so that the fit cannot end before.
     browser.evaluate("fit(); queueMicrotask(cancel); 0");
     browser.wait_for("document.getElementById('status').textContent === 'error: cancelled'");
     choose(&mut browser, "model", "linear");
     work(&mut browser, "fit");
 }
 
-/// A serial port that gives `bytes`, at most 200 at a time, and keeps what is written to it. Half-way it reports a damaged
-/// byte, which ends one stream and begins the next; as a real one it closes once nobody holds its streams.
+/// A serial port that delivers `bytes`, at most 200 at a time, and keeps the bytes written to it. Half-way it
+/// reports a damaged byte, which ends one stream and begins the next. Like a real port, it closes once its
+/// streams are released.
 fn fake_port(bytes: &[u8]) -> String {
     let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     format!(
@@ -271,7 +272,7 @@ fn fake_port(bytes: &[u8]) -> String {
     )
 }
 
-/// In the shadow of the live view.
+/// In the shadow DOM of the live view.
 fn in_view(selector: &str) -> String {
     format!("document.getElementById('live').shadowRoot?.querySelector('{selector}')")
 }
@@ -306,7 +307,7 @@ fn a_board_is_shown_and_its_log_is_that_of_record() {
         );
         let newest =
             Recording::read(&dir.join("log.csv")).numbers("t_s").last().unwrap().to_string();
-        // The last rows wait for those after them, so the view is ahead of the log by a few frames at most.
+        // The last rows wait for later ones, so the view is ahead of the log by at most a few frames.
         browser.wait_for(&format!("parseFloat({}.textContent) >= {newest} - 0.2", in_view("#now")));
         let written = browser.evaluate("port.written").as_f64().unwrap();
         assert!(written > 0.0, "it is told to start");
@@ -328,9 +329,9 @@ fn a_board_is_shown_and_its_log_is_that_of_record() {
         browser.wait_for("!port.isOpen");
         assert!(browser.evaluate("port.written").as_f64().unwrap() > written, "it is told to stop");
         assert!(saved(&mut browser, "board.csv") == expected, "another log than that of `record`");
-        // The wrench that is shown is that of the row of its time.
+        // The displayed wrench is the one in the row with its time.
         let log = Recording::read(&dir.join("log.csv"));
-        // Channels are brought to one time in a log, which is some ms from that of the frame.
+        // In a log, channels are aligned to a common time, some ms from the frame's.
         let is_shown = |time_s: &f64| (time_s - now.as_f64().unwrap()).abs() <= 0.006;
         let row = log.numbers("t_s").iter().position(is_shown).unwrap();
         let wrench = log.table(["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"])[row];
@@ -340,7 +341,7 @@ fn a_board_is_shown_and_its_log_is_that_of_record() {
             let digit = if axis < 3 { 0.05 } else { 0.005 };
             assert!((shown - value).abs() < digit, "{axis}: {shown}, {value}");
         }
-        // It is a file like those that were dropped.
+        // The recording is a file like a dropped one.
         wait_for_files(&mut browser, 2);
         assert_eq!(browser.evaluate("logs[1].answer.has_readings"), true);
         check_quiet(browser);
@@ -377,7 +378,7 @@ fn the_page_leads_through_planned_loads() {
     browser.wait_for("document.querySelector('[download=\"board.csv\"]') !== null");
     let log = saved(&mut browser, "board.csv");
     for label in ["ahead", "astern"] {
-        // 2 s at 100 Hz, and the second that stillness is told from.
+        // 2 s at 100 Hz, plus the second in which stillness is detected.
         let held = log.lines().filter(|line| line.contains(label)).count();
         assert!((195..=300).contains(&held), "{label}: {held} rows");
     }
@@ -416,7 +417,7 @@ fn times_of_the_page() {
     browser.choose(&by_id("files"), std::slice::from_ref(&log));
     wait_for_files(&mut browser, 1);
     choose(&mut browser, "model", &model);
-    // To read, to fit, to report and to show.
+    // Time to read, to fit, to report and to display.
     browser.evaluate(
         "window.times = []; window.timed = async () => { const begun = performance.now(); \
         await fit(); times.push(performance.now() - begun); }; 0",

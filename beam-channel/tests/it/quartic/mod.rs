@@ -1,39 +1,39 @@
 //! The contact of a beam's tip as a root of a polynomial, found without the crate under test.
 //!
-//! With `t = tan(θ/2)` the tip is at `x = u + L·2t/(1 + t²)`, `y = g + L·2t²/(1 + t²)`; put into the
-//! ellipse's equation and multiplied by `(1 + t²)²` that is a quartic in `t`. All its roots are found
-//! between those of its derivative, those between the roots of the second derivative, and so on.
+//! With `t = tan(θ/2)` the tip is at `x = u + L·2t/(1 + t²)`, `y = g + L·2t²/(1 + t²)`. Inserted into the
+//! ellipse's equation and multiplied by `(1 + t²)²`, that is a quartic in `t`. Its roots are found between
+//! the roots of its derivative, whose roots are found between the roots of the second derivative, and so on.
 
 mod double_double;
 
 use double_double::Wide;
 
-/// A beam, and the body it may touch, seen from its wall: x forward of the body's middle, y towards
-/// the wall.
+/// A beam and the body that it may touch, seen from its wall: x forward of the body's middle, y towards the
+/// wall.
 pub(crate) struct Tip {
     pub(crate) semi_length: f64,
     pub(crate) semi_width: f64,
     pub(crate) beam: f64,
-    /// From the body's middle to the unbent tip.
+    /// Distance from the body's middle to the unbent tip.
     pub(crate) gap: f64,
-    /// From the body's middle to the base.
+    /// Forward distance from the body's middle to the base.
     pub(crate) ahead: f64,
-    /// Of the body, in rad, towards the wall.
+    /// Yaw of the body, in rad, towards the wall.
     pub(crate) yaw: f64,
 }
 
 type Polynomial = Vec<Wide>;
 
-/// A position where the beam's tip may lie.
+/// A possible position of the beam's tip.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Intersection {
-    /// On the ellipse, in rad from the nose towards the wall, from −π to π.
+    /// Position on the ellipse, in rad from the nose towards the wall, from −π to π.
     pub(crate) phi: f64,
-    /// How far forward of the base it is, over the length of the beam.
+    /// Forward distance from the base, over the length of the beam.
     pub(crate) forward: f64,
 }
 
-/// The intersections of the ellipse and the circle about the beam's base, with the beam deflected
+/// Returns the intersections of the ellipse with the circle about the beam's base, with the beam deflected
 /// forward or not at all.
 pub(crate) fn intersections(tip: &Tip) -> Vec<Intersection> {
     let wide = Wide::from;
@@ -68,7 +68,7 @@ pub(crate) fn intersections(tip: &Tip) -> Vec<Intersection> {
     roots(&quartic).into_iter().map(intersection).collect()
 }
 
-/// The roots from 0 on, each between two turning points.
+/// Returns the non-negative roots, each between two turning points.
 fn roots(polynomial: &[Wide]) -> Vec<Wide> {
     if polynomial.len() < 2 {
         return Vec::new();
@@ -85,7 +85,7 @@ fn roots(polynomial: &[Wide]) -> Vec<Wide> {
     found
 }
 
-/// Cauchy's: no root is greater than `1 + max |a_i/a_n|`.
+/// Cauchy's bound: no root is greater than `1 + max |a_i/a_n|`.
 fn bound(polynomial: &[Wide]) -> Wide {
     let size = |value: &Wide| f64::from(*value).abs();
     let (leading, rest) = polynomial.split_last().unwrap();

@@ -1,38 +1,38 @@
-//! Which edge of one recording is which of the other.
+//! Pairs the edges of one recording with those of the other.
 //!
-//! Every pair of edges with a second pair next to it is a guess of offset and skew; the guess is followed
-//! through both recordings, each edge taking the nearest that is close enough, and corrected by the pairs that
-//! it finds. What is missing on a side, or is there on one side only, costs that pair and no other.
+//! Each pair of edges, together with a second pair nearby, gives a guess of offset and skew. The guess is
+//! followed through both recordings: each edge takes the nearest one within reach, and the pairs found
+//! correct the guess. An edge that is missing, or present on one side only, costs that pair alone.
 
-/// The largest skew between two clocks one of which has no crystal.
+/// The largest skew between a clock with a crystal and one without.
 const MOST_SKEW: f64 = 2e-2;
 
-/// Beside what the reference's samples blur, an edge may be off by so much, s: clocks wander.
+/// Tolerance on an edge in addition to the reference's sampling interval, s: clocks wander.
 const SLACK_S: f64 = 2e-4;
 
-/// Edges of the board that guesses begin with, and those after each that guesses go on to.
+/// Number of the board's edges from which guesses start, and number of following edges that they extend to.
 const BEGINNINGS: usize = 8;
 const NEXT: usize = 3;
 
-/// Times that a guess is corrected by what it has found.
+/// Number of corrections of a guess by the pairs that it finds.
 const CORRECTIONS: usize = 3;
 
-/// Pairs of edges, and the clocks that they make.
+/// Pairs of edges, and the clock relation that they give.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Pairing {
-    /// Places of the reference's edge and of the board's, in order.
+    /// Indices of the reference's edge and of the board's, in order.
     pub(super) pairs: Vec<(usize, usize)>,
     line: ClockLine,
 }
 
 impl Pairing {
-    /// Whether both pairs of a guess are of this way.
+    /// Returns true if both pairs of a guess agree with this pairing.
     fn goes_through(&self, guess: &ClockLine, blur_s: f64) -> bool {
         let ends = [guess.pivot_s, guess.pivot_s + guess.base_s];
         ends.iter().all(|&end| (self.line.at(end) - guess.at(end)).abs() <= blur_s + SLACK_S)
     }
 
-    /// Whether most of the pairs that are looked at are another's as well.
+    /// Returns true if another pairing shares most of the pairs sampled here.
     fn is_like(&self, other: &Self) -> bool {
         const LOOKED_AT: usize = 16;
         let step = self.pairs.len().div_ceil(LOOKED_AT);
@@ -53,7 +53,7 @@ struct ClockLine {
     pivot_s: f64,
     at_s: f64,
     skew: f64,
-    /// Time that the skew was found over, s.
+    /// Time span from which the skew was determined, s.
     base_s: f64,
 }
 
@@ -62,14 +62,14 @@ impl ClockLine {
         self.at_s + (1.0 + self.skew) * (board_s - self.pivot_s)
     }
 
-    /// How far an edge of the reference may be from where the line says, s.
+    /// The maximum distance between an edge of the reference and the line, s.
     fn reach(self, board_s: f64, blur_s: f64) -> f64 {
         let beyond = (board_s - self.pivot_s).abs() / self.base_s.max(1e-9);
-        // What a blur at either end of the base makes of the skew.
+        // Contribution to the skew of a blur at either end of the base.
         blur_s * (1.0 + 2.0 * beyond).min(4.0) + SLACK_S
     }
 
-    /// By the first and last of the pairs as far as they go, with the mean of all in between.
+    /// The line from the first to the last of the pairs, through the mean of all pairs.
     fn through(pairs: &[(usize, usize)], reference: &[f64], board: &[f64]) -> Option<Self> {
         let n = pairs.len() as f64;
         let mean = |of: &dyn Fn(&(usize, usize)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
@@ -86,7 +86,7 @@ impl ClockLine {
     }
 }
 
-/// The ways to pair edges, that with the most pairs first; ways that share most of their pairs are one.
+/// The possible pairings, with the most pairs first; pairings that share most of their pairs are merged.
 pub(super) fn pairings(reference: &[f64], board: &[f64], blur_s: f64) -> Vec<Pairing> {
     let mut ways: Vec<Pairing> = Vec::new();
     let mut best = 1;
@@ -103,14 +103,14 @@ pub(super) fn pairings(reference: &[f64], board: &[f64], blur_s: f64) -> Vec<Pai
         add(&mut ways, way);
     }
     if ways.is_empty() {
-        // No two edges have a gap in common: any edge may be any other.
+        // No gap between two edges occurs on both sides: any edge may match any other.
         ways = singles(reference, board);
     }
     ways.sort_by(|a, b| b.pairs.len().cmp(&a.pairs.len()).then(a.pairs.cmp(&b.pairs)));
     ways
 }
 
-/// Guesses of two pairs each.
+/// Guesses from two pairs each.
 fn guesses(reference: &[f64], board: &[f64]) -> impl Iterator<Item = ClockLine> {
     let step = board.len().div_ceil(BEGINNINGS).max(1);
     let starts = (0..board.len()).step_by(step);
@@ -133,12 +133,12 @@ fn guesses(reference: &[f64], board: &[f64]) -> impl Iterator<Item = ClockLine> 
     })
 }
 
-/// Edges of the board that are within the reference's by a guess, at most.
+/// The maximum number of the board's edges within the reference's recording under a guess.
 fn overlap(line: ClockLine, reference: &[f64], board: &[f64]) -> usize {
     let [first, .., last] = reference else { return reference.len() };
     let from = board.partition_point(|&time| line.at(time) < first - SLACK_S);
     let to = board.partition_point(|&time| line.at(time) <= last + SLACK_S);
-    // A guess whose skew is off by its blur may leave some out.
+    // A guess whose skew is off by its blur may miss some edges.
     (to - from + 2).min(board.len()).min(reference.len())
 }
 
@@ -160,7 +160,8 @@ fn follow(mut line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) ->
     (pairs.len() > 1).then_some(Pairing { pairs, line })
 }
 
-/// Every edge of the board with the nearest of the reference, if that is within reach and nearest to no other.
+/// Pairs each edge of the board with the nearest one of the reference, if that is within reach and has no
+/// nearer partner.
 fn walk(line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(usize, usize)> {
     let mut pairs: Vec<(usize, usize, f64)> = Vec::new();
     for (i, &time) in board.iter().enumerate() {
@@ -181,7 +182,7 @@ fn walk(line: ClockLine, reference: &[f64], board: &[f64], blur_s: f64) -> Vec<(
     pairs.into_iter().map(|(j, i, _)| (j, i)).collect()
 }
 
-/// Adds a way, unless it is there, or takes the place of a poorer one that is the same.
+/// Adds a pairing, unless an equivalent one exists; replaces an equivalent one with fewer pairs.
 fn add(ways: &mut Vec<Pairing>, way: Pairing) {
     match ways.iter_mut().find(|other| way.is_like(other) || other.is_like(&way)) {
         Some(other) if other.pairs.len() >= way.pairs.len() => {}
@@ -190,13 +191,13 @@ fn add(ways: &mut Vec<Pairing>, way: Pairing) {
     }
 }
 
-/// Every edge with every other.
+/// Each edge paired with each other.
 fn singles(reference: &[f64], board: &[f64]) -> Vec<Pairing> {
     let pair = |j: usize, i: usize| Pairing {
         pairs: vec![(j, i)],
         line: ClockLine { pivot_s: board[i], at_s: reference[j], skew: 0.0, base_s: f64::INFINITY },
     };
     let pairs = (0..reference.len()).flat_map(|j| (0..board.len()).map(move |i| (j, i)));
-    // Beyond some it does not matter how many there are.
+    // Beyond this limit the number does not matter.
     pairs.take(1 << 12).map(|(j, i)| pair(j, i)).collect()
 }

@@ -1,16 +1,16 @@
-//! Clocks compared by the edges of one signal that both sides have recorded.
+//! Comparison of clocks by the edges of a signal that both sides have recorded.
 //!
 //! ```text
 //! t_reference,j = t_board,i + offset + skew · (t_board,i − pivot) + e
-//! e: uniform over a sample of the reference's, for its edge lies anywhere between two samples
+//! e: uniform over one sampling interval of the reference, since its edge lies anywhere between two samples
 //! ```
 //!
-//! Errors may be common to all edges, where the reference's samples keep step with the signal; the standard
-//! error of the offset then does not fall with their number.
+//! The errors may be common to all edges, if the reference's samples keep step with the signal. The standard
+//! error of the offset then does not fall with the number of edges.
 //!
-//! Which edge is which follows from the gaps between them (`matching`), and where these leave it open from
-//! the loads. Offset and skew are least squares over the pairs, with what oscillators differ by as the prior of
-//! the skew, so that one edge gives the offset and two that are far apart the skew.
+//! The gaps between edges determine which edge is which (`matching`); if they leave it open, the loads
+//! decide. Offset and skew are a least-squares fit to the pairs, with the tolerance of oscillators as the
+//! prior of the skew. One edge thus gives the offset, and two distant edges give the skew.
 
 mod matching;
 
@@ -19,54 +19,53 @@ use super::{AlignError, ClockMap, RecordingSide};
 use matching::Pairing;
 use shell_data::statistics::extremes;
 
-/// Standard deviation of the skew before anything is known: the board has a clock without a crystal, good
-/// to 1 % (DS11451, table "HSI16 oscillator characteristics").
+/// Prior standard deviation of the skew: the board has a clock without a crystal, accurate to 1 % (DS11451,
+/// table "HSI16 oscillator characteristics").
 const PRIOR_SKEW: f64 = 5e-3;
 
-/// The board's own error of an edge: its clock's step of 1 µs, and the interrupt's some µs.
+/// The board's own error of an edge: its clock step of 1 µs, and some µs of interrupt latency.
 const BOARD_SD_S: f64 = 5e-6;
 
-/// As many pairs tell by how much they scatter.
+/// The minimum number of pairs for an estimate of their scatter.
 const ENOUGH_TO_SCATTER: usize = 5;
 
-/// Shares of the range below which a signal is low and above which it is high.
+/// Shares of the range below which a signal is low, and above which it is high.
 const LOW: f64 = 0.4;
 const HIGH: f64 = 0.6;
 
-/// The edges of both sides.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Edges {
-    /// In the reference's recording, on its clock, s.
+    /// Edges in the reference's recording, on its clock, s.
     pub reference_s: Vec<f64>,
-    /// At the board's sync input, on its clock, s.
+    /// Edges at the board's sync input, on its clock, s.
     pub board_s: Vec<f64>,
-    /// Time between two samples of the reference, s: an edge may be anywhere within.
+    /// Time between two samples of the reference, s; an edge may lie anywhere between them.
     pub resolution_s: f64,
 }
 
-/// Edges that were matched, and what follows from them.
+/// Matched edges, and the resulting statistics.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct EdgeMatch {
-    /// Pairs of the same edge.
+    /// Number of matched pairs.
     pub matched: usize,
-    /// Edges of the reference.
+    /// Number of edges of the reference.
     pub reference: usize,
-    /// Edges of the board.
+    /// Number of edges of the board.
     pub board: usize,
-    /// RMS of what offset and skew leave of the pairs, s.
+    /// RMS residual of the pairs about offset and skew, s.
     pub residual_s: f64,
-    /// Whether the loads had to tell which edge is which.
+    /// True if the loads had to decide which edge is which.
     pub told_by_loads: bool,
-    /// What the loads say by themselves, where they say anything.
+    /// The clock relation from the loads alone, if they give one.
     pub by_loads: Option<ClockMap>,
 }
 
 impl Edges {
-    /// The clocks by the edges; `by_loads` are those by the loads, if these match.
+    /// The clock relation from the edges; `by_loads` is that from the loads, if these match.
     ///
     /// # Errors
-    /// [`AlignError::TooManyEdges`], or [`AlignError::EdgesUnclear`] if neither the gaps nor the loads tell which
-    /// edge is which.
+    /// [`AlignError::TooManyEdges`], or [`AlignError::EdgesUnclear`] if neither the gaps nor the loads
+    /// determine which edge is which.
     pub(super) fn clocks(
         mut self,
         by_loads: Option<ClockMap>,
@@ -96,7 +95,7 @@ impl Edges {
         Ok((clock, found))
     }
 
-    /// Least squares over the pairs, and the RMS of what is left.
+    /// Least-squares fit to the pairs, with the RMS residual.
     fn solve(&self, pairing: &Pairing) -> (ClockMap, f64) {
         let pairs = pairing.pairs.iter().map(|&(j, i)| {
             let board_s = self.board_s[i];
@@ -114,8 +113,9 @@ impl Edges {
         let spread = sum(&|t, _| t * t);
         let skew = sum(&|t, d| t * d) / (spread + variance * precision);
         let left = sum(&|t, d| (d - skew * t).powi(2));
-        // Clocks that wander scatter more than samples do. What the pairs do not scatter by is common to all:
-        // a signal that the reference itself has made keeps step with its samples. Few pairs do not tell.
+        // Wandering clocks scatter more than sampling does. Any part of the sampling error that does not
+        // appear as scatter is common to all pairs: a signal generated by the reference itself keeps step
+        // with its samples. A few pairs do not show the scatter.
         let seen = if pairs.len() >= ENOUGH_TO_SCATTER { left / (n - 2.0) } else { 0.0 };
         let (scatter, common) = (variance.max(seen), (variance - seen).max(0.0));
         let clock = ClockMap {
@@ -130,14 +130,14 @@ impl Edges {
     }
 }
 
-/// The one way to pair edges that is meant, and whether the loads had to tell.
+/// The correct pairing, and true if the loads had to decide.
 fn choose<'a>(
     ways: &'a [Pairing],
     by_loads: Option<&ClockMap>,
 ) -> Result<(&'a Pairing, bool), AlignError> {
     let unclear = |matched| AlignError::EdgesUnclear { ways: ways.len(), matched };
     let best = ways.first().ok_or(unclear(0))?;
-    // Another way that explains half as many may be the right one, where edges are missing on a side.
+    // If edges are missing on one side, a pairing with half as many pairs may be the right one.
     let rivals: Vec<&Pairing> =
         ways.iter().filter(|way| 2 * way.pairs.len() > best.pairs.len()).collect();
     let [_, _, ..] = rivals[..] else { return Ok((best, false)) };
@@ -145,17 +145,18 @@ fn choose<'a>(
     let distance = |way: &Pairing| (way.offset_at(clock.pivot_s) - clock.offset_s).abs();
     let mut near: Vec<(f64, &Pairing)> = rivals.iter().map(|way| (distance(way), *way)).collect();
     near.sort_by(|a, b| a.0.total_cmp(&b.0));
-    // The loads know the offset to some ms.
+    // The loads determine the offset to some ms.
     match near[..] {
         [(first, way), (second, _), ..] if first < second / 4.0 => Ok((way, true)),
         _ => Err(unclear(best.pairs.len())),
     }
 }
 
-/// The rising edges of a signal, s, and the time between the samples around one, s (RMS; 0 without an edge).
+/// The rising edges of a signal, s, and the time between the samples around an edge, s (RMS; 0 without an
+/// edge).
 ///
-/// A signal is low below 40 % of its range and high above 60 %; an edge lies in the middle between the last
-/// low sample and the first high one. Samples that are not finite say nothing.
+/// A signal is low below 40 % of its range and high above 60 %. An edge lies in the middle between the last
+/// low sample and the first high one. Samples that are not finite are ignored.
 pub fn rising_edges(time_s: &[f64], values: &[f64]) -> (Vec<f64>, f64) {
     let (least, most) = extremes(values.iter().copied().filter(|value| value.is_finite()));
     let range = most - least;

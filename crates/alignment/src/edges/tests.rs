@@ -1,11 +1,11 @@
-//! Signals whose truth is known.
+//! Signals with known truth.
 
 use super::*;
 use system_tests::random::Random;
 
 const PERIOD_S: f64 = 1e-3;
 
-/// Times of edges that are `gap(i)` s apart, on the board's clock.
+/// Times of edges with gaps `gap(i)`, s, on the board's clock.
 fn times(count: usize, mut gap: impl FnMut(usize) -> f64) -> Vec<f64> {
     let mut at = 3.0;
     (0..count)
@@ -16,7 +16,7 @@ fn times(count: usize, mut gap: impl FnMut(usize) -> f64) -> Vec<f64> {
         .collect()
 }
 
-/// What a reference that samples every ms makes of them: the middle between two of its samples.
+/// The edges in a reference that samples every ms: the middle between two of its samples.
 fn seen(board_s: &[f64], offset_s: f64, skew: f64) -> Vec<f64> {
     let at = |t: &f64| t + offset_s + skew * t;
     board_s.iter().map(|t| ((at(t) / PERIOD_S).floor() + 0.5) * PERIOD_S).collect()
@@ -26,7 +26,7 @@ fn edges(reference_s: Vec<f64>, board_s: Vec<f64>) -> Edges {
     Edges { reference_s, board_s, resolution_s: PERIOD_S }
 }
 
-/// Errors over stated standard errors, of the offset at the pivot and of the skew.
+/// Errors divided by their stated standard errors, of the offset at the pivot and of the skew.
 fn scores(clock: &ClockMap, offset_s: f64, skew: f64) -> [f64; 2] {
     let truth_s = offset_s + skew * clock.pivot_s;
     [(clock.offset_s - truth_s) / clock.offset_se_s, (clock.skew - skew) / clock.skew_se]
@@ -62,7 +62,8 @@ fn edges_that_are_missing_or_too_many_on_a_side_cost_themselves() {
         let all = times(12, |_| 2.0 + 8.0 * random.unit());
         let mut reference = seen(&all, offset_s, skew);
         let mut board = all.clone();
-        // Two of the reference's are missing, and one of the board's; bounces and strays on both sides.
+        // Two edges of the reference are missing, and one of the board's; both sides have bounces and stray
+        // edges.
         reference.remove(random.next() as usize % 12);
         reference.remove(random.next() as usize % 11);
         board.remove(random.next() as usize % 12);
@@ -77,10 +78,10 @@ fn edges_that_are_missing_or_too_many_on_a_side_cost_themselves() {
             *sum += score * score;
         }
     }
-    // A bounce that is taken for its edge shows as a pair that is off; none is off by more than a few.
+    // A bounce mistaken for its edge shows as an outlying pair; no pair is far off.
     assert!(worst < 5.0, "{worst}");
-    // Errors are not larger than what is stated: the RMS of 400 scores is at most 1 to within 4 of its standard
-    // deviations. They are smaller by up to a half: of ten edges it is not known what all have in common.
+    // Errors do not exceed the stated ones: the RMS of 400 scores is at most 1 to within 4 of its standard
+    // deviations. They are smaller by up to a half, as ten edges do not show how large their common error is.
     for sum in squares {
         let rms = (sum / f64::from(sessions)).sqrt();
         let most = 1.0 + 4.0 / (2.0 * f64::from(sessions)).sqrt();
@@ -90,7 +91,7 @@ fn edges_that_are_missing_or_too_many_on_a_side_cost_themselves() {
 
 #[test]
 fn a_signal_that_keeps_step_with_the_samples_has_one_error() {
-    // Every edge comes just after a sample of the reference's.
+    // Each edge comes just after a sample of the reference.
     let board = times(20, |i| 1.0 + 0.05 * (i * i * 7 % 23) as f64);
     let reference: Vec<f64> = board.iter().map(|t| t + 5.0 + 0.49 * PERIOD_S).collect();
     let (clock, found) = edges(reference, board).clocks(None).unwrap();
@@ -120,7 +121,7 @@ fn a_periodic_signal_is_told_by_the_loads_or_refused() {
     let board = all[7..].to_vec();
     let unclear = edges(reference.clone(), board.clone()).clocks(None);
     assert!(matches!(unclear, Err(AlignError::EdgesUnclear { .. })), "{unclear:?}");
-    // The loads need not know better than to a quarter of the period.
+    // The loads only need to be accurate to a quarter of the period.
     let (clock, found) = edges(reference.clone(), board.clone()).clocks(loads(100.1)).unwrap();
     assert_eq!((found.matched, found.told_by_loads), (48, true));
     assert!(scores(&clock, 100.0, 2e-5).iter().all(|score| score.abs() < 4.0));
@@ -144,7 +145,7 @@ fn signals_that_have_nothing_in_common_are_refused() {
 #[test]
 fn edges_of_a_signal_lie_between_its_low_and_its_high_samples() {
     let time_s: Vec<f64> = (0..12).map(|i| f64::from(i) * 0.1).collect();
-    // High from the start, noise in between, a slow rise, and a sample that is none.
+    // High from the start, noise in between, a slow rise, and an invalid sample.
     let values = [5.0, 0.1, 0.0, 4.9, 5.0, 2.4, 4.0, 0.0, 2.5, f64::NAN, 4.8, 5.0];
     let (edges, resolution_s) = rising_edges(&time_s, &values);
     assert_eq!(edges.len(), 2);

@@ -1,8 +1,7 @@
-//! The boards that a port leads to: several on one radio channel, each with a stream of its own.
+//! The boards behind a port: several on one radio channel, each with its own stream.
 //!
-//! A base station in API mode says which module a packet comes from, and the frames of each module are cut
-//! by themselves. What arrives through a transparent one says which board it is of, from version 3 of the
-//! protocol on.
+//! A base station in API mode names the module of each packet, so every module's frames are decoded
+//! separately. Behind a transparent base station, packets name their board from version 3 of the protocol on.
 
 use std::time::Duration;
 
@@ -10,20 +9,20 @@ use super::reception::{BoardFrame, Losses, Reception};
 use shared_proto::xbee::{Address, ApiFrame, Deframer};
 use shared_proto::{Decoder, Event, Framing, Protocol, Status, skinproc};
 
-/// Most modules, and most boards, that are told apart: more than a channel has room for.
+/// Maximum number of modules, and of boards, that are distinguished: more than a channel has capacity for.
 const MOST: usize = 256;
 
-/// What cuts bytes into packets.
+/// Splits bytes into packets.
 #[derive(Clone, Debug)]
 pub(crate) struct PacketWire {
-    /// Of a base station in API mode.
+    /// For a base station in API mode.
     deframer: Option<Deframer>,
-    /// Each module behind that; without it, the one decoder of a wire or a transparent radio.
+    /// A decoder per module behind it; otherwise the single decoder of a wire or transparent radio.
     modules: Vec<(Option<Address>, Decoder)>,
 }
 
 impl PacketWire {
-    /// Nothing has arrived.
+    /// Creates a wire.
     pub(crate) fn new(framing: Framing) -> Self {
         let deframer = match framing {
             Framing::Cobs => None,
@@ -32,8 +31,8 @@ impl PacketWire {
         Self { deframer, modules: Vec::new() }
     }
 
-    /// Takes bytes, in slices of any size, and calls `sink` with every event, and the address of its module and how
-    /// strongly that was received where a base station says so.
+    /// Decodes bytes, in slices of any size. Calls `sink` with every event, and with the address and signal
+    /// strength of its module if a base station reports them.
     pub(crate) fn feed(
         &mut self,
         bytes: &[u8],
@@ -60,31 +59,31 @@ impl PacketWire {
     }
 }
 
-/// What tells a board from others.
+/// The identity of a packet's sender.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct BoardSource {
-    /// Of its module, where the base station is in API mode.
+    /// Address of the module, if the base station is in API mode.
     pub address: Option<Address>,
-    /// What its packets call it, where the base station is transparent and they do.
+    /// The board's name in its packets, if the base station is transparent and the protocol has names.
     pub board: Option<u16>,
 }
 
-/// A board that is heard.
+/// A board that was heard.
 #[derive(Clone, Debug)]
 pub struct HeardBoard {
-    /// Which it is.
+    /// The board's identity as a sender.
     pub sender: BoardSource,
-    /// Frames that nobody has taken yet.
+    /// Frames not taken yet.
     pub frames: Vec<BoardFrame>,
-    /// Its books.
+    /// Decoding state and losses.
     pub(crate) reception: Reception,
-    /// When its newest packet arrived.
+    /// Arrival time of the newest packet.
     pub(crate) heard_at: Option<Duration>,
-    /// What it streamed with at first, where it was started.
+    /// The initial state of the stream, if this program started it.
     pub(crate) started: Option<Status>,
 }
 
-/// Turns the bytes of a port into the frames of each board.
+/// Decodes the bytes of a port to the frames of each board.
 #[derive(Clone, Debug)]
 pub struct Boards {
     wire: Wire,
@@ -94,7 +93,7 @@ pub struct Boards {
     beyond: u64,
 }
 
-/// What cuts the bytes into packets.
+/// Splits the bytes into packets.
 #[derive(Clone, Debug)]
 enum Wire {
     Packets(PacketWire),
@@ -102,7 +101,7 @@ enum Wire {
 }
 
 impl Boards {
-    /// Nothing has arrived.
+    /// Creates a decoder for a protocol.
     pub fn new(protocol: Protocol) -> Self {
         let wire = match protocol {
             Protocol::Packets(framing) => Wire::Packets(PacketWire::new(framing)),
@@ -111,7 +110,7 @@ impl Boards {
         Self { wire, heard: Vec::new(), beyond: 0 }
     }
 
-    /// Takes bytes, in slices of any size, and when they arrived where that is known, see [`Reception::arrived_at`].
+    /// Decodes bytes, in slices of any size, with their arrival time if known, see [`Reception::arrived_at`].
     pub fn feed(&mut self, bytes: &[u8], arrival: Option<Duration>) {
         let Self { wire, heard, beyond } = self;
         let take = |address: Option<Address>, rssi, event: Event| {
@@ -140,13 +139,13 @@ impl Boards {
         }
     }
 
-    /// Ends the stream: the last scan of the original board waits for a next one until then, see also
+    /// Ends the stream: the original board's last scan waits until then for a next one, see also
     /// [`Reception::finish`].
     pub fn finish(&mut self) {
         if let (Wire::Original(decoder), [board]) = (&mut self.wire, &mut self.heard[..]) {
             decoder.finish(|scan| board.reception.take_scan(&scan, &mut board.frames));
         }
-        // One frame is no board where others are heard: it may be damage.
+        // If other boards are heard, a single frame may be damage and is not a board.
         let is_alone = self.heard.len() == 1;
         for board in &mut self.heard {
             if is_alone || board.reception.has_begun() {
@@ -155,7 +154,8 @@ impl Boards {
         }
     }
 
-    /// The losses of a board so far; damaged bytes are those of its radio module, because on a wire they cannot be told apart by board.
+    /// Returns the losses of a board so far. Damaged bytes are counted per module; on a wire they
+    /// cannot be attributed to a board.
     pub fn losses_of(&self, sender: BoardSource) -> Losses {
         let board = self.heard.iter().find(|board| board.sender == sender);
         let mut losses = board.map(|board| board.reception.losses()).unwrap_or_default();
@@ -166,7 +166,7 @@ impl Boards {
         losses
     }
 
-    /// What all of them have lost so far.
+    /// Returns the losses of all boards so far.
     pub fn losses(&self) -> Losses {
         let mut losses = Losses { unknown: self.beyond, ..Losses::default() };
         self.heard.iter().for_each(|board| losses += board.reception.losses());
@@ -184,7 +184,7 @@ impl Boards {
     }
 }
 
-/// The board, which may be a new one; `None` if there are too many.
+/// Returns the board, which may be new; `None` if there are too many.
 fn board_of(heard: &mut Vec<HeardBoard>, sender: BoardSource) -> Option<&mut HeardBoard> {
     let known = heard.iter().position(|board| board.sender == sender);
     if known.is_none() && heard.len() < MOST {
@@ -195,7 +195,7 @@ fn board_of(heard: &mut Vec<HeardBoard>, sender: BoardSource) -> Option<&mut Hea
     heard.get_mut(at).filter(|board| board.sender == sender)
 }
 
-/// What a decoder could make nothing of.
+/// Returns a decoder's damage as losses.
 fn damage(decoder: &Decoder) -> Losses {
     let counters = decoder.counters;
     Losses {
@@ -207,9 +207,9 @@ fn damage(decoder: &Decoder) -> Losses {
 }
 
 impl BoardSource {
-    /// What a log is named by.
+    /// Returns the board's name in a log's path.
     pub(crate) fn text(self) -> String {
-        // Addresses in hexadecimal digits, as `X-CTU` and the manuals write them.
+        // Addresses in hexadecimal digits, as in `X-CTU` and the manuals.
         match self.address {
             Some(Address::Short(short)) => format!("{short:04x}"),
             Some(Address::Long(long) | Address::Zigbee { long, .. }) => format!("{long:016x}"),

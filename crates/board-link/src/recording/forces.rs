@@ -1,4 +1,4 @@
-//! Forces beside the readings, by the [force pipeline](forces), as frames come.
+//! Forces in addition to the readings, by the [force pipeline](forces), as frames arrive.
 
 use super::reception::BoardFrame;
 use calibration::Calibration;
@@ -8,41 +8,41 @@ use forces::{FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, Pi
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis, AxisValues, PerAxis};
 
-/// A calibration that cannot be applied to what the board sends.
+/// A calibration that does not suit the board's data.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UnsuitableCalibration {
-    /// It is for another number of channels.
+    /// The calibration has another number of channels.
     #[error("the calibration is for {0} channels, a board has {CHANNELS}")]
     Channels(usize),
-    /// The board converts itself.
+    /// The board converts readings itself.
     #[error("the board streams wrenches, so there are no readings to apply a calibration to")]
     Wrenches,
 }
 
-/// From readings to forces while they are recorded.
+/// Settings of the conversion from readings to forces during a recording.
 #[derive(Clone, Debug)]
 pub struct LiveForces {
     /// The model.
     pub calibration: Calibration,
-    /// How readings become forces; the low-pass is applied forward only, whatever this says.
+    /// Options of the conversion; the low-pass is always applied forward only.
     pub options: ForceOptions,
 }
 
-/// Forces of frames as they come.
+/// Conversion of arriving frames to forces.
 #[derive(Clone, Debug)]
 pub struct RunningForces {
     calibration: Calibration,
     options: ForceOptions,
     stage: ForceStage,
     memory: Option<MemoryState>,
-    /// The stationary intervals, where the tare follows them.
+    /// The stationary intervals, if the tare follows them.
     rests: Option<StationaryFinder>,
     newest: Option<PerAxis<f64>>,
 }
 
 #[derive(Clone, Debug)]
 enum ForceStage {
-    /// Tare and clock are being found in the first frames, which are kept for the filter.
+    /// Tare and clock are being determined from the first frames, which are kept for the filter.
     Setup {
         setup: Box<PipelineSetup>,
         times_s: Vec<f64>,
@@ -54,24 +54,24 @@ enum ForceStage {
     },
 }
 
-/// What a frame gives.
+/// The force of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Force {
     /// Wrench in N and N·m.
     pub wrench: PerAxis<f64>,
     /// Bit i is set if channel i was outside the calibrated range.
     pub out_of_range: u64,
-    /// There is to be a tare, and it was not known yet.
+    /// A tare is enabled, but was not known yet.
     pub untared: bool,
-    /// There is to be a low-pass, and its clock was not known yet.
+    /// A low-pass is enabled, but its clock was not known yet.
     pub unfiltered: bool,
 }
 
 impl RunningForces {
-    /// Nothing has come yet.
+    /// Creates the conversion.
     ///
     /// # Errors
-    /// [`UnsuitableCalibration`] if the calibration is for another number of channels.
+    /// [`UnsuitableCalibration`] if the calibration has another number of channels.
     pub fn new(live: LiveForces) -> Result<Self, UnsuitableCalibration> {
         let channels = live.calibration.channels();
         if channels != CHANNELS {
@@ -86,10 +86,10 @@ impl RunningForces {
         Ok(Self { calibration: live.calibration, options, stage, memory, rests, newest: None })
     }
 
-    /// Forces of frames that hold readings.
+    /// Computes the forces of frames that hold readings.
     ///
     /// # Errors
-    /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
+    /// [`ForceError`] if the low-pass is impossible at the rate of the frames.
     pub fn of(&mut self, frames: &[BoardFrame]) -> Result<Vec<Force>, ForceError> {
         let times_s: Vec<f64> = frames.iter().map(|frame| frame.time_us as f64 / 1e6).collect();
         let mut readings = columns(frames);
@@ -121,8 +121,8 @@ impl RunningForces {
         Ok(forces)
     }
 
-    /// The standard errors of forces of such frames, without what the low-pass takes off them; `None` if the
-    /// calibration knows none. N and N·m.
+    /// Returns the standard errors of the forces of such frames in N and N·m, without the reduction by the
+    /// low-pass; `None` if the calibration has none.
     pub fn standard_errors(&self, frames: &[BoardFrame]) -> Option<PerAxis<Vec<f64>>> {
         let tare = match &self.stage {
             ForceStage::Setup { .. } => None,
@@ -131,24 +131,25 @@ impl RunningForces {
         self.calibration.standard_errors(&columns(frames), tare)
     }
 
-    /// The time of a frame's force on the clock of the calibration's reference, µs, from that of its readings.
+    /// Converts the time of a frame's readings, µs, to the time of its force on the clock of the
+    /// calibration's reference.
     pub fn moved_us(&self, time_us: i64) -> i64 {
         let lag = self.calibration.lag.filter(|lag| lag.time_base == TimeBase::Seconds);
         time_us + lag.map_or(0, |lag| (lag.by * 1e6).round() as i64)
     }
 
-    /// The axes that there are forces of.
+    /// Returns the axes of the calibration.
     pub fn axes(&self) -> Axes {
         self.calibration.axes
     }
 
-    /// The wrench of the newest frame.
+    /// Returns the wrench of the newest frame.
     pub fn newest(&self) -> Option<AxisValues<f64>> {
         self.newest.map(|wrench| self.axes().values(&wrench))
     }
 
-    /// Finds tare and clock, as far as that is not done; how many of the frames that took. The filter
-    /// is then where it would be had they been known from the start.
+    /// Determines tare and clock if they are not known yet; returns the number of frames used. The filter is
+    /// then in the state that it would have if they had been known from the start.
     fn set_up(&mut self, times_s: &[f64], readings: &[Vec<f64>]) -> Result<usize, ForceError> {
         let ForceStage::Setup { setup, times_s: kept_s, readings: kept } = &mut self.stage else {
             return Ok(0);
@@ -174,7 +175,7 @@ impl RunningForces {
     }
 }
 
-/// Lets a pipeline follow the stationary intervals that end among some frames, where its tare does that.
+/// Passes stationary intervals that end within these frames to the pipeline, if its tare follows them.
 fn follow(
     rests: &mut Option<StationaryFinder>,
     pipeline: &mut ForcePipeline,
@@ -183,13 +184,13 @@ fn follow(
     readings: &[Vec<f64>],
 ) {
     if let Some(finder) = rests {
-        // At rest there is nothing to remember.
+        // Without memory columns, which are irrelevant at rest.
         let channels = &readings[..calibration.channels()];
         finder.look_at(times_s, channels, &mut |rest| pipeline.follow(calibration, rest));
     }
 }
 
-/// The readings of frames, column by column.
+/// Returns the readings of frames, column by column.
 fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
     let column = |channel: usize| {
         let reading =

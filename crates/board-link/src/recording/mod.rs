@@ -1,20 +1,19 @@
-//! What a board sends, as rows of a log: bytes in, CSV lines out.
+//! Conversion of a board's data to rows of a log: bytes in, CSV lines out.
 //!
 //! ```text
 //! bytes ─ recognition ─▶ protocol ─ Boards ─ Reception ─▶ BoardFrame ─ RowWriter ─▶ CSV lines
 //! ```
 //!
-//! [`Boards`] cuts packets and has a [`Reception`] for every board that is heard.
-//! [`Reception`] unwraps sequence and clock, finds restarts of the board and leaves out frames that those
-//! around them contradict; `RowWriter` puts the
-//! frames of a batch in order, marks gaps and adds forces where there is a calibration. The channels of
-//! a frame are brought to one time; nothing else is interpolated: a frame that did
-//! not arrive has no row, and the row after it says how many are missing.
+//! [`Boards`] splits the bytes into packets and has a [`Reception`] for every board. [`Reception`] unwraps
+//! sequence numbers and clocks, finds restarts and removes frames that contradict their neighbours.
+//! `RowWriter` sorts the frames of a batch, marks gaps and adds forces if there is a calibration. The
+//! channels of a frame are interpolated to a common time. Missing frames are not interpolated: they have no
+//! row, and the next row counts them.
 //!
-//! Readings are in steps of the 12-bit converter, those of the original board as they are, those of
-//! the packets over [`shared_proto::COUNTS_PER_LSB`], so a calibration holds for both.
+//! Readings are in steps of the 12-bit converter: unchanged for the original board, divided by
+//! [`shared_proto::COUNTS_PER_LSB`] for packets, so that a calibration suits both.
 //!
-//! No files, ports or clocks here: see [`crate`].
+//! This module uses no files, ports or clocks: see [`crate`].
 
 mod boards;
 mod forces;

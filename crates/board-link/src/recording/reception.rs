@@ -1,4 +1,4 @@
-//! Packets to frames with unwrapped index and clock, and the books of what was lost.
+//! Conversion of packets to frames with unwrapped index and clock, and the count of losses.
 
 use std::time::Duration;
 
@@ -13,34 +13,34 @@ use shared_proto::{
 /// Largest code of the original board's 12-bit converter.
 const FULL_SCALE: u16 = 4095;
 
-/// One frame that arrived.
+/// A received frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BoardFrame {
     /// The board's clock since its first reset in this recording, µs, unwrapped.
     pub time_us: i64,
-    /// The sequence number, unwrapped; that of the original board counts what arrived.
+    /// The sequence number, unwrapped; for the original board, the number of frames received.
     pub index: i64,
-    /// What was measured.
+    /// The measured values.
     pub measured: Measured,
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
-    /// The board's count of frames that it did not take or could not send, which wraps.
+    /// The board's count of frames that it did not take or could not send; wraps.
     pub dropped: u8,
-    /// The board has restarted before this frame.
+    /// True if the board has restarted before this frame.
     pub restarted: bool,
-    /// When its readings were taken, where the board has said so.
+    /// Times of the readings, if the board has reported them.
     pub timing: Option<Timing>,
-    /// How the board is, where it has said so since the frame before.
+    /// The board's health, if reported since the previous frame.
     pub health: Option<Health>,
-    /// An edge at the sync input since the frame before, or one of several.
+    /// An edge at the sync input since the previous frame, or one of several.
     pub edge: Option<BoardEdge>,
-    /// Its readings are known to be of different times.
+    /// True if the readings are known to be of different times.
     pub skewed: bool,
-    /// Strength that the base station received it with, in dBm, where it says so.
+    /// Signal strength at the base station in dBm, if reported.
     pub rssi_dbm: Option<i16>,
 }
 
-/// What a frame holds.
+/// Measured values of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Measured {
     /// Readings in steps of the 12-bit converter.
@@ -56,7 +56,7 @@ impl Default for Measured {
 }
 
 impl Measured {
-    /// The readings, if it holds them.
+    /// Returns the readings, if the frame holds readings.
     pub fn readings(&self) -> Option<&[f64; CHANNELS]> {
         match self {
             Self::Readings(readings) => Some(readings),
@@ -65,12 +65,12 @@ impl Measured {
     }
 }
 
-/// What arrived, and what did not.
+/// Counts of losses and irregularities.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Losses {
-    /// Frames that the board sent and that did not arrive.
+    /// Frames that the board sent but that did not arrive.
     pub missing: u64,
-    /// Times that one or more in a row were missing.
+    /// Number of runs of missing frames.
     pub gaps: u64,
     /// Frames that arrived twice; they are written once.
     pub duplicates: u64,
@@ -78,15 +78,15 @@ pub struct Losses {
     pub reordered: u64,
     /// Packets whose CRC did not match.
     pub bad_crc: u64,
-    /// Other damage: pieces that are no packet, bad API frames, frames that those around them contradict.
+    /// Other damage: pieces that are not packets, bad API frames, frames that contradict their neighbours.
     pub damaged: u64,
-    /// Bytes that belonged to nothing (original board only).
+    /// Bytes outside scans (original board only).
     pub skipped_bytes: u64,
     /// Packets of another version or of an unknown kind.
     pub unknown: u64,
     /// Frames that the board did not take or could not send.
     pub dropped_on_board: u64,
-    /// Times that the board restarted.
+    /// Number of restarts of the board.
     pub restarts: u64,
     /// Edges at the sync input that the board did not send, or that were lost.
     #[serde(skip_serializing_if = "is_zero")]
@@ -94,13 +94,13 @@ pub struct Losses {
     /// Edges that arrived after the last row.
     #[serde(skip_serializing_if = "is_zero")]
     pub edges_left_out: u64,
-    /// Silences in which more may have been lost than is counted as missing.
+    /// Silences with a possibly greater loss than counted as missing.
     #[serde(skip_serializing_if = "is_zero")]
     pub uncertain: u64,
 }
 
 impl Losses {
-    /// All counts, and what they are called where losses are told in words.
+    /// Returns all counts, with their names in messages.
     fn counts(&mut self) -> [(&mut u64, &'static str); 13] {
         [
             (&mut self.missing, "missing"),
@@ -119,12 +119,12 @@ impl Losses {
         ]
     }
 
-    /// What was lost, in words.
+    /// Describes the losses.
     pub fn in_words(mut self) -> String {
         let lost =
             self.counts().into_iter().filter(|(count, what)| **count > 0 && !what.is_empty());
         let mut lost: Vec<String> = lost.map(|(count, what)| format!("{count} {what}")).collect();
-        // Nobody can tell what was sent before an unannounced restart and did not arrive.
+        // The loss before an unannounced restart is unknown.
         if self.uncertain > 0 {
             match self.missing {
                 0 => lost.insert(0, "at least 0 missing".to_owned()),
@@ -146,46 +146,46 @@ impl std::ops::AddAssign for Losses {
     }
 }
 
-/// Recordings without long silences say nothing about them.
+/// Omits the count for recordings without long silences.
 fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
-/// Turns the packets of one board into frames.
+/// Converts the packets of one board to frames.
 #[derive(Clone, Debug, Default)]
 pub struct Reception {
     timeline: Timeline,
-    /// A frame that does not follow on those before it, until the next one tells what it is.
+    /// A frame that does not follow the previous ones; the next frame decides its fate.
     held: Option<(Stamp, BoardFrame)>,
     contradicted: u64,
     last_dropped: Option<u8>,
     dropped_on_board: u64,
-    /// The run that the newest packet is of, where the board says so.
+    /// The run of the newest packet, if the board reports it.
     pub(crate) start: Option<u16>,
-    /// What the board said of itself when it last started, if it did.
+    /// The board's message at its last start, if any.
     pub(crate) boot: Option<Boot>,
-    /// What the board has said that it is.
+    /// The board's identity, if reported.
     pub(crate) identity: Option<Identity>,
-    /// What the board has said since its last start of how it does.
+    /// The board's state, if reported since its last start.
     pub(crate) status: Option<Status>,
     timing: Option<Timing>,
-    /// Not given to a frame yet.
+    /// A health report that no frame carries yet.
     health: Option<Health>,
     edges: EdgeTracker,
     host_us: Option<u64>,
-    /// Scans of the original board so far.
+    /// Number of scans of the original board so far.
     scans: i64,
 }
 
 impl Reception {
-    /// Says when the packets arrive that are taken from now on, by a clock of the host that does not go
-    /// back: the length of long silences follows from it.
+    /// Sets the arrival time of the packets that follow, by a monotonic clock of the host. It determines the
+    /// length of long silences.
     pub fn arrived_at(&mut self, now: Duration) {
         self.host_us = Some(u64::try_from(now.as_micros()).unwrap_or(u64::MAX));
     }
 
-    /// Takes a packet that arrived with a strength in −dBm, where that is known, and appends the frames that it
-    /// gives, duplicates left out.
+    /// Takes a packet with its signal strength in −dBm, if known, and appends the resulting frames without
+    /// duplicates.
     pub fn take(
         &mut self,
         received: ReceivedPacket,
@@ -218,7 +218,7 @@ impl Reception {
         }
     }
 
-    /// The packet is of another run than those before it.
+    /// Handles a packet of another run than the previous one.
     fn run_begins(&mut self, start: Option<u16>) {
         if self.start.is_some() || start.is_none() {
             self.edges.restart();
@@ -250,7 +250,7 @@ impl Reception {
             Some((before, frame)) if before.precedes(&stamp) => {
                 let placed = self.timeline.jump(before);
                 self.give((before, frame), placed, frames);
-                // It follows now, or the rate has changed once more.
+                // Now it follows, unless the rate has changed again.
                 let placed = match self.timeline.is_followed_by(&stamp) {
                     true => self.timeline.follow(stamp),
                     false => self.timeline.jump(stamp),
@@ -286,7 +286,7 @@ impl Reception {
         frames.push(BoardFrame { index, time_us, restarted, edge, ..frame });
     }
 
-    /// Takes a scan of the original board, which has no numbers; its clock went back where it has restarted.
+    /// Takes a scan of the original board. Scans have no numbers; a clock that goes back means a restart.
     pub(crate) fn take_scan(&mut self, scan: &skinproc::Scan, frames: &mut Vec<BoardFrame>) {
         let (index, sequence) = (self.scans, self.scans as u16);
         self.scans += 1;
@@ -303,7 +303,7 @@ impl Reception {
         frames.push(BoardFrame { saturated, restarted, ..frame });
     }
 
-    /// Ends the stream: what is held then is the only frame, or one that those before it contradict.
+    /// Ends the stream. A held frame is either the only one, or contradicts the previous ones.
     pub fn finish(&mut self, frames: &mut Vec<BoardFrame>) {
         let Some(held) = self.held.take() else { return };
         if self.timeline.has_begun() {
@@ -314,12 +314,12 @@ impl Reception {
         self.give(held, placed, frames);
     }
 
-    /// Whether there was a frame.
+    /// Returns whether a frame was received.
     pub(crate) fn has_begun(&self) -> bool {
         self.timeline.has_begun()
     }
 
-    /// What has been lost so far, apart from damage.
+    /// Returns the losses so far, excluding damage.
     pub fn losses(&self) -> Losses {
         let Timeline { tracker, uncertain, .. } = &self.timeline;
         Losses {
@@ -339,7 +339,7 @@ impl Reception {
 }
 
 impl BoardFrame {
-    /// A frame of which nothing else is known.
+    /// Creates a frame with default values for all other fields.
     pub fn new(time_us: i64, index: i64, measured: Measured) -> Self {
         Self { time_us, index, measured, ..Self::default() }
     }

@@ -1,11 +1,11 @@
-//! Which protocol a stream speaks, and telling when it speaks none.
+//! Detection of a stream's protocol, or of its absence.
 
 use std::time::Duration;
 
 use shared_proto::xbee::Mode;
 use shared_proto::{Decoder, Event, Framing, Protocol, detect};
 
-/// What the bytes of a stream can be: names, and what they are.
+/// The protocols of a stream, each with its name and a description.
 pub const PROTOCOLS: [(&str, &str, Protocol); 4] = [
     ("cobs", "Packets over a wire or a transparent XBee", Protocol::Packets(Framing::Cobs)),
     ("xbee-ap1", "Packets over an XBee in API mode", Protocol::Packets(Framing::Xbee(Mode::Plain))),
@@ -17,26 +17,26 @@ pub const PROTOCOLS: [(&str, &str, Protocol); 4] = [
     ("original", "The original SkinProc board", Protocol::Original),
 ];
 
-/// The name of a protocol.
+/// Returns the name of a protocol.
 pub fn protocol_name(protocol: Protocol) -> &'static str {
     let named = PROTOCOLS.iter().find(|(.., known)| *known == protocol);
     named.map(|(name, ..)| *name).expect("every protocol has a name")
 }
 
-/// Bytes that are enough to tell the protocol by: half a second of 100 Hz takes 1,500.
+/// Number of bytes that suffices for detection: half a second at 100 Hz has 1,500.
 const ENOUGH: usize = 2048;
 
-/// Time from the first byte after which fewer have to do. It adds to what a kill can lose, so it
-/// is short; 100 Hz sends a dozen frames in it.
+/// Time after the first byte at which fewer bytes have to suffice. It adds to the loss by a kill, so it is
+/// short; a board at 100 Hz sends two dozen frames in it.
 const PATIENCE: Duration = Duration::from_millis(250);
 
-/// Bytes and time without a frame after which there will be none.
+/// Bytes and time without a frame after which detection gives up.
 const HOPELESS: (usize, Duration) = (1 << 16, Duration::from_secs(3));
 
-/// Fewest bytes for that verdict: a frame of the longest kind and the start of a next.
+/// Minimum number of bytes for that verdict: a frame of the longest kind and the start of the next.
 const SOME: usize = 100;
 
-/// Finds out which protocol a stream speaks.
+/// Detects the protocol of a stream.
 #[derive(Clone, Debug, Default)]
 pub struct Recognition {
     asked_for: Option<Protocol>,
@@ -44,19 +44,19 @@ pub struct Recognition {
     first_at: Option<Duration>,
 }
 
-/// Why there is no frame of the protocol wanted.
+/// Why there is no frame of the requested protocol.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoFrame {
-    /// Not a single byte has come.
+    /// Not a single byte arrived.
     #[error("nothing arrived")]
     Silence,
     /// Packets, but none with readings or forces.
     #[error("the board is there, but sends no frames")]
     NotStreaming,
-    /// No protocol has frames in so many bytes.
+    /// No protocol matches the bytes; their number.
     #[error("bytes arrive ({0} so far) but no valid frame")]
     Any(usize),
-    /// Frames of another protocol than the one asked for, in so many bytes.
+    /// Frames of another protocol than the requested one, in `bytes` bytes.
     #[error(
         "no valid frame of framing `{}` in {bytes} bytes; they are framed `{}`",
         protocol_name(*asked_for), protocol_name(*found)
@@ -65,16 +65,16 @@ pub enum NoFrame {
 }
 
 impl Recognition {
-    /// Nothing has arrived. With a protocol `asked_for`, no other is accepted.
+    /// Creates a detector. With a protocol `asked_for`, no other is accepted.
     pub fn new(asked_for: Option<Protocol>) -> Self {
         Self { asked_for, ..Self::default() }
     }
 
-    /// Takes bytes that arrived at time `now`: the protocol, and all bytes since the start of the stream, which are still
-    /// to be decoded; `None` as long as more are needed.
+    /// Takes bytes that arrived at time `now`. Returns the protocol and all bytes since the start of the
+    /// stream, which are still to be decoded; `None` as long as more bytes are needed.
     ///
     /// # Errors
-    /// [`NoFrame`] once there is little hope.
+    /// [`NoFrame`] once frames are unlikely to come.
     pub fn feed(
         &mut self,
         bytes: &[u8],
@@ -98,7 +98,7 @@ impl Recognition {
         }
     }
 
-    /// The stream is over: what it was, `None` if nothing arrived.
+    /// Ends the stream: returns its protocol, `None` if no byte arrived.
     ///
     /// # Errors
     /// [`NoFrame`].
@@ -127,7 +127,7 @@ impl Recognition {
     }
 }
 
-/// The version of the packets, if none of them is of ours.
+/// Returns the version of the packets if none has this program's version.
 pub(crate) fn other_version(protocol: Protocol, bytes: &[u8]) -> Option<u8> {
     let Protocol::Packets(framing) = protocol else { return None };
     let mut decoder = Decoder::new(framing);

@@ -1,4 +1,4 @@
-//! Frames to the lines of a log.
+//! Formatting of frames as lines of a log.
 //!
 //! ```text
 //! t_s,s1,…,s8,[fx_n,…,mz_nm,]index,missing,dropped,HEALTH,sync,sync_s,flags  readings [and forces]
@@ -6,23 +6,24 @@
 //! t_s,s1,…,s8,[fx_n,…,mz_nm,]flags                                           the original board
 //! ```
 //!
-//! Behind a base station in API mode `rssi_dbm` stands before the flags: how strongly the packet arrived.
-//! HEALTH is `temperature_c,supply_v,vrefint,dark1,…,dark8`, in the first row after the board has said
-//! so, about once a second, and empty elsewhere, but for the temperature, which holds until the next;
+//! Behind a base station in API mode, `rssi_dbm` precedes the flags: the signal strength of the packet.
+//! HEALTH is `temperature_c,supply_v,vrefint,dark1,…,dark8`. It is in the first row after a health report,
+//! about once a second, and empty elsewhere, except that the temperature is repeated until the next report.
 //! `vrefint` and `dark` are in steps of the converter.
 //!
 //! `sync` and `sync_s` are number and time of an edge at the board's sync input, in the row after it, and
 //! empty elsewhere; `sync_s` is on the clock of `t_s`.
 //!
-//! `missing` counts the frames that did not arrive between this row and the one before; `dropped`
-//! is the board's own count, which wraps at 256. `flags` is empty when all is well: `s3:saturated`
-//! and `s3:range` as in the output of `convert`, `late` where a frame came after a later one had
-//! been written, `skewed` where the channels could not be brought to one time, `restart` where the board
-//! has restarted, `untared` and `unfiltered` where tare and clock of the forces were still being found:
-//! such a row is not held back, so its forces are those of the calibration alone. From then on they are
-//! those of `convert` with a causal low-pass. `mark1`, `mark2`, … are moments that somebody has marked.
+//! `missing` counts the frames lost between this row and the previous one; `dropped` is the board's own
+//! count, which wraps at 256. `flags` is empty for a regular row. Flags are `s3:saturated` and `s3:range` as
+//! in the output of `convert`, `late` for a frame that came after a later one was written, `skewed` if the
+//! channels could not be aligned to a common time, `restart` if the board has restarted, `untared` and
+//! `unfiltered` while tare and clock of the forces were still being determined. These rows are not delayed,
+//! so their forces come from the calibration alone. Later rows match `convert` with a causal low-pass.
+//! `mark1`, `mark2`, … are marks set by the user.
 //!
-//! Where stretches are labelled while they are recorded, as planned loads are, `group` stands before the flags; it is
+//! If stretches are labelled during the recording, as planned loads are, `group` precedes the flags; it is
+//! empty in rows outside the stretches.
 //! empty in rows outside the stretches.
 
 use std::collections::VecDeque;
@@ -37,10 +38,10 @@ use shell_data::block::FrameLabel;
 use shell_data::escape::csv_field;
 use shell_data::wrench::Axes;
 
-/// Marks and labels for frames that have not been written.
+/// Marks and labels for frames that are not written yet.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Annotations {
-    /// Marks that are to be set, each on the first row from the frame of an index on.
+    /// Pending marks, each for the first row from the frame of an index on.
     pub(crate) marks: VecDeque<(i64, u32)>,
     /// Labels of stretches.
     pub(crate) labels: Vec<FrameLabel>,
@@ -51,23 +52,24 @@ pub(crate) struct Annotations {
 /// Writes frames as CSV lines.
 #[derive(Clone, Debug)]
 pub(crate) struct RowWriter {
-    /// Readings, or the wrenches of the board.
+    /// True if frames hold readings; otherwise wrenches of the board.
     holds_readings: bool,
-    /// Whether frames have sequence numbers: all but those of the original board.
+    /// True if frames have sequence numbers, as for all but the original board.
     is_numbered: bool,
     pub(crate) forces: Option<RunningForces>,
     last_index: Option<i64>,
-    /// Whether there is a column for labels.
+    /// True if there is a column for labels.
     has_labels: bool,
     simultaneous: Simultaneous,
     has_rssi: bool,
-    /// What the board has said last, °C.
+    /// The last reported temperature, °C.
     temperature_c: Option<f64>,
 }
 
 impl RowWriter {
-    /// For frames such as the `first`, which have numbers or not, with forces if there is a calibration;
-    /// with `as_sampled` channels are not brought to one time, `has_labels` makes a column for labels.
+    /// Creates a writer for frames like `first`, with sequence numbers if `numbered`, and with forces if
+    /// there is a calibration. With `as_sampled`, channels are not aligned to a common time; `has_labels`
+    /// adds a column for labels.
     ///
     /// # Errors
     /// [`UnsuitableCalibration`].
@@ -95,7 +97,7 @@ impl RowWriter {
         })
     }
 
-    /// The line that names the columns.
+    /// Returns the header line.
     pub(crate) fn header(&self) -> String {
         let mut names = vec!["t_s".to_owned()];
         if self.holds_readings {
@@ -118,7 +120,7 @@ impl RowWriter {
         names.join(",") + "\n"
     }
 
-    /// The axes of the wrench that are written.
+    /// Returns the axes of the wrench that are written.
     fn axes(&self) -> Axes {
         match &self.forces {
             _ if !self.holds_readings => Axes::ALL,
@@ -127,12 +129,11 @@ impl RowWriter {
         }
     }
 
-    /// Appends the rows of a batch of frames, in the order of their indices, and empties it. The last
-    /// frames may wait for those after them, until `ended`. Returns how many were left out, for they hold something else
-    /// than the columns.
+    /// Appends the rows of a batch of frames, sorted by index, and empties it. Until `ended`, the last frames
+    /// may wait for later ones. Returns the number of frames left out because they do not match the columns.
     ///
     /// # Errors
-    /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
+    /// [`ForceError`] if the low-pass is impossible at the rate of the frames.
     pub(crate) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
@@ -198,14 +199,14 @@ impl RowWriter {
     }
 }
 
-/// Time in s with all digits of the µs.
+/// Writes a time in s with all digits of the µs.
 pub fn write_time(time_us: i64, text: &mut Vec<u8>) {
     let sign = if time_us < 0 { "-" } else { "" };
     let (whole, part) = (time_us.unsigned_abs() / 1_000_000, time_us.unsigned_abs() % 1_000_000);
     text.extend_from_slice(format!("{sign}{whole}.{part:06}").as_bytes());
 }
 
-/// Numbers with the fewest digits that read back as the same.
+/// Writes numbers with the fewest digits that read back exactly.
 fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
     let mut digits = zmij::Buffer::new();
     for &value in values {
@@ -215,7 +216,7 @@ fn write_numbers(values: &[f64], text: &mut Vec<u8>) {
     }
 }
 
-/// How the board is, empty fields where it has not said so. The temperature is the one that it has said last.
+/// Writes the health fields, empty without a report, except for the last reported temperature.
 fn write_health(health: Option<&Health>, temperature_c: &mut Option<f64>, text: &mut Vec<u8>) {
     let mut write = |value: Option<f64>| match value {
         Some(value) => write_numbers(&[value], text),
@@ -233,14 +234,14 @@ fn write_health(health: Option<&Health>, temperature_c: &mut Option<f64>, text: 
     write_numbers(&dark.map(steps), text);
 }
 
-/// An edge at the sync input, empty fields where there is none.
+/// Writes the fields of an edge at the sync input, empty if there is none.
 fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
     let Some(BoardEdge { number, time_us }) = edge else { return text.extend(b",,") };
     text.extend_from_slice(format!(",{number},").as_bytes());
     write_time(*time_us, text);
 }
 
-/// The flags of a frame, empty when all is well.
+/// Returns the flags of a frame, empty for a regular one.
 pub fn row_flags(frame: &BoardFrame, force: Option<&Force>, is_late: bool) -> Vec<String> {
     let words = [
         (force.is_some_and(|force| force.untared), "untared"),

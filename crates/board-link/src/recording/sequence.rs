@@ -1,29 +1,30 @@
-//! Putting numbered samples back in order: what is missing, double or late; and edges at the sync input on their time.
+//! Order of numbered samples: detection of missing, duplicate and late ones; and times of edges at the sync
+//! input.
 
 use std::collections::VecDeque;
 
 use shared_proto::Edge;
 
-/// How far behind the newest sample one may arrive and still be distinguished from a repeat.
+/// Maximum distance behind the newest sample at which a late sample can be distinguished from a repeat.
 ///
-/// XBee modules hold a few packets for repeated transmission, never this many.
+/// XBee modules hold a few packets for retransmission, never this many.
 pub(super) const WINDOW: u32 = u128::BITS;
 
 /// How a sample arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Arrival {
-    /// Newer than any before; samples between them have not arrived (yet).
+    /// Newer than all before; samples in between have not arrived (yet).
     InOrder,
-    /// After a newer one; it was counted as missing until now.
+    /// Older than the newest; counted as missing until now.
     Late,
     /// Arrived before.
     Duplicate,
 }
 
-/// Unwraps 16-bit sequence numbers and counts what is missing, double or late.
+/// Unwraps 16-bit sequence numbers and counts missing, duplicate and late samples.
 ///
-/// A window of bits over the newest numbers, as in the anti-replay service of RFC 4303 §3.4.3. A
-/// step of 32,768 or more cannot be distinguished from one backwards.
+/// It keeps a window of bits over the newest numbers, like the anti-replay service of RFC 4303 §3.4.3. A step
+/// of 32,768 or more cannot be distinguished from a backward step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Tracker {
     /// Newest index; `None` before the first sample.
@@ -33,20 +34,20 @@ pub(super) struct Tracker {
     arrived: u128,
     distinct: u64,
     missing_before_restart: u64,
-    /// What to add to an unwrapped number to make its index.
+    /// Difference between index and unwrapped number.
     offset: i64,
-    /// Times that one or more samples in a row were missing when a newer one came.
+    /// Number of runs of missing samples at the time when a newer one came.
     pub(super) gaps: u64,
     /// Samples that had arrived before.
     pub(super) duplicates: u64,
     /// Samples that came after a newer one.
     pub(super) reordered: u64,
-    /// Times that the numbering began anew.
+    /// Number of times that the numbering began again.
     pub(super) restarts: u64,
 }
 
 impl Tracker {
-    /// Samples between the oldest and the newest that have not arrived.
+    /// Returns the number of missing samples between the oldest and the newest.
     pub(super) fn missing(&self) -> u64 {
         self.missing_before_restart + self.missing_since_restart()
     }
@@ -55,8 +56,8 @@ impl Tracker {
         self.newest.map_or(0, |newest| ((newest - self.oldest + 1) as u64) - self.distinct)
     }
 
-    /// The board has started anew: the next sample is a first one, and follows on the newest with so many
-    /// lost between them.
+    /// Handles a restart of the board: the next sample follows the newest with `lost` samples lost in
+    /// between, and starts a new numbering.
     pub(super) fn restart(&mut self, lost: u64) {
         let Some(newest) = self.newest else { return };
         self.missing_before_restart = self.missing() + lost;
@@ -66,7 +67,8 @@ impl Tracker {
         self.offset = newest.saturating_add_unsigned(lost) + 1;
     }
 
-    /// Takes a sample that was sent so many after the newest, which its number alone does not tell.
+    /// Takes a sample sent `sent` samples after the newest, a distance that its number alone does not
+    /// determine.
     pub(super) fn advance(&mut self, sent: u64) -> (i64, Arrival) {
         let index = self.newest.unwrap_or(self.offset - 1).saturating_add_unsigned(sent);
         self.newest = Some(index);
@@ -76,9 +78,9 @@ impl Tracker {
         (index, Arrival::InOrder)
     }
 
-    /// The index of a sample, which does not wrap, and how it arrived.
+    /// Returns the index of a sample, which does not wrap, and how it arrived.
     ///
-    /// The first index is the sequence number itself; a sample that comes late can precede it.
+    /// The first index is the sequence number itself; a late sample can precede it.
     pub(super) fn position(&mut self, sequence: u16) -> (i64, Arrival) {
         let Some(newest) = self.newest else {
             let first = if self.offset == 0 { i64::from(sequence) } else { self.offset };
@@ -116,30 +118,31 @@ impl Tracker {
     }
 }
 
-/// Most edges that wait for a row. A board sends at most some hundred in a second, and has a row in ten.
+/// Maximum number of edges that wait for a row. A board sends at most a few hundred per second, and has at
+/// least a row every ten seconds.
 const MOST_WAITING: usize = 4096;
 
 /// An edge at the board's sync input.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BoardEdge {
-    /// The edges that the board had seen before, unwrapped.
+    /// The number of edges that the board had seen before, unwrapped.
     pub number: i64,
-    /// When it was, on the clock of the frames, µs.
+    /// Time of the edge on the clock of the frames, µs.
     pub time_us: i64,
 }
 
-/// Edges that have arrived, until a frame takes them: every frame takes one.
+/// Arrived edges that wait for frames; every frame carries at most one.
 #[derive(Clone, Debug, Default)]
 pub(super) struct EdgeTracker {
     tracker: Tracker,
     /// Number, unwrapped, and the board's clock.
     waiting: VecDeque<(i64, u32)>,
-    /// Edges that no frame has taken and none will.
+    /// Edges that no frame carries.
     left_out: u64,
 }
 
 impl EdgeTracker {
-    /// An edge has arrived.
+    /// Takes an edge.
     pub(super) fn take(&mut self, edge: Edge) {
         let (number, arrival) = self.tracker.position(edge.number);
         if arrival == Arrival::Duplicate {
@@ -152,26 +155,26 @@ impl EdgeTracker {
         self.waiting.push_back((number, edge.clock_us));
     }
 
-    /// The board has started: its numbers begin anew, and what it has said before has no frame after it.
+    /// Handles a start of the board: its numbers begin again, and no frame follows its earlier edges.
     pub(super) fn restart(&mut self) {
         self.tracker.restart(0);
         self.left_out += self.waiting.drain(..).count() as u64;
     }
 
-    /// The edge for a frame with this clock and time. The clock wraps around every 71.6 min; an edge is within
-    /// half of that of the frame that takes it.
+    /// Returns the edge for a frame with this clock and time. The clock wraps every 71.6 min; an edge is
+    /// within half of that of its frame.
     pub(super) fn give(&mut self, clock_us: u32, time_us: i64) -> Option<BoardEdge> {
         let (number, at_us) = self.waiting.pop_front()?;
         let since_us = i64::from(at_us.wrapping_sub(clock_us).cast_signed());
         Some(BoardEdge { number, time_us: time_us + since_us })
     }
 
-    /// Edges that the board has seen and that are not here, nor will be.
+    /// Returns the number of edges that the board has seen but that are lost.
     pub(super) fn missing(&self) -> u64 {
         self.tracker.missing()
     }
 
-    /// Edges that have arrived and that no frame has taken.
+    /// Returns the number of edges that arrived but that no frame carries.
     pub(super) fn left_out(&self) -> u64 {
         self.left_out + self.waiting.len() as u64
     }
@@ -241,7 +244,7 @@ mod tests {
         for (number, clock_us) in [(65_535, u32::MAX - 9), (65_535, u32::MAX - 9), (0, 20)] {
             edges.take(Edge { number, clock_us });
         }
-        // A frame at clock 10, which is 5 s on the time of the recording.
+        // A frame at clock 10, which is 5 s on the time axis of the recording.
         let at = |number, time_us| Some(BoardEdge { number, time_us });
         assert_eq!(edges.give(10, 5_000_000), at(65_535, 4_999_980));
         assert_eq!(edges.give(110, 5_000_100), at(65_536, 5_000_010));
@@ -253,7 +256,7 @@ mod tests {
     }
 
     proptest! {
-        // Against bookkeeping with sets over numbers that do not wrap.
+        // Compares with bookkeeping by sets over numbers that do not wrap.
         #[test]
         fn counts_are_those_of_a_record_of_all_arrivals(
             start in 0..65_536_i64,
@@ -266,7 +269,7 @@ mod tests {
             for (ahead, behind) in steps {
                 // The first number is as the tracker gets it, below 65,536.
                 next += if first.is_some() { ahead } else { 0 };
-                // Not before the first, which the record could not tell from a restart.
+                // Not before the first, which would look like a restart.
                 let number = (next - behind).max(first.unwrap_or(next));
                 first.get_or_insert(number);
                 let arrival = tracker.position(number as u16);

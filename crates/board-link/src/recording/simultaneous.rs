@@ -1,64 +1,63 @@
-//! Readings of one time.
+//! Alignment of a frame's readings to a common time.
 //!
-//! The board has one converter: it reads its channels one after the other, over some 4 ms of a frame, in
-//! which a load of 20 Hz and 1 N changes by half a newton. It says when ([`shared_proto::Timing`]), so
-//! every channel is brought to the middle of the frame, by the polynomial through the readings of the
-//! frame and of up to [`REACH`] on either side. The polynomial of seven equidistant points errs, a
-//! distance s (in frames) from its middle one, by at most s(s²−1)(s²−4)(s²−9)/5040 · (2πf/rate)⁷ of a
-//! sine's amplitude (J. Stoer, R. Bulirsch, "Introduction to Numerical Analysis", 2.1.4): for 20 Hz at
-//! 100 Hz and s = 0.19 by 0.6 %.
+//! The board has one converter. It reads its channels one after the other, over about 4 ms of a frame, in
+//! which a load of 20 Hz and 1 N changes by half a newton. The board reports the times
+//! ([`shared_proto::Timing`]), and every channel is interpolated to the middle of the frame, by the
+//! polynomial through the readings of the frame and of up to [`REACH`] frames on either side. At a distance s
+//! (in frames) from its middle point, the polynomial of seven equidistant points has an error of at most
+//! s(s²−1)(s²−4)(s²−9)/5040 · (2πf/rate)⁷ of a sine's amplitude (J. Stoer, R. Bulirsch, "Introduction to
+//! Numerical Analysis", 2.1.4): 0.6 % for 20 Hz at 100 Hz and s = 0.19.
 //!
-//! Frames between which something is missing say nothing about each other. Next to a gap the points
-//! are fewer and on one side; a frame alone is left as it was sampled.
+//! Interpolation does not cross a gap. Next to a gap there are fewer points, on one side; an isolated frame
+//! is left as sampled.
 
 use super::reception::{BoardFrame, Measured};
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Timing};
 
-/// Frames on either side that take part.
+/// Number of frames on either side that take part.
 const REACH: usize = 3;
 
-/// Distances of frames are of one run if none is longer than the shortest next to the frame by this.
+/// Frames are of one run if no distance exceeds the shortest distance next to the frame by this factor.
 const LONGEST_STEP: f64 = 1.5;
 
-/// How long frames are held back until the board has said when it reads its channels, in µs: it says so
-/// once a second.
+/// Maximum delay of frames until the board reports the times of its channels, in µs; it reports them once a
+/// second.
 const PATIENCE_US: i64 = 1_200_000;
 
-/// Most frames that are held back for it.
+/// Maximum number of frames delayed for it.
 const MOST_HELD: usize = 4096;
 
 /// The largest reading, in steps of the converter.
 const LARGEST: f64 = 4096.0 - 1.0 / COUNTS_PER_LSB as f64;
 
-/// Brings the channels of frames to one time.
+/// Aligns the channels of frames to a common time.
 #[derive(Clone, Debug, Default)]
 pub struct Simultaneous {
-    /// Given out already, as they arrived: at most [`REACH`].
+    /// Frames already returned, as they arrived: at most [`REACH`].
     before: Vec<BoardFrame>,
-    /// In the order of their indices.
+    /// Waiting frames, sorted by index.
     waiting: Vec<BoardFrame>,
-    /// Frames are not held back any more for the board's word.
+    /// True if frames no longer wait for the board's report.
     described: bool,
-    /// Readings are left as they are.
+    /// True if readings are left as sampled.
     as_sampled: bool,
-    /// No frame waits for those after it.
+    /// True if frames do not wait for later ones.
     immediate: bool,
 }
 
 impl Simultaneous {
-    /// With `as_sampled` only the times of frames are made those of their middles.
+    /// Creates an aligner. With `as_sampled`, only the times of frames change, to those of their middles.
     pub fn new(as_sampled: bool) -> Self {
         Self { as_sampled, ..Self::default() }
     }
 
-    /// As sampled, and without waiting for later frames, but for the board's word at the start.
+    /// Creates an aligner that leaves readings as sampled and waits only for the board's report at the start.
     pub fn immediate() -> Self {
         Self { as_sampled: true, immediate: true, ..Self::default() }
     }
 
-    /// Takes frames in the order of their indices; those whose turn it is, in the same order. The last
-    /// ones wait for those after them, until `ended`. Frames behind one that was given out come first,
-    /// as they were sampled.
+    /// Takes frames sorted by index; returns the frames that are due, in the same order. Until `ended`, the
+    /// last frames wait for later ones. Frames older than one already returned come first, as sampled.
     pub fn take(
         &mut self,
         frames: impl Iterator<Item = BoardFrame>,
@@ -89,8 +88,8 @@ impl Simultaneous {
         ready
     }
 
-    /// Whether the board has said when it reads its channels, or is not going to. What it says first
-    /// holds for the frames before, too.
+    /// Returns whether the board has reported the times of its channels, or will not. The first report is
+    /// applied to the earlier frames, too.
     fn is_described(&mut self) -> bool {
         if self.described {
             return true;
@@ -108,22 +107,22 @@ impl Simultaneous {
     }
 }
 
-/// From the start of a frame to its middle, in µs.
+/// Returns the time from the start of a frame to its middle, in µs.
 fn middle_us(timing: Timing) -> f64 {
     f64::from(timing.first_us) + f64::from(timing.step_us) * (CHANNELS as f64 - 1.0) / 2.0
 }
 
-/// A frame with the time of its middle, where the board says when that is.
+/// Returns a frame with the time of its middle, if the board has reported it.
 fn at_middle(frame: &BoardFrame) -> BoardFrame {
     let shift_us = frame.timing.map_or(0.0, middle_us).round() as i64;
     BoardFrame { time_us: frame.time_us + shift_us, ..frame.clone() }
 }
 
-/// The frame `all[at]` with its readings at its middle.
+/// Returns the frame `all[at]` with its readings at its middle.
 fn at_one_time(all: &[BoardFrame], at: usize) -> BoardFrame {
     let mut frame = at_middle(&all[at]);
     let (Some(timing), Measured::Readings(readings)) = (frame.timing, &mut frame.measured) else {
-        return frame; // nothing is known, or the board has converted
+        return frame; // the times are unknown, or the board has converted
     };
     let points = &all[run(all, at)];
     if points.len() < 2 {
@@ -143,7 +142,7 @@ fn at_one_time(all: &[BoardFrame], at: usize) -> BoardFrame {
     frame
 }
 
-/// The frames around `at` that follow on each other, at most [`REACH`] on either side.
+/// Returns the consecutive frames around `at`, at most [`REACH`] on either side.
 fn run(all: &[BoardFrame], at: usize) -> std::ops::Range<usize> {
     let step = |left: usize| -> Option<f64> {
         let (a, b) = (all.get(left)?, all.get(left + 1)?);
@@ -165,7 +164,7 @@ fn run(all: &[BoardFrame], at: usize) -> std::ops::Range<usize> {
     start..end
 }
 
-/// The polynomial through points at `times`, which all differ, at the time `t` (Lagrange's form).
+/// Evaluates the polynomial through points at `times`, which all differ, at the time `t` (Lagrange's form).
 fn interpolate(times: &[f64], values: impl Iterator<Item = f64>, t: f64) -> f64 {
     let weight = |i: usize| -> f64 {
         let others = times.iter().enumerate().filter(|(j, _)| *j != i);
@@ -209,7 +208,7 @@ mod tests {
         }
     }
 
-    /// In batches of any size.
+    /// Aligns frames in batches of any size.
     fn corrected(frames: &[BoardFrame], batch: usize) -> Vec<BoardFrame> {
         let mut simultaneous = Simultaneous::default();
         let mut out = Vec::new();
@@ -226,14 +225,14 @@ mod tests {
             - readings.iter().copied().fold(f64::MAX, f64::min)
     }
 
-    /// A load of which all channels show the same, in steps: 1 N is 500.
+    /// A load with the same effect on all channels, in steps: 1 N is 500.
     fn sine(t: f64) -> f64 {
         2000.0 + 500.0 * (TAU * 20.0 * t).sin()
     }
 
     #[test]
     fn channels_agree_on_a_load_of_20_hz_within_two_hundredths() {
-        // Five frames are a turn of it, so phases between theirs have to be tried.
+        // Five frames are a period, so phases between theirs have to be tried.
         let (mut before, mut after, mut off) = (0.0_f64, 0.0_f64, 0.0_f64);
         for phase in 0..20 {
             let shift_s = f64::from(phase) / 20.0 * 0.01;
@@ -251,8 +250,8 @@ mod tests {
         }
         // 2 sin(π · 20 Hz · 3.71 ms), of 500 steps for 1 N.
         assert!((before / 500.0 - 0.462).abs() < 0.005, "{before}");
-        // The bound of the module's documentation at s = ±0.1855 is 0.0062; the rounding to a sixteenth
-        // of a step adds a hundredth of that.
+        // The bound in the module's documentation at s = ±0.1855 is 0.0062; the rounding to a sixteenth of a
+        // step adds a hundredth of that.
         assert!(off / 500.0 < 0.0064, "{off}");
         assert!(after / 500.0 < 0.0127, "{after}");
     }
@@ -268,7 +267,7 @@ mod tests {
 
     #[test]
     fn a_polynomial_is_met_next_to_gaps_and_ends_too() {
-        // A straight line is met by any two points, whatever is missing.
+        // A straight line is determined by any two points, whichever are missing.
         let line = |t: f64| 1000.0 + 800.0 * t;
         let frames: Vec<_> =
             (0..60).filter(|index| index % 11 != 5).map(|index| frame(index, line)).collect();
@@ -288,7 +287,7 @@ mod tests {
             assert!(out.skewed);
             assert_eq!(out.measured, frame.measured);
         }
-        // So is one on each side of a frame that the board has dropped, and of a restart.
+        // Frames on both sides of one that the board has dropped, and of a restart, are isolated as well.
         frames = (0..2).map(|index| frame(index, sine)).collect();
         frames[1].dropped = 1;
         assert!(corrected(&frames, 2).iter().all(|frame| frame.skewed));
@@ -316,7 +315,7 @@ mod tests {
         let whole = corrected(&frames, 60);
         frames[..50].iter_mut().for_each(|frame| frame.timing = None);
         assert_eq!(corrected(&frames, 10), whole);
-        // A board that never says it: as sampled, and without a flag on every row.
+        // A board that never reports: as sampled, and without a flag on every row.
         let mut frames: Vec<_> = (0..300).map(|index| frame(index, sine)).collect();
         frames.iter_mut().for_each(|frame| frame.timing = None);
         let mut simultaneous = Simultaneous::default();

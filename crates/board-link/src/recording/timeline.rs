@@ -1,55 +1,55 @@
-//! Where a frame belongs in the stream of its board: number and time without the wraps.
+//! The position of a frame in its board's stream: number and time without the wraps.
 //!
-//! A sequence number wraps around after 65,536 frames, the board's clock after 71.6 min. A frame *follows*
-//! another if number and clock have gone on in step. One that does not follow the newest is held until the
-//! next arrives: if that follows the held one, there was a silence or a restart; if not, the held one was
-//! damage that the CRC has let pass, and neither time nor number move. How long a silence was:
+//! A sequence number wraps after 65,536 frames, the board's clock after 71.6 min. A frame *follows* another
+//! if number and clock have advanced consistently. A frame that does not follow the newest is held until the
+//! next arrives. If that follows the held frame, there was a silence or a restart. If not, the held frame was
+//! damage that passed the CRC, and neither time nor number change. The length of a silence is:
 //!
 //! ```text
-//! elapsed = step of the clock + k · 2³² µs        the host's time tells k
-//! sent    = step of the number + m · 2¹⁶          elapsed / period, less what was dropped, tells m
+//! elapsed = step of the clock + k · 2³² µs        k from the host's time
+//! sent    = step of the number + m · 2¹⁶          m from elapsed / period − dropped frames
 //! ```
 //!
-//! Without the host's time, as in a replay, k is taken to be 0. A restart shows in the start number of the
-//! packets. Version 2 of the protocol has none: there, a clock or a number that went back is one, unless the
-//! host's time says that the clock has wrapped around.
+//! Without the host's time, as in a replay, k is assumed to be 0. The start number in the packets shows a
+//! restart. Version 2 of the protocol has no such number: there, a clock or a number that goes back means a
+//! restart, unless the host's time shows that the clock has wrapped.
 
 use super::sequence::{Arrival, Tracker, WINDOW};
 
-/// Frames in a silence that is short: number and clock tell by themselves.
+/// Maximum number of frames in a short silence, whose length number and clock determine alone.
 const SHORT: u64 = 1 << 14;
 
-/// How far the host's time of a frame and the board's may be apart, beside one in 64.
+/// Tolerance between the host's and the board's time of a frame, in addition to one part in 64.
 const HOST_SLACK_US: u64 = 2_000_000;
 
-/// The clock wraps around after so long.
+/// Period of the clock's wrap.
 const TURN_US: u64 = 1 << 32;
 
-/// Numbers of frames wrap around after so many.
+/// Period of the frame numbers' wrap.
 const NUMBERS: u64 = 1 << 16;
 
 /// Longer than any period that a board can be set to.
 const LONGEST_PERIOD_US: u64 = 11_000_000;
 
-/// What a frame says of its position.
+/// The position data of a frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Stamp {
     pub(super) sequence: u16,
     pub(super) clock_us: u32,
     pub(super) dropped: u8,
-    /// Of the run of the board, where it says so.
+    /// The run of the board, if reported.
     pub(super) start: Option<u16>,
-    /// The host's time, where it is known.
+    /// The host's time, if known.
     pub(super) host_us: Option<u64>,
 }
 
-/// What lies between two frames.
+/// The step between two frames.
 #[derive(Clone, Copy, Debug)]
 struct FrameStep {
     sequence: u16,
     clock_us: u32,
     dropped: u8,
-    /// Whether the board has started anew, where it says so.
+    /// True if the board has restarted, if it reports that.
     is_new_run: Option<bool>,
     host_us: Option<u64>,
 }
@@ -65,21 +65,21 @@ impl Stamp {
         }
     }
 
-    /// Whether the next frame may be one soon after this, at any rate.
+    /// Returns whether the next frame may follow soon after this one, at any rate.
     pub(super) fn precedes(&self, next: &Self) -> bool {
         Period::default().fits(&self.step_to(next))
     }
 }
 
-/// Where a frame belongs.
+/// The position of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FramePosition {
-    /// The sequence number, without the wraps.
+    /// The sequence number, unwrapped.
     pub(super) index: i64,
-    /// The board's time since its first start that was seen, µs.
+    /// The board's time since its first observed start, µs.
     pub(super) time_us: i64,
     pub(super) arrival: Arrival,
-    /// The board has started anew before it.
+    /// True if the board has restarted before the frame.
     pub(super) restarted: bool,
 }
 
@@ -87,17 +87,17 @@ pub(super) struct FramePosition {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Timeline {
     pub(super) tracker: Tracker,
-    /// In order, with its time.
+    /// The newest frame in order, with its time.
     newest: Option<(Stamp, i64)>,
     period: Period,
-    /// Silences in which more may have been lost than is counted as missing.
+    /// Silences with a possibly greater loss than counted as missing.
     pub(super) uncertain: u64,
-    /// The board has said that it has started, and there was no frame since.
+    /// True if the board has announced a start, without a frame since.
     has_booted: bool,
 }
 
 impl Timeline {
-    /// Whether a frame follows on those before it. Nothing follows on nothing.
+    /// Returns whether a frame follows the previous ones; false if there are none.
     pub(super) fn is_followed_by(&self, next: &Stamp) -> bool {
         self.newest.is_some_and(|(newest, _)| {
             let is_new_run = self.has_booted && newest.start.is_none();
@@ -105,23 +105,23 @@ impl Timeline {
         })
     }
 
-    /// Whether the clock has gone on, which is all that the original board tells.
+    /// Returns whether the clock has advanced, the only check possible for the original board.
     pub(super) fn is_forward(&self, next: &Stamp) -> bool {
         self.newest.is_none_or(|(newest, _)| newest.step_to(next).clock_us.cast_signed() >= 0)
     }
 
-    /// Whether there is a frame.
+    /// Returns whether there is a frame.
     pub(super) fn has_begun(&self) -> bool {
         self.newest.is_some()
     }
 
-    /// The board says that it has started.
+    /// Handles the board's announcement of a start.
     pub(super) fn boot(&mut self) {
         self.has_booted = self.newest.is_some();
     }
 
-    /// The position of a frame that follows on those before it. Its time is the one nearest to that of the newest, so
-    /// frames may be out of order.
+    /// Returns the position of a frame that follows the previous ones. Its time is the one nearest to the
+    /// newest frame's, so frames may be out of order.
     pub(super) fn follow(&mut self, stamp: Stamp) -> FramePosition {
         let (index, arrival) = self.tracker.position(stamp.sequence);
         let time_us = self.newest.map_or(i64::from(stamp.clock_us), |(newest, newest_us)| {
@@ -136,7 +136,8 @@ impl Timeline {
         FramePosition { index, time_us, arrival, restarted: false }
     }
 
-    /// The position of a frame that does not follow on those before it, and that another follows.
+    /// Returns the position of a frame that does not follow the previous ones, but that another frame
+    /// follows.
     pub(super) fn jump(&mut self, stamp: Stamp) -> FramePosition {
         let Some((newest, newest_us)) = self.newest else { return self.follow(stamp) };
         let step = newest.step_to(&stamp);
@@ -145,7 +146,7 @@ impl Timeline {
         }
         let elapsed_us = elapsed(&step);
         let sent = self.period.sent(&step, elapsed_us);
-        // Number and clock do not agree where the board has paused, or takes frames at another rate.
+        // Number and clock disagree if the board has paused, or takes frames at another rate.
         let is_next = (1..16).contains(&step.sequence);
         self.uncertain += u64::from(sent.is_none() && !is_next);
         let sent = sent.unwrap_or_else(|| u64::from(step.sequence.max(1)));
@@ -155,7 +156,8 @@ impl Timeline {
         FramePosition { index, time_us, arrival, restarted: false }
     }
 
-    /// The board was off for as long as the host's time says, at least for the time since its start.
+    /// Positions the first frame after a restart. The board was off for the time that the host measured, at
+    /// least for the time since its start.
     fn restart(&mut self, stamp: Stamp, newest_us: i64, host_us: Option<u64>) -> FramePosition {
         let gap_us = host_us.unwrap_or(0).max(u64::from(stamp.clock_us));
         let lost = host_us.map_or(0, |_| self.period.count(gap_us).saturating_sub(1));
@@ -170,13 +172,13 @@ impl Timeline {
     }
 }
 
-/// Whether a step that is none of one run is that from one run to the next.
+/// Returns whether a step that does not fit one run is a restart.
 fn is_restart(step: &FrameStep) -> bool {
     let is_back = step.clock_us.cast_signed() <= 0;
     let is_soon = step.host_us.is_some_and(|host_us| host_us < TURN_US / 2);
     match step.is_new_run {
         Some(true) => true,
-        // Two runs of one number: a chance of one in 65,536.
+        // Two runs with the same number have a chance of one in 65,536.
         Some(false) => is_soon && is_back,
         None => {
             let went_on = !is_back && step.sequence.cast_signed() > 0;
@@ -190,14 +192,14 @@ fn is_restart(step: &FrameStep) -> bool {
     }
 }
 
-/// Time of a step within one run, with the turns of the clock.
+/// Returns the duration of a step within one run, including the wraps of the clock.
 fn elapsed(step: &FrameStep) -> u64 {
     let clock_us = u64::from(step.clock_us);
     let turns = step.host_us.map_or(0, |us| (us + TURN_US / 2).saturating_sub(clock_us) / TURN_US);
     clock_us + turns * TURN_US
 }
 
-/// How far apart frames are, as a mean.
+/// Mean distance of frames.
 #[derive(Clone, Copy, Debug, Default)]
 struct Period {
     samples: u64,
@@ -205,15 +207,15 @@ struct Period {
 }
 
 impl Period {
-    /// Takes a step between two frames of one run of the board.
+    /// Adds a step between two frames of one run of the board.
     fn observe(&mut self, step: &FrameStep) {
-        /// A mean over so many is as good as it gets.
+        /// A mean of so many is as accurate as it gets.
         const ENOUGH: u64 = 1 << 20;
         let (samples, span_us) = (u64::from(step.sequence), u64::from(step.clock_us));
         if samples == 0 || step.dropped != 0 {
             return;
         }
-        // Another rate, by more than an eighth: what came before says nothing about it.
+        // The rate has changed by more than an eighth: earlier steps do not count any more.
         let expected = self.span_us.saturating_mul(samples);
         if (span_us * self.samples).abs_diff(expected) > expected / 8 {
             *self = Self::default();
@@ -226,8 +228,8 @@ impl Period {
         }
     }
 
-    /// Whether number and clock of a step agree: forwards, or back to a frame that was overtaken or comes
-    /// twice.
+    /// Returns whether number and clock of a step agree: forwards, or back to a frame that was overtaken or
+    /// duplicated.
     fn fits(&self, step: &FrameStep) -> bool {
         let mut frames = i64::from(step.sequence.cast_signed());
         let mut us = i64::from(step.clock_us.cast_signed());
@@ -254,20 +256,20 @@ impl Period {
         frames < SHORT && step.is_new_run != Some(true) && is_in_step
     }
 
-    /// Periods in a time, to the nearest.
+    /// Returns the number of periods in a time, rounded.
     fn count(&self, us: u64) -> u64 {
         let periods = us.saturating_mul(self.samples).saturating_add(self.span_us / 2);
         periods.checked_div(self.span_us).unwrap_or(0)
     }
 
-    /// How far a count of periods in a time may be off.
+    /// Returns the uncertainty of a count of periods in a time.
     fn slack(&self, us: u64) -> u64 {
         // A frame may start a sixteenth of a period late.
         2 + self.count(us) / (16 * self.samples.max(1))
     }
 
-    /// Frames that were sent in so much time, which are those that the number has gone on by and some of
-    /// its turns; `None` if no number of turns fits.
+    /// Returns the number of frames sent in a time, which equals the step of the number plus a multiple of
+    /// its wrap; `None` if no multiple fits.
     fn sent(&self, step: &FrameStep, elapsed_us: u64) -> Option<u64> {
         let (expected, slack) = (self.count(elapsed_us), self.slack(elapsed_us));
         if slack >= SHORT {
@@ -276,7 +278,7 @@ impl Period {
         let most = expected + slack;
         let sequence = u64::from(step.sequence);
         let sent = most.checked_sub((most.checked_sub(sequence)?) % NUMBERS)?;
-        // What was not sent was dropped on the board, which counts it modulo 256.
+        // Frames not sent were dropped on the board, which counts them modulo 256.
         let unsent = most - sent;
         let dropped = unsent.wrapping_sub(u64::from(step.dropped)) % 256;
         let fits = unsent <= 2 * slack + 256 && dropped <= 2 * slack;
@@ -292,7 +294,7 @@ mod tests {
         Stamp { sequence, clock_us, dropped: 0, start: Some(start), host_us }
     }
 
-    /// After a hundred frames of 10 ms.
+    /// The state after a hundred frames of 10 ms.
     fn after_a_second() -> Timeline {
         let mut timeline = Timeline::default();
         for frame in 0..100 {
@@ -306,7 +308,7 @@ mod tests {
     #[test]
     fn a_host_that_stood_still_has_seen_no_restart() {
         let mut timeline = after_a_second();
-        // 15 s later the frames that the system has kept arrive, then those of now.
+        // 15 s later the frames that the system has buffered arrive, then the current ones.
         let stale = stamp(100, 1_000_000, 1, Some(16_000_000));
         assert!(timeline.is_followed_by(&stale));
         assert_eq!(timeline.follow(stale).time_us, 1_000_000);

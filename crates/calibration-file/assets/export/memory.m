@@ -1,5 +1,5 @@
-    % Frames of one recording in their order, times in s unless memory is by row. A recording that comes in pieces
-    % is to be given with the state of the piece before.
+    % Frames of one recording in order, times in s unless memory is by row. For a recording in pieces, pass the
+    % state that the previous piece returned.
     if nargin < 3 || isempty(state)
         state = struct('time', NaN, 'held', [], 'averages', [], 'rows', 0);
     end
@@ -13,7 +13,7 @@
     terms = zeros(count, numel(TIME_CONSTANTS) * size(readings, 2));
     for row = 1:count
         step = times(row) - state.time;
-        % A frame that was overtaken changes nothing.
+        % Ignore a frame that arrives out of order.
         if ~(step < 0 && step >= -GAP)
             if step >= 0 && step <= GAP
                 share = -expm1(-step ./ TIME_CONSTANTS(:));

@@ -4,7 +4,7 @@ _wrench_of_columns = wrench
 
 
 class State:
-    """What the sensor remembers, from one call of `wrench` to the next."""
+    """The memory of the sensor between calls of `wrench`."""
 
     def __init__(self):
         self.time = np.nan
@@ -14,10 +14,10 @@ class State:
 
 
 def wrench(readings, times=None, state=None):
-    """The wrenches of frames of one recording, in their order: a row for each, a column for each of AXES, N and N*m.
+    """The wrenches of consecutive frames of one recording: a row for each, a column for each of AXES, N and N*m.
 
     `readings` has a row for each frame and a column for each channel, in counts; `times` has their times in s, unless
-    memory is by row. A recording that comes in pieces is to be given with the same `State`."""
+    memory is by row. For a recording in pieces, pass the same `State` each time."""
     readings = np.asarray(readings, float)
     state = State() if state is None else state
     if not BY_TIME:
@@ -29,7 +29,7 @@ def wrench(readings, times=None, state=None):
     terms = np.empty((len(readings), decay.size, readings.shape[-1]))
     for row, (time, reading) in enumerate(zip(times, readings)):
         step = time - state.time
-        # A frame that was overtaken changes nothing.
+        # Ignore a frame that arrives out of order.
         if not -GAP <= step < 0:
             if 0 <= step <= GAP:
                 share = -np.expm1(-step / decay)[:, np.newaxis]

@@ -1,9 +1,9 @@
-    % Every sensor answers y = lo + h*sigma(q)^nu to a displacement q = b + a*x, with y and x in the scales of the
-    % training data. A frame is inverted by Gauss's and Newton's steps on
+    % Each sensor responds with y = lo + h*sigma(q)^nu to a displacement q = b + a*x, where y and x are in the scales
+    % of the training data. A frame is inverted by Gauss-Newton steps that minimise
     %     sum((y - f(x)).^2 ./ v) + x'*P*x,    v = sigma^2 + tau^2*(df/dq)^2 + g'*C*g
-    % where x is the wrench and then the factors that all sensors share.
-    % The same steps as those of `shellcal convert`, but that a sensor which has died is not looked for: give NaN
-    % for it.
+    % where x is the wrench, followed by the factors that all sensors share.
+    % The steps are the same as in `shellcal convert`, except that dead sensors are not detected: pass NaN for
+    % them.
     if size(readings, 2) ~= CHANNELS
         error('%d channels are expected, found %d', CHANNELS, size(readings, 2));
     end
@@ -85,7 +85,7 @@ function state = at(m, x, y, used)
     state.weight = used ./ (m.noise(1) + m.noise(2) * slope.^2 + unsure);
 end
 
-% What is minimised, with the weights of another state.
+% The objective, with the weights of another state.
 function sum_of = cost(m, of, by)
     sum_of = of.x' * m.prior * of.x + sum(by.weight .* of.residual.^2);
 end

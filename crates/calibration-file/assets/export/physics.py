@@ -1,8 +1,8 @@
-# Every sensor answers y = lo + h*sigma(q)**nu to a displacement q = b + a.x, with y and x in the scales of the
-# training data. A frame is inverted by Gauss's and Newton's steps on
+# Each sensor responds with y = lo + h*sigma(q)**nu to a displacement q = b + a.x, where y and x are in the scales
+# of the training data. A frame is inverted by Gauss-Newton steps that minimise
 #     sum((y - f(x))**2 / v) + x.P.x,    v = sigma**2 + tau**2*(df/dq)**2 + g.C.g
-# where x is the wrench and then the factors that all sensors share.
-# The same steps as those of `shellcal convert`, but that a sensor which has died is not looked for: give nan for it.
+# where x is the wrench, followed by the factors that all sensors share.
+# The steps are the same as in `shellcal convert`, except that dead sensors are not detected: pass nan for them.
 
 _B, _A, _LO = PARAMETERS[:, 0], GAINS, PARAMETERS[:, 7]
 _H, _NU = np.exp(PARAMETERS[:, 8]), np.exp(PARAMETERS[:, 9])
@@ -73,7 +73,7 @@ def _state(x, y, used):
 
 
 def _sum(of, by):
-    """What is minimised, with the weights of another state."""
+    """The objective, with the weights of another state."""
     return np.einsum("ni,ij,nj->n", of[0], PRIOR, of[0]) + (by[3] * of[1] ** 2).sum(axis=1)
 
 

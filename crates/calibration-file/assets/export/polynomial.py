@@ -7,6 +7,6 @@ def wrench(readings):
         raise ValueError(f"{CENTRE.size} channels are expected, found {readings.shape[-1:]}")
     scaled = (readings - CENTRE) / SCALE
     one = np.ones(scaled.shape[:-1] + (1,))
-    # The place behind the channels stands for no factor.
+    # The index after the channels means no factor.
     factors = np.concatenate([scaled, one], axis=-1)[..., FACTORS.astype(int)]
     return factors.prod(axis=-1) @ COEFFICIENTS

@@ -1,5 +1,5 @@
-//! Any bytes as a calibration or a partial fit: no panic, and what was read is written and read again
-//! as the same document.
+//! Parses arbitrary bytes as a calibration and as a partial fit. Parsing must not panic, and a document that
+//! parses must read back unchanged after it is written.
 #![no_main]
 
 use calibration_file::{CalibrationFile, PartialFit};

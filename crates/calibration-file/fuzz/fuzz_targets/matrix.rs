@@ -1,5 +1,5 @@
-//! Any bytes as a matrix of coefficients, in CSV or a MATLAB 5 file: no panic, and what was imported
-//! is a calibration that can be written and read.
+//! Imports arbitrary bytes as a matrix of coefficients, CSV or MATLAB 5. Import must not panic, and an
+//! imported calibration must survive writing and reading.
 #![no_main]
 
 use calibration_file::CalibrationFile;

@@ -1,8 +1,8 @@
-//! What the targets share: bytes as a file.
+//! Helper of the fuzz targets: writes bytes to a file.
 
 use std::path::PathBuf;
 
-/// A file of this process that holds `bytes`, in memory where the system has a folder for that.
+/// Writes `bytes` to a file of this process, in memory if the system has a folder for that.
 pub fn file(bytes: &[u8]) -> PathBuf {
     let folder = Some(PathBuf::from("/dev/shm")).filter(|folder| folder.is_dir());
     let folder = folder.unwrap_or_else(std::env::temp_dir);

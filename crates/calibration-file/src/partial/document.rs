@@ -2,19 +2,19 @@
 //!
 //! | field | content |
 //! |---|---|
-//! | `partial_schema_version` | `PARTIAL_SCHEMA_VERSION`; earlier ones had 1, with groups 2, triangles 3, and did not say what was summed |
+//! | `partial_schema_version` | `PARTIAL_SCHEMA_VERSION`; earlier documents had 1, with groups 2, triangles 3, and no `summed` |
 //! | `made_by`, `date` | program and version, UTC |
 //! | `model` | features and intercept |
-//! | `skipped_rows`, `repeated_rows` | wrong rows left out, rows that repeat their readings |
-//! | `sources` | files, their checksums, digests of their rows and how many |
-//! | `columns` | optional: their columns that were specified, by name, as in a calibration's document |
-//! | `axes` | optional: the axes of the wrench that there are sums of, where these are not all six |
+//! | `skipped_rows`, `repeated_rows` | invalid rows that were skipped, rows with repeated readings |
+//! | `sources` | files, their checksums, digests and numbers of rows |
+//! | `columns` | optional: columns that were specified, by name, as in a calibration's document |
+//! | `axes` | optional: the axes of the summed wrench, if fewer than six |
 //! | `summed` | the columns of the sensors and of the wrench, in order |
 //! | `sensor_serial` | optional: the label of the sensor |
 //! | `moments` | rows, the range of each channel, and the sums, as decimal integers |
 //! | `triangle` | in place of `moments`: rows, centre and scale, the range of each channel, and the columns of the R factor |
-//! | `groups` | optional: the same for each group and for rows that were assigned at random |
-//! | `checksum` | XXH3 of 128 bits of all bytes before it |
+//! | `groups` | optional: the sums of each group and of each random fold |
+//! | `checksum` | 128-bit XXH3 of all bytes before it |
 
 use std::collections::HashSet;
 use std::path::Path;
@@ -40,7 +40,7 @@ struct PartialDocument<'p> {
     partial: &'p PartialFit,
 }
 
-/// What is read before all else.
+/// The field of a document that is read first.
 #[derive(Deserialize)]
 struct PartialHeader {
     partial_schema_version: u64,
@@ -55,10 +55,10 @@ impl PartialFit {
         input::document(path, DocumentKind::Json, Self::parse)
     }
 
-    /// Reads the JSON document at `path`, which somebody has edited, or a program that wrote no checksums has written.
+    /// Reads the JSON document at `path` although it was edited, or written by a program without checksums.
     ///
     /// # Errors
-    /// Those of [`Self::read`] but for the checksum.
+    /// As for [`Self::read`], except for the checksum.
     pub fn read_edited(path: &Path) -> Result<Self, CalibrationFileError> {
         input::document(path, DocumentKind::Json, Self::parse_edited)
     }
@@ -66,18 +66,18 @@ impl PartialFit {
     /// Reads a JSON document.
     ///
     /// # Errors
-    /// [`Problem`] if it is no partial fit of a known version, or not what was written.
+    /// [`Problem`] if it is not a partial fit of a known version, or its checksum does not match.
     pub fn parse(text: &[u8]) -> Result<Self, Problem> {
         let partial = Self::parse_edited(text)?;
-        // Last: what can be named says more.
+        // Check the checksum last: an error that names a field is more informative.
         checksum::check(text).map_err(Problem::Checksum)?;
         Ok(partial)
     }
 
-    /// Reads a JSON document whatever its checksum is.
+    /// Reads a JSON document and ignores its checksum.
     ///
     /// # Errors
-    /// [`Problem`] if it is no partial fit of a known version.
+    /// [`Problem`] if it is not a partial fit of a known version.
     pub fn parse_edited(text: &[u8]) -> Result<Self, Problem> {
         let found = serde_json::from_slice::<PartialHeader>(text)?.partial_schema_version;
         if !(1..=PARTIAL_SCHEMA_VERSION).contains(&found) {
@@ -88,14 +88,14 @@ impl PartialFit {
         Ok(partial)
     }
 
-    /// The JSON document.
+    /// Formats the JSON document.
     pub fn to_json(&self) -> String {
         let version = PARTIAL_SCHEMA_VERSION;
         let document = PartialDocument { partial_schema_version: version, partial: self };
         checksum::add(&to_json(&Among(self.axes, document)))
     }
 
-    /// Whether the parts fit together, as the rest of the program takes for granted.
+    /// Checks that the parts are consistent; the rest of the program relies on that.
     fn check(&self) -> Result<(), String> {
         let (model, sums, axes) = (&self.model, &self.sums, self.axes);
         let field = sums.field();
@@ -113,7 +113,7 @@ impl PartialFit {
 }
 
 impl PartialGroups {
-    /// Whether they are the groups of a partial fit of `model` whose sums over all rows are `total`.
+    /// Checks that these are the groups of a partial fit of `model`, and that their sums add up to `total`.
     fn check_parts(&self, model: &Model, total: &Sums, sources: usize) -> Result<(), String> {
         let (mut moments_of, mut rows) = (Vec::new(), 0_u64);
         let (mut labels, mut places) = (HashSet::new(), HashSet::new());
@@ -136,7 +136,7 @@ impl PartialGroups {
                 let sums = SumsByGroup::new(moments_of, Vec::new());
                 sums.map_err(|error| error.to_string())?.total() == Some(total)
             }
-            // Their last digits depend on the order in which they were merged.
+            // The last digits of R factors depend on the order of merging, so compare rows only.
             Sums::Factored(total) => rows == total.rows(),
         };
         ensure!(is_whole, "the sums of the groups do not add up to `{}`", total.field());

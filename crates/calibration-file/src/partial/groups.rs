@@ -1,8 +1,8 @@
 //! The groups of a partial fit.
 //!
-//! Figures that are added up group by group depend on the order of the groups in their last bits. So a
-//! group knows where its first row is, and groups are put into the order that one fit over all files
-//! meets them in, files by name; in whatever order partial fits were merged.
+//! Results that are accumulated group by group depend on the order of the groups in their last bits. Each
+//! group therefore records the position of its first row. Groups are sorted into the order in which one fit
+//! over all files, sorted by name, would meet them; the order of merging does not matter.
 
 use std::collections::{HashMap, HashSet};
 use std::path::Path;
@@ -15,15 +15,15 @@ use serde::{Deserialize, Serialize};
 
 use super::{MergeError, PartialFit, SourceFile, Sums, expect};
 
-/// The sums of a partial fit, apart by group.
+/// The sums of a partial fit by group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroups {
-    /// What a group is.
+    /// The kind of the groups.
     pub by: GroupKind,
-    /// How rows were assigned to the random folds that held-out errors are compared with.
+    /// The assignment of rows to the random folds that held-out errors are compared with.
     #[serde(flatten)]
     pub split: RandomSplit,
-    /// The sums of the random folds that are held out; none of rows that are not summed exactly.
+    /// The sums of the held-out random folds; empty if rows are not summed exactly.
     pub random: Vec<ExactSums>,
     /// The groups.
     #[serde(rename = "sums")]
@@ -33,11 +33,11 @@ pub struct PartialGroups {
 /// A group of a partial fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroup {
-    /// What it is called.
+    /// The name of the group.
     pub label: String,
-    /// The position of the source that has its first row.
+    /// The index of the source that has its first row.
     pub source: usize,
-    /// How many groups begin before it in that source.
+    /// The number of groups that begin before it in that source.
     #[serde(rename = "place")]
     pub position: usize,
     /// The sums over its rows.
@@ -46,16 +46,16 @@ pub struct PartialGroup {
 }
 
 impl PartialGroups {
-    /// Those of `sums`, whose rows were assigned at random by `split`; `first_in` names the source of the first row
-    /// of each.
+    /// Creates groups from `sums`, whose rows were assigned to random folds by `split`; `first_in` has, for
+    /// each group, the index of the source with its first row.
     pub fn exact(by: GroupKind, split: RandomSplit, sums: SumsByGroup, first_in: &[usize]) -> Self {
         let SumsByGroup { groups, random, .. } = sums;
         let groups = groups.into_iter().map(|(label, moments)| (label, Sums::Exact(moments)));
         Self { split, random, ..Self::new(by, groups, first_in) }
     }
 
-    /// Those whose rows are not summed exactly, and not assigned at random: their R factor would have to be made
-    /// without each fold.
+    /// Creates groups whose rows cannot be summed exactly. They have no random folds: the R factor would have
+    /// to be recomputed without each fold.
     pub fn factored(by: GroupKind, groups: FactoredGroups, first_in: &[usize]) -> Self {
         let groups = groups.groups.into_iter();
         Self::new(by, groups.map(|(label, rows)| (label, Sums::Factored(rows))), first_in)
@@ -72,7 +72,7 @@ impl PartialGroups {
         Self { by, split: RandomSplit::default(), groups, random: Vec::new() }
     }
 
-    /// Whether the groups of `other` can be added.
+    /// Checks that the groups of `other` can be added.
     pub(super) fn check(&self, other: &Self) -> Result<(), MergeError> {
         expect(self.by.name(), other.by.name(), MergeError::GroupsAre)?;
         if self.split != other.split {
@@ -90,7 +90,8 @@ impl PartialGroups {
         }
     }
 
-    /// Adds the groups of `other`. `sources` are those of both, of which `own` are those of these.
+    /// Adds the groups of `other`. `sources` are the merged sources, those of `self` (`own` of them)
+    /// first.
     pub(super) fn add(
         &mut self,
         other: &Self,
@@ -122,14 +123,14 @@ impl PartialGroups {
     }
 }
 
-/// What sources are ordered by.
+/// The key by which sources are sorted.
 fn rank(source: &SourceFile) -> (&Path, Option<&str>) {
     (&source.path, source.checksum.as_deref())
 }
 
 impl PartialFit {
-    /// The sums, also by group, with the rows that were assigned at random if `random_folds` is the number of
-    /// folds that they were assigned to.
+    /// The sums, also by group. They include the random folds if `random_folds` is the number of folds in
+    /// use.
     ///
     /// # Errors
     /// [`MergeError::NotExact`] if all groups together cannot be summed exactly.
@@ -156,8 +157,8 @@ impl PartialFit {
         })
     }
 
-    /// Puts sources into the order of their names, and groups into that of their first rows. Without
-    /// groups no figure depends on an order, and the sources stay as they were merged.
+    /// Sorts sources by name, and groups by their first rows. Without groups no result depends on the order,
+    /// and the sources keep the order of merging.
     pub fn put_in_order(&mut self) {
         let Some(groups) = &mut self.groups else { return };
         let mut sources: Vec<(usize, SourceFile)> = self.sources.drain(..).enumerate().collect();

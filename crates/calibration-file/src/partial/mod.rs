@@ -1,8 +1,9 @@
-//! Partial fits as files: the sums over some rows, to be merged with those over others.
+//! Partial fits as files: sums over some rows, which merge with the sums over other rows.
 //!
-//! One JSON document. Merging exact sums is exact, so in whatever order and grouping partial fits are merged,
-//! the result is the one fit over all their rows, bit for bit. Rows that cannot be summed exactly leave an R factor
-//! instead: merged, it gives the fit over all rows but for the last digits, always the same for one order.
+//! A partial fit is one JSON document. Merging exact sums is exact: whatever the order and grouping, the
+//! result is bit for bit the fit over all rows. Rows that cannot be summed exactly leave an R factor instead.
+//! Merged R factors give the fit over all rows except for the last digits, and always the same digits for the
+//! same order.
 //!
 //! The documents are described in [`document`], a stream of several in [`stream`].
 
@@ -28,33 +29,33 @@ use shell_data::wrench::Axes;
 pub struct PartialFit {
     /// Program and version.
     pub made_by: String,
-    /// When, in UTC, RFC 3339.
+    /// Date and time, UTC, RFC 3339.
     pub date: String,
-    /// What is to be fitted.
+    /// The model to fit.
     pub model: Model,
-    /// Wrong rows that were left out.
+    /// Number of invalid rows that were skipped.
     pub skipped_rows: u64,
-    /// Rows whose readings repeat those of the row before.
+    /// Number of rows with the same readings as the previous row.
     pub repeated_rows: u64,
-    /// The files it was made from.
+    /// The files that it was made from.
     pub sources: Vec<SourceFile>,
-    /// Which of their columns are what, where that was specified of all of them alike.
+    /// The roles of their columns, if these were specified for all of them alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub columns: Option<ColumnNames>,
     /// The axes of the wrench that were summed.
     #[serde(default = "all_axes", skip_serializing_if = "are_all")]
     pub axes: Axes,
-    /// What was summed: the columns of the sensors in channel order, then those of the wrench, by the names they are
-    /// recognised by or were specified by. Unknown in documents of earlier versions.
+    /// The summed columns: sensors in channel order, then the wrench, by the recognised or specified names.
+    /// Unknown in documents of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summed: Option<Vec<String>>,
     /// The label of the sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_serial: Option<String>,
-    /// The sums.
+    /// The sums over all rows.
     #[serde(flatten)]
     pub sums: Sums,
-    /// The same apart by group, where that was asked for.
+    /// The sums by group, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub groups: Option<PartialGroups>,
 }
@@ -79,29 +80,27 @@ fn expect<T: PartialEq>(
     }
 }
 
-/// Why two partial fits cannot be merged. What differs is given as the first has it and as the other.
+/// The reason why two partial fits cannot be merged. The fields hold the first value, then the other.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum MergeError {
-    /// They are parts of different fits.
+    /// The models differ.
     #[error("it is for `{1}`, expected `{0}`")]
     Model(String, String),
-    /// They are for different sensors.
+    /// The numbers of channels differ.
     #[error("it has `{1}` channels, expected `{0}`")]
     Channels(usize, usize),
-    /// Their logs have different axes of the wrench.
+    /// The axes of the wrench differ.
     #[error("it has the axes {1}, expected {0}")]
     Axes(Axes, Axes),
-    /// They are of different columns, or of the same in another order or unit.
+    /// The columns differ, or their order or units.
     #[error("its column {position} is `{found}`, expected `{expected}`")]
     Columns {
         /// The position among sensors and wrench, from 1.
         position: usize,
-        /// The column of the first.
         expected: String,
-        /// The column of the other.
         found: String,
     },
-    /// They are of different sensors by their labels.
+    /// The labels of the sensors differ.
     #[error("it is of the sensor `{1}`, expected `{0}`")]
     Serial(String, String),
     /// A file would be counted twice.
@@ -110,22 +109,22 @@ pub enum MergeError {
     /// One has exact sums, the other R factors.
     #[error("it has {1}, expected {0}: readings or loads of one are no exact sums")]
     Kind(&'static str, &'static str),
-    /// Only one of them has sums of groups: the second, if true.
+    /// Only one of them has sums by group: the second, if true.
     #[error("it keeps {} sums of groups, expected {}", which(*.0), which(!*.0))]
     Groups(bool),
-    /// Their groups are of different kinds.
+    /// The kinds of groups differ.
     #[error("its groups are those of `{1}`, expected `{0}`")]
     GroupsAre(&'static str, &'static str),
-    /// Rows were assigned to random folds in different ways: the seeds.
+    /// The seeds that assigned rows to random folds differ.
     #[error("its rows were assigned at random by the seed `{1}`, expected `{0}`")]
     Split(u64, u64),
-    /// Files are groups, and two of them have one name.
+    /// Files are groups, and two of them have the same name.
     #[error("another file with other rows is called `{0}` as well")]
     SameName(String),
-    /// More than are fitted.
+    /// More groups than can be fitted.
     #[error("both have more than `{MAX_GROUPS}` groups together")]
     TooManyGroups,
-    /// The sums of both together cannot be exact.
+    /// The combined sums cannot be exact.
     #[error(transparent)]
     NotExact(#[from] ExactError),
 }
@@ -163,7 +162,7 @@ impl Hint for MergeError {
 }
 
 impl PartialFit {
-    /// A partial fit of `model` with these sums of all six axes, of unknown origin.
+    /// Creates a partial fit of `model` with these sums of all six axes and no origin.
     pub fn new(model: Model, sums: Sums) -> Self {
         Self {
             made_by: String::new(),
@@ -184,7 +183,7 @@ impl PartialFit {
     /// Adds the rows of `other`.
     ///
     /// # Errors
-    /// [`MergeError`] if both are not parts of one fit; `self` is then as it was.
+    /// [`MergeError`] if the two are not parts of one fit; `self` is then unchanged.
     pub fn merge(&mut self, other: &PartialFit) -> Result<(), MergeError> {
         expect(self.model.channels, other.model.channels, MergeError::Channels)?;
         if self.model != other.model {
@@ -192,7 +191,7 @@ impl PartialFit {
         }
         expect(self.axes, other.axes, MergeError::Axes)?;
         self.check_columns(other)?;
-        // Two logs may well have one wrench.
+        // Two logs may share one wrench file.
         let mut logs = other.sources.iter().filter(|source| source.role != Role::Wrench);
         if let Some(source) = logs.find(|source| self.has_counted(source)) {
             return Err(MergeError::Twice(source.path.display().to_string()));
@@ -203,7 +202,7 @@ impl PartialFit {
             (None, None) => {}
             (_, others) => return Err(MergeError::Groups(others.is_some())),
         }
-        // Parts fit wherever the whole does, so nothing fails from here on.
+        // Parts are consistent if the whole is, so nothing fails from here on.
         self.sums.merge(&other.sums)?;
         let own = self.sources.len();
         self.sources.extend(other.sources.iter().cloned());
@@ -213,7 +212,7 @@ impl PartialFit {
         if self.columns != other.columns {
             self.columns = None;
         }
-        // What one does not know, those after it are held against.
+        // A value that is unknown here is taken from `other`, and later merges are compared with it.
         self.summed = self.summed.take().or_else(|| other.summed.clone());
         self.sensor_serial = self.sensor_serial.take().or_else(|| other.sensor_serial.clone());
         self.skipped_rows += other.skipped_rows;
@@ -221,7 +220,7 @@ impl PartialFit {
         Ok(())
     }
 
-    /// Whether both are sums of the same columns of one sensor, as far as both know.
+    /// Checks that both sum the same columns of one sensor, as far as both know.
     fn check_columns(&self, other: &PartialFit) -> Result<(), MergeError> {
         if let (Some(own), Some(others)) = (&self.summed, &other.summed) {
             let mut pairs = own.iter().zip(others).enumerate();
@@ -236,12 +235,12 @@ impl PartialFit {
         }
     }
 
-    /// Whether the rows of all files of `other` are among these.
+    /// Returns true if the rows of all files of `other` are included here.
     pub fn has_counted_all_of(&self, other: &PartialFit) -> bool {
         !other.sources.is_empty() && other.sources.iter().all(|source| self.has_counted(source))
     }
 
-    /// By the rows, whatever their files look like, or by the files.
+    /// Compares digests, which identify rows in any file format, and checksums of files.
     fn has_counted(&self, source: &SourceFile) -> bool {
         let is_same = |known: &SourceFile| {
             let is_equal = |a: &Option<String>, b: &Option<String>| a.is_some() && a == b;

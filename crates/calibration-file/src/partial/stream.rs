@@ -1,4 +1,4 @@
-//! Partial fits one after the other, as `cat` joins them: one in memory at a time.
+//! Reads concatenated partial fits, as from `cat`, with one in memory at a time.
 
 use std::io::{self, BufRead, Read};
 use std::path::PathBuf;
@@ -8,13 +8,13 @@ use super::PartialFit;
 use crate::checksum::END;
 use crate::input::DocumentKind;
 
-/// The partial fits of a stream.
+/// An iterator over the partial fits of a stream.
 #[derive(Debug)]
 pub struct PartialStream<R> {
     reader: R,
-    /// What errors call the stream.
+    /// The name of the stream in errors.
     name: PathBuf,
-    /// Lines before the next document.
+    /// Number of lines before the next document.
     lines: usize,
     document: Vec<u8>,
     has_failed: bool,
@@ -22,13 +22,13 @@ pub struct PartialStream<R> {
 }
 
 impl<R: BufRead> PartialStream<R> {
-    /// Those that are read from `reader`, which errors call `name`.
+    /// Reads from `reader`, which errors call `name`.
     pub fn new(reader: R, name: impl Into<PathBuf>) -> Self {
         let (name, document) = (name.into(), Vec::new());
         Self { reader, name, lines: 0, document, has_failed: false, parse: PartialFit::parse }
     }
 
-    /// The same whatever their checksums are.
+    /// Ignores checksums.
     pub fn edited(self) -> Self {
         Self { parse: PartialFit::parse_edited, ..self }
     }
@@ -38,18 +38,18 @@ impl<R: BufRead> PartialStream<R> {
         CalibrationFileError { path: self.name.clone(), problem }
     }
 
-    /// Reads the next document whole; false at the end of the stream.
+    /// Reads the next whole document; returns false at the end of the stream.
     fn read_document(&mut self) -> io::Result<bool> {
         self.document.clear();
         let mut rest = (&mut self.reader).take(DocumentKind::Json.budget() + 1);
         while rest.read_until(b'\n', &mut self.document)? > 0 {
-            // Blank lines between documents are part of none.
+            // Skip blank lines between documents.
             if self.document.trim_ascii().is_empty() {
                 self.document.clear();
                 self.lines += 1;
                 continue;
             }
-            // What is no document at all is not collected to its end.
+            // Stop early if this is not a document.
             if self.document.trim_ascii_start().first().is_some_and(|&byte| byte != b'{') {
                 return Ok(true);
             }

@@ -1,4 +1,4 @@
-//! What a partial fit keeps of its rows, in memory and in a document.
+//! The summary that a partial fit keeps of its rows, in memory and in a document.
 
 use calibration::exact::ExactSums;
 use calibration::factored::FactoredRows;
@@ -7,19 +7,19 @@ use serde::{Deserialize, Serialize};
 
 use super::MergeError;
 
-/// What is kept of some rows.
+/// The summary of some rows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "SumsDocument")]
 pub enum Sums {
-    /// Exact sums: merged in any order they are the same, bit for bit.
+    /// Exact sums: merging in any order gives the same bits.
     #[serde(rename = "moments")]
     Exact(ExactSums),
-    /// The R factor of rows that cannot be summed exactly: merged in another order it differs in its last digits.
+    /// The R factor of rows that cannot be summed exactly: the order of merging changes the last digits.
     #[serde(rename = "triangle")]
     Factored(FactoredRows),
 }
 
-/// The fields of a document, one of which has them.
+/// The fields of a document; exactly one must be present.
 #[derive(Deserialize)]
 struct SumsDocument {
     moments: Option<ExactSums>,
@@ -56,7 +56,7 @@ impl Sums {
         }
     }
 
-    /// Whether they are of the features of a model.
+    /// Returns true if these are sums of the features of `model`.
     pub(super) fn suit(&self, model: &Model) -> bool {
         let basis = match self {
             Self::Exact(moments) => moments.basis(),
@@ -65,7 +65,7 @@ impl Sums {
         (self.channels(), basis) == (model.channels, model.basis)
     }
 
-    /// The field that has them.
+    /// The name of the field in the document.
     pub(super) fn field(&self) -> &'static str {
         match self {
             Self::Exact(_) => "moments",
@@ -73,7 +73,7 @@ impl Sums {
         }
     }
 
-    /// What they are called.
+    /// The name in messages.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Exact(_) => "exact sums",

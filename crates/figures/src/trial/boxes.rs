@@ -1,5 +1,4 @@
-//! Box plots by condition: drag energy, electrical energy and specific resistance, per trial and
-//! per stride.
+//! Box plots by condition: drag energy, electrical energy and specific resistance, per trial and per stride.
 
 use super::labels::BoxLabels;
 use super::{
@@ -9,17 +8,18 @@ use super::{
 use trial::{ConditionRow, Per, Quantity, Statistics};
 
 const HEIGHT: f64 = 150.0;
-/// From the top of a panel to that of the next, without what stands below the boxes.
+/// Distance between the tops of two panels, without the labels below the boxes.
 const PITCH: f64 = 185.0;
-/// From one line of the key to the next.
+/// Distance between lines of the key.
 const KEY_PITCH: f64 = 15.0;
 const FILL: Colour = Colour(0xd8e6f0);
-/// Up to this many values of a condition each is drawn: quartiles of fewer say little.
+/// The maximum number of values of a condition that are drawn individually: quartiles of so few are not
+/// informative.
 const MOST_POINTS: usize = 12;
 
-/// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers,
-/// outliers as open circles, the mean as a diamond, up to twelve values as points. Left per trial, right per
-/// stride. What no condition has is left out.
+/// Draws a box for every condition, in the order of `rows`: quartiles and median, Tukey's whiskers, outliers
+/// as open circles, the mean as a diamond, up to twelve values as points. Left per trial, right per stride.
+/// Quantities without values are omitted.
 pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     let of = |quantity: Quantity, per: Per| -> Vec<&ConditionRow> {
         rows.iter().filter(|row| row.quantity == quantity && row.per == per).collect()
@@ -57,7 +57,7 @@ pub fn box_figure(size: Size, title: &str, rows: &[ConditionRow]) -> Figure {
     canvas
 }
 
-/// Says what the marks are, in one line, or in two where that is too long.
+/// Draws the key of the marks, in one line, or in two if it is too long.
 fn draw_key(canvas: &mut Figure, y: f64, size: Size) {
     let left = LEFT_MARGIN + 8.0;
     canvas.text((left, y), "box: quartiles and median; whiskers: Tukey's, 1.5 IQR;", Style::START);
@@ -90,7 +90,7 @@ fn draw_boxes(
     boxes: &[&ConditionRow],
     labels: &BoxLabels<'_>,
 ) {
-    // Energies of strides are some mJ. Drag is −Fx, its energy is lost where it is negative.
+    // Energies of strides are some mJ. Drag is −Fx; a negative energy is lost.
     let (name, factor, unit) = match quantity {
         Quantity::DragEnergy => ("drag energy Fx·l", 1e3, "mJ"),
         _ => (quantity.name(), 1.0, quantity.unit()),
@@ -134,7 +134,7 @@ fn draw_box(canvas: &mut Figure, x: f64, half: f64, s: &Statistics, position: im
         canvas.ring((x, position(outlier)), 2.8, palette::INK);
     }
     if s.values.len() <= MOST_POINTS {
-        // Beside the mean, in turn: equal values are seen as two.
+        // Alternately left and right of the mean, so that two equal values are visible.
         for (i, &value) in s.values.iter().enumerate() {
             let aside = if i % 2 == 0 { -0.5 } else { 0.5 };
             draw_point(canvas, x + aside * half, position(value));

@@ -1,34 +1,34 @@
-//! What stands below the panels of box plots: names side by side, in a line where there is room, broken at their
-//! separators, or upright.
+//! The labels below the panels of box plots: names side by side, in one line if they fit, otherwise broken at
+//! their separators, or upright.
 
 use super::super::canvas::{Anchor, Figure, Rect, Size, Style};
 use super::super::lettering;
 use trial::ConditionRow;
 
-/// From one line to the next.
+/// Distance between lines.
 const LINE: f64 = 12.0;
-/// From the edge above to the foot of the first line.
+/// Distance from the upper edge to the baseline of the first line.
 const ONE_LINE: f64 = 16.0;
-/// The most lines of a name that lies.
+/// The maximum number of lines of a horizontal name.
 const MOST_LINES: usize = 4;
-/// The most room that upright names take, some 35 letters: more would dwarf what they name.
+/// The maximum length of upright names, some 35 letters: longer ones would dwarf the panels.
 const MOST_ROOM: f64 = 190.0;
-/// Between names that lie.
+/// Distance between horizontal names.
 const GAP: f64 = 6.0;
 
-/// How some names are set, all of them alike.
+/// The common typesetting of a set of names.
 #[derive(Clone, Copy, Debug)]
 struct Names {
     style: Style,
-    /// The most lines, and how long they may be.
+    /// The maximum number of lines, and their maximum length.
     lines: usize,
     room: f64,
-    /// From the edge above to the end of the longest name.
+    /// Distance from the upper edge to the end of the longest name.
     height: f64,
 }
 
 impl Names {
-    /// For names whose middles are `pitch` apart.
+    /// For names whose centres are `pitch` apart.
     fn new<S: AsRef<str>>((size, style): (Size, Style), names: &[S], pitch: f64) -> Self {
         let style = Style { size: size.letters(style.size), ..style };
         let holds = |set: &Self| names.iter().all(|name| set.holds(&set.broken(name.as_ref())));
@@ -53,8 +53,8 @@ impl Names {
         !self.are_upright() && self.height <= ONE_LINE
     }
 
-    /// Draws a name below an edge. What does not fit loses its middle, as names differ at their ends; a pointer
-    /// over it shows it whole.
+    /// Draws a name below an edge. A name that is too long loses its middle, as names differ at their ends; a
+    /// tooltip shows the whole name.
     fn draw(&self, canvas: &mut Figure, (x, edge): (f64, f64), name: &str) {
         let lines = self.shortened(name);
         let title = (lines != self.broken(name)).then_some(name);
@@ -78,7 +78,7 @@ impl Names {
         lettering::width(line, self.style) <= self.room
     }
 
-    /// The name in lines as full as they may be; a part without a separator may be too long.
+    /// Breaks the name into lines as full as possible; a part without a separator may be too long.
     fn broken(&self, name: &str) -> Vec<String> {
         let mut lines: Vec<String> = vec![String::new()];
         for part in parts(name) {
@@ -105,7 +105,7 @@ impl Names {
     }
 }
 
-/// A name in parts that end with a separator. A minus before a number is none.
+/// Splits a name into parts that end with a separator. A minus before a number is not a separator.
 fn parts(name: &str) -> Vec<&str> {
     let mut parts = Vec::new();
     let (mut start, mut before) = (0, ' ');
@@ -125,13 +125,13 @@ fn parts(name: &str) -> Vec<&str> {
 
 const SMALL: Style = Style { size: 9.0, ..Style::LABEL };
 
-/// What stands below the boxes: their conditions, and of how many values each is. Upright conditions stand only
-/// below the last panel of a column, as its boxes stand below one another.
+/// The labels below the boxes: the conditions, and the number of values of each. Upright conditions appear
+/// only below the last panel of a column, as the boxes of all its panels are aligned.
 pub(super) struct BoxLabels<'a> {
     conditions: Vec<&'a str>,
     names: Names,
     counts: Names,
-    /// Whether `n` stands once beside the numbers, where it would not fit before each.
+    /// True if `n` appears once beside the numbers, because it would not fit before each.
     is_counted_once: bool,
 }
 
@@ -153,12 +153,12 @@ impl<'a> BoxLabels<'a> {
         Self { conditions, names, counts: counts(is_counted_once), is_counted_once }
     }
 
-    /// From the edge of a panel to the end of what stands below it.
+    /// Distance from the edge of a panel to the end of its labels.
     pub(super) fn height(&self) -> f64 {
         self.to_counts() + self.counts.height
     }
 
-    /// What stands below the last panel more than below the others.
+    /// Additional height of the labels below the last panel.
     pub(super) fn below_last(&self) -> f64 {
         if self.names.are_upright() { self.names.height } else { 0.0 }
     }
@@ -167,7 +167,7 @@ impl<'a> BoxLabels<'a> {
         if self.names.are_upright() { -3.0 } else { self.names.height - 3.0 }
     }
 
-    /// Below a panel: `is_last` in its column.
+    /// Draws the labels below a panel; `is_last` is for the last in its column.
     pub(super) fn draw(
         &self,
         canvas: &mut Figure,
@@ -199,7 +199,7 @@ impl<'a> BoxLabels<'a> {
         area.width / self.conditions.len() as f64
     }
 
-    /// The middle of a condition's box.
+    /// The centre of a condition's box.
     pub(super) fn middle(&self, area: Rect, condition: &str) -> f64 {
         let position = self.conditions.iter().position(|other| *other == condition);
         area.left + (position.unwrap_or(0) as f64 + 0.5) * self.box_pitch(area)

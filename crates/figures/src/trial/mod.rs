@@ -18,25 +18,24 @@ use trial::Trace;
 
 /// Width of a figure on a screen: a column of 88 mm at twice its size.
 const WIDTH: f64 = 680.0;
-/// Room above the first panel.
+/// Space above the first panel.
 const TOP: f64 = 58.0;
 
-/// The area of a panel that is as wide as the figure allows.
+/// The area of a panel as wide as the figure allows.
 fn wide_area(size: Size, top: f64, height: f64) -> Rect {
     axes::wide_area(size.width(WIDTH), top, height)
 }
 
-/// A figure of this height.
 fn titled(size: Size, height: f64, title: &str) -> Figure {
     Figure::titled(size, size.width(WIDTH), height, title)
 }
 
-/// How a curve is drawn: colours alone would not do in grey.
+/// The pen of a curve; curves differ in style too, as colours cannot be distinguished in grey.
 type CurvePen = (Colour, Pen);
 
 const SOLID: CurvePen = (palette::series(0), Pen::Round(1.6));
 const DASHED: CurvePen = (palette::series(1), Pen::Dashed(1.6));
-/// What is smoothed over, behind it.
+/// Unsmoothed values, in the background.
 const PALE: [CurvePen; 2] =
     [(Colour(0x9cc6e3), Pen::Round(0.8)), (Colour(0xf3c29d), Pen::Round(0.8))];
 
@@ -48,7 +47,7 @@ fn line(time_s: &[f64], values: impl IntoIterator<Item = f64>) -> TraceCurve {
     line
 }
 
-/// Means over `width_s` around each time, NaN where that is cut off; the times ascend.
+/// Means over `width_s` around each time, NaN if the interval is cut off; the times ascend.
 pub fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
     let mut sums = vec![0.0];
     for (i, value) in values.iter().enumerate() {
@@ -66,26 +65,25 @@ pub fn smoothed(time_s: &[f64], values: &[f64], width_s: f64) -> Vec<f64> {
     time_s.iter().map(mean).collect()
 }
 
-/// The usual length of a stride, s.
+/// The median length of a stride, s.
 pub fn stride_s(trace: &Trace) -> Option<f64> {
     let mut lengths: Vec<f64> =
         trace.stride_times_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
     upper_median(&mut lengths)
 }
 
-/// The smallest and the largest of all values, and zero.
+/// The range of all values, including zero.
 fn range_with_zero<'a>(lines: impl IntoIterator<Item = &'a TraceCurve>) -> ValueRange {
     let values = lines.into_iter().flat_map(|line| line.points().map(|(_, value)| value));
     ValueRange::over(values).including(0.0)
 }
 
-/// An entry of a legend.
 enum LegendKey<'a> {
     Line(&'a str, CurvePen),
     Area(&'a str, Colour),
 }
 
-/// The keys of a legend in rows between `left` and `right`, each with where it begins; in one on a screen.
+/// The keys of a legend in rows between `left` and `right`, each with its start; in a single row on a screen.
 fn legend_rows<'a>(
     size: Size,
     (left, right): (f64, f64),
@@ -96,7 +94,7 @@ fn legend_rows<'a>(
     for key in keys {
         let (LegendKey::Line(text, _) | LegendKey::Area(text, _)) = key;
         let length = 36.0 + 0.92 * text_width(text, Style::LABEL.size) + 6.0;
-        // What follows a key is not in its way.
+        // The space after a key may extend beyond the edge.
         match rows.last_mut().filter(|_| next + length - 6.0 <= room) {
             Some(row) => row.push((next, key)),
             None => {
@@ -109,14 +107,14 @@ fn legend_rows<'a>(
     rows
 }
 
-/// Where a panel of the whole width begins under a title and a legend of these keys.
+/// The top of a panel of the whole width, below a title and a legend of these keys.
 fn top_below<'a>(size: Size, keys: impl IntoIterator<Item = &'a LegendKey<'a>>) -> f64 {
     let area = wide_area(size, TOP, 0.0);
     let rows = legend_rows(size, (area.left, area.right()), keys).len();
     TOP + LEGEND_PITCH * rows.saturating_sub(1) as f64
 }
 
-/// Draws a legend above a panel, from its left, in a row, or on paper in as many as it takes.
+/// Draws a legend above a panel, from its left, in one row, or on paper in as many rows as needed.
 fn draw_legend<'a>(
     canvas: &mut Figure,
     area: Rect,
@@ -129,7 +127,7 @@ fn draw_legend<'a>(
     }
 }
 
-/// From one row of a legend to the next.
+/// Distance between rows of a legend.
 const LEGEND_PITCH: f64 = 15.0;
 
 impl LegendKey<'_> {
@@ -149,7 +147,7 @@ impl LegendKey<'_> {
     }
 }
 
-/// A figure that says why there is nothing to see.
+/// A figure with the reason for its lack of content.
 fn empty_figure(size: Size, title: &str, reason: &str) -> Figure {
     let mut canvas = titled(size, TOP + 60.0, title);
     canvas.text((16.0, TOP + 12.0), reason, Style::START);
@@ -182,7 +180,8 @@ mod tests {
         let means = smoothed(&t_s, &values, 1.05);
         assert!(means[..5].iter().chain(&means[95..]).all(|mean| mean.is_nan()));
         for (mean, value) in means[6..94].iter().zip(&values[6..94]) {
-            // A straight line is its own mean; running sums of a hundred values of 30 at most.
+            // The mean of a straight line is the line itself; running sums have a hundred values of at most
+            // 30.
             assert!((mean - value).abs() < 1e-11);
         }
     }
@@ -228,7 +227,7 @@ mod tests {
                 figure.svg()
             );
         }
-        // What there is of telemetry is drawn without the rest.
+        // Telemetry columns that exist are drawn without the others.
         let legs = stack_figure(
             Size::Screen,
             "t",
@@ -260,7 +259,7 @@ mod tests {
                 - svg.matches("<rect").count(),
             2
         );
-        // Each of the six values, and a point in the key.
+        // One point for each of the six values, and one in the key.
         let is_point =
             |line: &&str| line.starts_with("<circle") && line.contains(&palette::series(0).hex());
         assert_eq!(svg.lines().filter(is_point).count(), 7);
@@ -281,8 +280,8 @@ mod tests {
         }
     }
 
-    /// As a page of a paper takes it: the width, letters of 5 to 7 pt, nothing cut off at the edges, and no text
-    /// over another.
+    /// Asserts the requirements of a paper's page: the width, letters of 5 to 7 pt, no text cut off at the
+    /// edges or over another.
     fn assert_printable(figure: &Figure, size: Size, width_mm: f64) {
         let svg = figure.svg();
         assert!(svg.contains(&format!("width=\"{width_mm}mm\"")), "{}", &svg[..200]);

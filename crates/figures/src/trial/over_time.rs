@@ -1,5 +1,5 @@
-//! Figures over time: drag and lift; forces, leg angles and power over one axis; a proposed window over the drag that
-//! it was found in, for review. Shaded is when the robot gets in, is in, and gets out.
+//! Figures over time: drag and lift; forces, leg angles and power over a common axis; a proposed window over
+//! the drag that it was found in, for review. The entry, the passage and the exit of the robot are shaded.
 
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -14,8 +14,8 @@ use super::{
 
 const HEIGHT: f64 = 230.0;
 
-/// Draws drag (−Fx) and lift (Fz) in N against time in s, with the passage shaded: their means over a
-/// stride, and pale behind them all values. Without strides the values are all there is.
+/// Draws drag (−Fx) and lift (Fz) in N against time in s, with the passage shaded: means over a stride, with
+/// all values pale in the background. Without strides only the values are drawn.
 pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passage) -> Figure {
     let (Some(&low), Some(&high)) = (trace.t_s.first(), trace.t_s.last()) else {
         return empty_figure(size, title, "no rows");
@@ -63,7 +63,7 @@ pub fn drag_lift_figure(size: Size, title: &str, trace: &Trace, passage: &Passag
 
 const STACK_HEIGHT: f64 = 92.0;
 const GAP: f64 = 12.0;
-/// Room for a legend above a panel.
+/// Space for a legend above a panel.
 const LEGEND: f64 = 20.0;
 
 struct StackRow {
@@ -72,9 +72,8 @@ struct StackRow {
     keys: Vec<LegendKey<'static>>,
 }
 
-/// Draws Fx, Fy, Fz in N, the angles of both legs in rad within a turn, and the electrical power of
-/// both motors in W, between two times in s, with the passage shaded. What the trace does not have
-/// is left out.
+/// Draws Fx, Fy, Fz in N, the angles of both legs in rad within a turn, and the electrical power of both
+/// motors in W, between two times in s, with the passage shaded. Missing columns of the trace are omitted.
 pub fn stack_figure(
     size: Size,
     title: &str,
@@ -89,7 +88,7 @@ pub fn stack_figure(
     }
 
     let time = PlotAxis::linear("time", "s", ValueRange { low, high });
-    // The first panel's row also says what the shading is.
+    // The legend of the first panel also explains the shading.
     let shading = passage.keys(time.range);
     let mut bottom = top_below(size, panels[0].keys.iter().chain(&shading)) - GAP;
     let mut tops = Vec::new();
@@ -114,7 +113,7 @@ pub fn stack_figure(
 }
 
 impl StackRow {
-    /// A whole turn for angles; else what the lines cover, with zero.
+    /// A whole turn for angles; otherwise the range of the lines, including zero.
     fn y_axis(&self) -> PlotAxis {
         let (name, unit) = self.axis;
         match unit {
@@ -161,7 +160,7 @@ fn stack_rows(trace: &Trace, rows: Range<usize>) -> Vec<StackRow> {
     panels
 }
 
-/// Angles within a turn, one line for each, so that none leads back from its end to its start.
+/// Angles within a turn, with a separate line per turn, so that no line runs back from its end to its start.
 fn turns(time_s: &[f64], angle_rad: &[f64]) -> Vec<TraceCurve> {
     let turn = |angle: &f64| (angle / TAU).floor();
     let mut rest = time_s;
@@ -176,7 +175,7 @@ fn turns(time_s: &[f64], angle_rad: &[f64]) -> Vec<TraceCurve> {
 const THIN: CurvePen = (Colour(0x6b8fa8), Pen::Round(0.8));
 const MODEL: CurvePen = (Colour(0x000000), Pen::Round(2.0));
 
-/// Draws the drag in N over time in s, and what was found in it, or why nothing was.
+/// Draws the drag in N over time in s, with the proposed window or the reason for its absence.
 pub fn window_figure(
     size: Size,
     title: &str,
@@ -230,21 +229,21 @@ pub fn window_figure(
 
 /// The passage through a channel, s on the log's clock.
 ///
-/// The window goes from first contact, as the robot's front comes to the channel, to last contact,
-/// as its rear leaves it. The front then covers channel and robot in that time, and the robot gets
-/// in, and out, in the share of it that its own length is.
+/// The window goes from first contact, when the robot's front reaches the channel, to last contact, when its
+/// rear leaves it. In that time the front covers the length of channel plus robot; entry, and exit, each take
+/// the share of it that is the robot's length.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Passage {
-    /// In which the robot is partly within the channel, or, if its length is not known, in it at all.
+    /// Times at which the robot is partly within the channel, or, if its length is unknown, in it at all.
     pub partly_s: Vec<[f64; 2]>,
-    /// In which it is wholly within; `None` if its length is not known, or longer than the channel.
+    /// Time at which it is wholly within; `None` if its length is unknown, or longer than the channel.
     pub wholly_s: Option<[f64; 2]>,
-    /// What a legend calls the former.
+    /// The legend's name for `partly_s`.
     partly_name: &'static str,
 }
 
 impl Passage {
-    /// Of a robot and a channel of these lengths, m.
+    /// The passage of a robot through a channel with these lengths, m.
     pub fn new([enter, exit]: [f64; 2], robot_m: Option<f64>, channel_m: f64) -> Self {
         let entering_s = robot_m.map(|robot_m| robot_m / (robot_m + channel_m) * (exit - enter));
         let wholly_s = entering_s.map(|entering_s| [enter + entering_s, exit - entering_s]);
@@ -272,7 +271,7 @@ impl Passage {
         }
     }
 
-    /// What a legend says of the shading between two times, s.
+    /// The legend keys of the shading between two times, s.
     pub(super) fn keys(&self, ValueRange { low, high }: ValueRange) -> Vec<LegendKey<'static>> {
         let is_seen = |stretch: &[f64; 2]| stretch[0] < high && stretch[1] > low;
         let partly = LegendKey::Area(self.partly_name, palette::PARTLY_INSIDE);
@@ -291,7 +290,7 @@ mod tests {
 
     #[test]
     fn the_paper_s_robot_is_wholly_within_its_channel_for_the_middle_of_the_window() {
-        // 18 cm of robot, 28 cm of channel, 46 cm of way.
+        // 18 cm of robot, 28 cm of channel, 46 cm of path.
         let passage = Passage::new([1.0, 5.6], Some(0.18), 0.28);
         let (partly, wholly) = (passage.partly_s, passage.wholly_s);
         let near =

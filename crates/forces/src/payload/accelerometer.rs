@@ -1,11 +1,12 @@
-//! From what an accelerometer says to gravity in the sensor's frame.
+//! Conversion of accelerometer readings to gravity in the sensor's frame.
 //!
-//! An accelerometer at rest says −g, in a frame, a unit and with offsets of its own. Poses whose gravity is known
-//! give all of these: `a = A·g + b` by least squares, axis by axis, and turned around `g = A⁻¹·(a − b)`. The
-//! noise is in a, so that is what is fitted. Where only the accelerometer knows how the sensor lies, the
-//! forces tell its frame: the rotation R that makes `F ≈ m·R·u + F₀` best for the directions `u = −a` (Wahba,
-//! SIAM Review 7, 409, 1965; solved by the singular value decomposition, Markley, J. Astronaut. Sci. 38, 245, 1988).
-//! Its offsets are then no different from the sensor's zero, and stay in it.
+//! An accelerometer at rest reads −g, in its own frame and unit and with offsets. Poses with known gravity
+//! determine all of these: `a = A·g + b` is fitted by least squares, axis by axis, and inverted to
+//! `g = A⁻¹·(a − b)`. The fit is in this direction because the noise is in a. If only the accelerometer
+//! knows the orientation of the sensor, its frame follows from the forces: the rotation R that best satisfies
+//! `F ≈ m·R·u + F₀` for the directions `u = −a` (Wahba, SIAM Review 7, 409, 1965; solved by the singular
+//! value decomposition, Markley, J. Astronaut. Sci. 38, 245, 1988). The offsets are then indistinguishable
+//! from the sensor's zero, and remain in it.
 
 use faer::Mat;
 
@@ -16,24 +17,24 @@ use super::vector::{
     times,
 };
 
-/// The least poses for the twelve numbers of an accelerometer.
+/// The minimum number of poses for the twelve parameters of an accelerometer.
 const LEAST_POSES: usize = 6;
 
-/// How an accelerometer sits at the sensor.
+/// The orientation, scale and offsets of an accelerometer at the sensor.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Accelerometer {
-    /// From accelerations as they stand in logs to gravity in the sensor's frame, m/s².
+    /// The matrix from logged accelerations to gravity in the sensor's frame, m/s².
     pub matrix: Matrix,
-    /// Gravity where the accelerometer says zero, m/s².
+    /// Gravity at an accelerometer reading of zero, m/s².
     pub offset_m_s2: Vector,
-    /// Root mean square of what it said of gravity less what that was, each axis, m/s²; zero where gravity is
-    /// known from it alone.
+    /// RMS error of gravity from the accelerometer per axis, m/s²; zero if gravity is known from the
+    /// accelerometer alone.
     pub residual_rms_m_s2: Vector,
 }
 
 impl Accelerometer {
-    /// Fits frame, scale and offsets to accelerations and the gravity that they were taken in, in m/s².
-    /// `None` where gravity does not turn in all of space, or in too few poses.
+    /// Fits frame, scale and offsets to accelerations and the corresponding gravity, in m/s². Returns `None`
+    /// if there are too few poses, or gravity does not turn in all three dimensions.
     pub fn fit(accelerations: &[Vector], gravity: &[Vector]) -> Option<Self> {
         let count = accelerations.len();
         if count < LEAST_POSES || count != gravity.len() {
@@ -46,7 +47,7 @@ impl Accelerometer {
         };
         let scatter = sum_of_products(pairs().map(|(_, turn)| (turn, turn)));
         let size = gravity.iter().map(|g| norm(*g)).sum::<f64>() / count as f64;
-        // The volume of the scatter against its size: gravity has to turn out of any plane.
+        // Compare the volume of the scatter with its size: gravity must not stay in a plane.
         let determinant = dot(scatter[0], super::vector::cross(scatter[1], scatter[2]));
         let share = determinant.max(0.0).sqrt() / (count as f64).powf(1.5) / size.powi(3);
         if share.is_nan() || share < LEAST_SPREAD {
@@ -69,11 +70,11 @@ impl Accelerometer {
     }
 }
 
-/// The frame of an accelerometer from the forces on a sensor at rest, N, and accelerations of which one is
-/// `unit_m_s2`; negative if they point along gravity.
+/// The frame of an accelerometer from the forces on a sensor at rest, N, and the accelerations. `unit_m_s2`
+/// is the unit of the accelerations; it is negative if they point along gravity.
 ///
 /// # Errors
-/// [`PayloadError`] where the sensor does not turn about two axes.
+/// [`PayloadError`] if the sensor does not turn about two axes.
 pub fn frame_from_forces(
     accelerations: &[Vector],
     forces: &[Vector],
@@ -91,7 +92,7 @@ pub fn frame_from_forces(
     let column =
         |m: faer::MatRef<'_, f64>, j: usize| -> Vector { std::array::from_fn(|i| m[(i, j)]) };
     let handed = |m| dot(column(m, 0), super::vector::cross(column(m, 1), column(m, 2)));
-    // A mirror image is no rotation: the weakest direction is turned over.
+    // A mirror image is not a rotation: flip the weakest direction.
     let signs = [1.0, 1.0, (handed(u) * handed(v)).signum()];
     let rotation: Matrix = std::array::from_fn(|i| {
         std::array::from_fn(|j| (0..3).map(|k| v[(i, k)] * signs[k] * u[(j, k)]).sum())
@@ -119,7 +120,7 @@ mod tests {
 
     #[test]
     fn frame_scale_and_offsets_are_found_again() {
-        // Multiples of g in a frame turned by a quarter, one axis 2 % long, with offsets.
+        // Multiples of g in a frame rotated by a quarter turn, one axis 2 % too long, with offsets.
         let says = |g: &Vector| [0.02 - g[2] / 9.81, 0.05 + 1.02 * g[0] / 9.81, 0.1 - g[1] / 9.81];
         let gravity = directions();
         let accelerations: Vec<Vector> = gravity.iter().map(says).collect();
@@ -137,7 +138,7 @@ mod tests {
     fn forces_tell_the_frame_of_an_accelerometer() {
         let (s, c) = 0.7_f64.sin_cos();
         let turned = |g: &Vector| [c * g[0] - s * g[1], s * g[0] + c * g[1], g[2]];
-        // In all of space, and in a plane.
+        // In three dimensions, and in a plane.
         let flat: Vec<Vector> = directions().iter().map(|g| [g[0], 0.0, g[2]]).collect();
         for gravity in [directions(), flat] {
             let accelerations: Vec<Vector> =

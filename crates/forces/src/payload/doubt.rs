@@ -1,56 +1,54 @@
-//! Forces and moments that do not follow gravity, and what would make them do so.
+//! Detection of forces and moments that do not follow gravity, and of an exchange of axes that explains it.
 
 use super::PayloadPose;
 use super::fit::{PayloadFit, fit};
 use super::vector::{Vector, dot, mean, subtract};
 use shell_data::wrench::Axis;
 
-/// A share of the scatter over poses: what is left over may be as much before it is doubted.
+/// Residuals above this share of the scatter over poses are doubtful.
 const DOUBTED: f64 = 0.5;
-/// From this share on another reading of the columns is looked for.
+/// Residuals above this share start a search for another interpretation of the columns.
 const SUSPECTED: f64 = 0.1;
-/// A cure leaves less than this share of what was left over.
+/// Another interpretation must reduce the residual below this share.
 const CURED: f64 = 1.0 / 3.0;
-/// What is left of moments matters from this lever of the weight on, m.
+/// Residual moments matter from this lever arm of the weight on, m.
 const LEVER_M: f64 = 0.005;
 
-/// What is left over of forces or moments, root mean square, N or N·m.
+/// Residuals of forces or moments, RMS, N or N·m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LeftOver {
-    /// After the fit.
+    /// RMS about the fit.
     pub rms: f64,
-    /// About their mean over the poses.
+    /// RMS about the mean over the poses.
     pub scatter: f64,
 }
 
 impl LeftOver {
-    /// What a fit leaves of the forces.
     pub fn of_forces(fit: &PayloadFit, poses: &[PayloadPose]) -> Self {
         Self { rms: fit.residual_rms_n, scatter: scatter(poses, 0) }
     }
 
-    /// What it leaves of the moments.
     pub fn of_moments(fit: &PayloadFit, poses: &[PayloadPose]) -> Self {
         Self { rms: fit.residual_rms_nm, scatter: scatter(poses, 3) }
     }
 
-    /// Whether that is most of them.
+    /// Returns true if most of the variation is unexplained.
     pub fn is_doubtful(&self) -> bool {
         self.rms > DOUBTED * self.scatter
     }
 
-    /// Whether it is so much that another reading of the columns may be the right one.
+    /// Returns true if another interpretation of the columns should be tried.
     pub fn is_suspected(&self) -> bool {
         self.rms > SUSPECTED * self.scatter
     }
 
-    /// Whether another reading of the columns, which leaves so much, is the right one.
+    /// Returns true if another interpretation of the columns, with this residual, is the right one.
     pub fn is_cured_by(&self, rms: f64) -> bool {
         rms < CURED * self.rms
     }
 }
 
-/// Root mean square of three axes of the wrench about their mean.
+/// RMS of three axes of the wrench about their mean.
 fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     let part = |pose: &PayloadPose| -> Vector { std::array::from_fn(|i| pose.wrench[first + i]) };
     let middle = mean(poses.iter().map(part));
@@ -58,12 +56,12 @@ fn scatter(poses: &[PayloadPose], first: usize) -> f64 {
     (squares.map(|off| dot(off, off)).sum::<f64>() / (3 * poses.len()) as f64).sqrt()
 }
 
-/// Another order or other signs of the moments: for each axis the one to take, and whether with the other sign.
+/// A permutation of the moments with signs: for each axis the source axis, and true if its sign flips.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentExchange([(usize, bool); 3]);
 
 impl MomentExchange {
-    /// The moments in this order, with these signs.
+    /// Applies the exchange to moments.
     fn of(&self, [x, y, z]: Vector) -> Vector {
         self.0.map(|(axis, is_negative)| {
             let value = [x, y, z][axis];
@@ -71,12 +69,12 @@ impl MomentExchange {
         })
     }
 
-    /// How many axes it changes.
+    /// The number of axes that it changes.
     fn changes(&self) -> usize {
         (0..3).filter(|&axis| self.0[axis] != (axis, false)).count()
     }
 
-    /// All but the one that changes nothing, the least changes first.
+    /// All exchanges except the identity, with the fewest changes first.
     fn all() -> Vec<Self> {
         let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
         let signed = |order: [usize; 3]| {
@@ -110,16 +108,17 @@ impl std::fmt::Display for MomentExchange {
     }
 }
 
-/// Why the centre of mass of a fit is not to be believed.
+/// A reason to doubt the centre of mass of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentDoubt {
-    /// What is left over.
+    /// The residual.
     pub left: LeftOver,
-    /// The exchange that cures it, and what it leaves, N·m.
+    /// The exchange that explains the moments, and its residual, N·m.
     pub cure: Option<(MomentExchange, f64)>,
 }
 
-/// Whether most of the moments do not follow gravity, and the exchange of axes after which they do.
+/// Returns a doubt if most of the moments do not follow gravity, with the exchange of axes after which they
+/// do.
 pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentDoubt> {
     let left = LeftOver::of_moments(found, poses);
     if !left.is_suspected() {
@@ -135,7 +134,7 @@ pub fn moment_doubt(found: &PayloadFit, poses: &[PayloadPose]) -> Option<MomentD
         fit(&poses).ok().map(|fit| (exchange, fit.residual_rms_nm))
     };
     let all = MomentExchange::all().into_iter().filter_map(exchanged);
-    // Of those that leave equally much the first changes least.
+    // Among equal residuals, `min_by` keeps the exchange with the fewest changes.
     let best = all.min_by(|(_, a), (_, b)| a.total_cmp(b));
     let cure = best.filter(|(_, rms)| left.is_cured_by(*rms));
     let matters =
@@ -179,7 +178,7 @@ mod tests {
             let doubt = moment_doubt(&fit(&poses).unwrap(), &poses).unwrap();
             let (cure, rms) = doubt.cure.unwrap();
             assert_eq!(cure.to_string(), words);
-            // Numbers without noise: rounding of moments below 1 N·m is left.
+            // Numbers without noise: only rounding errors of moments below 1 N·m remain.
             assert!(rms < 1e-12, "{rms}");
         }
     }

@@ -1,16 +1,16 @@
-//! Mass, centre of mass and zero of a sensor from poses at rest.
+//! Fits mass, centre of mass and zero of a sensor to poses at rest.
 //!
-//! Least squares with equal weights, in closed form. With `Δ` for what differs from the mean over the poses and
-//! `w = m·Δg`,
+//! Least squares with equal weights, in closed form. With `Δ` for the difference from the mean over the poses
+//! and `w = m·Δg`,
 //!
 //! ```text
 //! m = Σ Δg·ΔF / Σ |Δg|²                         F₀ = F̄ − m·ḡ
 //! c = (Σ |w|²·I − w·wᵀ)⁻¹ Σ w × ΔT              T₀ = T̄ − c × m·ḡ
 //! ```
 //!
-//! Standard errors take what is left as independent between poses and axes, alike in all forces and in all
-//! moments; those of c and T₀ include that of m. c needs gravity to turn about two axes or more: along a
-//! single line of directions its component on that line has no lever.
+//! Standard errors treat the residuals as independent between poses and axes, with one variance for all
+//! forces and one for all moments; those of c and T₀ include the error of m. c needs gravity to turn about
+//! two axes or more: if all directions lie on a single line, the component of c on that line has no lever.
 
 use shell_data::hint::Hint;
 use shell_data::wrench::PerAxis;
@@ -18,27 +18,27 @@ use shell_data::wrench::PerAxis;
 use super::vector::{Vector, add, cross, dot, inverse, mean, norm, scaled, subtract, times};
 use super::{Payload, STANDARD_GRAVITY_M_S2};
 
-/// Directions of gravity whose spread, in radians root mean square beside their main line, is less than this
-/// tell nothing of the centre of mass.
+/// The minimum spread of the directions of gravity perpendicular to their main line, rad RMS. With less
+/// spread they do not determine the centre of mass.
 pub const LEAST_SPREAD: f64 = 1e-3;
 
-/// The least poses: each gives six equations, and a residual needs some to spare.
+/// The minimum number of poses: each gives six equations, and residuals need some to spare.
 const LEAST_POSES: usize = 4;
 
-/// Poses that do not give what a sensor carries.
+/// Poses that do not determine the payload.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PayloadError {
-    /// So many are too few.
+    /// Too few poses.
     #[error("`{0}` poses are too few to tell what the sensor carries, `{LEAST_POSES}` are needed")]
     TooFewPoses(usize),
-    /// Gravity has always pulled the same way, or its directions lie on a line: how far they spread, and what is
-    /// not determined by that.
+    /// Gravity has always pulled the same way, or its directions lie on a line. The fields hold the spread
+    /// and the undetermined parameters.
     #[error(
         "gravity turns too little in the sensor's frame: by `{spread_deg:.2}`° in all but one direction, \
          which tells {lost}"
     )]
     SameOrientation { spread_deg: f64, lost: &'static str },
-    /// A body that falls upwards.
+    /// A mass that is not significantly positive: the body falls upwards.
     #[error(
         "the mass comes out as `{mass_kg:.4}` kg (standard error {standard_error_kg:.4}): the forces do not \
          follow gravity"
@@ -64,43 +64,41 @@ impl Hint for PayloadError {
     }
 }
 
-/// A sensor at rest.
+/// A sensor at rest in one orientation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PayloadPose {
-    /// What it measures, N and N·m.
+    /// The measured wrench, N and N·m.
     pub wrench: PerAxis<f64>,
-    /// Gravity in its frame, m/s².
+    /// Gravity in the sensor's frame, m/s².
     pub gravity_m_s2: Vector,
 }
 
-/// What a sensor carries, and how sure that is.
+/// A fitted payload with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PayloadFit {
-    /// What it carries.
     #[serde(flatten)]
     pub payload: Payload,
-    /// The standard error of each number.
+    /// The standard error of each parameter.
     pub standard_errors: Payload,
-    /// Root mean square of what is left of the forces, N.
+    /// RMS residual of the forces, N.
     pub residual_rms_n: f64,
-    /// Root mean square of what is left of the moments, N·m.
+    /// RMS residual of the moments, N·m.
     pub residual_rms_nm: f64,
-    /// Poses.
+    /// Number of poses.
     pub poses: usize,
-    /// Gravity as the poses had it, mean magnitude, m/s²: the mass is a force over this.
+    /// Mean magnitude of gravity over the poses, m/s²; the mass is a force divided by this.
     #[serde(default = "standard_gravity")]
     pub gravity_m_s2: f64,
-    /// By how much gravity turned, root mean square: about the axis it turned about most, and about all
-    /// others together, rad.
+    /// RMS rotation of gravity, rad: about the axis of the largest rotation, and about all others together.
     pub spread_rad: [f64; 2],
 }
 
-/// Gravity in documents of before, which do not say it.
+/// Gravity in earlier documents, which do not state it.
 fn standard_gravity() -> f64 {
     STANDARD_GRAVITY_M_S2
 }
 
-/// Fits what a sensor carries to poses at rest.
+/// Fits a payload to poses at rest.
 ///
 /// # Errors
 /// [`PayloadError`].
@@ -163,7 +161,7 @@ pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
     let centre_error: Vector = std::array::from_fn(|i| {
         (moment_variance * covariance[i][i] + (centre_m[i] * of_mass).powi(2)).sqrt()
     });
-    // T₀ = T̄ − c × w̄: the i-th unit vector crossed with w̄ is what c enters with.
+    // T₀ = T̄ − c × w̄: the coefficients of c are the unit vectors crossed with w̄.
     let moment_bias_error: Vector = std::array::from_fn(|i| {
         let mut unit = [0.0; 3];
         unit[i] = 1.0;
@@ -186,8 +184,8 @@ pub fn fit(poses: &[PayloadPose]) -> Result<PayloadFit, PayloadError> {
     })
 }
 
-/// Root mean square of how gravity differs from its mean, as a share of gravity: along the line where it
-/// differs most, and beside that line.
+/// RMS difference of gravity from its mean, as a share of gravity: along the main line of these differences,
+/// and perpendicular to it.
 pub(super) fn spread(
     turns: impl Iterator<Item = Vector> + Clone,
     gravity: impl ExactSizeIterator<Item = Vector>,
@@ -195,7 +193,7 @@ pub(super) fn spread(
     let count = gravity.len().max(1) as f64;
     let size = gravity.map(norm).sum::<f64>() / count;
     let total: f64 = turns.clone().map(|turn| dot(turn, turn)).sum();
-    // The main line by power iteration: no more than its size is wanted.
+    // Find the main line by power iteration; only its size is needed.
     let mut line =
         turns.clone().max_by(|a, b| dot(*a, *a).total_cmp(&dot(*b, *b))).unwrap_or_default();
     let mut along = 0.0;
@@ -212,7 +210,7 @@ pub(super) fn spread(
     [share(along), share(total - along)]
 }
 
-/// Whether gravity turns about two axes or more.
+/// Checks that gravity turns about two axes or more.
 pub(super) fn check_spread([along, beside]: [f64; 2]) -> Result<(), PayloadError> {
     let spread_deg = beside.to_degrees();
     let lost = if along.is_nan() || along < LEAST_SPREAD {
@@ -294,7 +292,7 @@ mod tests {
         for (i, truth) in numbers(&TRUTH).into_iter().enumerate() {
             let squares: f64 = found.iter().map(|one| (one[i] - truth).powi(2)).sum();
             let ratio = (squares / said[i]).sqrt();
-            // 2000 draws tell a standard deviation to 1.6 %; three times that.
+            // 2000 draws determine a standard deviation to 1.6 %; the limit is three times that.
             assert!((ratio - 1.0).abs() < 0.05, "{i}: {ratio}");
         }
     }
@@ -309,7 +307,7 @@ mod tests {
         // Upright and upside down: a line.
         let line = [pose([0.0, 0.0, 9.81]), pose([0.0, 0.0, -9.81])].repeat(3);
         assert!(fit(&line).unwrap_err().to_string().contains("along that one"));
-        // A plane is enough.
+        // A plane suffices.
         let plane: Vec<PayloadPose> = (0..8).map(|i| at(f64::from(i))).collect();
         let fitted = fit(&plane).unwrap();
         assert!((fitted.payload.centre_m[0] - TRUTH.centre_m[0]).abs() < 1e-13);

@@ -1,20 +1,20 @@
-//! What a sensor carries: loads on it that are not contact.
+//! The payload of a sensor: loads that are not contact.
 //!
-//! A tool, a shell, a hand behind the sensor weighs on it, and pulls when it is accelerated. With the
-//! apparent gravity `g` in the sensor's frame (gravity less acceleration, what an accelerometer measures but
-//! for its sign),
+//! A tool, a shell or a hand behind the sensor has weight, and exerts inertial forces when it accelerates.
+//! With the apparent gravity `g` in the sensor's frame (gravity less acceleration, which is the negative of
+//! an accelerometer's reading),
 //!
 //! ```text
 //! F = m·g + F₀        T = c × m·g + T₀
 //! ```
 //!
-//! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Poses at rest whose orientation is known
-//! give all ten by least squares ([`fit()`]), and the frame, scale and offset of an accelerometer besides
-//! ([`Accelerometer`]). In a run the accelerometer then says g at any time ([`Motion`]), the angular velocity what
-//! [turning adds](gravity_at_centre) at c, and the load is taken off. Torque from turning faster and faster (the tensor
-//! of inertia) is not modelled.
+//! with mass m, centre of mass c and the sensor's own zero F₀, T₀. Poses at rest with known orientation
+//! determine all ten parameters by least squares ([`fit()`]), and also the frame, scale and offset of an
+//! accelerometer ([`Accelerometer`]). During a run the accelerometer then gives g at any time ([`Motion`]),
+//! the angular velocity gives the [contribution of turning](gravity_at_centre) at c, and the load is
+//! subtracted. Torque from angular acceleration (the tensor of inertia) is not modelled.
 //!
-//! Pure: no files, no printing.
+//! This module is pure: it neither reads files nor prints.
 
 mod accelerometer;
 mod doubt;
@@ -36,7 +36,7 @@ pub use vector::{Matrix, Vector, norm, times};
 use shell_data::wrench::PerAxis;
 use vector::cross;
 
-/// Gravity where nothing else is said, m/s² (the standard value of the third CGPM, 1901).
+/// Gravity by default, m/s² (the standard value of the third CGPM, 1901).
 pub const STANDARD_GRAVITY_M_S2: f64 = 9.806_65;
 
 /// A rigid body on a sensor, and the sensor's zero.
@@ -60,7 +60,7 @@ impl Payload {
         [x, y, z, mx, my, mz]
     }
 
-    /// The force that turning by 1 rad/s adds at the centre at most, N.
+    /// The maximum force at the centre due to turning by 1 rad/s, N.
     pub fn turning_n(&self) -> f64 {
         self.mass_kg * norm(self.centre_m)
     }
@@ -72,34 +72,33 @@ impl Payload {
     }
 }
 
-/// What is taken off of a load beside weight.
+/// The inertial forces that are subtracted from a load in addition to weight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Inertia {
-    /// Nothing: gravity is from orientations.
+    /// None: gravity is from orientations.
     Nothing,
-    /// The acceleration of the sensor, but not what turning adds at the centre of the body.
+    /// The acceleration of the sensor, without the contribution of turning at the centre of the body.
     WithoutTurning,
     /// Both.
     Whole,
 }
 
-/// What a sensor carries in a run.
+/// The payload of a sensor in a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CarriedLoad {
-    /// The body.
     pub payload: Payload,
     /// Apparent gravity at the body's centre over time, on the clock of the wrench.
     pub motion: Motion,
-    /// What is taken off beside weight.
+    /// The inertial forces that are subtracted in addition to weight.
     pub inertia: Inertia,
-    /// What accelerations were multiplied by, where their unit was not that of the poses.
+    /// The factor on accelerations, if their unit differed from that of the poses.
     pub rescaled: Option<f64>,
-    /// How much later the clock of the motion was found to be, taken or not.
+    /// The estimated lag of the motion's clock, applied or not.
     pub lag: Option<Lag>,
 }
 
 impl CarriedLoad {
-    /// The mean load at some times, without the sensor's zero; `None` of none.
+    /// The mean load over some times, without the sensor's zero; `None` without times.
     pub fn mean(&self, times_s: &[f64]) -> Option<PerAxis<f64>> {
         let mut sum = PerAxis::<f64>::default();
         for &time in times_s {
@@ -109,7 +108,7 @@ impl CarriedLoad {
         (!times_s.is_empty()).then(|| sum.map(|sum| sum / times_s.len() as f64))
     }
 
-    /// Takes the load at each row's time off its wrench, and `zero`. Returns the number of rows where the
+    /// Subtracts the load at each row's time, and `zero`, from its wrench. Returns the number of rows whose
     /// load is not known.
     pub fn subtract(
         &self,

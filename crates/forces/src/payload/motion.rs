@@ -3,10 +3,10 @@
 use super::vector::{Vector, add, scaled, subtract};
 use shell_data::statistics::upper_median;
 
-/// Beyond so many usual intervals from its nearest sample a motion is not known.
+/// A motion is unknown further than this number of usual intervals from the nearest sample.
 const FAR: f64 = 10.0;
 
-/// Apparent gravity over time, straight between samples and held before the first and after the last.
+/// Apparent gravity over time, linear between samples and held before the first and after the last.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Motion {
     times_s: Vec<f64>,
@@ -15,19 +15,19 @@ pub struct Motion {
     period_s: f64,
 }
 
-/// Samples that are no motion.
+/// Samples that do not form a motion.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MotionError {
-    /// Too few.
+    /// Too few samples.
     #[error("it has `{0}` samples of motion at different times, at least 2 are needed")]
     TooFewSamples(usize),
-    /// The clock was set back: times of two samples in a row, s.
+    /// The clock was set back; the fields are the times of two consecutive samples, s.
     #[error("its time goes back from `{before}` to `{after}` s")]
     Backward { before: f64, after: f64 },
 }
 
 impl Motion {
-    /// From samples in order; of several at one time the first counts.
+    /// Creates a motion from samples in order. The first of several samples at one time is used.
     ///
     /// # Errors
     /// [`MotionError`].
@@ -52,13 +52,13 @@ impl Motion {
         Ok(motion)
     }
 
-    /// The same on a clock that shows `lag_s` less.
+    /// Shifts the times back by `lag_s`.
     pub fn earlier_by(mut self, lag_s: f64) -> Self {
         self.times_s.iter_mut().for_each(|time| *time -= lag_s);
         self
     }
 
-    /// Its first and last time, s.
+    /// The first and last time, s.
     pub fn span_s(&self) -> (f64, f64) {
         (self.times_s[0], self.times_s[self.times_s.len() - 1])
     }
@@ -77,7 +77,7 @@ impl Motion {
         add(first, scaled(subtract(next, first), share))
     }
 
-    /// Whether a time is so far from any sample that the motion there is not known.
+    /// Returns true if a time is so far from any sample that the motion is unknown.
     pub fn is_far(&self, time_s: f64) -> bool {
         let after = self.times_s.partition_point(|&time| time <= time_s);
         let neighbours = &self.times_s[after.saturating_sub(1)..self.times_s.len().min(after + 1)];
@@ -86,10 +86,10 @@ impl Motion {
     }
 }
 
-/// The integral of a motion over time: its means over any stretch.
+/// The integral of a motion over time, from which means over any stretch follow.
 pub(super) struct Integral<'a> {
     motion: &'a Motion,
-    /// From the first sample to each.
+    /// The integral from the first sample to each.
     sums: Vec<Vector>,
 }
 
@@ -103,7 +103,7 @@ impl<'a> Integral<'a> {
         Self { motion, sums }
     }
 
-    /// The mean over `length_s` after a time less that over `length_s` before it.
+    /// The mean over `length_s` after a time minus the mean over `length_s` before it.
     pub(super) fn step(&self, time_s: f64, length_s: f64) -> Vector {
         let ends = add(self.to(time_s + length_s), self.to(time_s - length_s));
         scaled(subtract(ends, scaled(self.to(time_s), 2.0)), 1.0 / length_s)

@@ -1,4 +1,4 @@
-//! Rotations from the sensor's frame to one whose z is up, and how fast they change.
+//! Rotations from the sensor's frame to one whose z is up, and their rate of change.
 
 use super::vector::{Matrix, Vector, add, cross, dot, inverse, norm, product, scaled, subtract};
 
@@ -12,7 +12,7 @@ pub fn from_quaternion([x, y, z, w]: [f64; 4]) -> Matrix {
     ]
 }
 
-/// The matrix of a rotation vector, rad: along the axis, as long as the angle.
+/// The matrix of a rotation vector, rad: along the axis, with the angle as its length.
 pub fn from_rotation_vector(vector: Vector) -> Matrix {
     let (angle, half) = (norm(vector), 0.5 * norm(vector));
     let axis = if angle > 0.0 { scaled(vector, half.sin() / angle) } else { [0.0; 3] };
@@ -29,7 +29,7 @@ pub fn from_roll_pitch_yaw([roll, pitch, yaw]: Vector) -> Matrix {
     product(&product(&about(2, yaw), &about(1, pitch)), &about(0, roll))
 }
 
-/// The transpose: of a rotation its inverse.
+/// The transpose, which for a rotation is the inverse.
 pub fn transposed(matrix: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
 }
@@ -42,12 +42,12 @@ fn rotation_vector(m: &Matrix) -> Vector {
     scaled(sines, if sine > 1e-12 { 0.5 * angle / sine } else { 0.5 })
 }
 
-/// The rotation nearest to a matrix or, of a mirroring one, to its negative.
+/// The rotation nearest to a matrix or, for a mirroring matrix, to its negative.
 pub fn nearest_rotation(matrix: &Matrix) -> Matrix {
     let determinant = dot(matrix[0], cross(matrix[1], matrix[2]));
     let size = determinant.cbrt();
     let mut near = matrix.map(|row| scaled(row, 1.0 / size));
-    // Newton's steps to the orthogonal factor double its digits.
+    // Newton's iteration to the orthogonal factor doubles the number of correct digits per step.
     for _ in 0..30 {
         let other = transposed(&inverse(&near));
         near = std::array::from_fn(|i| scaled(add(near[i], other[i]), 0.5));
@@ -55,7 +55,7 @@ pub fn nearest_rotation(matrix: &Matrix) -> Matrix {
     near
 }
 
-/// The angular velocity in the sensor's frame, rad/s, by rotations at ascending times, s.
+/// The angular velocity in the sensor's frame, rad/s, from rotations at ascending times, s.
 pub fn angular_velocity(times_s: &[f64], rotations: &[Matrix]) -> Vec<Vector> {
     let pairs = rotations.windows(2).zip(times_s.windows(2));
     let rate = |(turn, times): (&[Matrix], &[f64])| {
@@ -64,7 +64,7 @@ pub fn angular_velocity(times_s: &[f64], rotations: &[Matrix]) -> Vec<Vector> {
     };
     let between: Vec<Vector> = pairs.map(rate).collect();
     let mut found = at_samples(times_s, &between);
-    // Held at the ends it would halve the slope there: it goes on straight from the sample before.
+    // Extrapolate linearly at the ends: holding the value would halve the slope there.
     if let [first, .., last] = between[..] {
         let end = found.len() - 1;
         found[0] = subtract(scaled(first, 2.0), found[1]);
@@ -83,7 +83,7 @@ pub(super) fn slope(times_s: &[f64], vectors: &[Vector]) -> Vec<Vector> {
     at_samples(times_s, &between)
 }
 
-/// What holds at each of some times by what holds in the middle between neighbours.
+/// Values at the samples from values in the middle between neighbouring samples.
 fn at_samples(times_s: &[f64], between: &[Vector]) -> Vec<Vector> {
     let last = times_s.len().saturating_sub(1);
     let at = |row: usize| match row {
@@ -111,8 +111,8 @@ mod tests {
         }
     }
 
-    /// `scipy.spatial.transform.Rotation` of SciPy 1.17.1: `from_euler("ZYX", [0.3, -0.4, 0.5])`, that is yaw, pitch
-    /// and roll, and its `as_quat` and `as_rotvec`.
+    /// Expected: `scipy.spatial.transform.Rotation` of SciPy 1.17.1: `from_euler("ZYX", [0.3, -0.4, 0.5])`,
+    /// which is yaw, pitch and roll, with its `as_quat` and `as_rotvec`.
     #[test]
     fn rotations_are_those_of_scipy() {
         let expected = [

@@ -1,14 +1,14 @@
-//! What turning adds at a body whose centre is away from the sensor.
+//! The contribution of turning to the acceleration of a body whose centre is away from the sensor.
 //!
-//! An accelerometer at the sensor says apparent gravity there. With the sensor's angular velocity ω the centre c of the
-//! body is accelerated by `α × c + ω × (ω × c)` besides, α being the slope of ω, so that apparent gravity is that much
-//! less at the body. Torque from the tensor of inertia is not modelled.
+//! An accelerometer at the sensor measures apparent gravity there. With the sensor's angular velocity ω and
+//! its slope α, the centre c of the body has the additional acceleration `α × c + ω × (ω × c)`, so apparent
+//! gravity at the body is smaller by that. Torque from the tensor of inertia is not modelled.
 
 use super::rotation::slope;
 use super::vector::{Vector, add, cross, subtract};
 
-/// Apparent gravity at `centre_m` from that at the sensor, in its frame, m/s², by the angular velocity at ascending
-/// times, rad/s.
+/// Apparent gravity at `centre_m` from that at the sensor, in its frame, m/s², and the angular velocity at
+/// ascending times, rad/s.
 pub fn gravity_at_centre(
     times_s: &[f64],
     gravity_m_s2: &[Vector],
@@ -34,7 +34,7 @@ mod tests {
         // 3 rad/s about z at 0.1 m along x: 0.9 m/s² outwards.
         let found = gravity_at_centre(&times, &still, &[[0.0, 0.0, 3.0]; 5], [0.1, 0.0, 0.0]);
         assert!(found.iter().all(|g| (g[0] - 0.9).abs() < 1e-14 && g[1] == 0.0 && g[2] == 0.0));
-        // Ever faster by 20 rad/s²: 2 m/s² against the turn.
+        // An angular acceleration of 20 rad/s²: 2 m/s² against the turn.
         let faster: Vec<Vector> = times.iter().map(|t| [0.0, 0.0, 20.0 * t]).collect();
         let found = gravity_at_centre(&times, &still, &faster, [0.1, 0.0, 0.0]);
         assert!(found.iter().all(|g| (g[1] + 2.0).abs() < 1e-12), "{found:?}");

@@ -1,8 +1,7 @@
-//! Vectors and matrices of space.
+//! Vectors and matrices in three dimensions.
 
 pub(super) use shell_data::wrench::cross;
 
-/// A vector.
 pub type Vector = [f64; 3];
 
 /// A matrix, row by row.
@@ -12,7 +11,6 @@ pub(super) fn dot(a: Vector, b: Vector) -> f64 {
     a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
-/// The length of a vector.
 pub fn norm(a: Vector) -> f64 {
     dot(a, a).sqrt()
 }
@@ -29,7 +27,6 @@ pub(super) fn scaled(a: Vector, factor: f64) -> Vector {
     a.map(|value| value * factor)
 }
 
-/// The product of a matrix and a vector.
 pub fn times(matrix: &Matrix, a: Vector) -> Vector {
     matrix.map(|row| dot(row, a))
 }
@@ -49,14 +46,14 @@ pub(super) fn sum_of_products(pairs: impl Iterator<Item = (Vector, Vector)>) -> 
     sum
 }
 
-/// The inverse by cofactors; of a singular matrix what is not finite.
+/// The inverse by cofactors; not finite for a singular matrix.
 pub(super) fn inverse(m: &Matrix) -> Matrix {
     let columns = [cross(m[1], m[2]), cross(m[2], m[0]), cross(m[0], m[1])];
     let determinant = dot(m[0], columns[0]);
     std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i] / determinant))
 }
 
-/// The mean; zero of none.
+/// The mean; zero without vectors.
 pub(super) fn mean(vectors: impl ExactSizeIterator<Item = Vector>) -> Vector {
     let count = vectors.len().max(1) as f64;
     scaled(vectors.fold([0.0; 3], add), 1.0 / count)

@@ -1,17 +1,17 @@
-//! Stretches in which the sensor is at rest and unloaded: where its zero can be seen.
+//! Stationary intervals: stretches in which the sensor is at rest and unloaded, so that its zero is visible.
 //!
-//! The first `STATIONARY_FRAMES` fresh frames of a log are one, by the same agreement as the usual tare. Later,
-//! a stretch of as many frames or more, and of half a second at least, is one if in every channel
+//! The first `STATIONARY_FRAMES` fresh frames of a log form one, by the same convention as the usual tare. A
+//! later stretch of at least as many frames, and at least half a second, is stationary if in every channel
 //!
-//! - its readings scatter about their mean by no more than `QUIET` times what the first stretch's do,
-//! - its fifths differ in their means by no more than `QUIET` times that scatter, and
-//! - its mean lies within `SAME_ZERO` of the range that the readings have had so far, or `QUIET` times
-//!   that scatter if that is more, of the mean of the stretch at rest before it.
+//! - its readings scatter about their mean by no more than `QUIET` times the scatter of the first interval,
+//! - the means of its fifths differ by no more than `QUIET` times that scatter, and
+//! - its mean differs from the mean of the previous interval by no more than `SAME_ZERO` of the range of the
+//!   readings so far, or `QUIET` times that scatter if that is more.
 //!
-//! So the zero may wander as far as it likes, as long as it does so slowly or by little at once, and a load
-//! that is held is no rest. A load that comes more slowly than twice the noise in half a second is taken for
-//! drift, and a load below a twentieth of what the log has seen by then for none: nothing in the readings tells
-//! them apart. Only the past is looked at, so that rests are the same while a log is recorded and afterwards.
+//! So the zero may drift arbitrarily far, provided that it does so slowly or in small steps, and a held load
+//! is not stationary. A load that rises more slowly than twice the noise in half a second is taken for drift,
+//! and a load below a twentieth of the range so far is taken for none: the readings cannot distinguish these
+//! cases. Only the past is used, so the intervals are the same during recording and afterwards.
 
 mod watch;
 
@@ -24,35 +24,36 @@ use super::options::DEFAULT_TARE_FRAMES;
 
 pub use watch::{FALSE_ALARMS, QuietLevel, ZeroChange, ZeroMove, ZeroWatch, largest_change};
 
-/// The fewest frames of a rest: those of the usual tare.
+/// The minimum number of frames of a stationary interval, as in the usual tare.
 pub(crate) const STATIONARY_FRAMES: usize = DEFAULT_TARE_FRAMES;
 
-/// Parts of a rest. They tell how sure its mean is also where neighbouring frames have noise in common.
+/// Number of parts of a stationary interval. Their scatter gives the standard error of its mean even if the
+/// noise of neighbouring frames is correlated.
 pub const PARTS: usize = 5;
 
-/// How much noisier than the first rest a rest may be, and by how many times its noise a zero may move
-/// from one rest to the next without further reason.
+/// Limit on the noise of an interval relative to the first one, and limit, in units of that noise, on the
+/// shift of the zero between intervals.
 const QUIET: f64 = 2.0;
 
-/// The share of the range seen so far by which a zero may move from one rest to the next: after loads it
-/// comes back with hysteresis.
+/// Limit on the shift of the zero between intervals, as a share of the range so far: after loads the zero
+/// returns with hysteresis.
 const SAME_ZERO: f64 = 0.05;
 
-/// The least noise, as a share of the reading: half a step of a 12-bit converter in the middle of its range.
+/// The minimum noise, as a share of the reading: half a step of a 12-bit converter at mid-range.
 const LEAST_NOISE: f64 = 2.5e-4;
 
-/// Time from the first frame of a part to its last at least, s: ten frames at 100 Hz, with room for a clock
-/// that is not quite even.
+/// Minimum time from the first frame of a part to its last, s: ten frames at 100 Hz, with room for a slightly
+/// uneven clock.
 const PART_S: f64 = 0.085;
 
-/// A stretch at rest.
+/// A stretch in which the sensor is at rest and unloaded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StationaryInterval {
     /// Time of each frame, s.
     pub times_s: Vec<f64>,
-    /// Readings, counts, one column a channel.
+    /// Readings, counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
-    /// Frames of each of its [`PARTS`].
+    /// Number of frames in each of its [`PARTS`].
     pub parts: Vec<usize>,
 }
 
@@ -67,50 +68,50 @@ impl StationaryInterval {
         self.times_s.last().copied().unwrap_or(f64::NAN)
     }
 
-    /// The time between both, s.
+    /// The middle of the interval, s.
     pub fn middle_s(&self) -> f64 {
         0.5 * (self.start_s() + self.end_s())
     }
 }
 
-/// A part of what may be a rest.
+/// A part of a candidate interval.
 #[derive(Clone, Debug, PartialEq)]
 struct StationaryPart {
     frames: usize,
-    /// Of every channel.
+    /// The levels of each channel.
     levels: Vec<RunningVariance>,
 }
 
-/// What is known of the readings of a channel.
+/// Known properties of the readings of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct KnownZero {
     /// Standard deviation at rest.
     noise: f64,
-    /// The mean of the last rest.
+    /// The mean in the last stationary interval.
     zero: f64,
     /// Extremes of the means of parts.
     low: f64,
     high: f64,
 }
 
-/// The search for stationary intervals, as far as a log has been read.
+/// The search for stationary intervals in the part of a log read so far.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StationaryFinder {
-    /// Of every channel, once there was a rest.
+    /// The zero of each channel, once a stationary interval was found.
     known: Vec<KnownZero>,
-    /// The newest parts that have ended, [`PARTS`] at most.
+    /// The newest complete parts, at most [`PARTS`].
     parts: VecDeque<StationaryPart>,
-    /// Their frames.
+    /// Number of frames in these parts.
     ended: usize,
-    /// Those frames, and the ones since: times, and a column of readings for each channel.
+    /// Times and readings of these frames and later ones, one column per channel.
     times_s: Vec<f64>,
     readings: Vec<Vec<f64>>,
     last_s: Option<f64>,
 }
 
 impl StationaryFinder {
-    /// Takes the next fresh frames: their times, s, and their readings, one column a channel. The stationary intervals
-    /// that end among them are handed to `found`, in order.
+    /// Takes the next fresh frames: their times, s, and their readings, one column per channel. Stationary
+    /// intervals that end among them are passed to `found`, in order.
     pub fn look_at(
         &mut self,
         times_s: &[f64],
@@ -120,7 +121,7 @@ impl StationaryFinder {
         self.readings.resize_with(readings.len(), Vec::new);
         let mut taken = 0;
         for (row, &time) in times_s.iter().enumerate() {
-            // A clock that is set back, or is none, ends what was before.
+            // A clock that is set back, or is not finite, ends the current candidate.
             if self.last_s.is_some_and(|last| time < last) || !time.is_finite() {
                 self.forget_first(self.times_s.len());
                 taken = row;
@@ -128,7 +129,7 @@ impl StationaryFinder {
             self.last_s = Some(time);
             let frames = self.times_s.len() - self.ended + row + 1 - taken;
             let start = *self.times_s.get(self.ended).unwrap_or(&times_s[taken]);
-            // The first rest is as short as a tare.
+            // The first interval may be as short as a tare.
             let is_long = self.known.is_empty() || time - start >= PART_S;
             if frames >= STATIONARY_FRAMES / PARTS && is_long {
                 self.extend(times_s, readings, taken..row + 1);
@@ -148,7 +149,7 @@ impl StationaryFinder {
         }
     }
 
-    /// Forgets so many of the oldest frames: those of whole parts, or all there are.
+    /// Forgets this number of the oldest frames: those of whole parts, or all of them.
     fn forget_first(&mut self, frames: usize) {
         self.ended = self.ended.saturating_sub(frames);
         if self.ended == 0 {
@@ -158,7 +159,7 @@ impl StationaryFinder {
         self.readings.iter_mut().for_each(|column| drop(column.drain(..frames)));
     }
 
-    /// Ends the current part, and with it a rest if it is the last of one.
+    /// Ends the current part; returns an interval if the part completes one.
     fn end_part(&mut self) -> Option<StationaryInterval> {
         let levels = self.readings.iter().map(|column| RunningVariance::new(&column[self.ended..]));
         let part =
@@ -183,7 +184,7 @@ impl StationaryFinder {
             whole
         };
         let whole: Vec<RunningVariance> = (0..self.readings.len()).map(whole).collect();
-        // What is not a number is at rest nowhere.
+        // Values that are not finite are never stationary.
         if !whole.iter().all(|level| level.mean.is_finite() && level.squares.is_finite()) {
             return None;
         }
@@ -206,7 +207,7 @@ impl StationaryFinder {
         })
     }
 
-    /// Whether a channel rests over the parts, whose readings together are `whole`.
+    /// Returns true if a channel is at rest over the parts, whose combined readings are `whole`.
     fn is_at_rest(&self, channel: usize, whole: &RunningVariance) -> bool {
         let known = self.known[channel];
         let quiet = QUIET * known.noise.max(LEAST_NOISE * known.zero.abs());
@@ -222,14 +223,14 @@ impl StationaryFinder {
 mod tests {
     use super::*;
 
-    /// Noise without pattern, of standard deviation 1.
+    /// Noise without a pattern, of standard deviation 1.
     fn noise(i: usize) -> f64 {
         let hash = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let hash = (hash ^ (hash >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         ((hash >> 11) as f64 / (1_u64 << 53) as f64 - 0.5) * 12_f64.sqrt()
     }
 
-    /// The stationary intervals of one channel at 100 Hz, as first and last time, looked at in pieces.
+    /// The first and last times of the stationary intervals of one channel at 100 Hz, processed in pieces.
     fn rests(level: impl Fn(f64) -> f64, seconds: usize, piece: usize) -> Vec<(f64, f64)> {
         let times: Vec<f64> = (0..100 * seconds).map(|i| i as f64 / 100.0).collect();
         let readings: Vec<f64> =
@@ -254,7 +255,7 @@ mod tests {
 
     #[test]
     fn a_load_is_no_rest_moving_or_held() {
-        // Loaded from 10 s to 40 s, held from 20 s on; the zero comes back with 3 % of hysteresis.
+        // Loaded from 10 s to 40 s, held from 20 s on; the zero returns with 3 % hysteresis.
         let level = |t: f64| match t {
             t if t < 10.0 => 0.0,
             t if t < 20.0 => 500.0 + 300.0 * (9.0 * t).sin(),

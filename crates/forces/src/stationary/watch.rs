@@ -1,11 +1,11 @@
-//! Whether the zero at the end of a log is that at its start.
+//! A test for a change of the zero between the start and the end of a log.
 //!
-//! The means of the first and of the last rest differ by more than chance if on some of k axes they do so by
-//! more than `t·√(e₁² + e₂²)`, with e the standard error of a mean from its [`PARTS`] parts and t Student's
-//! quantile with `2·(PARTS − 1)` degrees of freedom at a level of 1 − [`FALSE_ALARMS`]/k (Bonferroni). It is
-//! worth telling if it also exceeds the noise of one frame. So where the zero stands still an alarm is raised in
-//! [`FALSE_ALARMS`] of logs at most, as long as noise has nothing in common with itself a fifth of a rest
-//! later; what the springs have kept of a load (play, creep) is a zero that has moved.
+//! The means of the first and the last stationary interval differ significantly if on any of k axes they
+//! differ by more than `t·√(e₁² + e₂²)`. Here e is the standard error of a mean from its [`PARTS`] parts, and
+//! t is Student's quantile with `2·(PARTS − 1)` degrees of freedom at a level of 1 − [`FALSE_ALARMS`]/k
+//! (Bonferroni). The change is reported if it also exceeds the noise of one frame. For a constant zero the
+//! false alarm rate is thus at most [`FALSE_ALARMS`] of logs, provided that the noise is uncorrelated over a
+//! fifth of an interval. An offset that a load leaves in the springs (play, creep) counts as a change.
 
 use calibration::Calibration;
 use calibration::uncertainty::student_quantile;
@@ -14,47 +14,47 @@ use shell_data::wrench::{Axis, AxisValues, PerAxis};
 
 use super::{PARTS, StationaryFinder, StationaryInterval};
 
-/// The share of logs with a still zero that are said to have one that moves, at most.
+/// The maximum share of logs with a constant zero for which a change is reported.
 pub const FALSE_ALARMS: f64 = 0.01;
 
-/// A quantity over a rest, in its own unit.
+/// The level of a quantity over a stationary interval, in the unit of that quantity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuietLevel {
-    /// Its mean.
+    /// The mean.
     pub mean: f64,
-    /// The noise of a frame: root of the mean square distance from the mean.
+    /// The noise of a frame: RMS distance from the mean.
     pub noise: f64,
     /// Standard error of the mean, from the means of the parts.
     pub standard_error: f64,
 }
 
-/// How a zero has moved, in its own unit.
+/// The change of a zero, in the unit of the quantity.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroChange {
-    /// By how much, from the first rest to the last.
+    /// The change from the first stationary interval to the last.
     pub change: f64,
-    /// What it has to exceed to be said to have moved.
+    /// The change counts as significant above this limit.
     pub limit: f64,
-    /// The noise of a frame, RMS at the first rest.
+    /// The noise of a frame, RMS in the first stationary interval.
     pub noise: f64,
 }
 
-/// The zero at the start of a log and at its end.
+/// The change of the zero between the start and the end of a log.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroMove {
-    /// Stretches at rest.
+    /// Number of stationary intervals.
     pub rests: u64,
-    /// The middle of the first, s.
+    /// The middle of the first interval, s.
     pub first_s: f64,
-    /// The middle of the last, s.
+    /// The middle of the last interval, s.
     pub last_s: f64,
-    /// Of the wrench, N and N·m.
+    /// The changes of the wrench, N and N·m.
     #[serde(serialize_with = "super::super::tare::by_column")]
     pub axes: AxisValues<ZeroChange>,
 }
 
 impl QuietLevel {
-    /// Of the values at a rest's frames.
+    /// The level of the values at the frames of a stationary interval.
     pub fn new(values: &[f64], parts: &[usize]) -> Self {
         let whole = RunningVariance::new(values);
         let mut means = Vec::with_capacity(parts.len());
@@ -73,7 +73,7 @@ impl QuietLevel {
         }
     }
 
-    /// The wrench over a rest.
+    /// The level of the wrench over a stationary interval.
     pub fn from_wrench(calibration: &Calibration, rest: &StationaryInterval) -> PerAxis<Self> {
         let mut wrench = PerAxis::default();
         calibration.wrench(&rest.readings, &mut wrench);
@@ -82,7 +82,7 @@ impl QuietLevel {
 }
 
 impl ZeroChange {
-    /// From the first rest to the last, one of `quantities` that are looked at.
+    /// The change from the first interval to the last, where one of `quantities` is tested.
     pub fn new(first: &QuietLevel, last: &QuietLevel, quantities: usize) -> Self {
         let level = 1.0 - FALSE_ALARMS / quantities.max(1) as f64;
         let t = student_quantile(level, 2.0 * (PARTS - 1) as f64);
@@ -91,13 +91,13 @@ impl ZeroChange {
         Self { change, limit: by_chance.max(noise), noise }
     }
 
-    /// Whether it has moved.
+    /// Returns true if the change exceeds its limit.
     pub(crate) fn has_moved(&self) -> bool {
         self.change.abs() > self.limit
     }
 }
 
-/// Of the changes that are beyond their limits the largest, measured by its limit.
+/// The largest of the changes beyond their limits, relative to the limit.
 pub fn largest_change<T: Copy>(
     changes: impl Iterator<Item = (T, ZeroChange)>,
 ) -> Option<(T, ZeroChange)> {
@@ -107,12 +107,12 @@ pub fn largest_change<T: Copy>(
 }
 
 impl ZeroMove {
-    /// The axis that has moved most beyond its limit; `None` if none has.
+    /// The axis with the largest change relative to its limit; `None` if no change exceeds its limit.
     pub fn largest(&self) -> Option<(Axis, ZeroChange)> {
         largest_change(self.axes.iter().copied())
     }
 
-    /// What has moved, in words; `None` if nothing has.
+    /// Describes the change in words; `None` if there is none.
     pub fn in_words(&self) -> Option<String> {
         let (axis, ZeroChange { change, noise, .. }) = self.largest()?;
         let decimals = if axis.is_moment() { 5 } else { 3 };
@@ -125,7 +125,7 @@ impl ZeroMove {
     }
 }
 
-/// Looks at the stationary intervals of a log as it is read.
+/// Tracks the stationary intervals of a log as it is read.
 #[derive(Clone, Debug, Default)]
 pub struct ZeroWatch {
     finder: StationaryFinder,
@@ -147,7 +147,7 @@ impl ZeroWatch {
         });
     }
 
-    /// How the zero has moved; `None` with fewer than two stationary intervals.
+    /// The change of the zero; `None` with fewer than two stationary intervals.
     pub fn finish(&self, calibration: &Calibration) -> Option<ZeroMove> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
         let levels = [first, last].map(|rest| QuietLevel::from_wrench(calibration, rest));
@@ -166,7 +166,7 @@ impl ZeroWatch {
 mod tests {
     use super::*;
 
-    /// Sums of twelve uniform numbers: normal as far as ten numbers can tell.
+    /// Sums of twelve uniform numbers, an approximation of a normal distribution.
     struct Noise(u64);
 
     impl Noise {
@@ -185,7 +185,7 @@ mod tests {
         let parts = [10; PARTS];
         let mut level =
             || QuietLevel::new(&std::array::from_fn::<f64, 50, _>(|_| noise.next()), &parts);
-        // Without the noise of a frame in the limit what is left is the test.
+        // Without the noise of a frame in the limit, only the statistical test remains.
         let alarm = |first: QuietLevel, last: QuietLevel| {
             ZeroChange::new(&QuietLevel { noise: 0.0, ..first }, &last, 1).has_moved()
         };
@@ -197,7 +197,7 @@ mod tests {
     #[test]
     fn a_level_has_the_error_of_its_parts() {
         let level = QuietLevel::new(&[1.0, 3.0, 2.0, 4.0, 6.0, 2.0], &[2, 2, 2]);
-        // Parts of 2, 3 and 4: variance 1 of three.
+        // Parts of 2, 3 and 4: variance 1, three parts.
         assert_eq!((level.mean, level.standard_error), (3.0, (1.0_f64 / 3.0).sqrt()));
         assert_eq!(level.noise, (16.0_f64 / 6.0).sqrt());
     }

@@ -1,18 +1,18 @@
-//! One page for browsers: events to them, as Server-Sent Events, and short orders back.
+//! A single web page with events to browsers, as Server-Sent Events, and short orders back.
 //!
 //! ```text
 //! publish() ─▶ newest event ─▶ a thread for each listener ─▶ GET /events
 //! next_order() ◀─ queue ◀─ POST /ORDER                        GET / is the page
 //! ```
 //!
-//! Whoever publishes never waits: a listener that is slow gets the newest event when it can take one, and one
-//! that takes none is dropped. Memory is bounded by the number of connections, of orders that wait, and of bytes
-//! of a request.
+//! Publishing never blocks: a slow listener gets the newest event when it is ready, and a listener that takes
+//! none is dropped. Memory is bounded by the number of connections, of waiting orders, and of bytes per
+//! request.
 //!
-//! Plain HTTP 1.1, one request for each connection, and nothing of it that this does not need: no bodies, no
-//! files, no cookies. Every request has to carry the token of the server, and a `Host` that no other site
-//! can have (`request`). It knows nothing of what is shown; docs/adr/0009-live-in-a-browser.md says why it is
-//! own code, and why it is no WebSocket.
+//! The protocol is plain HTTP 1.1 with one request per connection, and only the required parts of it: no
+//! bodies, no files, no cookies. Every request must carry the server's token, and a `Host` that no other site
+//! can have (`request`). The server knows nothing about the content; docs/adr/0009-live-in-a-browser.md
+//! explains why this is own code, and not a WebSocket.
 
 mod request;
 
@@ -26,42 +26,42 @@ use std::{ptr, thread};
 use request::{HttpRefusal, LONGEST, end_of_head, is_host_ours, is_same, parse};
 use shell_data::lock::lock;
 
-/// Connections that may see something, at a time; a page needs one, and a second for a moment.
+/// Maximum number of authorised connections; a page needs one, and briefly a second.
 const CONNECTIONS: usize = 16;
 
-/// Connections that have not yet sent a request with the token, at a time. One more takes the place of the oldest:
-/// who has the token sends it at once, so that others cannot lock the page out.
+/// Maximum number of connections that have not sent the token yet. Another connection replaces the oldest. A
+/// client with the token sends it at once, so other clients cannot lock it out.
 const STRANGERS: usize = 32;
 
-/// Orders that wait.
+/// Maximum number of waiting orders.
 const ORDERS: usize = 64;
 
-/// How long a request may take to arrive, and a write to be taken.
+/// Timeout of a request's arrival, and of a write.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// After so long without an event a listener gets an empty line: who has gone is found out.
+/// Interval without events after which a listener gets an empty line, which detects closed connections.
 const KEEP_ALIVE: Duration = Duration::from_secs(2);
 
-/// How long the end waits for listeners to be told.
+/// Time that the end waits for listeners to be notified.
 const GOODBYE: Duration = Duration::from_millis(500);
 
-/// Of a connection's thread, bytes.
+/// Stack of a connection's thread, bytes.
 const STACK: usize = 256 * 1024;
 
-/// What is served.
+/// The served content.
 #[derive(Clone, Debug)]
 pub struct Site {
     /// The page, HTML.
     pub page: String,
-    /// What the page's own scripts and styles are marked with; no others are run.
+    /// Nonce of the page's scripts and styles; others are not run.
     pub nonce: String,
-    /// What every request has to carry, in the address: `?token=…`.
+    /// Token that every request must carry in its address: `?token=…`.
     pub token: String,
-    /// The orders there are: `mark` is `POST /mark`.
+    /// The available orders: `mark` is `POST /mark`.
     pub orders: Vec<&'static str>,
 }
 
-/// A server, which listens until the process ends.
+/// A server that listens until the process ends.
 #[derive(Debug)]
 pub struct Server {
     shared: Arc<ServerShared>,
@@ -73,27 +73,27 @@ struct ServerShared {
     site: Site,
     state: Mutex<ServerState>,
     changed: Condvar,
-    /// A clone for each connection that may see something, and for each that takes events.
+    /// Cloned for each authorised connection, and for each listener to events, to count them.
     connections: Arc<()>,
     listeners: Arc<()>,
 }
 
 #[derive(Debug, Default)]
 struct ServerState {
-    /// The newest event as it goes over the wire, and its number.
+    /// The newest event in wire format, and its number.
     event: Arc<str>,
     number: u64,
-    /// Connections that have not sent the token yet, the oldest first; their threads have them.
+    /// Connections without the token so far, oldest first; their threads own them.
     strangers: VecDeque<Weak<TcpStream>>,
     orders: VecDeque<&'static str>,
     ended: bool,
 }
 
 impl Server {
-    /// Listens at an address, on a port that is free where it is 0.
+    /// Listens at an address; port 0 selects a free port.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system's error.
     pub fn start(at: SocketAddr, site: Site) -> io::Result<Self> {
         let listener = TcpListener::bind(at)?;
         let address = listener.local_addr()?;
@@ -105,7 +105,7 @@ impl Server {
             for stream in listener.incoming() {
                 match stream {
                     Ok(stream) => accepting.admit(stream),
-                    // Out of descriptors, as a rule, which passes.
+                    // Usually a temporary lack of file descriptors.
                     Err(_) => thread::sleep(Duration::from_millis(50)),
                 }
             }
@@ -114,31 +114,31 @@ impl Server {
         Ok(Self { shared, address })
     }
 
-    /// Where it listens.
+    /// Returns the address on which it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Whether anybody takes events.
+    /// Returns whether any client listens to events.
     pub fn has_listeners(&self) -> bool {
         others(&self.shared.listeners) > 0
     }
 
-    /// Makes a line of text the newest event.
+    /// Publishes a line of text as the newest event.
     pub fn publish(&self, line: &str) {
-        // A text of several lines is several lines of data.
+        // A text of several lines becomes several data lines.
         let data: String = line.lines().map(|line| format!("data: {line}\n")).collect();
         let mut state = self.shared.state();
         (state.event, state.number) = ((data + "\n").into(), state.number + 1);
         self.shared.changed.notify_all();
     }
 
-    /// The order that has waited longest.
+    /// Takes the oldest waiting order.
     pub fn next_order(&self) -> Option<&'static str> {
         self.shared.state().orders.pop_front()
     }
 
-    /// Tells the listeners that there is nothing more, and waits a moment for it to arrive.
+    /// Signals the end to the listeners, and waits briefly for the signal to arrive.
     pub fn end(self) {
         self.shared.state().ended = true;
         self.shared.changed.notify_all();
@@ -150,15 +150,15 @@ impl Server {
 }
 
 impl ServerShared {
-    /// A thread that has ended badly has left the state whole: nothing under the lock can fail half way.
+    /// A panicked thread leaves the state consistent: no operation under the lock can fail half way.
     fn state(&self) -> MutexGuard<'_, ServerState> {
         lock(&self.state)
     }
 
-    /// Gives a connection a thread. Where too many have not sent the token yet, the oldest of them is closed, and its
-    /// thread ends.
+    /// Starts a thread for a connection. If too many connections have not sent the token, the oldest of them
+    /// is closed, which ends its thread.
     fn admit(self: &Arc<Self>, stream: TcpStream) {
-        // A connection without limits of time is none.
+        // A connection without timeouts is refused.
         if stream.set_write_timeout(Some(PATIENCE)).is_err() || stream.set_nodelay(true).is_err() {
             return;
         }
@@ -168,19 +168,19 @@ impl ServerShared {
         if strangers.len() >= STRANGERS
             && let Some(oldest) = strangers.pop_front().and_then(|oldest| oldest.upgrade())
         {
-            // Where it is closed already, so much the better.
+            // An error means that it is closed already.
             let _ = oldest.shutdown(Shutdown::Both);
         }
         strangers.push_back(Arc::downgrade(&stream));
         let serve = move || {
-            // A browser that has gone, as a rule: nobody is left to tell.
+            // An error usually means that the browser has gone; there is no one to tell.
             let _ = shared.serve(&stream);
         };
-        // Where there is no thread, the connection is closed, and the browser tries again.
+        // If no thread can be started, the connection is closed, and the browser tries again.
         let _ = thread::Builder::new().name("browser".to_owned()).stack_size(STACK).spawn(serve);
     }
 
-    /// Reads the request of a stranger, who is one until it is allowed, and answers it.
+    /// Reads and answers the request of a connection, which is not authorised at first.
     fn serve(&self, stream: &TcpStream) -> io::Result<()> {
         let (mut buffer, mut place) = ([0; LONGEST], None);
         match self.answer(stream, &mut place, &mut buffer) {
@@ -191,8 +191,8 @@ impl ServerShared {
         close(stream, &mut buffer)
     }
 
-    /// An allowed connection has a place among those that are counted. The error is `None` if the connection is gone, or
-    /// nothing was sent.
+    /// Answers a request; `place` is set if the connection is authorised, which counts it. The error is
+    /// `None` if the connection is closed, or no request was sent.
     fn answer(
         &self,
         stream: &TcpStream,
@@ -224,7 +224,7 @@ impl ServerShared {
         sent.map_err(|_| None)
     }
 
-    /// A place for a connection that has sent the token, unless all are taken.
+    /// Returns a place for an authorised connection, unless all are taken.
     fn take_in(&self, stream: &TcpStream) -> Result<Arc<()>, HttpRefusal> {
         let mut state = self.state();
         state.strangers.retain(|other| !ptr::eq(other.as_ptr(), stream));
@@ -257,9 +257,9 @@ impl ServerShared {
 
     fn send_events(&self, mut stream: &TcpStream) -> io::Result<()> {
         send_head(stream, "200 OK", "Content-Type: text/event-stream\r\n")?;
-        // How soon to come back after a connection was lost, ms.
+        // Delay in ms before the browser reconnects after a lost connection.
         stream.write_all(b"retry: 500\n\n")?;
-        // What has come before is old where nobody has listened.
+        // Events from before the connection are outdated.
         let mut seen = self.state().number;
         let _listener = Arc::clone(&self.listeners);
         while let Some(event) = self.next_event(&mut seen) {
@@ -268,7 +268,8 @@ impl ServerShared {
         stream.write_all(b"event: end\ndata:\n\n")
     }
 
-    /// The newest event, or an empty one if none that was not seen has come for a while; `None` at the end.
+    /// Returns the newest event that was not seen, or an empty one after a while without events; `None` at
+    /// the end.
     fn next_event(&self, seen: &mut u64) -> Option<Arc<str>> {
         let state = self.state();
         let is_idle = |state: &mut ServerState| state.number == *seen && !state.ended;
@@ -285,12 +286,12 @@ impl ServerShared {
     }
 }
 
-/// How many others have a clone.
+/// Returns the number of other clones.
 fn others(places: &Arc<()>) -> usize {
     Arc::strong_count(places) - 1
 }
 
-/// Reads up to the empty line. The error is `None` if the connection is gone, or nothing was sent.
+/// Reads up to the empty line. The error is `None` if the connection is closed, or no request was sent.
 fn read_head<'a>(
     mut stream: &TcpStream,
     buffer: &'a mut [u8; LONGEST],
@@ -324,7 +325,8 @@ fn read_head<'a>(
     }
 }
 
-/// Nothing of it is kept anywhere, and the address, which has the token in it, is told to no other site.
+/// Sends the head of a response, which forbids caching and the disclosure of the address, which contains the
+/// token, to other sites.
 fn send_head(mut stream: &TcpStream, status: &str, more: &str) -> io::Result<()> {
     let head = format!(
         "HTTP/1.1 {status}\r\nConnection: close\r\nCache-Control: no-store\r\nReferrer-Policy: no-referrer\r\n\
@@ -343,8 +345,8 @@ fn refuse(mut stream: &TcpStream, refusal: HttpRefusal) -> io::Result<()> {
     stream.write_all(format!("{text}\n").as_bytes())
 }
 
-/// Says that nothing more comes, and takes what is still sent, for a moment: a connection that is closed
-/// before is reset, and what was answered may be lost.
+/// Ends the response, and reads the client's remaining data for a moment: closing earlier would reset the
+/// connection, and the response could be lost.
 fn close(mut stream: &TcpStream, buffer: &mut [u8; LONGEST]) -> io::Result<()> {
     stream.shutdown(Shutdown::Write)?;
     stream.set_read_timeout(Some(Duration::from_millis(200)))?;
@@ -386,7 +388,7 @@ mod tests {
         }
     }
 
-    /// Each would keep a place for [`PATIENCE`].
+    /// Each would block a place for [`PATIENCE`].
     #[test]
     fn who_says_nothing_locks_nobody_out() {
         let server = server();
@@ -402,7 +404,7 @@ mod tests {
         drop(silent);
     }
 
-    /// A publisher that waited for one that reads nothing would wait for [`PATIENCE`] each of ten times.
+    /// Waiting for a client that reads nothing would take [`PATIENCE`] each of ten times.
     #[test]
     fn who_takes_nothing_holds_up_nobody_and_is_dropped() {
         let server = server();
@@ -410,10 +412,10 @@ mod tests {
         wait_for_listeners(&server, 1);
         let mut reader = BufReader::new(listen(&server));
         wait_for_listeners(&server, 2);
-        // Each is more than a system keeps for a connection.
+        // Each event exceeds the system's buffer of a connection.
         let filling = "x".repeat(32 << 20);
         thread::scope(|scope| {
-            // This listener reads all the while, so that it is not dropped, however long publishing takes.
+            // This listener reads all the time, so that it is not dropped even if publishing takes long.
             scope.spawn(|| {
                 let mut line = String::new();
                 while line != "data: last\n" {
@@ -428,7 +430,7 @@ mod tests {
         });
         wait_for_listeners(&server, 1);
         drop(stuck);
-        // The end is told, and waited for.
+        // The end is signalled, and awaited.
         server.end();
         let mut rest = String::new();
         reader.read_to_string(&mut rest).unwrap();

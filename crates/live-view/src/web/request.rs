@@ -1,9 +1,9 @@
-//! The head of a request, what may be wrong with it, and who may ask.
+//! The head of a request, its possible errors, and authorisation.
 
 use std::hint::black_box;
 use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 
-/// The longest head of a request, bytes: that of a browser has about one thousand.
+/// Maximum length of a request's head, bytes; a browser's has about one thousand.
 pub(super) const LONGEST: usize = 8192;
 
 /// The response to a refused request: the status line (RFC 9110) and a text for people.
@@ -32,23 +32,23 @@ impl HttpRefusal {
     const VERSION: Self = Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
 }
 
-/// What is asked for.
+/// A parsed request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Request<'a> {
     /// `GET` or `POST`.
     pub(super) method: &'a str,
     pub(super) path: &'a str,
-    /// The value of `token=` in the address; empty if there is none.
+    /// The value of `token=` in the address; empty if missing.
     pub(super) token: &'a str,
     pub(super) host: &'a str,
 }
 
-/// Where the head of a request ends, its empty line included.
+/// Returns the end of a request's head, including its empty line.
 pub(super) fn end_of_head(bytes: &[u8]) -> Option<usize> {
     bytes.windows(4).position(|window| window == b"\r\n\r\n").map(|position| position + 4)
 }
 
-/// Reads a whole head.
+/// Parses a complete head.
 pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let text = std::str::from_utf8(head).map_err(|_| HttpRefusal::MALFORMED)?;
     let text = text.strip_suffix("\r\n\r\n").ok_or(HttpRefusal::MALFORMED)?;
@@ -64,7 +64,7 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let mut host = None;
     for line in lines {
         let (name, value) = line.split_once(':').ok_or(HttpRefusal::MALFORMED)?;
-        // A line that begins with a space would go on the one before, which no browser sends any more.
+        // A line that begins with a space would continue the previous one, which browsers no longer send.
         if name.is_empty() || name.bytes().any(|byte| byte <= b' ' || byte >= 127) {
             return Err(HttpRefusal::MALFORMED);
         }
@@ -87,17 +87,17 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     Ok(Request { method, path, token, host: host.ok_or(HttpRefusal::MALFORMED)? })
 }
 
-/// Whether two secrets are the same, in a time that does not tell where they differ.
+/// Returns whether two secrets are equal, in a time that does not depend on the position of a difference.
 pub(super) fn is_same(given: &str, secret: &str) -> bool {
     let pairs = given.bytes().zip(secret.bytes());
     let difference = pairs.fold(0, |difference, (a, b)| black_box(difference | (a ^ b)));
     given.len() == secret.len() && difference == 0
 }
 
-/// Whether a `Host` is one that no other site can have: an address, or `localhost`.
+/// Returns whether a `Host` is one that no other site can have: an address, or `localhost`.
 ///
-/// A page of another site could let its own name point to this machine ("DNS rebinding"), and would then
-/// be taken for ours by the browser. It has to send that name.
+/// A page of another site could let its own name point to this machine ("DNS rebinding"), and the browser
+/// would then take it for this page. But the browser sends that name as the `Host`.
 pub(super) fn is_host_ours(host: &str) -> bool {
     let bare = host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
     let (name, port) = host.split_once(':').unwrap_or((host, "0"));

@@ -1,5 +1,5 @@
-//! Any bytes as the console log of the base station: no panic, and the same frames wherever the
-//! pieces are cut. The first byte says where.
+//! Arbitrary bytes as the console log of the base station: no panic, and the same frames for any chunk size.
+//! The first byte gives the size.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,7 +1,7 @@
-//! Any bytes as a log whose format is recognised, or as rows below a header: no panic, and the same
-//! rows wherever the pieces are cut.
+//! Arbitrary bytes as a log whose format is recognised, or as rows below a header: no panic, and the same
+//! rows for any chunk size.
 //!
-//! The first byte says where to cut, and whether there is a header.
+//! The first byte gives the size, and tells if there is a header.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

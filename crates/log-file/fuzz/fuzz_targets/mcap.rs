@@ -1,4 +1,4 @@
-//! Any bytes as a recording in MCAP: no panic, and the same rows wherever the pieces are cut.
+//! Arbitrary bytes as an MCAP recording: no panic, and the same rows for any chunk size.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,4 +1,4 @@
-//! Any bytes as a Parquet file: no panic, and the same rows wherever the pieces are cut.
+//! Arbitrary bytes as a Parquet file: no panic, and the same rows for any chunk size.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

@@ -1,5 +1,5 @@
-//! Any bytes as a text file as people have them (UTF-16, decimal commas, units, dates): no panic, and the
-//! same rows wherever the pieces are cut.
+//! Arbitrary bytes as an ordinary text file (UTF-16, decimal commas, units, dates): no panic, and the same
+//! rows for any chunk size.
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;

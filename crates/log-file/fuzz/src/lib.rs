@@ -1,21 +1,21 @@
-//! What the targets share: logs read in several ways.
+//! Functions shared by the targets, which read logs in several ways.
 
 use std::path::PathBuf;
 
 use log_file::{LogFormat, Log, LogError, Mapping, Meaning, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 
-/// Reads `bytes` as a log of a format, in pieces of a few bytes and whole: the rows, how many were
-/// left out, and the error must be the same.
+/// Reads `bytes` as a log of a format, in chunks of a few bytes and whole: the rows, the number of skipped
+/// rows, and the error must be the same.
 ///
-/// How many rows repeat the one before is not compared: of the lines before a piece no more are kept
-/// than the piece before it has, so pieces of a few bytes do not always know that row.
+/// The number of repeated rows is not compared. A chunk keeps only lines of the previous chunk as context, so
+/// with chunks of a few bytes the previous row is not always known.
 pub fn read_log(bytes: &[u8], format: Option<LogFormat>, piece: usize) {
     let path = file(bytes);
     let mapping = Mapping { format, ..Mapping::default() };
     let Ok(log) = Log::open(&path, &mapping) else { return };
     let log = log.with_chunk_bytes(bytes.len());
-    // Labels of groups are text.
+    // Group labels are text.
     let is_number = |&at: &usize| log.columns()[at].meaning != Meaning::Group;
     let wanted = Wanted {
         time: log.has_time(),
@@ -37,15 +37,15 @@ pub fn read_log(bytes: &[u8], format: Option<LogFormat>, piece: usize) {
     }
 }
 
-/// Reads `bytes` as a file that begins with `magic`, put before them where it is missing.
+/// Reads `bytes` as a file that begins with `magic`, which is prepended if it is missing.
 pub fn read_table(bytes: &[u8], magic: &[u8]) {
-    // Known kinds begin alike; what is compressed may be gzip.
+    // Gzip is accepted as well for the compressed formats.
     let begins = bytes.starts_with(magic) || bytes.starts_with(b"\x1f\x8b");
     let magic = if begins { &[] } else { magic };
     read_log(&[magic, bytes].concat(), None, bytes.len() % 499 + 100);
 }
 
-/// The columns of a log as bits, since a reading need not equal itself.
+/// Returns the columns of a log as bits, because a NaN does not equal itself.
 fn rows(
     log: &Log,
     wanted: &Wanted,
@@ -67,7 +67,7 @@ fn rows(
     Ok((columns, ReadSummary { repeated_rows: 0, ..summary }))
 }
 
-/// A file of this process that holds `bytes`, in memory where the system has a folder for that.
+/// Writes `bytes` to a file for this process, in memory if the system has a folder for that.
 fn file(bytes: &[u8]) -> PathBuf {
     let folder = Some(PathBuf::from("/dev/shm")).filter(|folder| folder.is_dir());
     let folder = folder.unwrap_or_else(std::env::temp_dir);

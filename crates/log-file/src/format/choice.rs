@@ -1,4 +1,4 @@
-//! Which rows of a log are read, and a column by whose values the rows should be told apart.
+//! The selection of rows in a log, and detection of a column that distinguishes several sensors.
 
 use super::mapping::{ColumnRef, parse_column};
 use super::meaning::plain;
@@ -8,31 +8,29 @@ use shell_data::Block;
 /// A condition that a row must meet to be read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RowCondition {
-    /// The column that decides.
     pub column: ColumnRef,
-    /// How its values are compared.
     pub comparison: Comparison,
-    /// With what.
+    /// The value to compare with.
     pub value: String,
 }
 
-/// How a value is compared.
+/// A comparison of a field with a value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Comparison {
-    /// It is the same text, or the same number.
+    /// An identical text, or an equal number.
     Equal,
-    /// It is neither.
+    /// Neither an identical text nor an equal number.
     Unequal,
-    /// It is a smaller number.
+    /// A smaller number.
     Below,
-    /// It is a larger number.
+    /// A larger number.
     Above,
 }
 
-/// A condition, `name=A`, `load>2` or `group!=7`.
+/// Parses a condition: `name=A`, `load>2` or `group!=7`.
 ///
 /// # Errors
-/// What is wrong with it, in words.
+/// A message about the error.
 pub fn parse_condition(text: &str) -> Result<RowCondition, String> {
     use Comparison::{Above, Below, Equal, Unequal};
     let marks = [("!=", Unequal), ("=", Equal), ("<", Below), (">", Above)];
@@ -47,7 +45,7 @@ pub fn parse_condition(text: &str) -> Result<RowCondition, String> {
     Ok(RowCondition { column: parse_column(&text[..at])?, comparison, value })
 }
 
-/// A condition whose column was found.
+/// A condition with the position of its column.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct PlacedCondition {
     pub(crate) column: usize,
@@ -56,7 +54,7 @@ pub(crate) struct PlacedCondition {
 }
 
 impl PlacedCondition {
-    /// Whether a row with this value is read.
+    /// Returns true if a row with this value is read.
     pub(crate) fn is_met(&self, found: &str) -> bool {
         let number = |text: &str| parse_field(text.as_bytes()).ok();
         let numbers = number(found).zip(number(&self.value));
@@ -70,7 +68,8 @@ impl PlacedCondition {
     }
 }
 
-/// Leaves in a block the rows that meet all conditions, whose columns are `values`, run-length encoded.
+/// Keeps the rows of a block that meet all conditions; `values` are the run-length encoded columns of the
+/// conditions.
 pub(crate) fn keep_chosen(
     block: &mut Block,
     conditions: &[PlacedCondition],
@@ -99,7 +98,7 @@ pub(crate) fn keep_chosen(
         }
         runs.retain(|(_, length)| *length > 0);
     }
-    // A row that is left out is a line between rows.
+    // A removed row counts as a line between rows.
     let (mut passed, mut lines, mut rows) = (Vec::new(), 0, 0);
     let mut old = std::mem::take(&mut block.lines.passed).into_iter().peekable();
     for (row, is_kept) in is_kept.iter().enumerate() {
@@ -119,27 +118,28 @@ pub(crate) fn keep_chosen(
     block.lines.passed = passed;
 }
 
-/// A column by whose values the rows are those of several sensors that alternate.
+/// A column whose values distinguish the rows of several sensors that alternate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Interleaving {
-    /// Its name.
+    /// The name of the column.
     pub column: String,
     /// Its values in the first rows.
     pub values: Vec<String>,
 }
 
-/// Names of columns of numbers that tell sensors apart.
+/// Names of numeric columns that identify sensors.
 const IDENTITIES: [&str; 8] =
     ["id", "sensorid", "deviceid", "boardid", "nodeid", "sensor", "device", "node"];
 
-/// Names of columns of texts that do not.
+/// Names of text columns that do not identify sensors.
 const REMARKS: [&str; 6] = ["flags", "note", "notes", "comment", "status", "event"];
 
 impl Interleaving {
-    /// The most sensors.
+    /// The largest number of sensors.
     const MOST: usize = 8;
 
-    /// Finds such a column by the first rows, whose fields are given by columns that nothing else is known of.
+    /// Finds such a column from the first rows. `columns` are the names and fields of columns without a known
+    /// meaning.
     pub(crate) fn find(columns: &[(&str, Vec<String>)]) -> Option<Self> {
         columns.iter().find_map(|(name, fields)| {
             let plain_name = plain(name);

@@ -1,4 +1,4 @@
-//! The meaning of the columns of a log, from their names and from the mapping of the user.
+//! The meanings of a log's columns, from their names and the user's mapping.
 
 use super::mapping::{ColumnRef, LogFormat, Mapping, TimeUnit};
 use super::meaning::{
@@ -12,16 +12,15 @@ use shell_data::wrench::{Axis, PerAxis};
 /// A column of a log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Column {
-    /// Its name in the header, or what its place means in a file without one.
+    /// The name in the header, or a description of the column in a file without one.
     pub name: String,
-    /// Its meaning.
     pub meaning: Meaning,
-    /// What its name, the units below the names or an option says of its unit, if that counts.
+    /// The unit in the name, below the names or in an option, if it matters.
     pub unit: StatedUnit,
 }
 
 impl Column {
-    /// What it is taken for, with the unit of its values; `None` if for nothing.
+    /// Describes the column's meaning with its unit; `None` if it has none.
     pub fn in_words(&self) -> Option<String> {
         let meaning = self.meaning.in_words()?;
         let unit = self.unit.known().map(|unit| unit.symbol.as_str());
@@ -39,7 +38,7 @@ impl Column {
         })
     }
 
-    /// Takes it for one in this unit.
+    /// Sets the unit of the column.
     pub(crate) fn set_unit(&mut self, unit: StatedUnit) {
         if let StatedUnit::Known(unit) = &unit {
             self.meaning = self.meaning.scaled(unit.scale);
@@ -48,7 +47,7 @@ impl Column {
     }
 }
 
-/// The positions in a row, from 0, of the columns with a meaning.
+/// Positions in a row, from 0, of the columns with a meaning.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct ColumnRoles {
     pub(crate) sensors: Vec<usize>,
@@ -57,25 +56,23 @@ pub(crate) struct ColumnRoles {
     pub(crate) group: Option<usize>,
 }
 
-/// Which columns are wanted. The others are not parsed.
+/// The requested columns. Others are not parsed.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Wanted {
-    /// Time.
     pub time: bool,
     /// The readings of all channels.
     pub readings: bool,
-    /// The wrench, as far as there are columns of it.
+    /// The wrench, for the axes that the log has.
     pub wrench: bool,
-    /// Group labels.
     pub groups: bool,
-    /// Further columns by position in the row, from 0; they are given as they stand in the log.
+    /// Additional columns by position in the row, from 0, unconverted.
     pub others: Vec<usize>,
-    /// Columns of text by position in the row, from 0, each once.
+    /// Text columns by position in the row, from 0, each once.
     pub texts: Vec<usize>,
 }
 
 impl ColumnRoles {
-    /// The positions of the columns of numbers that are wanted.
+    /// Returns the positions of the requested numeric columns.
     pub(crate) fn numbers(&self, wanted: &Wanted) -> Vec<usize> {
         let mut positions = wanted.others.clone();
         positions.extend(self.time.filter(|_| wanted.time));
@@ -85,13 +82,13 @@ impl ColumnRoles {
     }
 }
 
-/// The error of two columns that have one meaning.
+/// Makes the error for two columns with the same meaning.
 pub(crate) fn duplicate(names: &[String], meaning: String, columns: [usize; 2]) -> PlacedProblem {
     let names = Box::new(columns.map(|at| names[at].clone()));
     PlacedProblem::DuplicateColumn { meaning, columns, names }
 }
 
-/// Assigns a meaning to each named column; `units` belong to the names, if there are any.
+/// Assigns a meaning to each column from its name. `units` belong to the names, if there are any.
 pub(crate) fn recognise(
     names: Vec<String>,
     units: &[String],
@@ -108,7 +105,7 @@ pub(crate) fn recognise(
     let group = apply_mapping(&names, format, mapping, &mut meanings)?;
     let mut roles = roles(&names, &mut meanings)?;
     roles.group = group.or(roles.group);
-    // Dashes and the like say nothing.
+    // Dashes and the like are not units.
     let is_said = |unit: &str| unit.contains(|c: char| c.is_alphabetic() || c == '°');
     let row = units.iter().map(|unit| if is_said(unit) { unit.as_str() } else { "" });
     let row = row.chain(std::iter::repeat(""));
@@ -120,7 +117,7 @@ pub(crate) fn recognise(
         if let Some(quantity) = meaning.quantity() {
             let in_name = match named.quantity() == Some(quantity) {
                 true => in_name,
-                // `micros` is a name and a unit.
+                // A name may be a unit as well: `micros`.
                 false => match Unit::parse(&column.name, quantity) {
                     Some(unit) if quantity == Quantity::Time => StatedUnit::Known(unit),
                     _ => unit_in_name(&column.name, quantity),
@@ -134,7 +131,7 @@ pub(crate) fn recognise(
     Ok((columns, roles))
 }
 
-/// The unit of a column by its name and by what stands below that.
+/// Combines the unit in a column's name with the unit below it.
 fn one_unit(in_name: StatedUnit, below: StatedUnit) -> StatedUnit {
     match (&in_name, &below) {
         (StatedUnit::Known(name), StatedUnit::Known(row)) if name.scale != row.scale => {
@@ -145,7 +142,8 @@ fn one_unit(in_name: StatedUnit, below: StatedUnit) -> StatedUnit {
     }
 }
 
-/// Puts the units that the user specifies in the place of those of the log, and the usual ones where it says none.
+/// Replaces the log's units by those that the user specifies, and fills in the usual units where the log has
+/// none.
 fn specify_units(columns: &mut [Column], mapping: &Mapping) -> Result<(), PlacedProblem> {
     let is_known = |key: &str| UNIT_KEYS.contains(&key.to_ascii_lowercase().as_str());
     let is_there = |key: &&String| is_known(key) || columns.iter().any(|of| of.name == **key);
@@ -183,8 +181,8 @@ fn specify_units(columns: &mut [Column], mapping: &Mapping) -> Result<(), Placed
     Ok(())
 }
 
-/// Replaces meanings that were recognised by those that the user specifies. Returns the column that
-/// names groups, where the user says; it may mean something else besides.
+/// Replaces recognised meanings by those that the user specifies. Returns the group column, if the user
+/// specifies it; it may have another meaning as well.
 fn apply_mapping(
     names: &[String],
     format: LogFormat,
@@ -231,17 +229,17 @@ fn apply_mapping(
     Ok(group)
 }
 
-/// The names of the columns of a matrix `name`, as far as there are any.
+/// Returns the existing column names of a matrix `name`.
 fn columns_of(names: &[String], name: &str) -> Vec<String> {
     let numbered = (1..).map(|number| format!("{name}{number}"));
     numbered.take_while(|column| names.contains(column)).collect()
 }
 
-/// `mapping` for a file of matrices, with what their shapes leave no doubt about where nothing is specified
-/// and no name tells: of two matrices the one of six columns is the wrench, the other the readings.
+/// Extends `mapping` for a file of matrices, if neither the mapping nor the names identify readings and
+/// wrench: of two matrices, the one with six columns is the wrench and the other has the readings.
 pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     let mut mapping = mapping.for_columns(names);
-    // `a1` is the first column of `a`, not `a11` that of `a1`.
+    // `a1` is the first column of `a`; `a11` is not taken as a column of `a1`.
     let first = names.iter().filter_map(|name| name.strip_suffix('1'));
     let first = first.filter(|name| !names.iter().any(|other| other == name));
     let matrices: Vec<Vec<String>> =
@@ -267,7 +265,7 @@ pub(crate) fn by_shape(names: &[String], mapping: &Mapping) -> Mapping {
     mapping
 }
 
-/// The references, those to a matrix by its name replaced by those to its columns.
+/// Replaces references to a matrix by references to its columns.
 fn of_matrices(names: &[String], references: &[ColumnRef]) -> Vec<ColumnRef> {
     let columns = |reference: &ColumnRef| match reference {
         ColumnRef::Name(name) if position(names, reference).is_none() => {
@@ -280,7 +278,7 @@ fn of_matrices(names: &[String], references: &[ColumnRef]) -> Vec<ColumnRef> {
     all.flat_map(|one| columns(one).unwrap_or_else(|| vec![one.clone()])).collect()
 }
 
-/// The positions of the columns that a user refers to, or the error of those that are not there.
+/// Returns the positions of the columns that a user refers to, or an error with the missing ones.
 pub(crate) fn positions(
     names: &[String],
     references: &[ColumnRef],
@@ -294,8 +292,8 @@ pub(crate) fn positions(
     }
 }
 
-/// Where the column is that a user points to. A name is taken exactly, or else without regard to
-/// case.
+/// Returns the position of the column that a user refers to. An exact match of the name takes precedence over
+/// one that ignores case.
 fn position(names: &[String], reference: &ColumnRef) -> Option<usize> {
     match reference {
         ColumnRef::Position(position) => position.checked_sub(1).filter(|&at| at < names.len()),
@@ -306,8 +304,8 @@ fn position(names: &[String], reference: &ColumnRef) -> Option<usize> {
     }
 }
 
-/// Turns meanings into places; a meaning that two columns have is an error, except for groups,
-/// where the first name of [`GROUPS`] wins.
+/// Converts meanings to positions. It is an error if two columns have the same meaning; for groups, the first
+/// name in [`GROUPS`] wins.
 fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, PlacedProblem> {
     let mut roles = ColumnRoles::default();
     let mut sensors: Vec<Option<usize>> = Vec::new();
@@ -352,15 +350,15 @@ fn roles(names: &[String], meanings: &mut [Meaning]) -> Result<ColumnRoles, Plac
     Ok(roles)
 }
 
-/// Other names of readings, most wanted first: taken where no column has a usual one and all of a
-/// kind are there.
+/// Other names of readings, in order of preference: used if no column has a usual name, and if all of a kind
+/// exist.
 const OTHER_READINGS: [&str; 7] = ["ch", "channel", "adc", "ain", "ai", "reading", "raw"];
 
-/// What `--unit` names besides columns.
+/// Keys that `--unit` accepts in addition to columns.
 pub(super) const UNIT_KEYS: [&str; 9] =
     ["fx", "fy", "fz", "mx", "my", "mz", "force", "moment", "time"];
 
-/// Takes columns for readings by other names.
+/// Recognises readings by other names.
 fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
     if meanings.iter().any(|meaning| matches!(meaning, Meaning::Sensor(_))) {
         return;
@@ -382,7 +380,7 @@ fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
     }
 }
 
-/// Other names of a clock, most wanted first: taken where no column has a usual one.
+/// Other names of a clock, in order of preference: used if no column has a usual name.
 const OTHER_TIMES: [&str; 12] = [
     "elapsedtime",
     "timeelapsed",
@@ -398,7 +396,7 @@ const OTHER_TIMES: [&str; 12] = [
     "systemtime",
 ];
 
-/// Takes a column for the time by another name.
+/// Recognises the time by another name.
 fn recognise_other_times(names: &[String], meanings: &mut [Meaning]) {
     if meanings.iter().any(|meaning| matches!(meaning, Meaning::Time(_))) {
         return;
@@ -412,7 +410,7 @@ fn recognise_other_times(names: &[String], meanings: &mut [Meaning]) {
     found.into_iter().for_each(|at| meanings[at] = Meaning::Time(Scale::ONE));
 }
 
-/// Where several columns are an axis and one has its usual name, the others are not needed.
+/// If several columns are the same axis and one has its usual name, drops the meaning of the others.
 fn prefer_usual_names(names: &[String], meanings: &mut [Meaning]) {
     for axis in Axis::ALL {
         let is_usual = |at: usize| split_unit(&names[at]).0.eq_ignore_ascii_case(axis.name());
@@ -479,7 +477,7 @@ mod tests {
         assert_eq!((roles.time, roles.group), (Some(0), Some(9)));
         assert_eq!(columns[0].meaning, Meaning::Time(Scale::per_si(1e3)));
         assert_eq!(columns[6].meaning.scale().per, 1e3);
-        // Another log is read as it always was, and what is specified goes first.
+        // The usual columns do not affect other logs, and the mapping takes precedence over them.
         let (columns, roles) = open("time,s1,s2,b,Fx,Fy,Fz,Mx,My,Mz", &mapping);
         assert_eq!((&*roles.sensors, roles.time), (&[1, 2][..], Some(0)));
         assert_eq!(columns[0].meaning, Meaning::Time(Scale::ONE));
@@ -551,10 +549,10 @@ mod tests {
         };
         let none = Mapping::default();
         assert_eq!(times(&read("Fx,Mx", "lbf,mm.N", &none)), [4.448_221_615_260_5, 1e-3]);
-        // The name and the row below say the same, or nothing is believed.
+        // Contradictory units in the name and the row below are not accepted.
         assert_eq!(times(&read("fx_mn,Mx", "mN,", &none)), [1e-3, 1.0]);
         assert!(matches!(read("fx_n", "lbf", &none)[0].unit, StatedUnit::Unknown(_)));
-        // A mapped name says its unit after any separator.
+        // The name of a mapped column may end with a unit after any separator.
         let six = "a (kN),b.N,c,d_nmm,e,f";
         let mapping = Mapping {
             wrench: Some([0, 1, 2, 3, 4, 5].map(|at| Some(ColumnRef::Position(at + 1)))),
@@ -563,7 +561,7 @@ mod tests {
         };
         let columns = read(&format!("{six},board_us"), ",,,,gf cm,", &mapping);
         assert_eq!(times(&columns), [1e3, 1.0, 1.0, 1e-3, 9.806_65e-5, 1.0, 1e-6]);
-        // Options take precedence over the log, and the log over what a calibration remembers.
+        // Options take precedence over the log, and the log over the calibration's units.
         let pair = |key: &str, unit: &str| (key.to_owned(), unit.to_owned());
         let units = vec![pair("force", "lbf"), pair("Fy", "N"), pair("mz_nm", "mNm")];
         let said = Mapping { units, ..Mapping::default() };
@@ -596,7 +594,7 @@ mod tests {
         {
             assert_eq!(csv(line).unwrap().1.sensors, [0, 1, 2], "{line}");
         }
-        // Usual names win, and one column of a kind is none.
+        // Usual names win, and a single column with another name is not enough.
         assert_eq!(csv("adc0,adc1,s1,s2").unwrap().1.sensors, [2, 3]);
         assert_eq!(csv("adc0,adc1,ch1,ch2").unwrap().1.sensors, [2, 3]);
         assert_eq!(csv("adc5,time").unwrap().1.sensors, [0; 0]);
@@ -664,7 +662,7 @@ mod tests {
         let mapping = Mapping { time: Some(ColumnRef::Position(3)), ..Mapping::default() };
         let error = recognise(names("a,b"), &[], LogFormat::Csv, &mapping).unwrap_err();
         assert_eq!(missing(error), vec!["column 3".to_owned()]);
-        // A matrix is all its columns, unless one has its name.
+        // The name of a matrix refers to all its columns, unless a column has that name.
         let mapping = Mapping { sensors: Some(refs("b,a")), ..Mapping::default() };
         assert_eq!(
             recognise(names("a1,a2,b,b1,a3"), &[], LogFormat::Csv, &mapping).unwrap().1.sensors,
@@ -706,7 +704,7 @@ mod tests {
         assert_eq!(found(&[("cells", 6), ("ft", 6)]), None);
         assert_eq!(found(&[("cells", 12), ("ft", 6), ("joints", 7)]), None);
         assert_eq!(found(&[("ft", 6)]), None);
-        // Names that are known go before shapes.
+        // Known names take precedence over shapes.
         assert_eq!(found(&[("s", 12), ("joints", 6)]), None);
     }
 }

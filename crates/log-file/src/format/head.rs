@@ -1,8 +1,9 @@
-//! Finds where the rows of a text begin, and which of the lines above name their columns and units.
+//! Finds the first row of a text, and the lines above it that name the columns and units.
 //!
-//! Rows are what most lines of the head are: as many fields, most of them numbers in the same columns. The names are a line
-//! of as many texts above the first row, also one behind `#`, `%` or `//`; a line of units may stand between.
-//! Lines above the names may say more by a key and a value ([`keys`](super::keys)).
+//! Most lines of the head are rows: they have the same number of fields, and most fields are numbers in the
+//! same columns. The names are a line with as many texts above the first row, possibly after `#`, `%` or
+//! `//`; a line of units may follow. Lines above the names may contain keys and values
+//! ([`keys`](super::keys)).
 
 use super::keys::Keys;
 use super::layout::{LayoutLine, fields, texts};
@@ -14,27 +15,27 @@ use crate::parse::number::{parse_date, parse_field, with_points};
 use memchr::memchr;
 use shell_data::unit::Unit;
 
-/// The layout of a text, as its head tells.
+/// The layout of a text, found from its head.
 #[derive(Debug, Default)]
 pub(crate) struct Head {
     pub(crate) separator: u8,
     pub(crate) form: RowForm,
-    /// The line of the names, and these, where there are any.
+    /// The line number of the names, and the names, if there are any.
     pub(crate) names: Option<(u64, Vec<String>)>,
-    /// The line of the units below the names.
+    /// The line number of the units below the names, and the units.
     pub(crate) units: Option<(u64, Vec<String>)>,
-    /// Where the first row starts, and its line.
+    /// Position of the first row, and its line number.
     pub(crate) rows_start: usize,
     pub(crate) rows_line: u64,
-    /// How many columns a row has.
+    /// Number of columns in a row.
     pub(crate) columns: usize,
     pub(crate) keys: Keys,
 }
 
-/// The most lines between the names and the first row.
+/// The largest number of lines between the names and the first row.
 const ABOVE: usize = 4;
 
-/// Finds the rows of a text; `None` if there are none like each other.
+/// Finds the rows of a text; `None` if no lines are similar.
 pub(crate) fn find(
     head: &[u8],
     start: usize,
@@ -77,19 +78,19 @@ pub(crate) fn find(
     Some(found)
 }
 
-/// Whether a line is a row with labels, keys or an arrow.
+/// Returns true if a line is a row with labels, keys or an arrow.
 pub(super) fn is_of_other_form(text: &[u8]) -> bool {
     let of_text =
         |text| behind_arrow(text).is_some() || labelled(text).is_some() || object(text).is_some();
     str::from_utf8(text).is_ok_and(of_text)
 }
 
-/// `column 2` and so on, for columns without names.
+/// Names columns without a name: `column 2` and so on.
 pub(crate) fn numbered(first: usize, count: usize) -> Vec<String> {
     (first..first + count).map(|number| format!("column {number}")).collect()
 }
 
-/// All lines that are not blank, comments included.
+/// Iterates over all lines that are not blank, including comments.
 fn all_lines(head: &[u8], start: usize) -> impl Iterator<Item = LayoutLine<'_>> {
     let (mut next, mut number) = (start, 0);
     let line = move || {
@@ -104,7 +105,7 @@ fn all_lines(head: &[u8], start: usize) -> impl Iterator<Item = LayoutLine<'_>> 
     std::iter::from_fn(line).filter(|line| !line.text.trim_ascii().is_empty())
 }
 
-/// `sep=;`, as spreadsheets write it.
+/// Parses a separator declared as spreadsheets do: `sep=;`.
 fn declared_separator(line: &[u8]) -> Option<u8> {
     let line = line.trim_ascii().trim_ascii_start();
     let line = line.strip_prefix(b"\"").and_then(|it| it.strip_suffix(b"\"")).unwrap_or(line);
@@ -115,7 +116,7 @@ fn declared_separator(line: &[u8]) -> Option<u8> {
     }
 }
 
-/// Lines that are objects of JSON.
+/// Recognises lines that are JSON objects.
 fn of_objects(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
     let fields = |text: &&[u8]| str::from_utf8(text).ok().and_then(object);
     let at = texts.iter().take(ABOVE).position(|text| text.trim_ascii_start().starts_with(b"{"))?;
@@ -123,7 +124,7 @@ fn of_objects(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
     Some(of_form(RowBody::Json(names.clone()), names, lines[at]))
 }
 
-/// Lines of labels and values.
+/// Recognises lines of labels and values.
 fn of_labels(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
     let labels = |text: &[u8]| -> Option<Vec<String>> {
         let pairs = labelled(str::from_utf8(text).ok()?)?;
@@ -151,16 +152,16 @@ fn of_form(body: RowBody, names: Vec<String>, first: LayoutLine<'_>) -> Head {
     }
 }
 
-/// The separator and number of fields of a line, and which are numbers.
+/// The separator and the number of fields of a line, and the fields that are numbers.
 #[derive(Debug, Default)]
 struct Shape {
     separator: u8,
     numbers: Vec<bool>,
-    /// Whether at least half of its fields that are not empty are numbers.
+    /// True if at least half of the non-empty fields are numbers.
     is_row: bool,
 }
 
-/// A blank as a separator stands for several.
+/// A blank as the separator; it stands for any number of blanks.
 const BLANK: u8 = b' ';
 
 impl Shape {
@@ -179,7 +180,7 @@ impl Shape {
     }
 }
 
-/// Lines of separated values below lines of other things.
+/// Recognises lines of separated values below other lines.
 fn of_fields(
     lines: &[LayoutLine<'_>],
     texts: &[&[u8]],
@@ -222,7 +223,7 @@ fn of_fields(
     let keys_end = names.map_or(first, |(at, _)| *at);
     let body = if separator == BLANK { RowBody::Blanks } else { RowBody::Separated };
     let form = RowForm { has_arrow: false, body };
-    // Lines between the names and the first good row are rows, too, if bad ones.
+    // Lines between the names and the first good row are rows as well, although bad ones.
     let last_named = units.or(names).map(|(at, _)| *at);
     let is_text = |at: &usize| uncommented(texts[*at]).is_none();
     let first = last_named.and_then(|at| (at + 1..=first).find(is_text)).unwrap_or(first);
@@ -242,17 +243,18 @@ fn of_fields(
     })
 }
 
-/// The first line that is like most rows: as many fields, and numbers in most of the columns where they have them.
+/// Returns the first line that resembles most rows: the same number of fields, and numbers in most of their
+/// numeric columns.
 fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> {
     let rows: Vec<usize> = (0..shapes.len()).filter(|&at| is_row(at)).collect();
     let weight =
         |key: (u8, usize)| rows.iter().filter(|&&at| shapes[at].key() == key).count() * key.1;
     let keys = rows.iter().map(|&at| shapes[at].key());
-    // The first of several wins.
+    // `max_by_key` returns the last maximum, so the reversed order selects the first.
     let key = keys.rev().max_by_key(|&key| weight(key))?;
     let like: Vec<&Shape> =
         rows.iter().map(|&at| &shapes[at]).filter(|shape| shape.key() == key).collect();
-    // Lines above the rows may look like them; the last ones are rows.
+    // Lines above the rows may resemble rows, but the second half of them are real rows.
     let like = &like[like.len() / 2..];
     let usual: Vec<usize> = (0..key.1)
         .filter(|&column| {
@@ -267,18 +269,18 @@ fn first_row(shapes: &[Shape], is_row: impl Fn(usize) -> bool) -> Option<usize> 
     })
 }
 
-/// How many columns have a meaning.
+/// Counts the columns that have a meaning.
 pub(super) fn roles(names: &[String]) -> usize {
     names.iter().filter(|name| meaning_of(name, LogFormat::Csv).0 != Meaning::Other).count()
 }
 
-/// Units of readings and of what else a log may have.
+/// Units of readings and other columns of a log.
 const OTHER_UNITS: [&str; 22] = [
     "v", "mv", "uv", "µv", "mv/v", "v/v", "a", "ma", "count", "counts", "raw", "lsb", "bits",
     "hex", "hz", "%", "-", "c", "°c", "pa", "bar", "ut",
 ];
 
-/// Whether most of the fields that are not empty are units.
+/// Returns true if most of the non-empty fields are units.
 fn are_units(names: &[String]) -> bool {
     let is_unit = |name: &&String| {
         let bare = name.trim_matches(['(', ')', '[', ']']);
@@ -288,7 +290,7 @@ fn are_units(names: &[String]) -> bool {
     5 * named.clone().filter(is_unit).count() >= 3 * named.count()
 }
 
-/// A line without the mark of a comment; `None` if it has none.
+/// Returns a line without its comment mark; `None` if it has none.
 fn uncommented(text: &[u8]) -> Option<&[u8]> {
     let text = text.trim_ascii_start();
     let rest = text.strip_prefix(b"//").or_else(|| {
@@ -302,7 +304,7 @@ fn to_names(fields: &[Vec<u8>]) -> Vec<String> {
     texts(fields)
 }
 
-/// The fields of a line.
+/// Splits a line into fields.
 fn split(text: &[u8], separator: u8) -> Vec<Vec<u8>> {
     match separator {
         BLANK => {
@@ -313,7 +315,7 @@ fn split(text: &[u8], separator: u8) -> Vec<Vec<u8>> {
     }
 }
 
-/// Whether a field is a number, a date or a time of day.
+/// Returns true if a field is a number, a date or a time of day.
 pub(super) fn is_numeric(field: &[u8], separator: u8) -> bool {
     let is_number =
         |field: &[u8]| matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite));
@@ -322,8 +324,8 @@ pub(super) fn is_numeric(field: &[u8], separator: u8) -> bool {
         || parse_date(field).is_ok()
 }
 
-/// The separator that a line has most of, outside quotes; blanks where it has no other and is numbers, a comma where
-/// there is none.
+/// Returns the most frequent separator of a line outside quotes; blanks if a line of numbers has no other,
+/// and a comma if there is none.
 pub(crate) fn line_separator(line: &[u8]) -> u8 {
     let candidates = *b",;\t|";
     let mut counts = [0_usize; 4];
@@ -334,7 +336,7 @@ pub(crate) fn line_separator(line: &[u8]) -> u8 {
             counts[i] += 1;
         }
     }
-    // Commas may be decimal ones where another separator stands between the numbers.
+    // If another separator stands between the numbers, commas may be decimal ones.
     let other = (1..4).filter(|&i| counts[i] > 0).max_by_key(|&i| (counts[i], 4 - i));
     match other {
         Some(i) if counts[0] <= counts[i] + 1 => return candidates[i],

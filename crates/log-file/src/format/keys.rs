@@ -3,17 +3,17 @@
 use super::meaning::plain;
 use shell_data::unit::{Quantity, Unit};
 
-/// Values of the keys that are read, each with the number of its line.
+/// The values of known keys, each with its line number.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Keys {
     pub(crate) rate_hz: Option<(f64, u64)>,
-    /// The units of forces and of moments.
+    /// Units of forces and of moments.
     pub(crate) units: [Option<(String, u64)>; 2],
-    /// How many counts are one of these units.
+    /// Counts per unit of force and of moment.
     pub(crate) counts: [Option<(f64, u64)>; 2],
 }
 
-/// Ends of keys that say how many rows there are in a second.
+/// Endings of keys for the number of rows per second.
 const RATES: [&str; 9] = [
     "samplerate",
     "samplingrate",
@@ -26,7 +26,7 @@ const RATES: [&str; 9] = [
     "samplespersecond",
 ];
 
-/// Ends of keys that say how long it is from row to row.
+/// Endings of keys for the time from row to row.
 const PERIODS: [&str; 8] = [
     "deltax",
     "sampleinterval",
@@ -38,11 +38,11 @@ const PERIODS: [&str; 8] = [
     "dt",
 ];
 
-/// Lines of Vicon's exports below which the rate stands alone.
+/// Titles in Vicon exports that are followed by a line with only the rate.
 const VICON: [&str; 4] = ["devices", "modeloutputs", "trajectories", "forceplates"];
 
 impl Keys {
-    /// Reads lines, each with its number; the first of several values counts.
+    /// Reads lines with their numbers; the first of several values counts.
     pub(crate) fn new<'a>(lines: impl Iterator<Item = (u64, &'a [u8])>) -> Self {
         let mut keys = Self::default();
         let mut is_below_vicon = false;

@@ -1,5 +1,4 @@
-//! Recognises a log from its first lines: what kind of file it is, where its rows start, and what
-//! its columns are called.
+//! Recognises a log from its first lines: its format, the position of its rows, and the names of its columns.
 
 use memchr::memchr;
 
@@ -21,7 +20,7 @@ use shell_data::statistics::upper_median;
 use shell_data::unit::{Quantity, Scale, Unit};
 use table_file::{FileKind, Table};
 
-/// How much of a file is looked at. A header must fit.
+/// Number of bytes at the start of a file that are examined. A header must fit.
 pub(crate) const HEAD_BYTES: u64 = 1 << 16;
 
 /// The layout of a log.
@@ -30,24 +29,25 @@ pub(crate) struct FileLayout {
     pub(crate) header: Header,
     pub(crate) columns: Vec<Column>,
     pub(crate) roles: ColumnRoles,
-    /// The number of the line of the first row, from 1.
+    /// The line number of the first row, from 1.
     pub(crate) rows_line: u64,
-    /// Whether times are dates, in ISO 8601, or times of day.
+    /// True if times are dates in ISO 8601, or times of day.
     pub(crate) has_dates: bool,
-    /// How many rows there are in a second, where no column is a time but a line above the names says it.
+    /// Rows per second, if no column is a time but a line above the names states the rate.
     pub(crate) rate_hz: Option<f64>,
-    /// Whether the first time is a whole number of ms, µs or ns that fits 32 bits.
+    /// True if the first time is an integer in ms, µs or ns that fits 32 bits.
     pub(crate) counts_in_32_bits: bool,
     /// Conditions that rows must meet to be read.
     pub(crate) conditions: Vec<PlacedCondition>,
-    /// A column that tells apart sensors whose rows alternate.
+    /// A column that distinguishes sensors whose rows alternate.
     pub(crate) interleaving: Option<Interleaving>,
     /// Decisions about the lines above the rows, in words.
     pub(crate) decisions: Vec<String>,
 }
 
 impl FileLayout {
-    /// The clock, where it is one of 32 bits that may wrap around: the robot's in µs, or whole numbers of another unit.
+    /// Returns the clock if it has 32 bits and may wrap around: the robot's in µs, or integers in another
+    /// unit.
     pub(crate) fn clock(&self) -> Option<ClockTurns> {
         let column = self.roles.time?;
         let per = self.columns[column].meaning.scale().per;
@@ -64,30 +64,30 @@ impl FileLayout {
     }
 }
 
-/// What the lines before the rows say.
+/// The contents of the lines before the rows.
 #[derive(Debug)]
 pub(crate) struct Header {
     pub(crate) format: LogFormat,
     pub(crate) separator: u8,
-    /// How the values of a row stand in its line.
+    /// The notation of values in a line.
     pub(crate) form: RowForm,
     names: Vec<String>,
-    /// What a line below the names says of them; empty if there is none.
+    /// The units in a line below the names; empty if there is none.
     units: Vec<String>,
-    /// The line of the units, if there is one.
+    /// The line number of the units, if there are any.
     units_line: Option<u64>,
     /// Values of keys above the names.
     keys: Keys,
-    /// Where the first row starts, in the uncompressed file.
+    /// Position of the first row in the uncompressed file.
     pub(crate) rows_start: usize,
-    /// The line that names the columns, or the first row where none does.
+    /// The number of the line that names the columns, or of the first row if there is none.
     pub(crate) names_line: u64,
-    /// Whether numbers have decimal commas.
+    /// True if numbers have decimal commas.
     pub(crate) has_decimal_commas: bool,
 }
 
 impl Header {
-    /// One of names and values separated by commas, without units.
+    /// Makes the header of comma-separated values without units.
     fn new(format: LogFormat, names: Vec<String>, rows_start: usize, names_line: u64) -> Self {
         Self {
             format,
@@ -140,7 +140,7 @@ pub(crate) fn recognise_layout(
         parse_date(field).is_ok() || parse_field(field).is_ok() || is_number(&with_points(field))
     };
     let mut time_of = |at: usize| first.as_ref().and_then(|fields| fields.get(at));
-    // A time in words, such as that of ATI's demo, tells less than the rate.
+    // A time in words, such as in ATI's demo, is less useful than the rate.
     let said_rate = header.keys.rate_hz.filter(|_| header.format == LogFormat::Csv);
     if said_rate.is_some()
         && let Some(at) = roles.time
@@ -195,7 +195,7 @@ pub(crate) fn recognise_layout(
     })
 }
 
-/// The conditions of the user, by the positions of their columns.
+/// Resolves the user's conditions to column positions.
 fn conditions(
     names: &[String],
     group: Option<usize>,
@@ -222,14 +222,14 @@ fn conditions(
         let (comparison, value) = (Comparison::Unequal, value.clone());
         placed.push(PlacedCondition { column, comparison, value });
     }
-    // A console has no texts to compare.
+    // A console log has no texts to compare.
     match header.format {
         LogFormat::Console if !placed.is_empty() => Err(missing("of text")),
         _ => Ok(placed),
     }
 }
 
-/// A column that tells apart sensors whose rows alternate, by the first rows.
+/// Finds a column that distinguishes sensors whose rows alternate, from the first rows.
 fn interleaving(rows: &[u8], separator: u8, columns: &[Column]) -> Option<Interleaving> {
     let rows: Vec<Vec<Vec<u8>>> = lines(rows, 0, 1)
         .take(CLOCK_ROWS)
@@ -272,7 +272,7 @@ fn apply_keys(keys: &Keys, columns: &mut [Column]) {
     }
 }
 
-/// Decisions about the lines above the rows, where they are unusual.
+/// Describes unusual decisions about the lines above the rows.
 fn decisions(header: &Header, rows_line: u64, takes_rate: bool) -> Vec<String> {
     let mut said = Vec::new();
     match &header.form.body {
@@ -307,7 +307,7 @@ fn decisions(header: &Header, rows_line: u64, takes_rate: bool) -> Vec<String> {
     if is_usual { Vec::new() } else { said }
 }
 
-/// A number with commas between its thousands.
+/// Formats a number with commas between its thousands.
 fn grouped(number: f64) -> String {
     let text = number.to_string();
     let (whole, rest) = text.split_at(text.find('.').unwrap_or(text.len()));
@@ -316,8 +316,8 @@ fn grouped(number: f64) -> String {
     format!("{}{rest}", groups.join(","))
 }
 
-/// The unit of a clock that counts from 1970, by its digits: in the years 2001 to 2286 it has ten in s, thirteen in
-/// ms, and so on.
+/// Determines the unit of a clock that counts from 1970 by the number of digits: in the years 2001 to 2286 it
+/// has ten digits in s, thirteen in ms, and so on.
 fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
     let time = parse_field(first).ok()?;
     let has_digits = |digits: i32| (10_f64.powi(digits - 1)..10_f64.powi(digits)).contains(&time);
@@ -325,8 +325,8 @@ fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
     units.find(|(_, digits)| has_digits(*digits)).map(|(unit, _)| unit)
 }
 
-/// The unit of a clock whose whole numbers go on by so many from row to row, as far as 2 s are too long for that and
-/// 100 µs too short. Fewer than a hundred are taken for seconds, as times are that do not say.
+/// Determines the unit of a clock with integer times from their step per row, assuming that it is between 100
+/// µs and 2 s. A step below one hundred is taken for seconds, the default for a time without a unit.
 ///
 /// # Errors
 /// The step, if two units are possible.
@@ -339,10 +339,10 @@ fn unit_by_step(step: f64) -> Result<TimeUnit, f64> {
     }
 }
 
-/// Rows whose times tell the unit of a clock.
+/// Number of rows that are examined for the unit of a clock.
 const CLOCK_ROWS: usize = 64;
 
-/// The median step from one row's time to the next one's, of whole numbers that grow.
+/// Returns the median step from row to row of times that are increasing integers.
 fn median_step(head: &[u8], rows_start: usize, separator: u8, at: usize) -> Option<f64> {
     // The last line of the head may be cut off.
     let lines = lines(head, rows_start, 1).filter(|line| line.next < head.len()).take(CLOCK_ROWS);
@@ -392,7 +392,8 @@ fn read_header(
     }
 }
 
-/// Telemetry: the last line with `|` among those that start with `%` names the columns.
+/// Parses a telemetry header: the columns are named by the last line with `|` among those that start with
+/// `%`.
 fn telemetry_header(
     source: &LogSource,
     head: &[u8],
@@ -409,7 +410,7 @@ fn telemetry_header(
     Ok(Header::new(LogFormat::Telemetry, names.collect(), rows_start, line))
 }
 
-/// Separated values: names above rows, or else a known layout.
+/// Parses the header of separated values: names above rows, or else a known layout.
 fn separated_header(
     source: &LogSource,
     head: &[u8],
@@ -464,15 +465,15 @@ fn separated_header(
     if let Some((names_line, names)) = names {
         return Ok(Header { names, names_line, ..header });
     }
-    // Numbers in an unknown order are of use only to someone who says which is which.
+    // Columns in an unknown order are useful only if the user specifies some of them.
     if mapping.sensors.is_none() && mapping.wrench.is_none() && mapping.time.is_none() {
         return Err(source.error_at(rows_line, PlacedProblem::UnknownLayout(columns)));
     }
     Ok(Header { names: numbered(1, columns), ..header })
 }
 
-/// The head of a text whose first line names columns that are known, with rows of as many fields below: that of most
-/// logs.
+/// Recognises the head of most logs: the first line names known columns, and rows with the same number of
+/// fields follow.
 fn usual_head(
     head: &[u8],
     first: &LayoutLine<'_>,
@@ -497,7 +498,7 @@ fn usual_head(
     let mut found = named_head(first, separator, &names, &second);
     let has_numbers =
         |line: &LayoutLine<'_>| fields(line).iter().any(|field| head::is_numeric(field, separator));
-    // A line of units is one of texts above one of numbers.
+    // A line of units consists of texts and precedes a line of numbers.
     if !has_numbers(&second)
         && let Some(third) = below.next()
         && has_numbers(&third)
@@ -508,7 +509,7 @@ fn usual_head(
     Some(found)
 }
 
-/// The head of a text without rows in sight, if its first line names columns.
+/// Recognises the head of a text without rows in sight, if its first line names columns.
 fn names_alone(
     head: &[u8],
     first: &LayoutLine<'_>,
@@ -544,10 +545,11 @@ fn named_head(
     }
 }
 
-/// How many rows are looked at for decimal commas.
+/// Number of rows that are examined for decimal commas.
 const LOOKED_AT: usize = 16;
 
-/// Whether some field of the first rows is a number once its comma is a point, and none else.
+/// Returns true if a field in the first rows becomes a number when its comma becomes a point, and no field is
+/// one already.
 fn has_decimal_commas(rows: &[u8], separator: u8) -> bool {
     let is_decimal = |field: &Vec<u8>| {
         field.contains(&b',') && !is_number(field) && is_number(&with_points(field))
@@ -557,7 +559,7 @@ fn has_decimal_commas(rows: &[u8], separator: u8) -> bool {
         .any(|line| fields(line.text, separator).iter().any(is_decimal))
 }
 
-/// The columns of formats that do not name them.
+/// Columns of formats that do not name them.
 const TRAINING: [&str; 15] =
     ["time", "s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "Fx", "Fy", "Fz", "Mx", "My", "Mz"];
 const REFERENCE: [&str; 12] =
@@ -566,7 +568,7 @@ const NAMELESS: [(LogFormat, &[&str]); 2] =
     [(LogFormat::Training, &TRAINING), (LogFormat::Reference, &REFERENCE)];
 const CONSOLE: [&str; 9] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "time_us"];
 
-/// The fields of one line, quotes removed.
+/// Splits a line into fields without quotes.
 pub(super) fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
     if !line.contains(&b'"') {
         return line.split(|&b| b == separator).map(<[u8]>::to_vec).collect();
@@ -582,8 +584,8 @@ fn is_number(field: &[u8]) -> bool {
     matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite))
 }
 
-/// Whether a text is robot telemetry: lines with `%` above its rows, one of which names columns by `|`, or none of which
-/// names them by anything.
+/// Returns true if a text is robot telemetry: there are lines with `%` above the rows, and either one of them
+/// names columns separated by `|`, or none of them names columns in any way.
 fn is_telemetry(head: &[u8]) -> bool {
     let mut lines = lines(head, 0, 1).map(|line| line.text);
     let above: Vec<&[u8]> = lines.by_ref().take_while(|text| text.starts_with(b"%")).collect();
@@ -592,19 +594,19 @@ fn is_telemetry(head: &[u8]) -> bool {
     !above.is_empty() && above.iter().any(separates)
 }
 
-/// Whether some line reports a received payload, `SRC: 0x2052 |  [69, 20, …]`.
+/// Returns true if a line reports a received payload, `SRC: 0x2052 |  [69, 20, …]`.
 fn is_console(head: &[u8]) -> bool {
-    // Most logs say so nowhere, which is known sooner than line by line.
+    // Most logs do not contain `SRC:` at all; this search is faster than one line by line.
     memchr::memmem::find(head, b"SRC:").is_some()
         && (head.starts_with(b"SRC: ")
             || head.split(|&b| b == b'\n').any(|line| console::payload(line).is_some()))
 }
 
-/// The first byte that no text has: a control character other than white space.
+/// Returns the first byte that does not occur in text: a control character other than white space.
 fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
     let control =
         |b: u8| (b < 0x20 && !b.is_ascii_whitespace() && b != 0x0b && b != 0x1b) || b == 0x7f;
-    // Without a way out within a part, parts are looked at with vectors.
+    // Parts are searched without an early exit, so that the compiler can use vector instructions.
     const PART: usize = 512;
     let has_control = |part: &[u8]| part.iter().fold(false, |any, &b| any | control(b));
     let start = PART * head.chunks(PART).position(has_control)?;
@@ -612,7 +614,6 @@ fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
     Some((at, head[at]))
 }
 
-/// A line of the head.
 #[derive(Clone, Copy)]
 pub(super) struct LayoutLine<'a> {
     pub(super) text: &'a [u8],
@@ -621,7 +622,7 @@ pub(super) struct LayoutLine<'a> {
     pub(super) number: u64,
 }
 
-/// The lines from `start` on that are neither blank nor comments, counted from `number`.
+/// Iterates over the lines from `start` that are neither blank nor comments, numbered from `number`.
 fn lines(head: &[u8], start: usize, number: u64) -> impl Iterator<Item = LayoutLine<'_>> {
     let mut next = start;
     let line = move |number| {

@@ -1,4 +1,4 @@
-//! What the user specifies about a log that cannot be recognised.
+//! The user's specification of log properties that cannot be recognised.
 
 use super::choice::RowCondition;
 use shell_data::ColumnNames;
@@ -7,25 +7,23 @@ use shell_data::wrench::{Axis, PerAxis};
 pub use shell_data::{MomentUnit, TimeUnit};
 use std::fmt;
 
-/// The kinds of log that can be read.
+/// The formats of logs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LogFormat {
-    /// The lab's robot telemetry: `%` header lines, the last of which names the columns.
+    /// Robot telemetry of the lab: `%` header lines; the last one names the columns.
     Telemetry,
     /// Separated values with a header line.
     Csv,
-    /// The lab's training file, without a header: time, eight sensors, six wrench columns.
+    /// Training file of the lab, without a header: time, eight sensors, six wrench columns.
     ///
-    /// Moments are taken as N·m unless [`Mapping::moment_unit`] says otherwise. In the lab's own
-    /// recording they vary by 0.04 where forces vary by 0.16 N: a lever of a quarter of a metre in
-    /// N·m, of a quarter of a millimetre in mN·m. The matrices that the lab fitted later give
-    /// moments in mN·m, which are some 150 times these figures, not about the same.
+    /// Moments are taken as N·m unless [`Mapping::moment_unit`] says otherwise. In the lab's recording they
+    /// vary by 0.04 and the forces by 0.16 N. The ratio is a lever of a quarter of a metre in N·m, but of a
+    /// quarter of a millimetre in mN·m. The matrices that the lab fitted later give moments in mN·m, which
+    /// are some 150 times these figures rather than about equal.
     Training,
-    /// The reference sensor's file: two columns to drop, time, six wrench columns, three
-    /// accelerations.
+    /// File of the reference sensor: two ignored columns, time, six wrench columns, three accelerations.
     Reference,
-    /// The console of the lab's base station, with the payloads received from the original
-    /// SkinProc board.
+    /// Console log of the lab's base station, with payloads received from the original SkinProc board.
     Console,
 }
 
@@ -41,12 +39,12 @@ impl fmt::Display for LogFormat {
     }
 }
 
-/// A column as a user points to it.
+/// A user's reference to a column.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ColumnRef {
-    /// By its name in the header.
+    /// The name in the header.
     Name(String),
-    /// By its position in the row; the first column is 1.
+    /// The position in the row; the first column is 1.
     Position(usize),
 }
 
@@ -59,42 +57,40 @@ impl fmt::Display for ColumnRef {
     }
 }
 
-/// What the user specifies about a log; what is `None` is recognised from the file.
+/// The user's specification of a log; `None` values are recognised from the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mapping {
-    /// The matrix, sheet or topic to read of a file that can hold several.
+    /// The matrix, sheet or topic to read, if the file can contain several.
     pub table: Option<String>,
-    /// The format of the file.
     pub format: Option<LogFormat>,
     /// The line, from 1, that names the columns.
     pub header_line: Option<u64>,
-    /// So many lines at the start of a text are not looked at.
+    /// Number of lines to ignore at the start of a text.
     pub skip_lines: Option<u64>,
     /// The sensor columns, in channel order.
     pub sensors: Option<Vec<ColumnRef>>,
-    /// The wrench columns, of the axes that there are, in the order Fx … Mz.
+    /// The wrench columns, in the order Fx … Mz; `None` for an axis that the log lacks.
     pub wrench: Option<PerAxis<Option<ColumnRef>>>,
-    /// The time column.
     pub time: Option<ColumnRef>,
-    /// The unit of the time column, whatever its name says.
+    /// The unit of the time column, which overrides the name.
     pub time_unit: Option<TimeUnit>,
-    /// The column that names the group (pose, session, trial) of a row.
+    /// The column with the group (pose, session, trial) of each row.
     pub group: Option<ColumnRef>,
-    /// The unit of the moment columns, whatever their names say.
+    /// The unit of the moment columns, which overrides the names.
     pub moment_unit: Option<MomentUnit>,
-    /// Units, whatever the log says: of an axis, of `force`, `moment` or `time`, or of a column by its name.
+    /// Units by axis, by `force`, `moment` or `time`, or by column name; they override the log.
     pub units: Vec<(String, String)>,
-    /// Units that are taken where neither the log nor the user says any.
+    /// Units for columns without a unit from the log or the user.
     pub usual_units: Vec<(String, String)>,
     /// Conditions that rows must meet to be read.
     pub rows: Vec<RowCondition>,
     /// Groups whose rows are not read.
     pub excluded_groups: Vec<String>,
-    /// What is taken where nothing is specified above, if the log has such columns.
+    /// Default columns: used if the fields above do not specify any and the log has them.
     pub usual: Option<ColumnNames>,
 }
 
-/// The names of the kinds of log, and what they are.
+/// The names of the log formats, with descriptions.
 pub const FORMATS: [(&str, &str, LogFormat); 5] = [
     ("telemetry", "Robot telemetry with `%` header lines", LogFormat::Telemetry),
     ("csv", "Separated values, names in the first line", LogFormat::Csv),
@@ -107,7 +103,7 @@ pub const FORMATS: [(&str, &str, LogFormat); 5] = [
     ("console", "Base-station console with received payloads", LogFormat::Console),
 ];
 
-/// The names of the units of time, which need no explanation.
+/// The names of the units of time; the empty descriptions are not needed.
 pub const TIME_UNITS: [(&str, &str, TimeUnit); 4] = [
     ("s", "", TimeUnit::Second),
     ("ms", "", TimeUnit::Millisecond),
@@ -115,13 +111,13 @@ pub const TIME_UNITS: [(&str, &str, TimeUnit); 4] = [
     ("ns", "", TimeUnit::Nanosecond),
 ];
 
-/// Keeps a slip of the finger from asking for 10⁹ columns.
+/// The largest column position in a range; guards against typing errors that would request 10⁹ columns.
 const MAX_POSITION: usize = 4096;
 
-/// A number is a position, anything else a name.
+/// Parses a reference to a column: a number is a position, anything else is a name.
 ///
 /// # Errors
-/// What is wrong with a text that is neither, in words.
+/// A message about a text that is neither.
 pub fn parse_column(text: &str) -> Result<ColumnRef, String> {
     match (text.trim(), text.trim().parse()) {
         ("", _) => Err("expected the name or position of a column".to_owned()),
@@ -131,10 +127,10 @@ pub fn parse_column(text: &str) -> Result<ColumnRef, String> {
     }
 }
 
-/// Names and positions separated by commas; `2-9` is the positions 2 to 9.
+/// Parses names and positions separated by commas; `2-9` stands for the positions 2 to 9.
 ///
 /// # Errors
-/// As [`parse_column`], and for a range that holds no position or more than any log has.
+/// Errors of [`parse_column`], and a range that is empty or larger than any log.
 pub fn parse_columns(text: &str) -> Result<Vec<ColumnRef>, String> {
     let mut columns = Vec::new();
     for item in text.split(',') {
@@ -154,10 +150,11 @@ pub fn parse_columns(text: &str) -> Result<Vec<ColumnRef>, String> {
     Ok(columns)
 }
 
-/// Six columns, the name of a matrix of six, or `fx=a,fz=b`: columns of axes that are named.
+/// Parses six columns, the name of a matrix with six columns, or columns by axis: `fx=a,fz=b`.
 ///
 /// # Errors
-/// As [`parse_columns`], and for columns that are not six or an axis that is unknown or named twice.
+/// Errors of [`parse_columns`], a number of columns other than six, and an axis that is unknown or named
+/// twice.
 pub fn parse_wrench(text: &str) -> Result<PerAxis<Option<ColumnRef>>, String> {
     let items: Vec<&str> = text.split(',').collect();
     if !items.iter().any(|item| named_axis(item).is_some()) {
@@ -185,10 +182,10 @@ pub fn parse_wrench(text: &str) -> Result<PerAxis<Option<ColumnRef>>, String> {
     Ok(columns)
 }
 
-/// Units of columns: `fx=lbf`, `force=kN,moment=N·mm`, `time=min`.
+/// Parses units of columns: `fx=lbf`, `force=kN,moment=N·mm`, `time=min`.
 ///
 /// # Errors
-/// What is wrong with a unit or with what it is of, in words.
+/// A message about the unit or its key.
 pub fn parse_units(text: &str) -> Result<Vec<(String, String)>, String> {
     let unit = |item: &str| {
         let (of, unit) = item
@@ -214,7 +211,7 @@ pub fn parse_units(text: &str) -> Result<Vec<(String, String)>, String> {
     text.split(',').map(unit).collect()
 }
 
-/// An axis and what is said of its column, in `fx=a`.
+/// Splits `fx=a` into the axis and its column.
 fn named_axis(item: &str) -> Option<(Axis, &str)> {
     let (name, column) = item.split_once('=')?;
     let axis = Axis::ALL.into_iter().find(|axis| axis.name().eq_ignore_ascii_case(name.trim()))?;
@@ -222,8 +219,8 @@ fn named_axis(item: &str) -> Option<(Axis, &str)> {
 }
 
 impl Mapping {
-    /// What is specified for a log with columns of these names, the usual included. A unit belongs to its
-    /// columns, and is taken with them only.
+    /// Returns the specification for a log with columns of these names, with the usual columns filled in. The
+    /// usual unit of a quantity is used only together with its usual columns.
     pub(crate) fn for_columns(&self, names: &[String]) -> Self {
         let mut mapping = self.clone();
         let Some(usual) = mapping.usual.take() else { return mapping };
@@ -285,7 +282,7 @@ mod tests {
         assert!(parse_wrench("fx=a,b").unwrap_err().contains("`b`: expected an axis"));
         assert!(parse_wrench("fx=a,FX=b").unwrap_err().contains("`Fx` has two columns"));
         assert!(parse_wrench("fx=").is_err());
-        // What only looks like an axis is a name as any other.
+        // A key that is not an axis is part of a name.
         assert!(parse_wrench("a=1,b,c,d,e,f").is_ok());
     }
 }

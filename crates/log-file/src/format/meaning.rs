@@ -1,32 +1,31 @@
 //! The meaning of a column by its name.
 //!
-//! Names are compared without case, spaces and punctuation. A unit may follow a name, in brackets or after any
-//! separator: `fx_n`, `Mx (mN·m)`, `time_us`, `Fz-lbf`.
+//! Names are compared without case, spaces and punctuation. A unit may follow the name, in brackets or after
+//! any separator: `fx_n`, `Mx (mN·m)`, `time_us`, `Fz-lbf`.
 
 use super::mapping::{LogFormat, TimeUnit};
 use shell_data::telemetry::Telemetry;
 use shell_data::unit::{Quantity, Scale, Unit};
 use shell_data::wrench::Axis;
 
-/// The meaning of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Meaning {
-    /// Time, and what makes it seconds.
+    /// Time, with the scale to s.
     Time(Scale),
-    /// The readings of this channel, from 0.
+    /// The readings of a channel, from 0.
     Sensor(usize),
-    /// A force or moment, and what makes it N or N·m.
+    /// A force or moment, with the scale to N or N·m.
     Load(Axis, Scale),
     /// The group (pose, session, trial) of a row.
     Group,
-    /// Telemetry of the robot, in counts as its profile explains them.
+    /// Robot telemetry, in counts whose scale is in the robot's profile.
     Telemetry(Telemetry),
     /// Unused.
     Other,
 }
 
 impl Meaning {
-    /// The meaning in words; `None` if for nothing.
+    /// Describes the meaning; `None` for an unused column.
     pub fn in_words(self) -> Option<String> {
         Some(match self {
             Meaning::Time(_) => "time".to_owned(),
@@ -38,7 +37,7 @@ impl Meaning {
         })
     }
 
-    /// The scale that turns values into SI units.
+    /// Returns the scale that converts values to SI units.
     pub(crate) fn scale(self) -> Scale {
         match self {
             Meaning::Time(scale) | Meaning::Load(_, scale) => scale,
@@ -46,7 +45,7 @@ impl Meaning {
         }
     }
 
-    /// The quantity whose unit counts.
+    /// Returns the quantity, if the unit of the values matters.
     pub(crate) fn quantity(self) -> Option<Quantity> {
         match self {
             Meaning::Time(_) => Some(Quantity::Time),
@@ -55,7 +54,7 @@ impl Meaning {
         }
     }
 
-    /// This meaning with values of another unit.
+    /// Returns the same meaning for values in another unit.
     pub(crate) fn scaled(self, scale: Scale) -> Self {
         match self {
             Meaning::Time(_) => Meaning::Time(scale),
@@ -73,12 +72,12 @@ pub enum StatedUnit {
     None,
     /// A unit that is understood.
     Known(Unit),
-    /// Something that is not understood, as it is written.
+    /// A text that is not a known unit.
     Unknown(String),
 }
 
 impl StatedUnit {
-    /// Reads `text` as the unit of a quantity.
+    /// Parses `text` as a unit of a quantity.
     pub(super) fn new(text: &str, quantity: Quantity) -> Self {
         match Unit::parse(text, quantity) {
             _ if text.trim().is_empty() => Self::None,
@@ -87,7 +86,7 @@ impl StatedUnit {
         }
     }
 
-    /// The unit, if it is understood.
+    /// Returns the unit, if it is known.
     pub fn known(&self) -> Option<&Unit> {
         if let Self::Known(unit) = self { Some(unit) } else { None }
     }
@@ -100,10 +99,10 @@ impl From<TimeUnit> for StatedUnit {
     }
 }
 
-/// Names of a group column, most wanted first.
+/// Names of a group column, in order of preference.
 pub(super) const GROUPS: [&str; 4] = ["group", "session", "pose", "trial"];
 
-/// The meaning of a name, and the unit in it.
+/// Returns the meaning of a name, and the unit in it.
 pub(crate) fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit) {
     if GROUPS.contains(&plain(name).as_str()) {
         return (Meaning::Group, StatedUnit::None);
@@ -112,7 +111,7 @@ pub(crate) fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit)
         let scale = unit.known().map_or(meaning.scale(), |unit| unit.scale);
         return (meaning.scaled(scale), unit);
     }
-    // A reading may be in any unit.
+    // A reading may have any unit, which is ignored.
     let name = without_unit(name);
     let meaning = match Telemetry::from_name(&name) {
         Some(telemetry) => Meaning::Telemetry(telemetry),
@@ -124,7 +123,7 @@ pub(crate) fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit)
     (meaning, StatedUnit::None)
 }
 
-/// A time or an axis of the wrench by its name, alone or with a unit behind it.
+/// Recognises a time or an axis of the wrench by its name, with or without a unit.
 fn measured(name: &str, format: LogFormat) -> Option<(Meaning, StatedUnit)> {
     if let Some((base, unit)) = in_brackets(name) {
         let meaning = quantity_named(base, format)?;
@@ -142,7 +141,7 @@ fn measured(name: &str, format: LogFormat) -> Option<(Meaning, StatedUnit)> {
         if let Some(unit) = Unit::parse(suffix, quantity) {
             return Some((meaning, StatedUnit::Known(unit)));
         }
-        // A moment in N or a force in N·m is a mistake; what is no unit belongs to the name.
+        // A moment in N or a force in N·m is a mistake; a suffix that is not a unit is part of the name.
         let is_load = |of| quantity != Quantity::Time && Unit::parse(suffix, of).is_some();
         [Quantity::Force, Quantity::Moment]
             .into_iter()
@@ -151,7 +150,7 @@ fn measured(name: &str, format: LogFormat) -> Option<(Meaning, StatedUnit)> {
     })
 }
 
-/// The unit of a quantity in any name: whatever is in brackets, or a unit after a separator.
+/// Returns the unit of a quantity in a name: the text in brackets, or a unit after a separator.
 pub(super) fn unit_in_name(name: &str, quantity: Quantity) -> StatedUnit {
     if let Some((_, unit)) = in_brackets(name) {
         return StatedUnit::new(unit, quantity);
@@ -160,13 +159,13 @@ pub(super) fn unit_in_name(name: &str, quantity: Quantity) -> StatedUnit {
     unit.map_or(StatedUnit::None, StatedUnit::Known)
 }
 
-/// A name and what stands in brackets behind it.
+/// Splits a name into the part before brackets and their content.
 fn in_brackets(name: &str) -> Option<(&str, &str)> {
     let (base, unit) = name.split_once(['(', '[', '{'])?;
     Some((base, unit.trim_end().trim_end_matches([')', ']', '}'])))
 }
 
-/// The parts of a name before and after each of its separators.
+/// Splits a name at each of its separators.
 fn suffixes(name: &str) -> impl Iterator<Item = (&str, &str)> {
     let cuts = name.match_indices(|c: char| !c.is_alphanumeric() && c != '°');
     cuts.map(|(at, mark)| (name[..at].trim(), name[at + mark.len()..].trim()))
@@ -174,16 +173,17 @@ fn suffixes(name: &str) -> impl Iterator<Item = (&str, &str)> {
         .filter(|(base, unit)| !base.is_empty() && !unit.is_empty())
 }
 
-/// The number after a prefix, if that is all there is.
+/// Returns the number after a prefix, if nothing else follows.
 pub(super) fn numbered(plain_name: &str, prefix: &str) -> Option<usize> {
     let digits = plain_name.strip_prefix(prefix)?;
     digits.parse().ok().filter(|_| (1..=3).contains(&digits.len()))
 }
 
-/// Names of a clock.
+/// Names of a time column.
 const TIMES: [&str; 5] = ["t", "time", "timestamp", "timestamps", "times"];
 
-/// The time or the axis of the wrench that a name without a unit names: `Fx`, `Tx`, `force_x`, `wrench.torque.z`.
+/// Recognises a time or an axis of the wrench by a name without a unit: `Fx`, `Tx`, `force_x`,
+/// `wrench.torque.z`.
 fn quantity_named(name: &str, format: LogFormat) -> Option<Meaning> {
     let name = plain(name);
     if TIMES.contains(&name.as_str()) {
@@ -204,7 +204,7 @@ fn quantity_named(name: &str, format: LogFormat) -> Option<Meaning> {
     Some(Meaning::Load(axis, Scale::ONE))
 }
 
-/// The robot's telemetry counts µs; a time column that does not say is in s.
+/// Returns the unit of a time column that states none: µs in robot telemetry, s elsewhere.
 pub(super) fn default_time_unit(format: LogFormat) -> TimeUnit {
     match format {
         LogFormat::Telemetry | LogFormat::Console => TimeUnit::Microsecond,
@@ -212,19 +212,19 @@ pub(super) fn default_time_unit(format: LogFormat) -> TimeUnit {
     }
 }
 
-/// `Mx (mN·m)` into `mx` and `mnm`.
+/// Splits `Mx (mN·m)` into `mx` and `mnm`.
 pub(super) fn split_unit(name: &str) -> (String, String) {
     let name = name.trim();
     let stem = name.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default();
     (plain(stem), plain(&name[stem.len()..]))
 }
 
-/// A name as far as the unit in brackets, letters and digits only.
+/// Returns the letters and digits of a name before the unit in brackets.
 pub(super) fn without_unit(name: &str) -> String {
     plain(name.split(['(', '[']).next().unwrap_or(name))
 }
 
-/// Letters and digits only, in lower case.
+/// Returns the letters and digits of a name, in lower case.
 pub(super) fn plain(name: &str) -> String {
     name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }

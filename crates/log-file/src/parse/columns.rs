@@ -1,4 +1,5 @@
-//! Columns of a table as parsed ones: what is no number is found, and its row left out or told.
+//! Conversion of table columns to parsed columns. Invalid values are found, and their rows are left out or
+//! reported.
 
 use table_file::{Cell, ColumnPart, TablePart, WantedColumn};
 
@@ -7,7 +8,7 @@ use super::parsed_rows::ParsedRows;
 use super::rows::{ColumnUse, RowPlan};
 use crate::error::{FieldProblem, RowProblem};
 
-/// The rows of a part that are wrong, and the first of them.
+/// The invalid rows of a part, and the error in the first of them.
 #[derive(Default)]
 struct WrongRows {
     rows: Vec<usize>,
@@ -15,7 +16,7 @@ struct WrongRows {
 }
 
 impl WrongRows {
-    /// Of several columns that are wrong in a row, the first one tells.
+    /// Adds an invalid row. If several columns of a row are invalid, the first one is reported.
     fn add(&mut self, row: usize, problem: impl FnOnce() -> RowProblem) {
         self.rows.push(row);
         if self.first.as_ref().is_none_or(|(first, _)| row < *first) {
@@ -25,7 +26,7 @@ impl WrongRows {
 }
 
 impl RowPlan {
-    /// The columns that are wanted of a table: those of numbers in their order, then those of texts.
+    /// Returns the columns to request from a table: numbers in their order, followed by texts.
     pub(crate) fn wanted(&self) -> Vec<WantedColumn> {
         let numbers = self.numbers().map(|(at, _)| WantedColumn { at, is_text: false });
         numbers.chain(self.labels.iter().map(|&at| WantedColumn { at, is_text: true })).collect()
@@ -36,10 +37,10 @@ impl RowPlan {
         uses.filter(|(_, column_use)| *column_use != ColumnUse::Skip)
     }
 
-    /// Moves the rows of a part of a table, whose columns are [those that are wanted](Self::wanted), into `parsed`.
+    /// Moves the rows of a part of a table, which has the [requested columns](Self::wanted), into `parsed`.
     ///
     /// # Errors
-    /// The first row that is wrong, unless those are left out, and what is wrong with it.
+    /// The first invalid row and its error, unless invalid rows are skipped.
     pub(crate) fn parse_part(
         &self,
         part: &mut TablePart,
@@ -79,7 +80,7 @@ impl RowPlan {
         Ok(())
     }
 
-    /// The numbers of a column that is at `at`; rows that are blank are not wrong.
+    /// Converts the numbers of the column at `at`; blank rows are not invalid.
     fn numbers_of(
         &self,
         at: usize,
@@ -97,7 +98,7 @@ impl RowPlan {
         match column {
             ColumnPart::Numbers { values: numbers, missing } => {
                 std::mem::swap(values, numbers);
-                // As a rule all of them are right, which is found without a branch for each.
+                // Usually all values are valid; this check has no branch per value.
                 let most = column_use.most();
                 if values.iter().fold(true, |all, value| all & (value.abs() <= most)) {
                     return;
@@ -139,7 +140,7 @@ impl RowPlan {
     }
 }
 
-/// Leaves some rows, in order, out of all columns of numbers, and counts them as lines that are no rows.
+/// Removes some rows, in order, from all numeric columns, and counts them as lines that are not rows.
 fn leave_out(rows: &[usize], parsed: &mut ParsedRows) {
     let all = parsed.rows;
     for column in &mut parsed.columns {

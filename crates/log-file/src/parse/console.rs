@@ -1,8 +1,7 @@
-//! The console log of the lab's base station: lines of talk, among them the payloads that the
-//! original SkinProc board sent, as `SRC: 0x2052 |  [69, 20, 169, 7, …]`.
+//! The console log of the lab's base station: messages, and among them the payloads sent by the original
+//! SkinProc board, as `SRC: 0x2052 |  [69, 20, 169, 7, …]`.
 //!
-//! Scans are decoded by [`shared_proto::skinproc`]. Payloads of another kind and all other lines are
-//! passed over.
+//! Scans are decoded by [`shared_proto::skinproc`]. Other payloads and all other lines are skipped.
 
 use memchr::{memchr, memchr_iter};
 use shared_proto::skinproc::decode_scan;
@@ -12,15 +11,15 @@ use super::parsed_rows::ParsedRows;
 use super::rows::RowError;
 use crate::error::RowProblem;
 
-/// The letter `E`, which scans begin with.
+/// The letter `E`, with which scans begin.
 const SCAN: &[u8] = b"69";
 
 const BYTE: std::ops::RangeInclusive<f64> = 0.0..=255.0;
 
-/// Readings of the channels 0 to 7, then the time in µs.
+/// Readings of the channels 0 to 7, followed by the time in µs.
 pub(crate) type ConsoleFrame = [f64; 9];
 
-/// The wanted parts of all frames in `lines`, as `positions` in [`ConsoleFrame`].
+/// Parses the requested values of all frames in `lines`, given by `positions` in [`ConsoleFrame`].
 pub(crate) fn parse_lines(
     lines: &[u8],
     positions: &[usize],
@@ -52,7 +51,7 @@ pub(crate) fn parse_lines(
     Ok(parsed)
 }
 
-/// What stands between the brackets of a line that reports a received payload.
+/// Returns the text between the brackets of a line that reports a received payload.
 pub(crate) fn payload(line: &[u8]) -> Option<&[u8]> {
     let received = line.trim_ascii().strip_prefix(b"SRC:")?;
     let bar = memchr(b'|', received)?;
@@ -60,7 +59,7 @@ pub(crate) fn payload(line: &[u8]) -> Option<&[u8]> {
     Some(list.strip_suffix(b"]").unwrap_or(list))
 }
 
-/// The frame that a payload holds; `None` if it is not a scan.
+/// Decodes the frame in a payload; `None` if it is not a scan.
 fn scan(list: &[u8]) -> Result<Option<ConsoleFrame>, RowProblem> {
     let items = || list.split(|&byte| byte == b',').map(<[u8]>::trim_ascii);
     if items().next() != Some(SCAN) {
@@ -89,7 +88,7 @@ mod tests {
     #[test]
     fn a_scan_is_eight_readings_and_a_time() {
         let frame = scan(payload(LINE).unwrap()).unwrap().unwrap();
-        // What the base station printed below this line: the same readings, and 0.005157 s.
+        // The base station printed the decoded values below this line: the same readings, and 0.005157 s.
         let expected = [1961.0, 2123.0, 2354.0, 2542.0, 2317.0, 2082.0, 2085.0, 2216.0, 5157.0];
         assert_eq!(frame, expected);
     }

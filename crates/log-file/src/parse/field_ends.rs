@@ -1,28 +1,27 @@
-//! Where fields and lines end, found before they are parsed.
+//! Locates the ends of fields and lines before they are parsed.
 
 use super::instruction_set::{BLOCK, ColumnFields, InstructionSet};
 
-/// How many fields are located before they are parsed: few enough for the text and the positions to
-/// stay in the first-level cache, and for little work to be lost at a bad row.
+/// Number of fields that are located before they are parsed. It is small enough for the text and the
+/// positions to stay in the first-level cache, and little work is lost at a bad row.
 const FIELDS_AT_ONCE: usize = 1024;
 
-/// The offsets at which fields and lines end. Elements beyond the counts are unused.
+/// The offsets of the ends of fields and lines. Elements beyond the counts are unused.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct FieldEnds {
-    /// What ends before the first field, then where each field ends, row by row.
+    /// The position before the first field, followed by the end of each field, row by row.
     fields: Vec<u32>,
-    /// Where each line ends.
+    /// The end of each line.
     lines: Vec<u32>,
     field_count: usize,
     line_count: usize,
 }
 
 impl FieldEnds {
-    /// Locates the ends of fields and lines from `lines[at]` on, at least those of one row of
-    /// `columns` columns.
+    /// Locates the ends of fields and lines from `lines[at]` on, at least for one row of `columns` columns.
     ///
     /// # Panics
-    /// If there are more bytes than 32 bits can count.
+    /// If the offsets do not fit 32 bits.
     #[inline(always)]
     pub(crate) fn find<L: InstructionSet>(
         &mut self,
@@ -33,9 +32,9 @@ impl FieldEnds {
         columns: usize,
     ) {
         assert!(u32::try_from(lines.len()).is_ok(), "pieces of a log are of a megabyte or so");
-        // A field has a byte at least.
+        // A field takes at least one byte.
         let wanted = columns.max(FIELDS_AT_ONCE.min(lines.len()));
-        // The last block of bytes may add as many more.
+        // The last block of bytes may add up to `BLOCK` more.
         self.fields.resize(wanted + 1 + BLOCK, 0);
         self.lines.resize(wanted + 1 + BLOCK, 0);
         self.fields[0] = (at as u32).wrapping_sub(1);
@@ -56,13 +55,13 @@ impl FieldEnds {
         }
     }
 
-    /// How many rows have as many fields as there are `columns`, before the first that has not or
-    /// whose end has not been found. Leaves out the carriage returns and blanks at the ends of lines.
+    /// Counts the rows with `columns` fields, up to the first row with a different number or whose end has
+    /// not been found. Removes carriage returns and blanks from the ends of lines.
     pub(crate) fn whole_rows(&mut self, lines: &[u8], columns: usize) -> usize {
         let last_fields = self.fields[..self.field_count].iter().skip(columns).step_by(columns);
         let mut rows = 0;
-        // Line ends are fields' ends, too: where they are the same as the last fields' all along,
-        // no other field ends there.
+        // The ends of lines are ends of fields as well. As long as they equal the end of every `columns`-th
+        // field, no row has a different number of fields.
         for (line, field) in self.lines[..self.line_count].iter_mut().zip(last_fields) {
             if line != field {
                 break;
@@ -75,7 +74,7 @@ impl FieldEnds {
         rows
     }
 
-    /// The fields of one of `columns` columns, in whole rows.
+    /// Returns the fields of one of `columns` columns, in whole rows.
     pub(crate) fn of_column(&self, column: usize, columns: usize) -> ColumnFields<'_> {
         let befores = (&self.fields[column..], columns);
         let ends = match column + 1 == columns {
@@ -85,17 +84,17 @@ impl FieldEnds {
         ColumnFields { befores, ends }
     }
 
-    /// Where the first `rows` whole rows end.
+    /// Returns the end of the first `rows` whole rows.
     pub(crate) fn end_of(&self, rows: usize, columns: usize) -> usize {
         self.fields[rows * columns] as usize
     }
 }
 
-/// Writes down the positions of the bits that are set, lowest first, counted from `base`; returns
-/// how many there are. Places behind these may be written to as well.
+/// Writes the positions of the set bits, lowest first, plus `base`; returns their number. Later elements may
+/// be overwritten as well.
 #[inline(always)]
 fn write_ends(mut bits: u64, base: u32, positions: &mut [u32; BLOCK]) -> usize {
-    /// More than there are, mostly. Writing too many takes less time than a loop whose length
+    /// More than the usual number of set bits. Writing too many positions is faster than a loop whose length
     /// cannot be predicted.
     const USUAL: usize = 16;
     let count = bits.count_ones() as usize;
@@ -110,7 +109,7 @@ fn write_ends(mut bits: u64, base: u32, positions: &mut [u32; BLOCK]) -> usize {
     count
 }
 
-/// For each of `wanted` its positions in the first [`BLOCK`] bytes of `rest`, as bits.
+/// Returns for each of `wanted` its positions in the first [`BLOCK`] bytes of `rest`, as bits.
 #[inline(always)]
 fn find_in_block<L: InstructionSet>(set: L, rest: &[u8], wanted: [u8; 2]) -> [u64; 2] {
     match rest.first_chunk::<BLOCK>() {

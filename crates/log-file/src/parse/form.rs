@@ -1,27 +1,28 @@
-//! Rewrites rows with blanks, labels, JSON or arrows as separated values; every line keeps its place and length.
+//! Rewrites rows with blanks, labels, JSON or arrows as separated values; every line keeps its position and
+//! length.
 
 use serde_json::Value;
 
-/// How the values of a row stand in its line.
+/// The notation of a row's values in its line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct RowForm {
-    /// Whether a time and an arrow precede the values, as in text from Arduino's serial monitor.
+    /// True if a time and an arrow precede the values, as in text from the Arduino serial monitor.
     pub(crate) has_arrow: bool,
-    /// The rest.
+    /// The notation of the values after the arrow.
     pub(crate) body: RowBody,
 }
 
-/// The values of a row.
+/// The notation of a row's values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) enum RowBody {
-    /// Between separators.
+    /// Values between separators.
     #[default]
     Separated,
-    /// Between one or more blanks.
+    /// Values between one or more blanks.
     Blanks,
-    /// Behind these labels: `A:1856 B:1239`.
+    /// Values after these labels: `A:1856 B:1239`.
     Labels(Vec<String>),
-    /// In an object of JSON, by these names.
+    /// Values of these names in a JSON object.
     Json(Vec<String>),
 }
 
@@ -29,18 +30,18 @@ pub(crate) enum RowBody {
 const ARROW: &str = " -> ";
 
 impl RowForm {
-    /// Whether lines need no rewriting.
+    /// Returns true if lines need no rewriting.
     pub(crate) fn is_plain(&self) -> bool {
         *self == Self::default()
     }
 
-    /// The separator of the lines that are made.
+    /// Returns the separator of the rewritten lines.
     pub(crate) fn separator(&self, of_text: u8) -> u8 {
         if self.body == RowBody::Separated { of_text } else { b'\t' }
     }
 
-    /// The lines as separated values. Each keeps its length, so that positions stay what they are, and one that has
-    /// another form stays as it is.
+    /// Rewrites lines as separated values. Each line keeps its length, so that positions stay valid; a line
+    /// in another notation is unchanged.
     pub(crate) fn separated(&self, lines: &[u8], separator: u8) -> Vec<u8> {
         let mut made = Vec::with_capacity(lines.len());
         for line in lines.split_inclusive(|&byte| byte == b'\n') {
@@ -56,7 +57,7 @@ impl RowForm {
         made
     }
 
-    /// The values of a line.
+    /// Rewrites the values of a line.
     fn row(&self, line: &str, separator: u8) -> Option<String> {
         let separator = char::from(self.separator(separator));
         let (time, line) = match self.has_arrow {
@@ -75,7 +76,7 @@ impl RowForm {
             RowBody::Json(names) => {
                 let mut fields = object(line)?.into_iter().enumerate().collect::<Vec<_>>();
                 let mut value = |(at, name): (usize, &String)| {
-                    // As a rule all lines have one order.
+                    // Usually all lines have the same order.
                     let of_name = |(place, (key, _)): &(usize, (String, String))| {
                         (*place >= at, key) == (true, name)
                     };
@@ -94,12 +95,12 @@ impl RowForm {
     }
 }
 
-/// The parts of a line before and after the arrow.
+/// Splits a line at the arrow.
 pub(crate) fn behind_arrow(line: &str) -> Option<(&str, &str)> {
     line.split_once(ARROW)
 }
 
-/// Labels and their values, if a line has nothing else.
+/// Returns labels and their values, if a line contains nothing else.
 pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
     let line = line.replace(": ", ":").replace("= ", "=");
     let items = line.split([' ', '\t', ',', ';']).filter(|item| !item.is_empty());
@@ -112,7 +113,7 @@ pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
     items.map(pair).collect::<Option<Vec<_>>>().filter(|pairs| !pairs.is_empty())
 }
 
-/// The fields of an object, those of objects and lists in it by joined names; `None` if the line is none.
+/// Returns the fields of a JSON object, nested ones with joined names; `None` if the line is not an object.
 pub(crate) fn object(line: &str) -> Option<Vec<(String, String)>> {
     let line = line.trim();
     let value: Value = line.starts_with('{').then(|| serde_json::from_str(line).ok())??;

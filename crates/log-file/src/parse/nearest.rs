@@ -1,19 +1,18 @@
-//! The double nearest to a whole number of up to 64 bits times a power of ten.
+//! The double nearest to an integer of up to 64 bits times a power of ten.
 //!
-//! The number is multiplied by the first 128 bits of the power of five, which is enough to know how
-//! all but the ties round; ties can only be where the product is exact (D. Lemire, "Number parsing
-//! at a gigabyte per second", Software: Practice and Experience 51, 2021; N. Mushtak and D. Lemire,
-//! "Fast number parsing without fallback", the same 53, 2023).
+//! The integer is multiplied by the first 128 bits of the power of five. This is enough to round correctly in
+//! all cases but ties, and ties are possible only if the product is exact (D. Lemire, "Number parsing at a
+//! gigabyte per second", Software: Practice and Experience 51, 2021; N. Mushtak and D. Lemire, "Fast number
+//! parsing without fallback", Software: Practice and Experience 53, 2023).
 
-/// The powers of ten that recordings need: 19 digits, and as many zeros before them and behind.
+/// The powers of ten that recordings need: 19 digits, with as many zeros before and after them.
 const EXPONENTS: std::ops::RangeInclusive<i32> = -LARGEST..=LARGEST;
 const LARGEST: i32 = 55;
 
-/// `mantissa · 10^exponent`, correctly rounded; `None` for powers that no recording needs.
+/// Returns `mantissa · 10^exponent`, correctly rounded; `None` for powers that no recording needs.
 #[inline(always)]
 pub(crate) fn nearest(mantissa: u64, exponent: i32) -> Option<f64> {
-    /// Bits of a product behind those of the double, the one that is rounded by and one that may be
-    /// in front.
+    /// The bits of a product after the bits of the double, the rounding bit and a possible leading zero.
     const BEHIND: u64 = u64::MAX >> 55;
     if mantissa == 0 || !EXPONENTS.contains(&exponent) {
         return (mantissa == 0).then_some(0.0);
@@ -24,27 +23,27 @@ pub(crate) fn nearest(mantissa: u64, exponent: i32) -> Option<f64> {
     let (power, more) = ((power >> 64) as u64, power as u64);
     let mut product = u128::from(mantissa) * u128::from(power);
     if (product >> 64) as u64 & BEHIND == BEHIND {
-        // What follows may carry into what is kept.
+        // The lower part of the product may carry into the bits that are kept.
         product += (u128::from(mantissa) * u128::from(more)) >> 64;
     }
     let (high, low) = ((product >> 64) as u64, product as u64);
     let first = (high >> 63) as u32;
     let mut bits = high >> (9 + first);
-    // A tie goes to the even neighbour. Only where the power of five divides a mantissa, or is less
-    // than 64 bits long, can there be one.
+    // A tie is rounded to even. It is possible only if the power of five divides a mantissa, or is shorter
+    // than 64 bits.
     let is_tie =
         low <= 1 && (-4..=23).contains(&exponent) && bits & 3 == 1 && bits << (9 + first) == high;
     bits &= !u64::from(is_tie);
     bits = (bits + (bits & 1)) >> 1;
-    // ⌊log₂ 10^exponent⌋; no mantissa times such a power is too small or too large for a double.
+    // ⌊log₂ 10^exponent⌋. The result is never too small or too large for a double.
     let twos = (exponent * 217_706) >> 16;
     let power_of_two = (twos + 63 + 1023 - zeros as i32 + first as i32) as u64;
-    // A mantissa that was rounded up to the next power of two carries into the exponent.
+    // A mantissa that is rounded up to the next power of two carries into the exponent.
     Some(f64::from_bits(((power_of_two - 1) << 52) + bits))
 }
 
-/// The first 128 bits of the powers of five: rounded down, but for the
-/// reciprocals of those below 2⁶⁴, which are rounded up.
+/// The first 128 bits of the powers of five, rounded down, except the reciprocals of those below 2⁶⁴, which
+/// are rounded up.
 static POWERS_OF_FIVE: [u128; 2 * LARGEST as usize + 1] = {
     let middle = LARGEST as usize;
     let mut powers = [0; 2 * LARGEST as usize + 1];
@@ -57,7 +56,7 @@ static POWERS_OF_FIVE: [u128; 2 * LARGEST as usize + 1] = {
         }
         i += 1;
     }
-    // 2³²⁰ divided by five again and again, from the highest word on.
+    // Divides 2³²⁰ repeatedly by five, beginning with the highest word.
     let mut quotient = [1_u64, 0, 0, 0, 0, 0];
     let mut i = 1;
     while i <= middle {
@@ -75,7 +74,7 @@ static POWERS_OF_FIVE: [u128; 2 * LARGEST as usize + 1] = {
     powers
 };
 
-/// From the first one on.
+/// Returns 128 bits beginning with the first set bit.
 const fn first_128_bits(words: &[u64; 6]) -> u128 {
     let mut first = 0;
     while words[first] == 0 {
@@ -114,7 +113,7 @@ mod tests {
         }
 
         /// Numbers halfway between two doubles, and their neighbours: 2⁵³ + 1 times powers of two and
-        /// of five that fit 64 bits.
+        /// five that fit 64 bits.
         #[test]
         fn halfway_cases_round_to_even(
             odd in (1_u64 << 52..1 << 53).prop_map(|bits| 2 * bits + 1),

@@ -1,5 +1,5 @@
-//! [`InstructionSet`] in the registers of aarch64: marks are looked for in 16 bytes at a time, four times, and
-//! the digits of a number of up to 32 bytes are joined within two registers.
+//! [`InstructionSet`] for the registers of aarch64: searches 16 bytes at a time, four times, and combines the
+//! digits of a number of up to 32 bytes in two registers.
 
 use std::arch::aarch64::uint8x16_t;
 
@@ -7,7 +7,7 @@ use pulp::aarch64::Neon as Registers;
 
 use super::instruction_set::{BLOCK, InstructionSet};
 
-/// Processors with NEON: all of aarch64 that run a system with programs.
+/// Processors with NEON: all aarch64 processors that run an operating system.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Neon(pub(crate) Registers);
 
@@ -21,7 +21,8 @@ impl InstructionSet for Neon {
         [self.places_of(wanted[0], bytes), self.places_of(wanted[1], bytes)]
     }
 
-    // No closures here, nor below: what is not inlined into code for these processors cannot use their registers.
+    // No closures in this function: code that is not inlined into a function for these processors cannot use
+    // their registers.
     #[inline(always)]
     fn digits(self, lines: &[u8], start: usize, end: usize) -> Option<(u64, usize)> {
         let neon = self.0.neon;
@@ -29,7 +30,7 @@ impl InstructionSet for Neon {
         let register: &[u8; 32] = lines.get(end.wrapping_sub(32)..)?.first_chunk()?;
         let (before, last) = register.split_first_chunk::<16>()?;
         let last: &[u8; 16] = last.first_chunk()?;
-        // The same bytes one place closer to the end.
+        // The bytes shifted by one position towards the end.
         let closer: &[u8; 32] = lines.get(end.wrapping_sub(33)..)?.first_chunk()?;
         let (before_closer, closer) = closer.split_first_chunk::<16>()?;
         let closer: &[u8; 16] = closer.first_chunk()?;
@@ -37,11 +38,11 @@ impl InstructionSet for Neon {
         let point = neon.vdupq_n_u8(b'.');
         let of_high = u128::from(self.marks(neon.vceqq_u8(high, point)));
         let of_low = u128::from(self.marks(neon.vceqq_u8(low, point)));
-        // Those in front of the number are shifted out.
+        // Shifts out the points before the number.
         let points = (of_high | of_low << 64).checked_shr(128 - 4 * length as u32)?;
         let (mut digits, mut decimals) = (length, 0);
         if points != 0 {
-            // The point is closed up. A second one is no digit.
+            // Removes the point. A second point fails the check for digits.
             let whole_digits = points.trailing_zeros() as usize / 4;
             digits -= 1;
             decimals = digits - whole_digits;
@@ -52,7 +53,7 @@ impl InstructionSet for Neon {
             high = neon.vbslq_u8(first, high, self.load(before_closer));
             low = neon.vbslq_u8(second, low, self.load(closer));
         }
-        // What precedes the number becomes zeros.
+        // Sets the bytes before the number to zero.
         let [first, second] = self.last_of_32(digits);
         let zero = neon.vdupq_n_u8(b'0');
         let high = neon.vandq_u8(neon.vsubq_u8(high, zero), first);
@@ -61,7 +62,7 @@ impl InstructionSet for Neon {
             return None;
         }
         let ([first, second], [third, fourth]) = (self.join(high), self.join(low));
-        // Below 2⁶⁴.
+        // True if the number is less than 2⁶⁴.
         let fits = first == 0 && second < 1844;
         fits.then(|| (second * 10_000_000_000_000_000 + third * 100_000_000 + fourth, decimals))
     }
@@ -73,14 +74,14 @@ impl Neon {
         pulp::cast(*bytes)
     }
 
-    /// A bit for each byte that is `byte`.
+    /// Returns a bit mask of the bytes that equal `byte`.
     #[inline(always)]
     fn places_of(self, byte: u8, bytes: &[u8; BLOCK]) -> u64 {
         let neon = self.0.neon;
         let (quarters, _) = bytes.as_chunks::<16>();
         let byte = neon.vdupq_n_u8(byte);
-        // The bit of each byte within its eight; neighbours are then added three times, which brings those
-        // of eight bytes into one.
+        // Gives each byte its bit within a group of eight; adding neighbours three times then combines each
+        // group into one byte.
         let bits = self.load(&[1, 2, 4, 8, 16, 32, 64, 128, 1, 2, 4, 8, 16, 32, 64, 128]);
         let first = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[0]), byte), bits);
         let second = neon.vandq_u8(neon.vceqq_u8(self.load(&quarters[1]), byte), bits);
@@ -94,14 +95,15 @@ impl Neon {
         places
     }
 
-    /// Four bits for each byte of a register of ones and zeros, the first in the lowest.
+    /// Returns four bits per byte of a register whose bytes are all ones or all zeros, the first byte in the
+    /// lowest bits.
     #[inline(always)]
     fn marks(self, bytes: uint8x16_t) -> u64 {
         let neon = self.0.neon;
         pulp::cast(neon.vshrn_n_u16::<4>(pulp::cast(bytes)))
     }
 
-    /// Masks of so many bytes at the end of 32.
+    /// Returns masks of the last `bytes` bytes of 32.
     #[inline(always)]
     fn last_of_32(self, bytes: usize) -> [uint8x16_t; 2] {
         let neon = self.0.neon;
@@ -111,13 +113,13 @@ impl Neon {
         [high, low]
     }
 
-    /// The two numbers that eight digit values each spell: neighbours are joined to pairs, pairs to fours,
-    /// fours to eights.
+    /// Returns the two numbers of eight digits each: neighbouring digits are combined into pairs, pairs into
+    /// fours, fours into eights.
     #[inline(always)]
     fn join(self, values: uint8x16_t) -> [u64; 2] {
         let neon = self.0.neon;
         let tens = self.load(&[10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1, 10, 1]);
-        // At most 90.
+        // Products are at most 90.
         let pairs = neon.vpaddlq_u8(neon.vmulq_u8(values, tens));
         let hundreds = pulp::cast([[100_u16, 1]; 4]);
         let fours = neon.vpaddlq_u16(neon.vmulq_u16(pairs, hundreds));

@@ -1,18 +1,18 @@
-//! Decimal numbers to doubles, to the same bits as [`str::parse`].
+//! Parsing of decimal numbers to doubles, with the same bits as [`str::parse`].
 //!
-//! Digits are read eight at a time within one 64-bit word. Of decimals of at most 2⁵³ as an integer
-//! `mantissa / 10ᵏ` with k ≤ 22 is correctly rounded, since both are exact doubles (W. D. Clinger, "How to
-//! read floating point numbers accurately", PLDI 1990). Those of up to 64 bits, with an exponent or not,
-//! are rounded by [`nearest`]. Everything else (longer mantissas, spaces, signs of plus) is left to the
-//! standard library, and so is the decision about what is a number at all.
+//! Digits are read eight at a time in one 64-bit word. If the digits form an integer `mantissa` of at most
+//! 2⁵³ and there are k ≤ 22 decimals, `mantissa / 10ᵏ` is correctly rounded, because both are exact doubles
+//! (W. D. Clinger, "How to read floating point numbers accurately", PLDI 1990). Mantissas of up to 64 bits,
+//! with or without an exponent, are rounded by [`nearest`]. All else (longer mantissas, spaces, plus signs)
+//! is left to the standard library, which also decides if a text is a number at all.
 
 use memchr::memchr_iter;
 
 use super::nearest::nearest;
 use crate::error::FieldProblem;
 
-/// The number that all of `bytes[at..end]` spells if its digits fit 64 bits: a decimal with or without
-/// an exponent (`-0.30432148234712341`, `9.6e-05`).
+/// Parses the number in `bytes[at..end]` if its digits fit 64 bits: a decimal with or without an exponent
+/// (`-0.30432148234712341`, `9.6e-05`).
 #[inline(always)]
 pub(crate) fn parse_long(bytes: &[u8], at: usize, end: usize) -> Option<f64> {
     let negative = *bytes.get(at)? == b'-';
@@ -31,7 +31,7 @@ pub(crate) fn parse_long(bytes: &[u8], at: usize, end: usize) -> Option<f64> {
     signed(negative, mantissa, exponent - decimals)
 }
 
-/// `±mantissa · 10^exponent`, correctly rounded; `None` for powers that no recording needs.
+/// Returns `±mantissa · 10^exponent`, correctly rounded; `None` for powers that no recording needs.
 #[inline(always)]
 pub(crate) fn signed(negative: bool, mantissa: u64, exponent: i32) -> Option<f64> {
     let magnitude = match EXACT_POWERS_OF_TEN.get(exponent.wrapping_neg() as usize) {
@@ -41,8 +41,8 @@ pub(crate) fn signed(negative: bool, mantissa: u64, exponent: i32) -> Option<f64
     Some(f64::from_bits(magnitude.to_bits() | u64::from(negative) << 63))
 }
 
-/// The value of the digits before `bytes[at]` followed by those from there on, and where they end;
-/// `None` if there are none, more than 23, or more than fit 64 bits.
+/// Appends the digits from `bytes[at]` on to the value `before`; returns the value and the end of the digits.
+/// `None` if there are no digits, more than 23, or if the value exceeds 64 bits.
 #[inline(always)]
 fn digits_on(bytes: &[u8], at: usize, before: u64) -> Option<(u64, usize)> {
     let (mut value, mut end) = (before, at);
@@ -57,7 +57,7 @@ fn digits_on(bytes: &[u8], at: usize, before: u64) -> Option<(u64, usize)> {
     None
 }
 
-/// `e-05`, `E+3`: a sign or none, and one or two digits.
+/// Parses an exponent such as `e-05` or `E+3`: an optional sign, and one or two digits.
 fn parse_exponent(field: &[u8]) -> Option<i32> {
     let (sign, digits) = match field {
         [b'e' | b'E', b'-', digits @ ..] => (-1, digits),
@@ -69,8 +69,8 @@ fn parse_exponent(field: &[u8]) -> Option<i32> {
     is_right.then(|| sign * digits.iter().fold(0, add))
 }
 
-/// The number that all of `bytes[at..end]` spells if it is one to eight digits and nothing else, and
-/// bytes enough stand before it.
+/// Parses the number in `bytes[at..end]` if it is one to eight digits and nothing else, and if enough bytes
+/// precede it.
 #[inline(always)]
 pub(crate) fn parse_digits(bytes: &[u8], at: usize, end: usize) -> Option<u64> {
     let word = u64::from_le_bytes(*bytes.get(..end)?.last_chunk()?);
@@ -78,13 +78,13 @@ pub(crate) fn parse_digits(bytes: &[u8], at: usize, end: usize) -> Option<u64> {
     if length.wrapping_sub(1) >= 8 {
         return None;
     }
-    // What precedes the number becomes zeros.
+    // Sets the bytes before the number to zero.
     let before = 64 - 8 * length;
     let values = (word ^ 0x3030_3030_3030_3030) >> before << before;
     (others(values) == 0).then(|| eight_digits(values))
 }
 
-/// The finite number that the whole of `field` spells, with spaces around it allowed.
+/// Parses the finite number in `field`, which may have spaces around it.
 pub(crate) fn parse_field(field: &[u8]) -> Result<f64, FieldProblem> {
     let field = field.trim_ascii();
     if field.is_empty() {
@@ -94,16 +94,16 @@ pub(crate) fn parse_field(field: &[u8]) -> Result<f64, FieldProblem> {
     text.parse().map_err(|_| FieldProblem::NotANumber).and_then(finite)
 }
 
-/// A number, if it is finite.
+/// Checks that a number is finite.
 pub(crate) fn finite(value: f64) -> Result<f64, FieldProblem> {
     if value.is_finite() { Ok(value) } else { Err(FieldProblem::NotFinite) }
 }
 
-/// The seconds since 1970 that the whole of `field` spells as a date and time, or since midnight as a time of day.
+/// Parses `field` as a date and time, in seconds since 1970, or as a time of day, in seconds since midnight.
 pub(crate) fn parse_date(field: &[u8]) -> Result<f64, FieldProblem> {
     let text = std::str::from_utf8(field).map_err(|_| FieldProblem::NotADate)?;
     let of_day = || match *text.trim().as_bytes() {
-        // A date that counts no seconds makes it a whole one.
+        // Prepends a date, for which the seconds are 0.
         [_, _, b':', _, _, b':', _, _, ..] => {
             table_file::seconds_of_iso(&format!("1970-01-01T{}", text.trim()))
         }
@@ -112,8 +112,8 @@ pub(crate) fn parse_date(field: &[u8]) -> Result<f64, FieldProblem> {
     table_file::seconds_of_iso(text).or_else(of_day).ok_or(FieldProblem::NotADate)
 }
 
-/// The text with points for the commas between two digits, which are decimal ones in many languages where `;` stands
-/// between fields. It keeps its length, so that positions in it stay what they are.
+/// Replaces each comma between two digits by a point: it is a decimal comma, as used in many languages
+/// together with the separator `;`. The text keeps its length, so that positions stay valid.
 pub(crate) fn with_points(lines: &[u8]) -> Vec<u8> {
     let mut text = lines.to_vec();
     let is_digit = |byte: Option<&u8>| byte.is_some_and(u8::is_ascii_digit);
@@ -125,28 +125,28 @@ pub(crate) fn with_points(lines: &[u8]) -> Vec<u8> {
     text
 }
 
-/// The value and number of the digits, up to eight, that stand at `bytes[at]`; `None` where fewer
-/// than eight bytes are left.
+/// Returns the value and number of the digits at `bytes[at]`, up to eight; `None` if fewer than eight bytes
+/// are left.
 #[inline(always)]
 fn leading_digits(bytes: &[u8], at: usize) -> Option<(u64, usize)> {
     let word = u64::from_le_bytes(*bytes.get(at..)?.first_chunk()?);
     let values = word ^ 0x3030_3030_3030_3030;
     let digits = others(values).trailing_zeros() / 8;
-    // Moves the digits to the end of the word and zeros before them. Two shifts, as a single one
-    // by 64 bits (no digit) is not defined.
+    // Moves the digits to the end of the word, after zeros. Two shifts, because a single shift by 64 bits (no
+    // digit) is undefined.
     let half = 32 - 4 * digits;
     Some((eight_digits(values << half << half), digits as usize))
 }
 
-/// The top bit of each byte that is not the value of a digit, 0 to 9: adding 0x76 carries any other
-/// into it. The carry may spoil bytes behind the first such byte, but not hide it.
+/// Returns the top bit of each byte that is not a digit value, 0 to 9: adding 0x76 to any other value sets
+/// it. A carry may affect the bytes after the first such byte, but cannot hide it.
 #[inline(always)]
 fn others(values: u64) -> u64 {
     (values.wrapping_add(0x7676_7676_7676_7676) | values) & 0x8080_8080_8080_8080
 }
 
-/// The number that eight digit values spell, the first in the lowest byte: neighbours are joined
-/// to pairs, pairs to fours, fours to eight, all within one word.
+/// Returns the number of eight digit values, the first in the lowest byte: neighbours are combined into
+/// pairs, pairs into fours, fours into eight, all in one word.
 #[inline(always)]
 fn eight_digits(values: u64) -> u64 {
     const PAIRS: u64 = 0x0000_00ff_0000_00ff;
@@ -168,16 +168,16 @@ mod tests {
 
     use super::*;
 
-    /// What a reader of rows does: the short way where it can.
+    /// Parses like a reader of rows: the fast path if possible.
     fn parse(text: &str) -> Result<f64, FieldProblem> {
         let mut bytes = [BEFORE, text.as_bytes()].concat();
-        // What follows a field in a file, so that whole words can be loaded.
+        // Text after a field in a file, so that whole words can be loaded.
         bytes.extend_from_slice(b",12345678901234567890\n");
         let (start, end) = (BEFORE.len(), BEFORE.len() + text.len());
         parse_long(&bytes, start, end).map_or_else(|| parse_field(text.as_bytes()), Ok)
     }
 
-    /// What precedes a field in a file.
+    /// Text before a field in a file.
     const BEFORE: &[u8] = b"1425168310.852012,-99,";
 
     fn assert_as_std(text: &str) -> Result<(), TestCaseError> {

@@ -1,39 +1,39 @@
-//! The result of parsing rows: columns of numbers, and texts in run-length encoding.
+//! The result of parsing rows: numeric columns, and text columns in run-length encoding.
 
 use super::field_ends::FieldEnds;
 use super::rows::RowError;
 
-/// Rows, column by column.
+/// Parsed rows, column by column.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct ParsedRows {
     pub(crate) rows: usize,
     pub(crate) skipped: u64,
-    /// The first of them: where it starts, and what is wrong with it.
+    /// The position and error of the first skipped row.
     pub(crate) first_skipped: Option<RowError>,
-    /// Lines that are no rows: how many there are before which row.
+    /// Lines that are not rows: the row that they precede, and their number.
     pub(crate) passed: Vec<(usize, u64)>,
     pub(crate) columns: Vec<Vec<f64>>,
-    /// For each column of text, run-length encoded.
+    /// For each text column, runs of equal texts.
     pub(crate) labels: Vec<Vec<(String, usize)>>,
-    /// Working memory: where fields end.
+    /// Working memory: the ends of fields.
     pub(super) ends: FieldEnds,
 }
 
 impl ParsedRows {
-    /// Forgets all rows and makes room for `capacity` rows of `columns` columns.
+    /// Removes all rows and makes room for `capacity` rows of `columns` columns.
     pub(crate) fn clear(&mut self, columns: usize, capacity: usize) {
         (self.rows, self.skipped, self.first_skipped) = (0, 0, None);
         self.passed.clear();
         self.labels.iter_mut().for_each(Vec::clear);
         self.columns.resize_with(columns, Vec::new);
-        // Old numbers stay until new ones are written over them: filling columns with zeros in
-        // between would take time.
+        // Old numbers stay until new ones overwrite them, because filling columns with zeros in between would
+        // take time.
         for column in &mut self.columns {
             column.reserve(capacity.saturating_sub(column.len()));
         }
     }
 
-    /// Puts a number into the row that follows the last.
+    /// Stores a number in the row after the last.
     pub(crate) fn put(&mut self, column: usize, number: f64) {
         let column = &mut self.columns[column];
         match column.get_mut(self.rows) {
@@ -42,7 +42,7 @@ impl ParsedRows {
         }
     }
 
-    /// Counts lines that are no rows.
+    /// Counts lines that are not rows.
     pub(crate) fn pass_lines(&mut self, count: u64) {
         match self.passed.last_mut() {
             _ if count == 0 => {}
@@ -51,12 +51,12 @@ impl ParsedRows {
         }
     }
 
-    /// Leaves only the numbers of rows in the columns.
+    /// Truncates the columns to the parsed rows.
     pub(crate) fn finish(&mut self) {
         self.columns.iter_mut().for_each(|column| column.truncate(self.rows));
     }
 
-    /// Adds the text of a row to the runs of equal ones.
+    /// Appends the text of a row to the runs of equal texts.
     pub(super) fn push_label(&mut self, label: usize, text: &[u8]) {
         if self.labels.len() <= label {
             self.labels.resize_with(label + 1, Vec::new);

@@ -1,4 +1,4 @@
-//! Which columns are parsed, and the block in SI units that is made of them.
+//! The plan for parsing the requested columns and converting them to a block in SI units.
 
 use memchr::{memchr, memrchr};
 use table_file::{TablePart, WantedColumn};
@@ -20,48 +20,47 @@ use shell_data::block::Block;
 use shell_data::instructions::arch;
 use shell_data::unit::Scale;
 
-/// How the rows of one log become blocks.
+/// The conversion of a log's rows to blocks.
 #[derive(Debug)]
 pub(crate) struct ReadPlan {
     rows: RowSyntax,
     has_decimal_commas: bool,
     form: RowForm,
-    /// The number of the first row's line and the rows per second, where these make the times.
+    /// Line number of the first row and rows per second, if times are computed from them.
     rate: Option<(u64, f64)>,
-    /// How many columns are parsed.
+    /// Number of parsed columns.
     numbers: usize,
     time: Option<OutputColumn>,
-    /// The clock, if it is one that wraps around.
+    /// The clock, if it wraps around.
     clock: Option<ClockTurns>,
     readings: Vec<OutputColumn>,
-    /// Empty, or one for each axis that there is.
+    /// Empty, or one element per axis.
     wrench: Vec<Option<OutputColumn>>,
     others: Vec<OutputColumn>,
-    /// How many columns of text are wanted, that of groups among them.
+    /// Number of requested text columns, including the groups.
     labels: usize,
     has_groups: bool,
-    /// How many of the columns of text are wanted for themselves.
+    /// Number of text columns that are part of the result.
     texts: usize,
     /// Conditions, whose columns follow these.
     conditions: Vec<PlacedCondition>,
 }
 
-/// How rows are parsed.
 #[derive(Debug)]
 enum RowSyntax {
     Separated(RowPlan),
-    /// The wanted parts of a frame.
+    /// The requested positions in a frame.
     Console(Vec<usize>),
 }
 
-/// A column of the block: where it is among the parsed columns, and what makes its values ones in SI units.
+/// A column of the block: its index among the parsed columns, and the scale to SI units.
 #[derive(Clone, Copy, Debug)]
 struct OutputColumn {
     slot: usize,
     scale: Scale,
 }
 
-/// The memory that a chunk is parsed into, to be used again for the next chunk.
+/// Memory for parsing a chunk, which is reused for the next chunk.
 #[derive(Debug, Default)]
 pub(crate) struct BlockBuffer {
     pub(crate) parsed: ParsedRows,
@@ -72,7 +71,7 @@ impl BlockBuffer {
     /// Parses the lines of a chunk, or takes the rows of a table, into the block.
     ///
     /// # Errors
-    /// The line of the first row that is wrong, and what is wrong with it.
+    /// The line number of the first invalid row, and its error.
     pub(crate) fn fill(
         &mut self,
         plan: &ReadPlan,
@@ -105,7 +104,7 @@ impl BlockBuffer {
 }
 
 impl BlockBuffer {
-    /// The line of the first row of a chunk that was skipped, and what is wrong with it.
+    /// Returns the line number of the first skipped row of a chunk, and its error.
     pub(crate) fn first_skipped(&mut self, piece: &LogPiece) -> Option<(u64, RowProblem)> {
         let LogPiece::Text(chunk) = piece else { return None };
         let RowError { offset, problem } = self.parsed.first_skipped.take()?;
@@ -114,7 +113,7 @@ impl BlockBuffer {
 }
 
 impl ReadPlan {
-    /// How to read what is wanted, all of which the log has.
+    /// Plans the reading of the requested columns. The log must have all of them.
     pub(crate) fn new(layout: &FileLayout, wanted: &Wanted) -> Self {
         let roles = &layout.roles;
         let mut positions = roles.numbers(wanted);
@@ -173,7 +172,7 @@ impl ReadPlan {
         }
     }
 
-    /// Parses whole lines into `parsed`, which is cleared before.
+    /// Parses whole lines into `parsed`, which is cleared first.
     pub(crate) fn parse(
         &self,
         lines: &[u8],
@@ -187,7 +186,7 @@ impl ReadPlan {
                 let lines = made.as_deref().unwrap_or(lines);
                 let points = self.has_decimal_commas.then(|| with_points(lines));
                 let (written, lines) = (lines, points.as_deref().unwrap_or(lines));
-                // Rows differ little in length; should they, the columns grow.
+                // Rows usually have similar lengths; otherwise the columns grow.
                 let first = memchr(b'\n', lines).unwrap_or(lines.len()) + 1;
                 parsed.clear(self.numbers, lines.len() / first * 9 / 8);
                 plan.parse_lines(arch(), lines, skip_bad_rows, parsed)
@@ -202,7 +201,7 @@ impl ReadPlan {
         }
     }
 
-    /// The columns that are wanted of a table; none of text.
+    /// Returns the columns to request from a table; none for text.
     pub(crate) fn wanted_columns(&self) -> Vec<WantedColumn> {
         match &self.rows {
             RowSyntax::Separated(plan) => plan.wanted(),
@@ -210,7 +209,7 @@ impl ReadPlan {
         }
     }
 
-    /// Moves rows of a table into `parsed`, which is cleared before.
+    /// Moves rows of a table into `parsed`, which is cleared first.
     fn parse_part(
         &self,
         part: &mut TablePart,
@@ -219,16 +218,17 @@ impl ReadPlan {
     ) -> Result<(), (usize, RowProblem)> {
         match &self.rows {
             RowSyntax::Separated(plan) => plan.parse_part(part, skip_bad_rows, parsed),
-            // A console is never a table.
+            // A console log is never a table.
             RowSyntax::Console(_) => Ok(()),
         }
     }
 
-    /// Makes a block of what was parsed; the clock, if it comes round, has done so `turns` times. The columns change
-    /// places with those that `block` had, which can be used again.
+    /// Converts the parsed rows to a block. If the clock wraps around, it has done so `turns` times before.
+    /// Columns are swapped with those in `block`, whose memory is reused.
     pub(crate) fn fill(&self, block: &mut Block, parsed: &mut ParsedRows, turns: u32) {
         block.rows = parsed.rows;
-        // The others come first and may share a column; all else has its own.
+        // The `others` come first and are copied, because several of them may share a column; other columns
+        // are not shared.
         block.others.resize_with(self.others.len(), Vec::new);
         for (column, output) in block.others.iter_mut().zip(&self.others) {
             column.clone_from(&parsed.columns[output.slot]);
@@ -271,7 +271,7 @@ impl ReadPlan {
         block.readings_before = None;
     }
 
-    /// The readings of the last of some rows of a table that has them, `None` if there is none.
+    /// Returns the readings of the last row of a part that has any, `None` if there is none.
     fn last_readings_of(&self, rows: &mut TablePart) -> Option<Vec<f64>> {
         let mut parsed = ParsedRows::default();
         if self.readings.is_empty()
@@ -283,7 +283,7 @@ impl ReadPlan {
         self.readings.iter().map(|o| parsed.columns[o.slot].last().copied()).collect()
     }
 
-    /// Makes the times of rows from the numbers of their lines, where no column is a time.
+    /// Computes the times of rows from their line numbers, if there is no time column.
     pub(crate) fn fill_times(&self, block: &mut Block) {
         let Some((first, rate_hz)) = self.rate else { return };
         let lines = &block.lines;
@@ -291,13 +291,13 @@ impl ReadPlan {
         block.time_s = (0..block.rows).map(time).collect();
     }
 
-    /// Whether the first of some rows meets the conditions.
+    /// Returns true if the first row meets the conditions.
     fn is_chosen(&self, parsed: &ParsedRows) -> bool {
         let values = parsed.labels.iter().skip(self.texts).filter_map(|runs| runs.first());
         self.conditions.iter().zip(values).all(|(condition, (value, _))| condition.is_met(value))
     }
 
-    /// The readings of the last row in `lines` that has them, `None` if there is none.
+    /// Returns the readings of the last row in `lines` that has any, `None` if there is none.
     fn last_readings(&self, lines: &[u8]) -> Option<Vec<f64>> {
         let mut end = lines.len();
         let mut parsed = ParsedRows::default();

@@ -1,9 +1,9 @@
-//! Parses rows of separated values into columns, only those that are wanted.
+//! Parses rows of separated values into columns. Only the requested columns are parsed.
 //!
-//! For a few rows at a time, the short way first finds where their fields end, then parses them
-//! column by column: no step waits for the one before it, and where columns hold numbers of one kind
-//! branches are predicted. Blank and bad rows are parsed one by one, and so are lines with quotes that say
-//! something, by the csv crate; a quoted field cannot contain a line break.
+//! The fast path handles some rows at a time: it first locates the ends of all fields, then parses them
+//! column by column. No step waits for the previous one, and branches are predicted well because a column
+//! contains numbers of one kind. Blank and bad rows are parsed one by one. So are lines with quotes that are
+//! needed, with the csv crate; a quoted field cannot contain a line break.
 
 #[cfg(test)]
 mod tests;
@@ -24,39 +24,38 @@ use super::parsed_rows::ParsedRows;
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
 
-/// Which columns of a row are parsed, and how.
+/// The columns of a row that are parsed, and their types.
 #[derive(Debug)]
 pub(crate) struct RowPlan {
     pub(crate) separator: u8,
-    /// The use of each column.
     pub(crate) uses: Vec<ColumnUse>,
-    /// Columns that are wanted as text, whatever their use besides.
+    /// Columns that are requested as text; they may have another use as well.
     pub(crate) labels: Vec<usize>,
     /// Names of all columns.
     pub(crate) names: Vec<String>,
 }
 
-/// The use of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ColumnUse {
     Skip,
-    /// Parse it into the next column of the result, and refuse what is beyond the limit, if there is one.
+    /// Parse the field into the next column of the result, and reject values beyond the limit, if there is
+    /// one.
     Number(Option<Limit>),
-    /// Parse it into the next column of the result, as a date and time.
+    /// Parse the field as a date and time into the next column of the result.
     Date,
 }
 
-/// The largest magnitude of a number that is believed, and what is expected, in words.
+/// The largest plausible magnitude of a number, and a description of the expected value.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Limit(f64, &'static str);
 
 impl Limit {
-    /// Readings in the robot's telemetry, whose converter has at most 16 bits.
+    /// Limit of readings in robot telemetry, whose converter has at most 16 bits.
     pub(crate) const LOGGED_READING: Self = Self(65_535.0, "a reading of at most 65535 counts");
-    /// Readings anywhere: no converter has more than 32 bits.
+    /// Limit of readings in other logs: no converter has more than 32 bits.
     pub(crate) const READING: Self =
         Self(4_294_967_295.0, "a reading of at most 4294967295 counts");
-    /// Loads anywhere, in the units of the log: their squares are far from the largest number.
+    /// Limit of loads, in the units of the log: their squares are far below the largest double.
     pub(crate) const LOAD: Self = Self(1e15, "a load of at most 1e15 N or N·m");
 
     fn check(self, value: f64) -> Result<f64, FieldProblem> {
@@ -65,7 +64,7 @@ impl Limit {
 }
 
 impl ColumnUse {
-    /// The largest magnitude that is believed.
+    /// Returns the largest plausible magnitude.
     pub(super) fn most(self) -> f64 {
         match self {
             Self::Number(Some(Limit(most, _))) => most,
@@ -73,7 +72,6 @@ impl ColumnUse {
         }
     }
 
-    /// Checks a number.
     pub(super) fn check(self, value: f64) -> Result<f64, FieldProblem> {
         match self {
             Self::Number(Some(limit)) => finite(value).and_then(|value| limit.check(value)),
@@ -82,16 +80,15 @@ impl ColumnUse {
     }
 }
 
-/// A bad row.
 #[derive(Debug, PartialEq)]
 pub(crate) struct RowError {
-    /// Where the row starts in the lines that were parsed.
+    /// Position of the row in the parsed lines.
     pub(crate) offset: usize,
     pub(crate) problem: RowProblem,
 }
 
 impl RowError {
-    /// The same with the field as it is in `lines`, whose decimal commas were made points.
+    /// Replaces the field in the error by the original one in `lines`, before decimal commas were converted.
     pub(crate) fn into_written(mut self, lines: &[u8], separator: u8) -> Self {
         if let RowProblem::Field { column, found, .. } = &mut self.problem
             && let Some(line) = lines[self.offset..].split(|&byte| byte == b'\n').next()
@@ -106,8 +103,8 @@ impl RowError {
 }
 
 impl RowPlan {
-    /// Parses `lines` by one of the sets of instructions that this processor has, and adds their rows to `parsed`,
-    /// to be finished when there are no more.
+    /// Parses `lines` with an instruction set of this processor and appends their rows to `parsed`. Call
+    /// [`ParsedRows::finish`] after the last lines.
     pub(crate) fn parse_lines(
         &self,
         instructions: Arch,
@@ -134,7 +131,7 @@ impl RowPlan {
         parsed: &mut ParsedRows,
     ) -> Result<(), RowError> {
         let is_quoted = memchr(b'"', lines).is_some();
-        // Quotes around whole fields say nothing.
+        // Quotes around whole fields have no effect.
         let bare = if is_quoted { without_quotes(lines, self.separator) } else { None };
         let are_plain = !is_quoted || bare.is_some();
         let lines = bare.as_deref().unwrap_or(lines);
@@ -157,14 +154,14 @@ impl RowPlan {
                     continue;
                 }
             }
-            // A blank line, a bad row or one with something unusual: look at it by itself.
+            // A blank line, a bad row, or one with unusual fields: parse it separately.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
             let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
             let is_cut = |problem: &RowProblem| end == lines.len() && self.is_short(problem);
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
                 Some(Ok(())) => parsed.rows += 1,
-                // The last row of a file whose writer was killed or lost power is cut off, and is no error.
+                // If a program was killed or lost power, the last row is incomplete; that is not an error.
                 Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
                     parsed.skipped += 1;
                     parsed.first_skipped.get_or_insert(RowError { offset: at, problem });
@@ -173,7 +170,7 @@ impl RowPlan {
                 Some(Err(problem)) => return Err(RowError { offset: at, problem }),
             }
             at = end + 1;
-            // More blank lines cost no more than their bytes.
+            // Skips further blank lines at the cost of their bytes only.
             let rest = lines.get(at..).unwrap_or_default();
             let blank = &rest[..blank_lines(rest)];
             parsed.pass_lines(line_ends(blank));
@@ -183,8 +180,8 @@ impl RowPlan {
         Ok(())
     }
 
-    /// Parses `rows` rows, column by column, from the ends where their fields end; returns how
-    /// many are right before the first that is wrong.
+    /// Parses `rows` rows column by column, using the ends of their fields; returns the number of valid rows
+    /// before the first invalid one.
     fn parse_columns<L: InstructionSet>(
         &self,
         set: L,
@@ -220,7 +217,7 @@ impl RowPlan {
             if let ColumnUse::Number(Some(Limit(largest, _))) = step {
                 let is_believable = |value: &f64| value.abs() <= *largest;
                 let values = &values[..right];
-                // As a rule all of them, which is found without a branch for each.
+                // Usually all values are plausible; this check has no branch per value.
                 if !values.iter().fold(true, |all, value| all & is_believable(value)) {
                     right = values.iter().take_while(|value| is_believable(value)).count();
                 }
@@ -254,7 +251,7 @@ impl RowPlan {
         })
     }
 
-    /// Parses a row from its fields, which is in `parsed` then, but not counted.
+    /// Parses a row from its fields into `parsed`, without counting it.
     fn parse_fields<'a>(
         &self,
         fields: impl Iterator<Item = &'a [u8]>,
@@ -284,7 +281,7 @@ impl RowPlan {
             labels.extend(of_column.map(|(label, _)| (label, field)));
         }
         let expected = self.names.len();
-        // A wrong number of columns says more than what that makes of the fields.
+        // A wrong number of columns is reported in preference to the invalid fields that result from it.
         if found != expected {
             problem = Some(RowProblem::ColumnCount { expected, found });
         }
@@ -297,11 +294,11 @@ impl RowPlan {
         }
     }
 
-    /// Whether fields are missing at the end of a row, or the last one is.
+    /// Returns true if fields are missing at the end of a row, or the last field is empty.
     fn is_short(&self, problem: &RowProblem) -> bool {
         match problem {
             RowProblem::ColumnCount { expected, found } => found < expected,
-            // Right after a separator.
+            // The row ends after a separator.
             RowProblem::Field { column, problem: FieldProblem::Empty, .. } => {
                 column + 1 == self.names.len()
             }
@@ -320,20 +317,20 @@ impl RowPlan {
     }
 }
 
-/// The fields of a line with quotes, which are removed.
+/// Splits a line with quotes into fields without quotes.
 pub(crate) fn quoted_fields(line: &[u8], separator: u8) -> csv::ByteRecord {
     let mut reader = csv::ReaderBuilder::new();
     reader.has_headers(false).flexible(true).delimiter(separator);
-    // A carriage return within a line ends no row.
+    // A carriage return within a line does not end the row.
     reader.terminator(csv::Terminator::Any(b'\n'));
     let mut record = csv::ByteRecord::new();
-    // Bytes in memory cannot fail to be read, and any line is some record.
+    // Reading from memory cannot fail, and any line is a valid record.
     let _ = reader.from_reader(line).read_byte_record(&mut record);
     record
 }
 
-/// Lines without their quotes, if each stands around a whole field that needs none. Blanks at the ends of lines
-/// take their place, so that lines begin where they did.
+/// Removes the quotes of lines, if all of them enclose a whole field that does not need them. Blanks at the
+/// ends of lines replace them, so that the positions of lines stay valid.
 fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     let ends_field = |byte: u8| byte == separator || byte == b'\n' || byte == b'\r';
     let is_end = |byte: Option<&u8>| byte.is_none_or(|&byte| ends_field(byte));
@@ -364,20 +361,20 @@ fn without_quotes(lines: &[u8], separator: u8) -> Option<Vec<u8>> {
     Some(bare)
 }
 
-/// Whether a line is a comment.
+/// Returns true if a line is a comment.
 pub(crate) fn is_comment(line: &[u8]) -> bool {
     let line = line.trim_ascii_start();
     line.starts_with(b"#") || line.starts_with(b"//")
 }
 
-/// The bytes of the blank lines at the start of some lines.
+/// Returns the number of bytes in the blank lines at the start of some lines.
 fn blank_lines(lines: &[u8]) -> usize {
     let is_blank = |byte: &u8| matches!(byte, b'\n' | b'\r');
     let blank = lines.iter().position(|byte| !is_blank(byte)).unwrap_or(lines.len());
     memchr::memrchr(b'\n', &lines[..blank]).map_or(0, |end| end + 1)
 }
 
-/// The same as [`parse_column`] for dates and times.
+/// Like [`parse_column`], for dates and times.
 fn parse_dates(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> Option<usize> {
     values.iter_mut().enumerate().position(|(row, value)| {
         let (start, end) = fields.position(row);
@@ -387,7 +384,7 @@ fn parse_dates(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> Op
     })
 }
 
-/// Parses the fields of a column into `values`; returns which one is the first that is wrong.
+/// Parses the fields of a column into `values`; returns the index of the first invalid one.
 #[inline(always)]
 fn parse_column(
     set: impl InstructionSet,
@@ -395,7 +392,7 @@ fn parse_column(
     fields: ColumnFields<'_>,
     values: &mut [f64],
 ) -> Option<usize> {
-    // Readings are short integers: as long as they are, so are the next.
+    // Readings are short integers; this loop runs as long as all fields are.
     let whole = whole_numbers(lines, fields, values);
     for (row, value) in values.iter_mut().enumerate().skip(whole) {
         let (start, end) = fields.position(row);
@@ -410,7 +407,8 @@ fn parse_column(
     None
 }
 
-/// The first numbers of a column that are whole and have up to eight digits; returns how many were parsed.
+/// Parses the first fields of a column as long as they are integers of up to eight digits; returns their
+/// number.
 #[inline(always)]
 fn whole_numbers(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> usize {
     for (row, value) in values.iter_mut().enumerate() {
@@ -421,8 +419,8 @@ fn whole_numbers(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> 
     values.len()
 }
 
-/// The number that all of `lines[at..end]` spells if it is a plain decimal (`-12`, `-0.125`).
-/// `None` leaves the field to [`parse_field`].
+/// Parses the number in `lines[at..end]` if it is a plain decimal (`-12`, `-0.125`); `None` leaves the field
+/// to [`parse_field`].
 #[inline(always)]
 fn plain_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -> Option<f64> {
     let negative = *lines.get(at)? == b'-';
@@ -435,7 +433,7 @@ fn plain_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -
     }
 }
 
-/// The same for fields that [`InstructionSet::digits`] does not take, kept out of the loop over the others.
+/// Parses a field that [`InstructionSet::digits`] does not accept; separate from the loop over the others.
 #[inline(never)]
 fn other_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -> Option<f64> {
     set.run(
@@ -444,7 +442,7 @@ fn other_number(set: impl InstructionSet, lines: &[u8], at: usize, end: usize) -
     )
 }
 
-/// Out of the way of the loop for plain numbers.
+/// Parses an unusual field; separate from the loop for plain numbers.
 #[cold]
 #[inline(never)]
 fn parse_unusual(lines: &[u8], start: usize, end: usize) -> Option<f64> {

@@ -1,4 +1,4 @@
-//! Reading all rows of one log or several, in parallel: block by block, or into memory.
+//! Reading all rows of one or more logs in parallel: block by block, or into memory.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -14,14 +14,14 @@ use shell_data::ReadSummary;
 use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows};
 
-/// How a log is read.
+/// Options for reading a log.
 #[derive(Clone, Copy, Default)]
 pub struct ReadOptions<'a> {
-    /// How many threads parse; 0 for one per core.
+    /// Number of threads for parsing; 0 for one per core.
     pub threads: usize,
-    /// Count rows that are wrong, and go on.
+    /// Count and skip invalid rows.
     pub skip_bad_rows: bool,
-    /// The largest share of wrong rows with which that is still believed; `None` for any.
+    /// The largest share of invalid rows that is accepted when they are skipped; `None` for any.
     pub largest_bad_share: Option<f64>,
     /// Compute the checksum of the file.
     pub checksum: bool,
@@ -30,7 +30,7 @@ pub struct ReadOptions<'a> {
 }
 
 impl ReadOptions<'_> {
-    /// The number of threads that parse.
+    /// Returns the number of threads for parsing.
     pub fn thread_count(&self) -> usize {
         match self.threads {
             0 => std::thread::available_parallelism().map_or(1, usize::from),
@@ -40,14 +40,14 @@ impl ReadOptions<'_> {
 }
 
 impl Log {
-    /// Streams the whole log once: `map` gets its blocks on worker threads, `fold` gets the results
-    /// of `map` on the caller's thread, in file order. `map` may take the columns of a block; what
-    /// it leaves is memory for the next block.
+    /// Streams the whole log once: `map` gets its blocks on worker threads, `fold` gets the results of `map`
+    /// on the caller's thread, in file order. `map` may take the columns of a block; the memory of the others
+    /// is reused for the next block.
     ///
     /// # Errors
-    /// [`LogError`] if wanted columns are missing, the file cannot be read, has no rows, or has a
-    /// bad row (unless those are skipped); and the errors of `fold`, which end the reading. The
-    /// first error in file order is returned, for any number of threads.
+    /// [`LogError`] if wanted columns are missing, the file cannot be read, has no rows, or has an invalid
+    /// row (unless these are skipped); and the errors of `fold`, which stop the reading. The first error in
+    /// file order is returned, for any number of threads.
     pub fn read<T: Send, E: From<LogError>>(
         &self,
         wanted: &Wanted,
@@ -64,7 +64,7 @@ impl Log {
     /// Reads all rows into one block.
     ///
     /// # Errors
-    /// As [`Log::read`].
+    /// Like [`Log::read`].
     pub fn read_whole(
         &self,
         wanted: &Wanted,
@@ -79,10 +79,10 @@ impl Log {
     }
 }
 
-/// The most text that is read by one thread: another would be ready when it is done.
+/// The largest amount of text that a single thread reads: a second thread would start too late to help.
 const READ_ALONE: u64 = 256 << 10;
 
-/// The number of threads that read some logs, or work on the rows of such logs.
+/// Returns the number of threads for reading some logs, or for work on their rows.
 pub fn threads_for(logs: &[&Log], options: &ReadOptions<'_>) -> usize {
     let is_plain = logs.iter().all(|log| log.source.is_plain());
     let bytes: u64 = logs.iter().map(|log| log.bytes()).sum();
@@ -92,12 +92,12 @@ pub fn threads_for(logs: &[&Log], options: &ReadOptions<'_>) -> usize {
     }
 }
 
-/// Streams all of `logs` once, of each what is wanted, as [`Log::read`] does one of them, with a state for every
-/// worker thread, made by `init` and passed to `map`: `map` and `fold` also get the index of the log that a block is
-/// from. Returns a summary of each log and the states, these in no particular order.
+/// Streams the wanted columns of all `logs` once, as [`Log::read`] does for one of them. Every worker thread
+/// has a state, which `init` makes and `map` receives. `map` and `fold` also receive the index of the block's
+/// log. Returns a summary of each log, and the states in no particular order.
 ///
 /// # Errors
-/// As [`Log::read`], the first error in the order of logs and rows.
+/// Like [`Log::read`], the first error in the order of logs and rows.
 pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     logs: &[(&Log, Wanted)],
     options: &ReadOptions<'_>,
@@ -119,7 +119,7 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     let bytes_read = Arc::clone(&pieces.meter.bytes);
     let mut found = vec![ReadSummary::default(); logs.len()];
     let mut first_skipped = vec![None; logs.len()];
-    // How many logs have been read and have rows.
+    // Number of logs that have been read and checked for rows.
     let mut checked = 0;
     let workers = pipeline::run(
         &mut pieces,
@@ -165,7 +165,7 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     Ok((found, workers.into_iter().map(|(_, state)| state).collect()))
 }
 
-/// Checks that each of some logs that have been read has rows.
+/// Checks that each of the logs that have been read has rows.
 fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
     let is_empty = |summary: &ReadSummary| summary.rows == 0 && summary.skipped_rows == 0;
     match logs.iter().zip(found).find(|(_, found)| is_empty(found)) {
@@ -177,7 +177,7 @@ fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
     }
 }
 
-/// Checks that no more than this share of the rows of each log was skipped, of which the first wrong one is given.
+/// Checks that at most this share of each log's rows was skipped; `first` has the first invalid row of each.
 fn check_skipped(
     logs: &[&Log],
     found: &[ReadSummary],
@@ -204,7 +204,7 @@ struct PiecesOfLogs<'a> {
     logs: &'a [&'a Log],
     plans: &'a [ReadPlan],
     checksum: bool,
-    /// The log that is being read, or read next.
+    /// The index of the current log.
     current: usize,
     pieces: Option<LogPieces<'a>>,
     meter: ReadMeter,
@@ -213,7 +213,7 @@ struct PiecesOfLogs<'a> {
 }
 
 impl Pieces for PiecesOfLogs<'_> {
-    /// The number of a log, and a piece of it.
+    /// The index of a log, and a piece of it.
     type Piece = (usize, LogPiece);
     type Error = LogError;
 
@@ -246,11 +246,11 @@ impl Pieces for PiecesOfLogs<'_> {
     }
 }
 
-/// Reads all rows of some logs into memory, of each log what is wanted of it: time, readings, wrench and
-/// groups. [`sample_logs`] takes a sample of them.
+/// Reads all rows of some logs into memory, with the wanted columns of each: time, readings, wrench and
+/// groups. [`sample_logs`] adds samples.
 ///
 /// # Errors
-/// As [`Log::read`], the first error in the order of logs and rows.
+/// Like [`Log::read`], the first error in the order of logs and rows.
 pub fn read_dataset(
     logs: &[(&Log, Wanted)],
     options: &ReadOptions<'_>,
@@ -264,7 +264,7 @@ pub fn read_dataset(
         ..LogRows::default()
     };
     let mut data = Dataset { logs: logs.iter().map(rows).collect() };
-    // A copy takes what it needs and no more; the block stays, as memory for the next.
+    // A clone has exactly the capacity that it needs; the block's memory is reused for the next.
     let copy = |(): &mut (), _, block: &mut Block| block.clone();
     let keep = |log: usize, mut block: Block| {
         data.logs[log].lines.insert(block.offset, std::mem::take(&mut block.lines));
@@ -276,10 +276,10 @@ pub fn read_dataset(
     Ok(data)
 }
 
-/// Reads the same of some logs, and takes a sample of each.
+/// Reads the same columns of some logs, and takes a sample of each.
 ///
 /// # Errors
-/// As [`read_dataset`].
+/// Like [`read_dataset`].
 pub fn read_logs(
     logs: &[Log],
     wanted: &Wanted,
@@ -291,10 +291,10 @@ pub fn read_logs(
     Ok(data)
 }
 
-/// Takes a sample of each log of a data set, of what is wanted of it but for its groups.
+/// Takes a sample of each log in a data set, with its wanted columns except groups.
 ///
 /// # Errors
-/// As [`Log::sample`].
+/// Like [`Log::sample`].
 pub fn sample_logs<'a>(
     data: &mut Dataset,
     logs: impl IntoIterator<Item = &'a Log>,
@@ -328,7 +328,7 @@ mod tests {
         }
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("log.csv");
-        // The last line has no end.
+        // The last line has no line end.
         std::fs::write(&path, text.trim_end()).unwrap();
         let mut log = Log::open(&path, &Mapping::default()).unwrap();
         log.chunk_bytes = 4096;

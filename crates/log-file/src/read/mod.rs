@@ -1,4 +1,4 @@
-//! Reading: what is asked for, all rows in parallel, or a sample.
+//! Reading all rows of logs in parallel, or a sample.
 
 pub(crate) mod all;
 pub(crate) mod sample;

@@ -15,14 +15,14 @@ use crate::stream::piece::LogPiece;
 use crate::stream::source::ReadMeter;
 use shell_data::block::Block;
 
-/// How many pieces of a file are read.
+/// Number of pieces that are read from a file.
 const PIECES: u64 = 16;
-/// How long they are, in bytes.
+/// Length of a piece in bytes.
 const PIECE_BYTES: u64 = 1 << 12;
 
 impl Log {
-    /// Some rows from all over the file, or from its start when it is no plain text: enough to choose
-    /// centres and scales from. Rows that are wrong are left out.
+    /// Returns some rows from all parts of the file, or from its start if it is not plain text: enough to
+    /// choose centres and scales from. Invalid rows are left out.
     ///
     /// # Errors
     /// [`LogError`] if wanted columns are missing or the file cannot be read.
@@ -47,8 +47,8 @@ impl Log {
         Ok(buffer.block)
     }
 
-    /// Which of some columns hold text rather than numbers: those with text in a [sample](Self::sample) of their
-    /// rows, and those with an empty field in any row, which no number stands for.
+    /// Determines for each of some columns if it contains text rather than numbers: text in a
+    /// [sample](Self::sample) of rows, or an empty field in any row, because no number represents it.
     ///
     /// # Errors
     /// [`LogError`] if the file cannot be read.
@@ -57,7 +57,7 @@ impl Log {
         positions: &[usize],
         options: &ReadOptions<'_>,
     ) -> Result<Vec<bool>, LogError> {
-        // A console has numbers alone.
+        // A console log has only numbers.
         if positions.is_empty() || self.format() == LogFormat::Console {
             return Ok(vec![false; positions.len()]);
         }
@@ -81,7 +81,7 @@ impl Log {
         self.source.bytes.saturating_sub(self.layout.header.rows_start as u64)
     }
 
-    /// Lines from evenly spaced parts of the file.
+    /// Reads lines from evenly spaced parts of the file.
     fn spread_lines(&self) -> Result<Vec<u8>, LogError> {
         let io = |error| self.source.error(error);
         let (mut lines, mut bytes) = (Vec::new(), Vec::new());
@@ -92,7 +92,7 @@ impl Log {
             file.seek(SeekFrom::Start(offset)).map_err(io)?;
             bytes.clear();
             Read::take(&mut file, PIECE_BYTES).read_to_end(&mut bytes).map_err(io)?;
-            // The first part starts with a row; the others start somewhere within one.
+            // The first part starts with a row; the others usually start within one.
             let end = memrchr(b'\n', &bytes).map_or(0, |at| at + 1);
             let start = match piece {
                 0 => 0,

@@ -1,7 +1,7 @@
-//! Cuts a stream of lines into chunks of about one size, each of whole lines.
+//! Cuts a stream of lines into chunks of whole lines and similar size.
 //!
-//! Where the cuts fall depends on the bytes of the file alone, so that results which depend on
-//! them are the same for any number of threads.
+//! The positions of the cuts depend only on the bytes of the file, so that results which depend on them are
+//! the same for any number of threads.
 
 use std::io::{self, Read};
 
@@ -9,42 +9,42 @@ use memchr::{memchr, memchr_iter, memrchr};
 
 use super::clock_turns::ClockTurns;
 
-/// How many bytes are read at a time: few enough to stay in a core's cache from reading to parsing,
-/// with what they are parsed into.
+/// Number of bytes read at a time: few enough to stay in a core's cache from reading to parsing, together
+/// with the parsed columns.
 pub(crate) const CHUNK_BYTES: usize = 96 << 10;
 
-/// The first chunk is that much smaller: it is parsed by one thread alone.
+/// The first chunk is smaller by this factor, because it is parsed by one thread alone.
 const FIRST_CHUNK_SHARE: usize = 8;
 
-/// The longest line that is read; it bounds the memory that a file without line ends takes.
+/// The longest line that is read, in bytes; it limits the memory for a file without line ends.
 pub(crate) const LINE_LIMIT: usize = 1 << 20;
 
-/// How many bytes of the lines before a chunk go with it.
+/// Number of bytes of preceding lines that accompany a chunk.
 const CONTEXT_BYTES: usize = 1 << 12;
 
-/// Whole lines of a file.
+/// A run of complete lines of a file.
 #[derive(Debug, Default)]
 pub(crate) struct Chunk {
-    /// Where the chunk starts, from the start of the (uncompressed) file.
+    /// Position of the chunk in the (uncompressed) file.
     pub(crate) offset: u64,
-    /// The number of its first line in the file, from 1.
+    /// Number of the first line in the file, from 1.
     pub(crate) line: u64,
-    /// The lines just before the chunk, a few kilobytes of them.
+    /// The lines just before the chunk, up to a few kilobytes.
     pub(crate) context: Vec<u8>,
-    /// How often a clock that wraps around has done so before the chunk.
+    /// Number of times that the clock has wrapped around before the chunk.
     pub(crate) turns: u32,
     buffer: Vec<u8>,
     length: usize,
 }
 
 impl Chunk {
-    /// The lines. Each ends with `\n`, except for the last line of the file.
+    /// Returns the lines. Each ends with `\n`, except for the last line of the file.
     pub(crate) fn lines(&self) -> &[u8] {
         &self.buffer[..self.length]
     }
 }
 
-/// The line of this number is longer than [`LINE_LIMIT`].
+/// The error for a line longer than [`LINE_LIMIT`], with its number.
 #[derive(Debug, thiserror::Error)]
 #[error("line {0} is too long")]
 pub(crate) struct LongLine(pub(crate) u64);
@@ -55,19 +55,19 @@ pub(crate) struct ChunkStream<R> {
     chunk_bytes: usize,
     /// The number of the next line.
     line: u64,
-    /// Bytes of the stream that have been read.
+    /// Number of bytes read from the stream.
     position: u64,
     skip: u64,
     carry: Vec<u8>,
     context: Vec<u8>,
-    /// Counts how often a clock has wrapped around, where one may.
+    /// Counts the wraparounds of a clock, if it may wrap.
     pub(crate) clock: Option<ClockTurns>,
     has_begun: bool,
     ended: bool,
 }
 
 impl<R: Read> ChunkStream<R> {
-    /// Cuts what follows the first `skip` bytes of `stream`, where the line of number `line` starts.
+    /// Cuts `stream` after the first `skip` bytes, where the line of number `line` starts.
     pub(crate) fn new(stream: R, skip: u64, line: u64, chunk_bytes: usize) -> Self {
         Self {
             stream,
@@ -83,7 +83,7 @@ impl<R: Read> ChunkStream<R> {
         }
     }
 
-    /// Whether the whole stream has been read.
+    /// Returns true if the whole stream has been read.
     pub(crate) fn ended(&self) -> bool {
         self.ended
     }
@@ -93,7 +93,7 @@ impl<R: Read> ChunkStream<R> {
         if self.ended {
             return Ok(false);
         }
-        // Remains set if reading fails: there is no chunk after an error.
+        // Stays set if reading fails: there is no chunk after an error.
         self.ended = true;
         if self.skip > 0 {
             io::copy(&mut Read::take(&mut self.stream, self.skip), &mut io::sink())?;
@@ -112,7 +112,7 @@ impl<R: Read> ChunkStream<R> {
         self.has_begun = true;
         chunk.offset = self.position - filled as u64;
         let length = loop {
-            // Up to a multiple of the size: whole pages are copied.
+            // Reads up to a multiple of the size, so that whole pages are copied.
             let target = filled + (chunk_bytes - self.position % chunk_bytes) as usize;
             if buffer.len() < target {
                 buffer.resize(target, 0);
@@ -144,7 +144,7 @@ impl<R: Read> ChunkStream<R> {
         Ok(length > 0)
     }
 
-    /// Keeps the last lines of a chunk as the context of the next: as many as fit, at least one.
+    /// Keeps the last lines of a chunk as context for the next: as many as fit, at least one.
     fn keep_context(&mut self, lines: &[u8]) {
         self.context.clear();
         let Some((_, before)) = lines.split_last() else { return };
@@ -158,13 +158,13 @@ impl<R: Read> ChunkStream<R> {
     }
 }
 
-/// How many lines end in a text.
+/// Counts the line ends of a text.
 pub(crate) fn line_ends(text: &[u8]) -> u64 {
     memchr_iter(b'\n', text).count() as u64
 }
 
-/// Reads until `buffer` is full or the stream ends, so that cuts do not depend on how many bytes
-/// a single read happens to give.
+/// Reads until `buffer` is full or the stream ends, so that cuts do not depend on the number of bytes that a
+/// single read returns.
 fn read_full(stream: &mut impl Read, buffer: &mut [u8]) -> io::Result<usize> {
     let mut filled = 0;
     while filled < buffer.len() {

@@ -1,41 +1,42 @@
-//! How often a clock of 32 bits has wrapped around before a chunk.
+//! Counts the wraparounds of a 32-bit clock before each chunk.
 //!
-//! The robot's clock counts µs in 32 bits, so it wraps around every 71.6 min; that of another logger may count ms or ns.
-//! Chunks are handed out in the order of the file: the first time of one against the first and last times of the one before
-//! tells, as long as a chunk is shorter than half a turn.
+//! The robot's clock counts µs in 32 bits, so it wraps around every 71.6 min; the clock of another logger may
+//! count ms or ns. Chunks are handed out in file order. A comparison of a chunk's first time with the first
+//! and last times of the previous chunk finds the wraparounds, as long as a chunk is shorter than half a
+//! turn.
 
 use crate::parse::form::RowForm;
 
-/// The clock wraps around after so many units.
+/// The number of units after which the clock wraps around.
 pub(crate) const TURN: f64 = 4_294_967_296.0;
 
-/// Lines of a chunk that are looked at for a time.
+/// Number of lines of a chunk that are searched for a time.
 const LINES: usize = 8;
 
-/// Finds the turns before each of the chunks that it is shown.
+/// Counts the turns before each of a sequence of chunks.
 #[derive(Clone, Debug)]
 pub(crate) struct ClockTurns {
     form: RowForm,
     separator: u8,
     column: usize,
-    /// A clock that wraps around does so from at least as much below a turn, to at most as much above 0.
+    /// A wraparound is a step from at most this far below a turn to at most this far above 0.
     margin: f64,
     before: Option<f64>,
     turns: u32,
 }
 
 impl ClockTurns {
-    /// For the robot's clock in that column, which is known to wrap around.
+    /// Makes a counter for the robot's clock in this column, which is known to wrap around.
     pub(crate) fn new(form: RowForm, separator: u8, column: usize) -> Self {
         Self { form, separator, column, margin: TURN / 2.0, before: None, turns: 0 }
     }
 
-    /// Makes it one for a counter that may not wrap around: only a jump from just below a turn to just above 0 counts.
+    /// Adapts it to a clock that may not wrap: only a jump from just below a turn to just above 0 counts.
     pub(crate) fn of_counter(self) -> Self {
         Self { margin: TURN / 8.0, ..self }
     }
 
-    /// Turns before the first row of the next chunk.
+    /// Returns the turns before the first row of the next chunk.
     pub(crate) fn before(&mut self, lines: &[u8]) -> u32 {
         let time = |line: &[u8]| {
             let made = (!self.form.is_plain()).then(|| self.form.separated(line, self.separator));
@@ -50,7 +51,8 @@ impl ClockTurns {
         let Some((first, last)) = first.zip(last) else { return self.turns };
         self.turns += u32::from(self.before.is_some_and(|before| self.has_turned(before, first)));
         let turns = self.turns;
-        // A time that goes on has not turned, or else more than half way; most chunks need no closer look.
+        // An increasing time has not wrapped, unless by more than half a turn; most chunks need no closer
+        // look.
         if last < first {
             let mut before = first;
             for time in lines.split(is_end).filter_map(time) {
@@ -71,7 +73,7 @@ impl ClockTurns {
         before < TURN && before - after > TURN / 2.0 && is_at_the_turn
     }
 
-    /// Adds the turns to times, of which so many are before the first.
+    /// Adds turns to times; `turns` precede the first time.
     pub(crate) fn unwrap(&self, times: &mut [f64], turns: u32) {
         let mut offset = f64::from(turns) * TURN;
         let mut before = times.first().copied().unwrap_or(0.0);
@@ -79,7 +81,7 @@ impl ClockTurns {
             if self.has_turned(before, *time) {
                 offset += TURN;
             } else if offset > 0.0 && self.has_turned(*time, before) {
-                // A row that was overtaken.
+                // A row out of order, from before the wraparound.
                 offset -= TURN;
             }
             before = *time;
@@ -118,7 +120,7 @@ mod tests {
             times
         };
         assert_eq!(unwrapped(&robot, [5e9, 1e9, 2e9, 1e9]), [5e9, 1e9, 2e9, 1e9]);
-        // Recordings that were put together, of a clock that is not known to wrap around.
+        // Concatenated recordings with a clock that is not known to wrap around.
         let counter = robot.clone().of_counter();
         assert_eq!(unwrapped(&counter, [3e9, 3.1e9, 1e3, 2e3]), [3e9, 3.1e9, 1e3, 2e3]);
         let turned = unwrapped(&counter, [4.29e9, 4.294e9, 1e3, 2e3]);

@@ -1,6 +1,7 @@
-//! Two files whose rows belong together as one text: the lines `1,2` and `3` make `1,2,3`.
+//! Joins two files row by row into one text: the lines `1,2` and `3` become `1,2,3`.
 //!
-//! Both have names in their first line, or neither has. A name that both have is that of the first.
+//! Either both files have names in their first line, or neither has. A name in both files refers to the first
+//! file.
 
 use std::io::{self, BufRead, BufReader, Read};
 
@@ -9,42 +10,42 @@ use super::text_stream::TextStream;
 /// The longest line.
 const LONGEST: u64 = 1 << 20;
 
-/// How much text is made at a time.
+/// Number of bytes of text that are made at a time.
 const TEXT_BYTES: usize = 1 << 16;
 
-/// Why two files are not rows of one log.
+/// The reason why the rows of two files cannot be joined.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum RowMismatch {
-    /// The first alone, or the second, has this line.
+    /// Only one of the files has this line.
     #[error("line {0} is in one of them alone")]
     Lines(u64),
-    /// Their first lines have other separators.
+    /// The first lines have different separators.
     #[error("`{}` separates the columns of the one, `{}` those of the other", char::from(*.0), char::from(*.1))]
     Separators(u8, u8),
-    /// One of them begins with names, the other with numbers.
+    /// One file begins with names, the other with numbers.
     #[error("one of them begins with names of columns, the other with numbers")]
     Names,
-    /// The first is a log that begins with more than one line of names.
+    /// The first file is a log with several header lines.
     #[error("robot telemetry has no file beside it")]
     Telemetry,
-    /// A line beyond the longest that is read.
+    /// A line exceeds the longest that is read.
     #[error("line {0} is longer than {LONGEST} bytes")]
     Long(u64),
 }
 
-/// What the first lines of two files say.
+/// Properties of two files, from their first lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Sides {
     separator: u8,
-    /// Whether there are names.
+    /// True if the columns have names.
     pub(crate) has_names: bool,
-    /// How many columns each has.
+    /// Number of columns in each file.
     pub(crate) columns: [usize; 2],
 }
 
 impl Sides {
-    /// Of the first lines that are not blank.
+    /// Examines the first lines that are not blank.
     pub(crate) fn new<R: Read>(files: [R; 2]) -> io::Result<Self> {
         let mut files = files.map(CompanionLines::new);
         for file in &mut files {
@@ -78,7 +79,7 @@ impl Sides {
         }
     }
 
-    /// The names of the second, those that the first has too marked as such.
+    /// Returns the names of the second file, with those that the first has as well marked.
     fn names(self, [first, second]: [&[u8]; 2]) -> Vec<u8> {
         let separator = char::from(self.separator);
         let [first, second] = [first, second].map(String::from_utf8_lossy);
@@ -94,9 +95,9 @@ impl Sides {
     }
 }
 
-/// What separates the fields of a line, if it has several.
+/// Returns the separator of a line, if it has several fields.
 pub(crate) fn separator(line: &[u8]) -> Option<u8> {
-    // Commas may also be those of decimals.
+    // Commas come last, because they may be decimal.
     b";\t,".iter().copied().find(|separator| line.contains(separator))
 }
 
@@ -107,7 +108,7 @@ fn is_number(field: &[u8], separator: u8) -> bool {
     text.parse::<f64>().is_ok()
 }
 
-/// The text of two files.
+/// Joins the text of two files.
 pub(crate) fn joined<R: Read>(files: [R; 2], sides: Sides) -> impl Read {
     let [mut first, mut second] = files.map(CompanionLines::new);
     let (mut are_names, mut line) = (sides.has_names, 0);
@@ -118,7 +119,7 @@ pub(crate) fn joined<R: Read>(files: [R; 2], sides: Sides) -> impl Read {
             let lines = [first.line.as_slice(), second.line.as_slice()];
             match (there, lines) {
                 ([false, false], _) => return Ok(false),
-                // Blank lines at the end belong to nothing.
+                // Blank lines at the end have no counterpart.
                 (_, [[], []]) => text.push(b'\n'),
                 ([true, true], [[_, ..], [_, ..]]) => {
                     text.extend_from_slice(lines[0]);
@@ -136,7 +137,7 @@ pub(crate) fn joined<R: Read>(files: [R; 2], sides: Sides) -> impl Read {
     })
 }
 
-/// The lines of a file, one at a time.
+/// Reads the lines of a file, one at a time.
 #[derive(Debug)]
 struct CompanionLines<R> {
     stream: BufReader<R>,
@@ -148,7 +149,7 @@ impl<R: Read> CompanionLines<R> {
         Self { stream: BufReader::with_capacity(TEXT_BYTES, stream), line: Vec::new() }
     }
 
-    /// Reads the next line, without what ends it; `false` if there is none.
+    /// Reads the next line without its line end; `false` if there is none.
     fn next(&mut self, number: u64) -> io::Result<bool> {
         self.line.clear();
         let read = (&mut self.stream).take(LONGEST).read_until(b'\n', &mut self.line)?;

@@ -8,7 +8,6 @@ use super::table_rows::{RowPart, TableRows};
 use crate::error::LogError;
 use crate::log::Log;
 
-/// A piece of a log.
 #[derive(Debug)]
 pub(crate) enum LogPiece {
     Text(Chunk),
@@ -21,14 +20,13 @@ impl Default for LogPiece {
     }
 }
 
-/// The pieces of a log.
 pub(crate) enum LogPieces<'a> {
     Text(ChunkStream<ByteStream>),
     Rows(TableRows<'a>),
 }
 
 impl Log {
-    /// Its rows, cut into pieces of about so many bytes; of a table only the columns that are wanted.
+    /// Cuts the rows into pieces of about `piece_bytes` bytes; for a table, only the requested columns.
     pub(crate) fn pieces(
         &self,
         wanted: &[WantedColumn],
@@ -49,7 +47,7 @@ impl Log {
 }
 
 impl LogPieces<'_> {
-    /// Whether all have been read.
+    /// Returns true if all pieces have been read.
     pub(crate) fn ended(&self) -> bool {
         match self {
             Self::Text(chunks) => chunks.ended(),
@@ -57,7 +55,7 @@ impl LogPieces<'_> {
         }
     }
 
-    /// Puts the next one into `piece`; `false` if there are no more.
+    /// Reads the next piece into `piece`; `false` if there are no more.
     pub(crate) fn next(&mut self, log: &Log, piece: &mut LogPiece) -> Result<bool, LogError> {
         match self {
             Self::Text(chunks) => {

@@ -1,4 +1,4 @@
-//! Works on the pieces of a sequence on several threads and hands the results over in order.
+//! Processes a sequence of pieces on several threads and passes on the results in order.
 //!
 //! ```text
 //! pieces ─▶ workers ─▶ results with their numbers ─▶ caller: fold, in order
@@ -6,9 +6,9 @@
 //!              └────────── room for another result ───────────┘
 //! ```
 //!
-//! Every thread has a state of its own, made by `init` and returned at the end: what does not depend on order is
-//! summed there, without locks. Which thread gets which piece is left to chance; the pieces and the order of the
-//! results are not.
+//! Every thread has a state, which `init` makes and which is returned at the end. Results that do not depend
+//! on the order are summed in it, without locks. The assignment of pieces to threads is random; the pieces
+//! and the order of the results are not.
 
 use shell_data::lock::lock;
 use std::collections::VecDeque;
@@ -21,22 +21,22 @@ use std::thread::ScopedJoinHandle;
 
 /// A sequence that is cut into pieces, one after another.
 pub trait Pieces: Send {
-    /// A piece, or memory for one that is used again.
+    /// A piece, or memory that is reused for one.
     type Piece: Default + Send;
-    /// Why there is no next piece.
+    /// The reason why the next piece cannot be read.
     type Error: Send;
 
-    /// Whether `next` will return no more pieces.
+    /// Returns true if `next` will return no more pieces.
     fn ended(&self) -> bool;
 
-    /// Puts the next piece into `piece`; `false` if there are no more.
+    /// Reads the next piece into `piece`; `false` if there are no more.
     ///
     /// # Errors
-    /// Where the next piece cannot be read; there are none after it.
+    /// An error if the next piece cannot be read; there are no more pieces after it.
     fn next(&mut self, piece: &mut Self::Piece) -> Result<bool, Self::Error>;
 }
 
-/// Numbers, one by one.
+/// Yields the numbers of the range one by one.
 impl Pieces for Range<usize> {
     type Piece = usize;
     type Error = Infallible;
@@ -50,13 +50,13 @@ impl Pieces for Range<usize> {
     }
 }
 
-/// How many pieces per thread may be in work or wait for an earlier one: bounds the memory.
+/// Number of pieces per thread that may be in progress or wait for an earlier one; limits the memory.
 const WAITING_PER_THREAD: usize = 4;
 
 /// Passes every piece of `pieces` to `work` and the results to `fold`, in the order of the pieces.
 ///
-/// `work` may change the piece, which is memory to be used again, and the state of its thread.
-/// Returns the states of all threads, first the one of the first piece.
+/// `work` may change the piece, whose memory is reused, and the state of its thread. Returns the states of
+/// all threads, beginning with the thread of the first piece.
 ///
 /// ```
 /// use std::convert::Infallible;
@@ -87,7 +87,7 @@ pub fn run<P: Pieces, S: Send, T: Send, E: From<P::Error>>(
     mut fold: impl FnMut(T) -> Result<(), E>,
 ) -> Result<Vec<S>, E> {
     let (mut state, mut piece) = (init(), P::Piece::default());
-    // Where there is but one piece, no thread is started.
+    // No thread is started for a single piece.
     loop {
         if !pieces.next(&mut piece)? {
             return Ok(vec![state]);
@@ -100,7 +100,7 @@ pub fn run<P: Pieces, S: Send, T: Send, E: From<P::Error>>(
     let (room, wait_for_room) = channel();
     let source = &Mutex::new(PieceSource { pieces, next: 0, room: wait_for_room });
     for _ in 0..WAITING_PER_THREAD * threads {
-        // The other end is there.
+        // The receiver still exists, so this cannot fail.
         let _ = room.send(());
     }
     let (results, finished) = channel();
@@ -122,17 +122,17 @@ pub fn run<P: Pieces, S: Send, T: Send, E: From<P::Error>>(
     })
 }
 
-/// The pieces, the number of the next one, and a permit for each that may be started.
+/// The pieces, the index of the next one, and a permit for each piece that may be started.
 struct PieceSource<'a, P> {
     pieces: &'a mut P,
     next: usize,
     room: Receiver<()>,
 }
 
-/// The number of a piece, and its result, the error in its place, or a panic.
+/// The index of a piece, and its result, the error in its place, or a panic.
 type Numbered<T, E> = (usize, std::thread::Result<Result<T, E>>);
 
-/// Works on pieces until there are no more or nobody wants the results.
+/// Processes pieces until there are no more, or the receiver of the results is gone.
 fn work_on_pieces<P: Pieces, S, T>(
     source: &Mutex<PieceSource<'_, P>>,
     mut state: S,
@@ -161,14 +161,14 @@ fn work_on_pieces<P: Pieces, S, T>(
     }
 }
 
-/// Passes results to `fold` in the order of their numbers, until the workers have ended; each makes room for another.
-/// Drops what the workers wait for at the end, or when `fold` panics.
+/// Passes results to `fold` in order until the workers have ended; each result makes room for another piece.
+/// The channel ends that the workers wait for are dropped at the end, or when `fold` panics.
 fn fold_in_order<T, E, F: From<E>>(
     finished: Receiver<Numbered<T, E>>,
     room: Sender<()>,
     mut fold: impl FnMut(T) -> Result<(), F>,
 ) -> Result<(), F> {
-    // From the next number on; those that are missing are in work.
+    // Results from index `next` on; missing ones are in progress.
     let (mut waiting, mut next) = (VecDeque::new(), 0);
     for (number, result) in finished {
         let position = number - next;
@@ -181,7 +181,7 @@ fn fold_in_order<T, E, F: From<E>>(
             next += 1;
             let result = result.unwrap_or_else(|panic| resume_unwind(panic));
             fold(result?)?;
-            // Workers that have ended need no room.
+            // An error means that the workers have ended and need no room.
             let _ = room.send(());
         }
     }
@@ -194,7 +194,7 @@ mod tests {
 
     use super::*;
 
-    /// So many numbers from 0, then an error if that is asked.
+    /// Yields numbers from 0 to `end`, then optionally an error.
     struct Numbers {
         next: usize,
         end: usize,
@@ -229,7 +229,7 @@ mod tests {
             let mut found = Vec::new();
             let work = |sum: &mut usize, number: &mut usize| {
                 *sum += *number;
-                // The first of every few takes longest.
+                // Some numbers take longer than others.
                 let pause = if number.is_multiple_of(9) { 300 } else { 0 };
                 std::thread::sleep(Duration::from_micros(pause));
                 *number

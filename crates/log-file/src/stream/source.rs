@@ -1,12 +1,12 @@
-//! What a log is read from: a file of text, unpacked if it is compressed and brought to UTF-8, or a table in a binary
-//! file; and a file beside it.
+//! The source of a log: a text file, decompressed and converted to UTF-8 if necessary, or a table in a binary
+//! file; with an optional companion file.
 //!
 //! ```text
-//! file ─▶ gzip, zstd ─▶ UTF-16 ─▶ text ─▶ with that of a file beside it, line by line
-//! file ─▶ table ─▶ columns ─▶ with those of a file beside it
+//! file ─▶ gzip, zstd ─▶ UTF-16 ─▶ text ─▶ joined with a companion file, line by line
+//! file ─▶ table ─▶ columns ─▶ joined with those of a companion file
 //! ```
 //!
-//! What a file is, is known by its first bytes, not by its name.
+//! The format of a file is recognised from its first bytes, not from its name.
 
 use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
@@ -27,36 +27,36 @@ use crate::checksum;
 use crate::error::{LogError, LogPosition, PlacedProblem};
 use shell_data::lock::lock;
 
-/// A file to be read from its start any number of times.
+/// A file that can be read from its start any number of times.
 #[derive(Clone, Debug)]
 pub(crate) struct LogSource {
-    /// As it was given.
+    /// The path as given.
     pub(crate) path: PathBuf,
-    /// Its size.
+    /// Size of the file in bytes.
     pub(crate) bytes: u64,
     file: FileSource,
     container: Container,
-    /// Whether the text is UTF-16, with the highest byte of each pair first.
+    /// For UTF-16 text: true if it is big-endian.
     utf16: Option<bool>,
-    /// A file that stands in for standard input, as long as it is read.
+    /// The temporary copy of standard input, which must exist as long as it is read.
     _spool: Option<Arc<TempPath>>,
-    /// A file whose columns stand beside those of this one, row by row.
+    /// A file whose columns follow the columns of this file, row by row.
     pub(crate) companion: Option<Arc<LogSource>>,
-    /// What the first lines of both say.
+    /// Properties of both files, from their first lines.
     pub(crate) sides: Sides,
 }
 
-/// Rows of a table that tell what its columns are.
+/// Number of table rows that are examined to recognise the columns.
 const HEAD_ROWS: usize = 256;
 
-/// A file with all of standard input: logs are read several times.
+/// Copies standard input to a file, because logs are read several times.
 fn spooled_stdin() -> io::Result<TempPath> {
     let mut file = tempfile::NamedTempFile::new()?;
     io::copy(&mut io::stdin().lock(), file.as_file_mut())?;
     Ok(file.into_temp_path())
 }
 
-/// The recording in the folder of a ROS 2 bag, which has one and a description of it.
+/// Returns the recording in the folder of a ROS 2 bag, which contains a recording and its description.
 fn recording_in(folder: &Path) -> io::Result<PathBuf> {
     let mut recordings = Vec::new();
     for entry in std::fs::read_dir(folder)? {
@@ -72,7 +72,7 @@ fn recording_in(folder: &Path) -> io::Result<PathBuf> {
     }
 }
 
-/// What the text of a log is in.
+/// The container of a log's text.
 #[derive(Clone, Debug)]
 enum Container {
     Plain,
@@ -82,14 +82,14 @@ enum Container {
 }
 
 impl LogSource {
-    /// The file at `path`, or all of standard input for `-`; `part` names the table to be read of a
-    /// file that can hold several.
+    /// Opens the file at `path`, or standard input for `-`; `part` names the table to read from a file that
+    /// can contain several.
     pub(crate) fn new(path: &Path, part: Option<&str>) -> Result<Self, LogError> {
         let failed = |source| LogError::Io { path: path.to_owned(), source };
         let is_stdin = path.as_os_str() == "-";
         let spool = is_stdin.then(spooled_stdin).transpose().map_err(failed)?;
         let file = spool.as_deref().unwrap_or(path);
-        // Before it is opened: whoever opens a pipe waits for its writer.
+        // The file is not opened yet, because opening a pipe waits for its writer.
         let metadata = std::fs::metadata(file).map_err(failed)?;
         if metadata.is_dir() {
             let recording = recording_in(file).map_err(failed)?;
@@ -103,7 +103,7 @@ impl LogSource {
         Self { _spool: spool.map(Arc::new), ..Self::plain(path, file) }.recognise(part)
     }
 
-    /// A file in memory, called `name`.
+    /// Makes a source from a file in memory with the given name.
     pub(crate) fn in_memory(
         name: &Path,
         bytes: Arc<[u8]>,
@@ -112,13 +112,13 @@ impl LogSource {
         Self::plain(name, FileSource::Memory(bytes)).recognise(part)
     }
 
-    /// A plain file of unknown size.
+    /// Makes a source from a plain file of unknown size.
     fn plain(path: &Path, file: FileSource) -> Self {
         let (path, container, sides) = (path.to_owned(), Container::Plain, Sides::default());
         Self { path, bytes: 0, file, container, utf16: None, _spool: None, companion: None, sides }
     }
 
-    /// The same with what it is by its first bytes.
+    /// Recognises the container and encoding from the first bytes.
     fn recognise(mut self, part: Option<&str>) -> Result<Self, LogError> {
         self.bytes = self.file.length().map_err(|error| self.error(error))?;
         let start = self.start(self.open_file()?)?;
@@ -159,7 +159,7 @@ impl LogSource {
         Ok(self)
     }
 
-    /// The same with the columns of another file, whose rows are those of this one.
+    /// Adds the columns of another file with the same rows.
     pub(crate) fn with_companion(self, companion: Self) -> Result<Self, LogError> {
         let source = Self { companion: Some(Arc::new(companion)), ..self };
         let sides = match &source.companion {
@@ -175,7 +175,7 @@ impl LogSource {
         Ok(Self { sides, ..source })
     }
 
-    /// The first lines of this file and of the one beside it, of which one is a table.
+    /// Returns the first lines of this file and its companion; at least one of the two is a table.
     fn heads(&self) -> Result<[Vec<u8>; 2], LogError> {
         let head = |source: &Self| match source.as_table() {
             Some(table) => {
@@ -188,8 +188,8 @@ impl LogSource {
         Ok([head(self)?, companion.unwrap_or_default()])
     }
 
-    /// The first bytes of its text, at most so many; of a table the first rows as one, of whose columns that have names
-    /// only `shown` are filled.
+    /// Returns the first bytes of the text, at most `bytes`. For a table, returns its first rows as text, in
+    /// which only the columns `shown` are filled if the columns have names.
     pub(crate) fn head(&self, shown: Option<&[usize]>, bytes: usize) -> Result<Vec<u8>, LogError> {
         if let Some(table) = self.as_whole_table() {
             let head = table.head(shown, HEAD_ROWS, bytes);
@@ -207,7 +207,7 @@ impl LogSource {
         Ok(head)
     }
 
-    /// The first bytes of a stream.
+    /// Reads the first bytes of a stream.
     fn start(&self, stream: impl Read) -> Result<Vec<u8>, LogError> {
         let mut start = Vec::with_capacity(table_file::RECOGNISED_BYTES);
         let mut stream = stream.take(table_file::RECOGNISED_BYTES as u64);
@@ -224,7 +224,7 @@ impl LogSource {
         self.open_counting(&ReadMeter::default())
     }
 
-    /// The same; `meter` counts what is read of the file.
+    /// Opens the text at its start; `meter` counts the bytes read from the file.
     pub(crate) fn open_counting(&self, meter: &ReadMeter) -> Result<ByteStream, LogError> {
         let text = self.open_alone_counting(meter)?;
         let Some(companion) = &self.companion else { return Ok(text) };
@@ -256,7 +256,7 @@ impl LogSource {
         })
     }
 
-    /// Reads the whole file for its checksum, where `meter` is asked for it: tables are not read from start to end.
+    /// Reads the whole file for its checksum, if `meter` computes one: tables are not read from start to end.
     pub(crate) fn read_for_checksum(&self, meter: &ReadMeter) -> Result<(), LogError> {
         if meter.checksum.is_some() {
             let meter = ReadMeter { bytes: Arc::default(), ..meter.clone() };
@@ -266,20 +266,20 @@ impl LogSource {
         Ok(())
     }
 
-    /// Whether it is text, and so is the file beside it.
+    /// Returns true if the file and its companion are text.
     pub(crate) fn is_text(&self) -> bool {
         self.as_table().is_none()
             && self.companion.as_ref().is_none_or(|companion| companion.is_text())
     }
 
-    /// Whether the bytes of the file are those of the text.
+    /// Returns true if the text is identical to the bytes of the file.
     pub(crate) fn is_plain(&self) -> bool {
         matches!(self.container, Container::Plain)
             && self.utf16.is_none()
             && self.companion.is_none()
     }
 
-    /// How the file is compressed, if it is.
+    /// Returns the compression method, if the file is compressed.
     pub(crate) fn compression(&self) -> Option<&'static str> {
         match self.container {
             Container::Gzip => Some("gzip"),
@@ -288,7 +288,7 @@ impl LogSource {
         }
     }
 
-    /// The table, if it is one.
+    /// Returns the table, if the file is one.
     pub(crate) fn as_table(&self) -> Option<&Table> {
         match &self.container {
             Container::Table(table) => Some(table),
@@ -296,12 +296,12 @@ impl LogSource {
         }
     }
 
-    /// The table whose columns are all there are, if it is one.
+    /// Returns the table, if the file is one and has no companion.
     pub(crate) fn as_whole_table(&self) -> Option<&Table> {
         self.as_table().filter(|_| self.companion.is_none())
     }
 
-    /// What a line of the text, from 1, is in the file.
+    /// Converts a line number of the text, from 1, to a position in the file.
     pub(crate) fn position(&self, line: u64) -> LogPosition {
         match (self.as_table().map(|table| &table.columns), line) {
             (None, line) => LogPosition::Line(line),
@@ -311,13 +311,13 @@ impl LogSource {
         }
     }
 
-    /// The error of what is wrong at a line of the text.
+    /// Makes the error for a problem at a line of the text.
     pub(crate) fn error_at(&self, line: u64, problem: impl Into<PlacedProblem>) -> LogError {
         let (path, position) = (self.path.clone(), self.position(line));
         LogError::At { path, position, problem: problem.into() }
     }
 
-    /// The error of a table that cannot be read.
+    /// Makes the error for a table that cannot be read.
     pub(crate) fn table_error(&self, problem: TableError) -> LogError {
         match problem {
             TableError::Io(source) => LogError::Io { path: self.path.clone(), source },
@@ -325,14 +325,14 @@ impl LogSource {
         }
     }
 
-    /// The error of rows that are not those of the file beside it.
+    /// Makes the error for rows that do not match the companion's.
     pub(crate) fn mismatch(&self, problem: RowMismatch) -> LogError {
         let companion = self.companion.as_ref().map(|companion| companion.path.clone());
         let companion = companion.unwrap_or_default();
         LogError::RowMismatch { path: self.path.clone(), companion, problem }
     }
 
-    /// The error of a failed read of text.
+    /// Makes the error for a failed read of text.
     pub(crate) fn error(&self, source: impl Into<io::Error>) -> LogError {
         use io::ErrorKind::{InvalidData, InvalidInput, Other, UnexpectedEof};
         let path = self.path.clone();
@@ -353,12 +353,12 @@ impl LogSource {
     }
 }
 
-/// How many times its size a compressed log may unpack to, beyond 64 MB. A log of numbers that were measured takes a
-/// third to a twentieth of its text when compressed; what unpacks to a thousand times its size costs time and says
-/// nothing.
+/// Largest ratio of unpacked to compressed size, beyond 64 MB. A log of measured numbers compresses to
+/// between a third and a twentieth of its text; a file that unpacks to a thousand times its size takes time
+/// and is useless.
 const UNPACKED_RATIO: u64 = 128;
 
-/// A decoder that may give `left` more bytes.
+/// A decoder that may return `left` more bytes.
 struct Unpacked<D> {
     decoder: D,
     left: u64,
@@ -381,27 +381,27 @@ impl<D: Read> Read for Unpacked<D> {
 /// The text of a log from its start.
 pub(crate) type ByteStream = Box<dyn Read + Send>;
 
-/// What is counted while files on disk are read.
+/// Counters of the bytes read from files on disk.
 #[derive(Clone, Default)]
 pub(crate) struct ReadMeter {
-    /// The bytes that have been read.
+    /// Number of bytes read.
     pub(crate) bytes: Arc<AtomicU64>,
-    /// The checksum of the file that is being read, where it is asked for.
+    /// The checksum of the current file, if requested.
     checksum: Option<Arc<Mutex<XxHash3_128>>>,
 }
 
 impl ReadMeter {
-    /// Begins another file.
+    /// Starts another file.
     pub(crate) fn begin(&mut self, checksum: bool) {
         self.checksum = checksum.then(Arc::default);
     }
 
-    /// Counts bytes that have been read.
+    /// Adds to the number of bytes read.
     pub(crate) fn count(&self, bytes: u64) {
         self.bytes.fetch_add(bytes, Ordering::Relaxed);
     }
 
-    /// The checksum of a file that has been read to its end.
+    /// Returns the checksum of a file that has been read to its end.
     pub(crate) fn checksum(&self) -> Option<String> {
         self.checksum.as_ref().map(|checksum| checksum::text(&lock(checksum)))
     }
@@ -411,7 +411,7 @@ impl ReadMeter {
 struct CountedStream<R> {
     stream: R,
     meter: ReadMeter,
-    /// How many bytes of the file have not been counted.
+    /// Number of bytes of the file that have not been counted.
     left: u64,
 }
 

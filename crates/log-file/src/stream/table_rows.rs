@@ -1,4 +1,4 @@
-//! The rows of a log that is a table, or has one beside it, part by part.
+//! The rows of a log with at least one table, possibly with a companion, part by part.
 
 use table_file::{Cell, ColumnPart, TablePart, TableStream, WantedColumn};
 
@@ -7,22 +7,22 @@ use super::source::{LogSource, ReadMeter};
 use super::text_rows::TextRows;
 use crate::error::LogError;
 
-/// Rows before a part that go with it.
+/// Number of preceding rows that accompany a part.
 const CONTEXT_ROWS: usize = 8;
 
 /// Some rows of a table.
 #[derive(Debug, Default)]
 pub(crate) struct RowPart {
     pub(crate) part: TablePart,
-    /// The rows just before them.
+    /// The rows just before this part.
     pub(crate) before: TablePart,
-    /// The number of their first row in the log, from 0.
+    /// The index of the first row in the log, from 0.
     pub(crate) row: u64,
-    /// What a text with these rows would call its line.
+    /// The line number of the first row in an equivalent text.
     pub(crate) line: u64,
 }
 
-/// The rows of a log that are wanted, from its first on.
+/// A stream of the requested rows of a log, from the first row on.
 pub(crate) struct TableRows<'a> {
     sides: Vec<TableSide<'a>>,
     part_rows: usize,
@@ -31,16 +31,16 @@ pub(crate) struct TableRows<'a> {
     before: TablePart,
     ended: bool,
     meter: ReadMeter,
-    /// How many bytes of the file have not been counted.
+    /// Number of bytes of the file that have not been counted.
     bytes_left: u64,
 }
 
-/// One of the files whose columns stand side by side.
+/// One of the files whose columns are joined.
 struct TableSide<'a> {
     source: &'a LogSource,
     rows: SideRows,
     wanted: Vec<WantedColumn>,
-    /// Where its columns are among all that are wanted.
+    /// Positions of its columns among all requested columns.
     places: Vec<usize>,
     part: TablePart,
 }
@@ -51,8 +51,8 @@ enum SideRows {
 }
 
 impl<'a> TableSide<'a> {
-    /// The columns of `source`, which are those of the log from `columns.start` on; its rows begin at line
-    /// `rows_line` of the log's text.
+    /// Opens the columns of `source`, which have the positions `columns` in the log; the log's rows begin at
+    /// line `rows_line` of its text.
     fn new(
         source: &'a LogSource,
         wanted: &[WantedColumn],
@@ -74,7 +74,7 @@ impl<'a> TableSide<'a> {
             None => SideRows::Text(TextRows::new(source.open_alone()?)),
         };
         let mut side = Self { source, rows, wanted, places, part: TablePart::default() };
-        // Lines above the rows are rows of a file without names of its own.
+        // In a file without names, the lines above the rows are rows of the table.
         let has_names = table.is_some_and(|table| table.columns.is_some());
         let above = rows_line - 1 - u64::from(has_names);
         for _ in 0..above {
@@ -95,7 +95,7 @@ impl<'a> TableSide<'a> {
 }
 
 impl<'a> TableRows<'a> {
-    /// The rows of `source` from those of line `rows_line` on, of which about `part_bytes` make a part.
+    /// Opens the rows of `source` from line `rows_line` on, in parts of about `part_bytes` bytes.
     pub(crate) fn new(
         source: &'a LogSource,
         wanted: &[WantedColumn],
@@ -127,14 +127,14 @@ impl<'a> TableRows<'a> {
         })
     }
 
-    /// Whether all rows have been read.
+    /// Returns true if all rows have been read.
     pub(crate) fn ended(&self) -> bool {
         self.ended
     }
 
-    /// Puts the next rows into `rows`; `false` if there are no more.
+    /// Reads the next rows into `rows`; `false` if there are no more.
     pub(crate) fn next(&mut self, rows: &mut RowPart) -> Result<bool, LogError> {
-        // Remains set if reading fails: there is no part after an error.
+        // Stays set if reading fails: there is no part after an error.
         if std::mem::replace(&mut self.ended, true) {
             return Ok(false);
         }
@@ -143,7 +143,7 @@ impl<'a> TableRows<'a> {
         part.columns.resize_with(columns, ColumnPart::default);
         for side in self.sides.iter_mut().rev() {
             side.next(self.part_rows)?;
-            // What the part had is memory for the next rows.
+            // Swapped, so that the memory of the part is reused for the next rows.
             for (column, &place) in side.part.columns.iter_mut().zip(&side.places) {
                 std::mem::swap(column, &mut part.columns[place]);
             }
@@ -169,7 +169,7 @@ impl<'a> TableRows<'a> {
     }
 }
 
-/// A few rows at the end of a part.
+/// Returns the last few rows of a part.
 fn last_rows(part: &TablePart) -> TablePart {
     let from = part.rows.saturating_sub(CONTEXT_ROWS);
     let rows_of = |rows: &[usize]| -> Vec<usize> {

@@ -1,4 +1,4 @@
-//! The rows of a text beside which a table stands, as texts of columns.
+//! The rows of a text that is joined with a table, as columns of texts.
 
 use std::io::{BufRead, BufReader};
 
@@ -12,24 +12,24 @@ use crate::error::{LogError, PlacedProblem};
 use crate::parse::number::with_points;
 use crate::parse::rows::{is_comment, quoted_fields};
 
-/// The rows of a text: its lines but for blank ones and comments.
+/// The rows of a text: its lines except blank ones and comments.
 pub(crate) struct TextRows {
     lines: BufReader<ByteStream>,
     line: Vec<u8>,
-    /// The number of that line.
+    /// The number of the current line.
     number: u64,
-    /// What stands between fields, once a line has told.
+    /// The separator, once a line has shown it.
     separator: Option<u8>,
 }
 
 impl TextRows {
-    /// From the first line on.
+    /// Starts at the first line.
     pub(crate) fn new(text: ByteStream) -> Self {
         let lines = BufReader::with_capacity(1 << 16, text);
         Self { lines, line: Vec::new(), number: 0, separator: None }
     }
 
-    /// The fields of the next row; `None` if there are no more.
+    /// Returns the fields of the next row; `None` if there are no more.
     pub(crate) fn next(&mut self, source: &LogSource) -> Result<Option<Vec<String>>, LogError> {
         loop {
             self.line.clear();
@@ -54,7 +54,7 @@ impl TextRows {
         }
     }
 
-    /// Adds at most so many of the next rows to a part that has none.
+    /// Appends at most `rows` of the next rows to an empty part.
     pub(crate) fn fill(
         &mut self,
         source: &LogSource,
@@ -77,7 +77,7 @@ impl TextRows {
         Ok(part.rows > 0)
     }
 
-    /// The first lines, with commas between the fields.
+    /// Returns the first lines with commas between the fields.
     pub(crate) fn head(mut self, source: &LogSource, lines: usize) -> Result<Vec<u8>, LogError> {
         let mut text = Vec::new();
         for _ in 0..lines {

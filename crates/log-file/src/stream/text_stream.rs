@@ -1,8 +1,8 @@
-//! Text that is made piece by piece, as a stream of bytes.
+//! A byte stream of text that is generated piece by piece.
 
 use std::io::{self, Read};
 
-/// Text that is made piece by piece, as a stream.
+/// A byte stream of text that is generated piece by piece.
 pub(crate) struct TextStream<F> {
     append: F,
     text: Vec<u8>,
@@ -11,8 +11,8 @@ pub(crate) struct TextStream<F> {
 }
 
 impl<F: FnMut(&mut Vec<u8>) -> io::Result<bool>> TextStream<F> {
-    /// The text that `append` makes, after `text`: it appends the next piece, and returns `false` once there is none
-    /// behind it. There is none after an error.
+    /// Streams `text`, followed by the pieces that `append` generates: it appends the next piece, and returns
+    /// `false` if that was the last one. The stream ends after an error.
     pub(crate) fn new(text: Vec<u8>, append: F) -> Self {
         Self { append, text, at: 0, ended: false }
     }
@@ -23,7 +23,7 @@ impl<F: FnMut(&mut Vec<u8>) -> io::Result<bool>> Read for TextStream<F> {
         while self.at == self.text.len() && !self.ended {
             self.text.clear();
             self.at = 0;
-            // Set until the next piece is there: there is none after an error.
+            // Set until the next piece is complete, so that the stream ends after an error.
             self.ended = true;
             self.ended = !(self.append)(&mut self.text)?;
         }

@@ -1,12 +1,12 @@
-//! UTF-16 as UTF-8: what Excel calls Unicode text.
+//! Conversion of UTF-16, which Excel calls Unicode text, to UTF-8.
 
 use std::io::Read;
 
 use super::text_stream::TextStream;
 
-/// The text of a stream of UTF-16, without its byte-order mark. What is no character becomes U+FFFD.
+/// Converts a UTF-16 stream without its byte-order mark. Invalid code units become U+FFFD.
 pub(crate) fn as_utf8(mut stream: impl Read, high_first: bool) -> impl Read {
-    // Bytes that have been read and not decoded: an odd one, half of a pair.
+    // Bytes that are read but not decoded: an odd byte, and half of a surrogate pair.
     let mut rest = Vec::new();
     let mut has_begun = false;
     TextStream::new(Vec::new(), move |text| {
@@ -25,7 +25,7 @@ pub(crate) fn as_utf8(mut stream: impl Read, high_first: bool) -> impl Read {
             })
             .collect();
         let mut left = odd.len();
-        // The first half of a pair waits for the second.
+        // The first half of a surrogate pair waits for the second.
         if !ended && units.last().is_some_and(|unit| (0xd800..0xdc00).contains(unit)) {
             units.pop();
             left += 2;
@@ -50,7 +50,7 @@ mod tests {
 
     use super::*;
 
-    /// A stream that gives a few bytes at a time.
+    /// A stream that returns a few bytes at a time.
     struct Dripping<'a>(&'a [u8], usize);
 
     impl Read for Dripping<'_> {

@@ -1,14 +1,14 @@
-//! Text compressed with Zstandard (RFC 8878): frames one after the other, of which some hold nothing.
+//! Decompression of Zstandard (RFC 8878): consecutive frames, including skippable ones.
 
 use std::io::{self, BufRead, Read};
 
 use ruzstd::decoding::errors::{FrameDecoderError, ReadFrameHeaderError};
 use ruzstd::decoding::{BlockDecodingStrategy, FrameDecoder};
 
-/// The largest window that is kept, which is what the reference decoder allows.
+/// The largest window in bytes, the same as in the reference decoder.
 const WINDOW: u64 = 128 << 20;
 
-/// The content of a compressed stream.
+/// The decompressed content of a stream.
 pub(crate) struct Zstd<R> {
     stream: R,
     decoder: FrameDecoder,
@@ -22,7 +22,7 @@ impl<R: BufRead> Zstd<R> {
         Self { stream, decoder, in_frame: false }
     }
 
-    /// Begins the next frame; `false` if there is none.
+    /// Starts the next frame; `false` if there is none.
     fn next_frame(&mut self) -> io::Result<bool> {
         use FrameDecoderError::ReadFrameHeaderError as Header;
         while !self.stream.fill_buf()?.is_empty() {
@@ -42,7 +42,7 @@ impl<R: BufRead> Zstd<R> {
     }
 }
 
-/// Whether a file begins as one.
+/// Returns true if a file begins with a Zstandard frame.
 pub(crate) fn begins(start: &[u8]) -> bool {
     matches!(start, [0x28, 0xb5, 0x2f, 0xfd, ..] | [0x50..=0x5f, 0x2a, 0x4d, 0x18, ..])
 }

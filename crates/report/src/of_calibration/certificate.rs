@@ -1,4 +1,4 @@
-//! A certificate: one page to print, in the terms of the GUM (JCGM 100:2008).
+//! A certificate: one printable page, in the terms of the GUM (JCGM 100:2008).
 
 use std::fmt::Write;
 
@@ -13,51 +13,50 @@ use calibration_file::CalibrationFile;
 use serde::Serialize;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// The share of values that an expanded uncertainty is to hold.
+/// The coverage probability of an expanded uncertainty.
 const LEVEL: f64 = 0.95;
 
-/// The coverage factor where no degrees of freedom are known: 95 % of normal errors.
+/// The coverage factor if no degrees of freedom are known: 95 % of normal errors.
 const COVERAGE: f64 = 2.0;
 
-/// What a certificate says. N and N·m.
+/// The content of a certificate, N and N·m.
 #[derive(Clone, Debug)]
 pub struct Certificate<'a> {
-    /// What it is about, and where it comes from.
     pub heading: Heading<'a>,
-    /// The calibration file.
     pub file: &'a CalibrationFile,
-    /// Its name.
+    /// The name of the file.
     pub name: &'a str,
-    /// Its checksum.
+    /// The checksum of the file.
     pub checksum: &'a str,
-    /// What the uncertainty consists of.
+    /// The uncertainty budget.
     pub budget: &'a [Contribution],
-    /// What is to be said of the 95 % intervals of single frames.
+    /// A statement on the 95 % intervals of single frames.
     pub intervals: &'a str,
-    /// Known weights beside what the sensor said of them.
+    /// Known weights, with the loads that the sensor measured.
     pub weights: &'a [CheckedLoad],
-    /// Weights, and axes of them, that were to be compared and could not.
+    /// Weights, and axes of weights, whose comparison was requested but impossible.
     pub not_compared: &'a [String],
 }
 
 /// A line of an uncertainty budget.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contribution {
-    /// What makes the wrench uncertain.
+    /// The source of the uncertainty.
     pub source: &'static str,
-    /// How its uncertainty was evaluated (GUM, 3.3.4): "A" from observations, "B" from what was known before.
+    /// The type of evaluation (GUM, 3.3.4): "A" from observations, "B" from prior knowledge.
     pub evaluation: &'static str,
-    /// Where the number comes from, or why there is none.
+    /// The origin of the number, or the reason for its absence.
     pub basis: String,
-    /// The standard uncertainty of each axis, if it is known.
+    /// The standard uncertainty of each axis, if known.
     pub standard: Option<PerAxis<f64>>,
-    /// Its degrees of freedom (GUM, G.3.3): how many observations tell it. `None` where it is taken as exact.
+    /// The degrees of freedom (GUM, G.3.3) from the number of observations; `None` if the uncertainty is
+    /// taken as exact.
     pub degrees_of_freedom: Option<f64>,
-    /// Whether another line has it already.
+    /// True if another line already includes it.
     pub is_part: bool,
 }
 
-/// Degrees of freedom with as many digits as matter.
+/// Formats degrees of freedom with the significant digits only.
 fn digits(degrees: f64) -> String {
     match degrees.is_finite() {
         true => significant(degrees, usize::max(2, degrees.log10() as usize + 1)),
@@ -65,39 +64,39 @@ fn digits(degrees: f64) -> String {
     }
 }
 
-/// A known weight beside what the sensor says.
+/// A known weight and the sensor's measurement of it.
 #[derive(Clone, Debug, Serialize)]
 pub struct CheckedLoad {
     /// The label of the weight.
     pub group: String,
-    /// The weight in words.
+    /// A description of the weight.
     pub load: String,
-    /// What it is, N and N·m.
+    /// The stated load, N and N·m.
     pub stated: PerAxis<f64>,
-    /// What the sensor says, N and N·m.
+    /// The measured load, N and N·m.
     pub measured: PerAxis<f64>,
-    /// How far these may differ.
+    /// The allowed difference.
     pub allowed: PerAxis<f64>,
-    /// The calibrated axes that differ by more.
+    /// The calibrated axes with a larger difference.
     pub off: Axes,
-    /// Whether it is so light that no weight at all would pass as well.
+    /// True if the weight is so light that an unloaded sensor would pass as well.
     pub cannot_tell: bool,
-    /// The angle between the force that was measured and the stated one, degrees, where they are as large and it is more
-    /// than may be.
+    /// The angle between the measured and the stated force, degrees, if their magnitudes agree and the angle
+    /// exceeds the limit.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turned_deg: Option<f64>,
 }
 
 impl Certificate<'_> {
-    /// The combined standard uncertainty of each axis: the root of the sum of the squares that are known (GUM, 5.1.2).
+    /// The combined standard uncertainty of each axis: the root of the sum of the known squares (GUM, 5.1.2).
     pub fn combined(&self) -> PerAxis<f64> {
         let parts = self.budget.iter().filter(|of| !of.is_part).filter_map(|of| of.standard);
         let squares = |axis: usize| parts.clone().map(move |part| part[axis] * part[axis]);
         std::array::from_fn(|axis| squares(axis).fold(0.0, |sum, square| sum + square).sqrt())
     }
 
-    /// The effective degrees of freedom of each axis by the formula of Welch and Satterthwaite (GUM, G.4.1); infinite where
-    /// all uncertainties are taken as exact.
+    /// The effective degrees of freedom of each axis by the Welch-Satterthwaite formula (GUM, G.4.1);
+    /// infinite if all uncertainties are taken as exact.
     pub fn degrees_of_freedom(&self) -> PerAxis<f64> {
         let combined = self.combined();
         let parts = self.budget.iter().filter(|of| !of.is_part);
@@ -109,8 +108,8 @@ impl Certificate<'_> {
         })
     }
 
-    /// The coverage factor of each axis: that of 95 % of Student's t (GUM, G.6.4), 2 where nothing limits the degrees of
-    /// freedom.
+    /// The coverage factor of each axis: the 95 % quantile of Student's t (GUM, G.6.4), or 2 for infinite
+    /// degrees of freedom.
     pub fn coverage(&self) -> PerAxis<f64> {
         self.degrees_of_freedom().map(|degrees| match degrees.is_finite() {
             true => student_quantile(LEVEL, degrees),
@@ -189,7 +188,7 @@ impl Certificate<'_> {
         html
     }
 
-    /// What the line of the expanded uncertainty is called, and where it comes from.
+    /// The label of the expanded uncertainty, and its basis.
     fn coverage_words(&self) -> (String, String) {
         let (coverage, degrees) = (self.coverage(), self.degrees_of_freedom());
         let axes = || self.file.calibration.axes.iter().map(|axis| axis.index());

@@ -1,4 +1,4 @@
-//! What a calibration must not be used for, as far as its own fit tells.
+//! Limits on the use of a calibration, as far as its own fit shows them.
 
 use super::super::units::ColumnUnit;
 use super::CalibrationReport;
@@ -6,13 +6,13 @@ use calibration::fit::FewGroups;
 use calibration::validation::cross_validation::CrossValidation;
 use shell_data::wrench::Axis;
 
-/// A condition of the loads' correlation from which axes are poorly told apart.
+/// The condition number of the loads' correlation above which axes are poorly separated.
 const POOR_CONDITION: f64 = 10.0;
 
-/// The share of test rows outside the range of the training data that is worth a word.
+/// The share of test rows outside the range of the training data above which it is reported.
 const MUCH_OUTSIDE: f64 = 0.05;
 
-/// In sentences, the most important first.
+/// The limits as sentences, the most important first.
 pub(super) fn limits(report: &CalibrationReport<'_>) -> Vec<String> {
     let mut limits = Vec::new();
     let (fit, axes) = (report.fit, report.file.calibration.axes);

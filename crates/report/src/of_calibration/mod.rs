@@ -1,4 +1,4 @@
-//! The report of a calibration: how far it can be trusted, and what for.
+//! The report of a calibration: its reliability, and its limits.
 
 mod certificate;
 mod limits;
@@ -25,31 +25,30 @@ use figures::{FitPlot, Size, coverage_figure, fit_figure};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Groups that are shown at once: those with the largest errors.
+/// Number of groups shown at once, those with the largest errors.
 const WORST: usize = 10;
 
-/// Groups that are listed at all: a report is to stay readable.
+/// The maximum number of groups listed: a report should stay readable.
 const MOST_GROUPS: usize = 1000;
 
-/// So many loads are drawn of the training rows, and as many of the test rows.
+/// Number of loads plotted from the training rows, and as many from the test rows.
 const LOADS: u64 = 600;
 
-/// A fit, and what its report says beside it.
+/// A fit with the other content of its report.
 #[derive(Clone, Debug)]
 pub struct CalibrationReport<'a> {
-    /// The fit.
     pub fit: &'a Fit,
-    /// Its calibration file.
+    /// The calibration file of the fit.
     pub file: &'a CalibrationFile,
-    /// The name of that.
+    /// The name of the file.
     pub name: &'a str,
-    /// How to make it again.
+    /// The command that reproduces it.
     pub command: &'a str,
-    /// Suspicious rows, if they were looked for.
+    /// Suspicious rows, if the check for them was requested.
     pub outliers: Option<OutlierTable>,
 }
 
-/// Adds predictions for rows, and what they have measured, to a figure.
+/// Adds predictions and measurements of rows to a figure.
 pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset) {
     let mut predicted = PerAxis::default();
     for (_, block) in data.blocks() {
@@ -58,7 +57,8 @@ pub fn add_to_plot(plot: &mut FitPlot, calibration: &Calibration, data: &Dataset
     }
 }
 
-/// Predictions and measurements of the rows that were used, for a figure; of the test rows if there are any.
+/// Predictions and measurements of the rows used, for figures of the training rows and, if any, of the test
+/// rows.
 pub fn plots(fit: &Fit) -> (FitPlot, Option<FitPlot>) {
     let plot = |data| {
         let mut plot = FitPlot::default();
@@ -72,7 +72,7 @@ impl CalibrationReport<'_> {
     /// The report as the content of an HTML file.
     ///
     /// # Errors
-    /// [`FitError`] if the errors of groups cannot be found.
+    /// [`FitError`] if the errors of groups cannot be computed.
     pub fn html(&self) -> Result<String, FitError> {
         let Self { fit, file, command, .. } = *self;
         let calibration = &file.calibration;
@@ -100,7 +100,7 @@ impl CalibrationReport<'_> {
     }
 }
 
-/// The rows that were fitted, by poses where those are known.
+/// The fitted rows, grouped by pose if poses are known.
 fn labelled(fit: &Fit) -> Dataset {
     let has_poses = match (fit.group_by, &fit.method) {
         (None, _) => false,
@@ -160,7 +160,7 @@ fn predicted(report: &CalibrationReport<'_>, title: &str) -> String {
     drawing("predicted", &svg, &alt, &caption)
 }
 
-/// `svg` shows the loads of training and test rows.
+/// The section on the loads; `svg` plots the loads of training and test rows.
 fn coverage(report: &CalibrationReport<'_>, svg: &str) -> String {
     let Some(excitation) = &report.fit.excitation else { return String::new() };
     let axes = report.file.calibration.axes;
@@ -203,7 +203,7 @@ fn loads(excitation: &Excitation, axes: Axes) -> Vec<Column> {
     ]
 }
 
-/// The groups with the largest errors, and all of them, folded.
+/// The groups with the largest errors, and a collapsed list of all groups.
 fn by_group(rows: &[(&str, &GroupErrors)], axes: Axes) -> String {
     if rows.len() < 2 {
         return String::new();
@@ -239,7 +239,7 @@ fn by_group(rows: &[(&str, &GroupErrors)], axes: Axes) -> String {
     html
 }
 
-/// The root mean square of predicted less measured.
+/// The RMS of predicted minus measured.
 fn rms(group: &GroupErrors, axis: Axis) -> f64 {
     group.errors[axis.index()].quality().map_or(f64::NAN, |quality| quality.rms)
 }

@@ -1,5 +1,5 @@
-//! What the trials were made for, before all else: the effect of each condition, with its interval; then the
-//! statistics by condition, and forces over a stride.
+//! The comparison of conditions, which is the purpose of the trials: first the effect of each condition with
+//! its interval, then the statistics by condition, and forces over a stride.
 
 use std::fmt::Write;
 
@@ -17,7 +17,7 @@ struct Compared<'a> {
 }
 
 impl<'a> Compared<'a> {
-    /// `None` where there are no rows.
+    /// Returns `None` without rows.
     fn new(quantity: Quantity, rows: Vec<&'a ConditionRow>) -> Option<Self> {
         let scale = ColumnUnit::new(quantity.unit(), rows.iter().map(|row| row.statistics.mean));
         (!rows.is_empty()).then_some(Self { quantity, rows, scale })
@@ -66,7 +66,7 @@ pub(super) fn effect(report: &Report<'_>, plots: &Plots) -> String {
     html + &table("Mean per trial, with the half width of its 95 % interval", &columns)
 }
 
-/// A sentence for every quantity: how conditions differ from the reference.
+/// A sentence for every quantity on the differences of conditions from the reference.
 fn answers(compared: &[Compared<'_>], reference: &str) -> String {
     let mut html = String::new();
     for Compared { quantity, rows, scale } in compared {
@@ -144,7 +144,7 @@ pub(super) fn conditions(report: &Report<'_>, plots: &Plots) -> String {
     html
 }
 
-/// Plots side by side, if there are any.
+/// Plots side by side, if any.
 pub(super) fn side_by_side(name: &str, plots: &[Plot]) -> String {
     let figure = |(at, plot): (usize, &Plot)| {
         plot_figure(&format!("{name}-{at}"), "", &plot.alt, &plot.caption)

@@ -15,7 +15,6 @@ use super::markup::{Column, PageSection, escape, facts_table, reproduction, tabl
 use super::numbers::Plots;
 use trial::{Severity, TrialResult};
 
-/// All of them, from top to bottom.
 pub(super) fn of(report: &Report<'_>, plots: &Plots) -> Vec<PageSection> {
     vec![
         ("effect", "What came out", effect(report, plots)),
@@ -29,7 +28,7 @@ pub(super) fn of(report: &Report<'_>, plots: &Plots) -> Vec<PageSection> {
     ]
 }
 
-/// Who made it, when, and of how many trials.
+/// The program, the date and the number of trials.
 pub(super) fn subtitle(report: &Report<'_>) -> String {
     let count = report.trials.len();
     let s = if count == 1 { "" } else { "s" };

@@ -1,4 +1,4 @@
-//! Trial by trial: tables, plots, strides.
+//! The results by trial: tables, plots, strides.
 
 use std::fmt::Write;
 
@@ -45,7 +45,7 @@ pub(super) fn trials(report: &Report<'_>, plots: &Plots) -> String {
     html
 }
 
-/// Where the plots of a trial are drawn.
+/// The containers for the plots of a trial.
 fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
     let mut html = String::new();
     if has_forces {
@@ -69,7 +69,7 @@ fn trial_plots(at: usize, row: &TrialRow, has_forces: bool) -> String {
     html
 }
 
-/// What answers, and, folded, what it was computed from. Every column has the unit that suits it.
+/// A table of the results and a collapsed one of the values behind them. Every column has a suitable unit.
 fn trial_tables(trials: &[TrialResult]) -> String {
     let rows = || trials.iter().map(|trial| &trial.row);
     let energies = rows().filter_map(|row| row.measures.drag_energy_j);

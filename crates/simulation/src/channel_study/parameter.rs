@@ -1,4 +1,4 @@
-//! The parameters of a channel by name, so that studies can change any of them, and a channel for every combination of
+//! The parameters of a channel by name, for studies that vary any of them, and grids over all combinations of
 //! values.
 
 use beam_channel::{Setup, SetupError};
@@ -7,20 +7,19 @@ use super::summary::{ChannelSummary, summarise};
 
 use Dimension::{Angle, Length, Number, Pressure};
 
-/// A parameter of a channel.
 #[derive(Clone, Copy, Debug)]
 pub struct Parameter {
     /// Its name on the command line.
     pub name: &'static str,
-    /// What it is measured in.
+    /// Its physical dimension.
     pub dimension: Dimension,
     position: Position,
 }
 
-/// The field of a set-up that holds it.
+/// Accesses the field of a set-up that holds the parameter.
 type Position = fn(&mut Setup) -> &mut f64;
 
-/// What a parameter is measured in.
+/// The physical dimension of a parameter, with its SI unit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dimension {
     /// m.
@@ -29,16 +28,16 @@ pub enum Dimension {
     Pressure,
     /// rad.
     Angle,
-    /// Nothing.
+    /// Dimensionless.
     Number,
 }
 
 impl Parameter {
-    /// Between the tips of opposite beams.
+    /// Distance between the tips of opposite beams.
     pub const WIDTH: Self = Self::new("width", Length, |setup| &mut setup.channel.width_m);
 
-    /// All of them: semi-axes of the body along and across its way; channel and beam; offset of the body from the
-    /// middle of the channel and turn of its nose, both to the left.
+    /// All parameters: semi-axes of the body along and across its path; channel and beam; offset of the body
+    /// from the middle of the channel and rotation of its nose, both to the left.
     pub const ALL: [Self; 11] = [
         Self::new("rx", Length, |setup| &mut setup.ellipse.semi_length_m),
         Self::new("ry", Length, |setup| &mut setup.ellipse.semi_width_m),
@@ -57,7 +56,7 @@ impl Parameter {
         Self { name, dimension, position }
     }
 
-    /// The one of this name.
+    /// The parameter with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|parameter| parameter.name == name)
     }
@@ -78,32 +77,32 @@ impl Parameter {
         *(self.position)(&mut setup.clone())
     }
 
-    /// Changes it in a set-up. All others stay as they are: a wider body is then deeper in.
+    /// Sets its value in a set-up. All others keep their values, so a wider body then reaches further between
+    /// the beams.
     pub fn set(self, setup: &mut Setup, value: f64) {
         *(self.position)(setup) = value;
     }
 }
 
-/// A parameter and the values it takes.
+/// A parameter with the values it takes.
 #[derive(Clone, Debug)]
 pub struct GridAxis {
-    /// The parameter.
     pub parameter: Parameter,
     /// Its values, SI.
     pub values: Vec<f64>,
 }
 
-/// One combination.
+/// One combination of values.
 #[derive(Clone, Debug)]
 pub struct GridCell {
-    /// A value of every axis.
+    /// A value for every axis.
     pub values: Vec<f64>,
-    /// What it comes to.
+    /// The result.
     pub outcome: Result<ChannelSummary, SetupError>,
 }
 
-/// Every combination of the values of `axes`, the last axis changing fastest; other parameters as
-/// in `setup`.
+/// Every combination of the values of `axes`, with the last axis changing fastest; other parameters as in
+/// `setup`.
 pub fn grid<'a>(setup: &'a Setup, axes: &'a [GridAxis]) -> impl Iterator<Item = GridCell> + 'a {
     let count: usize = axes.iter().map(|axis| axis.values.len()).product();
     (0..count).map(move |mut number| {

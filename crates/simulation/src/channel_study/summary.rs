@@ -1,52 +1,52 @@
-//! What a channel comes to: the figures of its plateau, its energy, and how far to trust them.
+//! The summary of a channel: the figures of its plateau, its energy, and diagnostics of their reliability.
 
 use beam_channel::{Model, Setup, SetupError, Side, Wall};
 use serde::Serialize;
 
-/// A channel in a few figures. Two figures belong to the left and to the right wall.
+/// A channel in a few figures. Pairs are for the left and the right wall.
 #[derive(Clone, Debug, Serialize)]
 pub struct ChannelSummary {
-    /// Between the tips of opposite beams, in m.
+    /// Distance between the tips of opposite beams, in m.
     pub width_m: f64,
-    /// How far a body in the middle pushes the tips aside at most, in m; negative if it passes free.
+    /// Maximum deflection of the tips by a body in the middle, in m; negative if it passes without contact.
     pub deflection_m: f64,
-    /// Where the body's middle is when it touches the first beam, in m past that beam.
+    /// Position of the body's middle when it touches the first beam, in m past that beam.
     pub first_contact_m: Option<f64>,
-    /// Where the body's middle is when the last beam slips off.
+    /// Position of the body's middle when the last beam slips off.
     pub last_contact_m: Option<f64>,
-    /// From where to where the body is wholly among the beams, in m.
+    /// The range of positions in which the body is wholly among the beams, in m.
     pub plateau_m: Option<[f64; 2]>,
-    /// Mean drag on the plateau in N; zero without contact, none without a plateau.
+    /// Mean drag on the plateau in N; zero without contact, `None` without a plateau.
     pub mean_drag_n: Option<f64>,
     /// The greatest drag on the plateau in N.
     pub peak_drag_n: Option<f64>,
-    /// Where that is first, in m.
+    /// The first position of the greatest drag, in m.
     pub peak_x_m: Option<f64>,
     /// The smallest drag on the plateau in N.
     pub minimum_drag_n: Option<f64>,
-    /// Where that is first, in m.
+    /// The first position of the smallest drag, in m.
     pub minimum_x_m: Option<f64>,
-    /// Mean number of beams that touch on the plateau.
+    /// Mean number of touching beams on the plateau.
     pub mean_contacts: Option<[f64; 2]>,
-    /// The smallest number.
+    /// The smallest number of touching beams.
     pub min_contacts: Option<[u32; 2]>,
-    /// The greatest number.
+    /// The greatest number of touching beams.
     pub max_contacts: Option<[u32; 2]>,
     /// Work on all beams in one crossing, in J.
     pub energy_j: f64,
-    /// Mean drag from the first contact to the last in N, which is what a trial's window holds; zero
-    /// without contact.
+    /// Mean drag from the first contact to the last in N, which is the window of a trial; zero without
+    /// contact.
     pub crossing_drag_n: f64,
-    /// What to know before trusting the figures.
+    /// Diagnostics of the figures' reliability.
     pub remarks: Vec<ChannelDiagnostic>,
 }
 
-/// A reason to look twice at a result.
+/// A reason to doubt a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, thiserror::Error)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum ChannelDiagnostic {
-    /// `d > L`.
+    /// The deflection exceeds the length of a beam: `d > L`.
     #[error(
         "the body reaches farther past the tips than a beam is long: it crosses the line of the bases and \
          beams turn past 90°, where the model is not valid"
@@ -55,7 +55,7 @@ pub enum ChannelDiagnostic {
     /// Tips snap across a part of the body.
     #[error("tips snap across a part of the body on which they cannot rest")]
     Snaps,
-    /// A yawed body meets faces before tips.
+    /// A yawed body touches faces before tips.
     #[error(
         "the body is yawed so far that it meets the beams' faces before their tips, which the model does \
          not know of"
@@ -77,16 +77,16 @@ pub enum ChannelDiagnostic {
     ShortPlateau,
 }
 
-/// Works out a channel.
+/// Computes the summary of a channel.
 ///
 /// # Errors
-/// [`SetupError`] if it makes no sense, or the body jams.
+/// [`SetupError`] if the set-up is invalid, or the body jams.
 pub fn summarise(setup: &Setup) -> Result<ChannelSummary, SetupError> {
     Ok(ChannelSummary::new(&Model::new(setup)?))
 }
 
 impl ChannelSummary {
-    /// The figures of a model.
+    /// The summary of a model.
     pub fn new(model: &Model) -> Self {
         let setup = model.setup();
         let sides = || Wall::BOTH.into_iter().filter_map(|wall| model.side(wall));

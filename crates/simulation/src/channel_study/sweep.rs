@@ -1,4 +1,4 @@
-//! A body on its way through a channel.
+//! Positions of a body along a channel, with the forces on it.
 
 use beam_channel::{Model, Total};
 use serde::Serialize;
@@ -8,13 +8,13 @@ use serde::Serialize;
 pub struct Course {
     /// The first position in m past the first beam.
     pub from_m: f64,
-    /// From one position to the next in m.
+    /// The distance between positions in m.
     pub step_m: f64,
-    /// Positions.
+    /// Number of positions.
     pub count: usize,
 }
 
-/// One position.
+/// The forces at one position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SweepRow {
     /// Position of the body's middle in m past the first beam.
@@ -25,31 +25,30 @@ pub struct SweepRow {
     pub fy_n: f64,
     /// Moment about the body's middle in N·m.
     pub mz_nm: f64,
-    /// Beams of the left wall that touch.
+    /// Number of touching beams of the left wall.
     pub contacts_left: u32,
-    /// Beams of the right wall that touch.
+    /// Number of touching beams of the right wall.
     pub contacts_right: u32,
 }
 
 impl Course {
-    /// Positions from `from_m` to `to_m`, both of them and every `step_m`.
+    /// Positions from `from_m` to `to_m`, both included, every `step_m`.
     pub fn new(from_m: f64, to_m: f64, step_m: f64) -> Self {
-        // A step that fits but for rounding does fit.
+        // Count a last step that fits except for rounding.
         let count = ((to_m - from_m) / step_m * (1.0 + 1e-12)).floor().max(0.0) as usize + 1;
         Self { from_m, step_m, count }
     }
 
-    /// The positions in order.
     pub fn positions(&self) -> impl Iterator<Item = f64> + '_ {
         (0..self.count).map(|i| self.from_m + self.step_m * i as f64)
     }
 
-    /// What the beams do to the body at every position.
+    /// The forces of the beams on the body at every position.
     pub fn rows<'a>(&'a self, model: &'a Model) -> impl Iterator<Item = SweepRow> + 'a {
         self.positions().map(|x_m| {
             let Total { fx_n, fy_n, mz_nm, contacts: [contacts_left, contacts_right] } =
                 model.total(x_m);
-            // Not −0 where nothing touches.
+            // Avoids −0 without contact.
             let drag_n = 0.0 - fx_n;
             SweepRow { x_m, drag_n, fy_n, mz_nm, contacts_left, contacts_right }
         })

@@ -1,31 +1,29 @@
-//! Where the reflectors are when the plate has moved: exact rigid-body geometry.
+//! The positions of the reflectors after the plate has moved: exact rigid-body geometry.
 //!
-//! A photointerrupter at (x, y, 0) looks along +z. Its reflector is a plane through (x, y, gap) of
-//! the plate at rest, with a normal tilted out of z. The plate turns by R and moves by d, so the
-//! plane goes through R p + d with normal R n, and the ray meets it at
-//! z = [(R n)·(R p + d) − (R n)ₓ x − (R n)ᵧ y] / (R n)_z.
+//! A photointerrupter at (x, y, 0) looks along +z. Its reflector is a plane through (x, y, gap) of the plate
+//! at rest, with a normal tilted out of z. The plate rotates by R and moves by d, so the plane goes through R
+//! p + d with normal R n, and the ray meets it at z = [(R n)·(R p + d) − (R n)ₓ x − (R n)ᵧ y] / (R n)_z.
 //!
-//! Left out: the spot on the reflector has a size, and a tilted reflector returns somewhat less
-//! light; over the fraction of a millimetre that the plate moves both are as good as constant, and
-//! a part of the channel's gain.
+//! Not modelled: the size of the spot on the reflector, and the slightly lower return of a tilted reflector.
+//! Over the fraction of a millimetre that the plate moves, both are nearly constant and part of the channel's
+//! gain.
 
 use super::springs::Displacement;
 
-/// A reflector above its photointerrupter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflector {
     /// Position of the photointerrupter on the board, m.
     pub position_m: [f64; 2],
     /// Distance at rest, m.
     pub gap_m: f64,
-    /// Rotation of the reflector about x, rad: it sees y (and z).
+    /// Rotation of the reflector about x, rad: it senses y (and z).
     pub tilt_x_rad: f64,
-    /// Rotation of the reflector about y, rad: it sees x (and z).
+    /// Rotation of the reflector about y, rad: it senses x (and z).
     pub tilt_y_rad: f64,
 }
 
 impl Reflector {
-    /// Unit normal at rest: z turned about x, then about y.
+    /// Unit normal at rest: z rotated about x, then about y.
     pub(super) fn normal(&self) -> [f64; 3] {
         let (sin_x, cos_x) = libm::sincos(self.tilt_x_rad);
         let (sin_y, cos_y) = libm::sincos(self.tilt_y_rad);
@@ -41,7 +39,7 @@ pub(super) struct RigidMotion {
 }
 
 impl RigidMotion {
-    /// From a displacement, its rotation by Rodrigues' formula.
+    /// Converts a displacement; its rotation is by Rodrigues' formula.
     pub(super) fn new(displacement: &Displacement) -> Self {
         let &[dx, dy, dz, rx, ry, rz] = displacement;
         let angle = (rx * rx + ry * ry + rz * rz).sqrt();
@@ -60,7 +58,7 @@ impl RigidMotion {
         Self { rotation, translation_m: [dx, dy, dz] }
     }
 
-    /// A vector, turned.
+    /// Rotates a vector.
     pub(super) fn turn(&self, vector: &[f64; 3]) -> [f64; 3] {
         let row = |r: [f64; 3]| r[0] * vector[0] + r[1] * vector[1] + r[2] * vector[2];
         self.rotation.map(row)
@@ -109,7 +107,7 @@ mod tests {
 
     #[test]
     fn a_large_rotation_about_y_meets_the_ray_where_trigonometry_says() {
-        // The plane z = g turned by θ about y: z cos θ + x sin θ = g.
+        // The plane z = g rotated by θ about y: z cos θ + x sin θ = g.
         let theta = 0.7_f64;
         let expected = (1.2e-3 - 0.02 * theta.sin()) / theta.cos();
         let z = gap(&FLAT, [0.0, 0.0, 0.0, 0.0, theta, 0.0]);

@@ -1,14 +1,12 @@
-//! Loads as hands put them on a shell, one contact after another, each a pose; and loads that somebody has written down.
+//! Loads as applied to a shell by hand, one contact after another, each a pose; and loads from a table.
 //!
-//! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper
-//! on the shell). In every pose a contact is made somewhere on it and goes through rise, dwell and
-//! fall; what touches sways a little, band-limited below 3 Hz. Poses take turns: a push, a pull
-//! with a twist (the shell held), a longer look at a push, taps. Contact points follow a
-//! low-discrepancy sequence (Roberts' R₂), so that even short recordings load every axis both ways;
-//! moments follow from force and place, as those of real pushes do.
+//! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper on the
+//! shell). In every pose a contact somewhere on it rises, dwells and falls, and sways a little, band-limited
+//! below 3 Hz. Poses alternate: a push, a pull with a twist (the shell held), a longer dwell at a push, taps.
+//! Contact points follow a low-discrepancy sequence (Roberts' R₂), so that even short recordings load every
+//! axis in both directions. Moments follow from force and position, as in real pushes.
 //!
-//! A load is a function of time alone, so that several sensors with clocks of their own can be
-//! under the same load.
+//! A load is a function of time alone, so several sensors with separate clocks can be under the same load.
 
 use std::f64::consts::{PI, TAU};
 
@@ -16,26 +14,26 @@ use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::{PerAxis, cross};
 
-/// Seconds from one contact to the next.
+/// Time between contacts, s.
 pub(crate) const POSE_S: f64 = 2.0;
 
 /// Half-axes of the shell, m.
 const SHELL_M: [f64; 3] = [0.09, 0.055, 0.045];
-/// Largest moment of the mean force of a contact, N·m: hands give way before the plate bottoms.
+/// Largest moment of the mean force of a contact, N·m: hands yield before the plate reaches its stop.
 const MOMENT_NM: f64 = 0.1;
 const RISE_S: f64 = 0.25;
 const REST_S: f64 = 0.1;
 const TAPS: u32 = 4;
 const TAP_S: f64 = 0.08;
 
-/// What is done to the shell during a recording.
+/// The load on the shell during a recording.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordingKind {
-    /// Loads to calibrate on.
+    /// Loads for a calibration.
     Training,
-    /// Other loads, to test a calibration on.
+    /// Other loads, for a test of a calibration.
     Test,
-    /// Nothing touches the shell.
+    /// No load.
     Zero,
 }
 
@@ -48,7 +46,7 @@ pub struct LoadScript {
 }
 
 impl LoadScript {
-    /// The loads of the recording of this kind that `seed` names; those of a test are never those of a training.
+    /// The loads of the recording of this kind with this seed; test loads never equal training loads.
     pub fn new(kind: RecordingKind, seed: u64) -> Self {
         let purpose = match kind {
             RecordingKind::Training => Purpose::TrainingPoses,
@@ -67,8 +65,7 @@ impl LoadScript {
 
     /// The wrench at `time_s` ≥ 0 since the start: N and N·m, shell frame.
     ///
-    /// The pose of the last call is kept, so that going forward in time costs least; the answer
-    /// does not depend on the calls before.
+    /// The last pose is cached, so ascending times are fastest; the result does not depend on earlier calls.
     pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
         let Some((purpose, seed)) = self.poses else {
             return [0.0; 6];
@@ -95,7 +92,7 @@ struct ShellContact {
     taps: bool,
 }
 
-/// A force that comes and goes.
+/// A force that varies sinusoidally.
 #[derive(Clone, Copy, Debug)]
 struct Sway {
     force_n: [f64; 3],
@@ -155,7 +152,7 @@ impl ShellContact {
     }
 }
 
-/// Rise, dwell, fall, rest: between 0 and 1, continuous with two derivatives.
+/// Rise, dwell, fall, rest: between 0 and 1, with two continuous derivatives.
 fn contact(time_s: f64) -> f64 {
     smooth_step(time_s / RISE_S) * smooth_step((POSE_S - REST_S - time_s) / RISE_S)
 }
@@ -171,7 +168,7 @@ fn taps(time_s: f64) -> f64 {
     sin * sin
 }
 
-/// From 0 at x ≤ 0 to 1 at x ≥ 1, continuous with two derivatives.
+/// From 0 at x ≤ 0 to 1 at x ≥ 1, with two continuous derivatives.
 fn smooth_step(x: f64) -> f64 {
     let x = x.clamp(0.0, 1.0);
     x * x * x * (10.0 + x * (6.0 * x - 15.0))
@@ -186,7 +183,7 @@ fn unit(v: [f64; 3]) -> [f64; 3] {
     v.map(|x| x / norm)
 }
 
-/// Wrenches at times, with straight lines between them, over and over.
+/// Wrenches at given times, interpolated linearly and repeated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadTable {
     times_s: Vec<f64>,
@@ -194,10 +191,10 @@ pub struct LoadTable {
 }
 
 impl LoadTable {
-    /// Of one row per time; the first time is the start.
+    /// Creates a table with one row per time; the first time is the start.
     ///
     /// # Errors
-    /// [`SimulationError`] if there are no rows, a time does not come after that of the row before, or a number is
+    /// [`SimulationError`] if there are no rows, a time is not later than the previous one, or a number is
     /// not finite.
     pub fn new(
         rows: impl IntoIterator<Item = (f64, PerAxis<f64>)>,
@@ -218,15 +215,14 @@ impl LoadTable {
         Ok(Self { times_s, wrenches })
     }
 
-    /// The wrench (N and N·m) at `time_s` ≥ 0 since the start. The last row leads back to the first
-    /// at once.
+    /// The wrench (N and N·m) at `time_s` ≥ 0 since the start. After the last row the first follows at once.
     pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
         let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
         if last == first {
             return self.wrenches[0];
         }
         let time_s = first + time_s % (last - first);
-        // The first row after this moment: never the first of all.
+        // The first row after this time, which is never the first of all.
         let after = self.times_s.partition_point(|&at| at <= time_s);
         let Some(&right_s) = self.times_s.get(after) else {
             return self.wrenches[after - 1];

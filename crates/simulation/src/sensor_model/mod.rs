@@ -1,4 +1,4 @@
-//! The instrument as physics: from a wrench on the shell to eight readings.
+//! A physical model of the instrument: from a wrench on the shell to eight readings.
 //!
 //! ```text
 //! wrench ─ springs ─► displacement ─ geometry ─► eight gaps ─ response ─► light ─► counts
@@ -6,16 +6,16 @@
 //!          hysteresis                 reflectors                ambient
 //! ```
 //!
-//! [`SensorModel`] takes a time and a wrench and gives a [`SimulatedFrame`], one after another, with no
-//! memory but that of the springs; [`LoadScript`] says which wrench, [`ReferenceSensor`] what a
-//! reference sensor makes of it, and [`SensorRecording`] puts them together row by row.
+//! [`SensorModel`] takes a time and a wrench and returns a [`SimulatedFrame`], one after another; only the
+//! springs have a memory. [`LoadScript`] provides the wrench, [`ReferenceSensor`] the measurement of it by a
+//! reference sensor, and [`SensorRecording`] combines them row by row.
 //!
-//! Everything is a function of parameters and seeds, to the last bit and on every machine: random
-//! numbers from ChaCha, elementary functions from `libm`, sums in a fixed order.
+//! All results are functions of parameters and seeds, to the last bit and on every machine: random numbers
+//! from ChaCha, elementary functions from `libm`, sums in a fixed order.
 //!
-//! Left out: the mass of the plate (its resonance, above 100 Hz, is far above what a hand can
-//! excite), light from one channel in another (one emitter is lit at a time), and, but on the simulated
-//! board, the time between the conversions of the eight channels (a frame is one moment).
+//! Not modelled: the mass of the plate (its resonance, above 100 Hz, is far above what a hand can excite),
+//! light from one channel in another (one emitter is lit at a time), and, except on the simulated board, the
+//! time between the conversions of the eight channels (a frame is one instant).
 
 mod geometry;
 mod load;
@@ -43,22 +43,22 @@ use shell_data::wrench::PerAxis;
 /// Eight readings at one time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SimulatedFrame {
-    /// In counts, ambient subtracted.
+    /// In counts, with ambient light subtracted.
     pub readings: [u16; 8],
-    /// Bit i is set where reading i has met an end of the converter's range.
+    /// Bit i is set if reading i has reached an end of the converter's range.
     pub saturated: u8,
 }
 
-/// What one photointerrupter sees at a moment, as fractions of the full scale.
+/// The light on one photointerrupter at one instant, as fractions of the full scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure {
     /// Light of its emitter.
     pub light: f64,
-    /// What the subtraction of ambient light leaves.
+    /// Residual of the subtraction of ambient light.
     pub dark: f64,
 }
 
-/// The largest load that a frame is computed for, N or N·m: past it there is no instrument left.
+/// The largest load of a frame, N or N·m: the instrument does not survive more.
 pub const LIMIT: f64 = 1e6;
 
 /// One instrument during one recording.
@@ -74,8 +74,7 @@ pub struct SensorModel {
 }
 
 impl SensorModel {
-    /// The instrument that `unit` describes ([`SensorParameters::unit`]), in the recording that `seed`
-    /// names, with no load so far.
+    /// The instrument `unit` ([`SensorParameters::unit`]) in the recording `seed`, without load so far.
     ///
     /// # Errors
     /// [`SimulationError`] if the springs leave the plate loose or the converter cannot be modelled.
@@ -98,11 +97,11 @@ impl SensorModel {
         })
     }
 
-    /// The frame at `time_s` since the start of the recording, under `wrench` (N and N·m, shell
-    /// frame), which is taken to have held since the frame before. Times go forward.
+    /// The frame at `time_s` since the start of the recording, under `wrench` (N and N·m, shell frame), which
+    /// is taken to have held since the previous frame. Times must ascend.
     ///
-    /// A load that is not finite, or above [`LIMIT`], tears the plate off: for that frame all
-    /// channels are saturated at zero.
+    /// A load that is not finite, or above [`LIMIT`], tears the plate off: for that frame all channels are
+    /// saturated at zero.
     pub fn sample(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> SimulatedFrame {
         if !is_bearable(time_s, wrench) {
             return SimulatedFrame { readings: [0; 8], saturated: 0xFF };
@@ -116,8 +115,8 @@ impl SensorModel {
         frame
     }
 
-    /// What the photointerrupters see at `time_s` under `wrench`, as [`sample`](Self::sample) takes
-    /// them, for who converts it on his own. Without a plate they see nothing.
+    /// The light on the photointerrupters at `time_s` under `wrench`, as in [`sample`](Self::sample), for
+    /// callers with their own conversion. Without a plate there is no light.
     pub(crate) fn expose(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> [Exposure; 8] {
         if !is_bearable(time_s, wrench) {
             return [Exposure { light: 0.0, dark: 0.0 }; 8];
@@ -134,14 +133,14 @@ impl SensorModel {
         })
     }
 
-    /// How much warmer the instrument is at `time_s` than in the lab that it was made for.
+    /// The temperature of the instrument at `time_s` relative to the lab that it was designed for, K.
     pub fn warmth_k(&self, time_s: f64) -> f64 {
         let Surroundings { warm_up_k, warm_up_s, .. } = self.unit.surroundings;
         self.start_k - warm_up_k * libm::expm1(-time_s.max(0.0) / warm_up_s)
     }
 
-    /// One conversion, with its noise and at the converter's resolution, of light that is given as a
-    /// fraction of the full scale.
+    /// One conversion of light, given as a fraction of the full scale, with noise and the converter's
+    /// resolution.
     pub fn conversion(&mut self, light: f64) -> u16 {
         self.convert(light, 0.0) as u16
     }
@@ -154,7 +153,7 @@ impl SensorModel {
     }
 }
 
-/// Whether there is a plate under this load.
+/// Returns true if the plate survives this load.
 fn is_bearable(time_s: f64, wrench: &PerAxis<f64>) -> bool {
     time_s.is_finite() && wrench.iter().all(|w| w.abs() <= LIMIT)
 }

@@ -1,5 +1,4 @@
-//! One session on two clocks: the reference's recording and the board's log, as two machines make
-//! them.
+//! One session on two clocks: the reference's recording and the board's log, as two machines record them.
 //!
 //! ```text
 //! t_reference = (1 + skew) · t_board + offset
@@ -15,38 +14,35 @@ use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
-/// The springs are followed at this rate at least, Hz.
+/// The minimum update rate of the springs, Hz.
 const SPRINGS_HZ: f64 = 1000.0;
 
-/// How a pair is made.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct PairSettings {
-    /// Names the session: its loads, noise, light and mounting.
+    /// Seed of the session: its loads, noise, light and mounting.
     pub seed: u64,
-    /// Names the instrument.
+    /// Seed of the instrument.
     pub unit_seed: u64,
-    /// Whether the shell is loaded at all.
+    /// True if the shell is loaded.
     pub loaded: bool,
-    /// How long the board records, s.
+    /// Duration of the board's recording, s.
     pub duration_s: f64,
     /// The reference starts this long before the board and stops as long after it, s; it starts
     /// later and stops earlier if negative.
     pub margin_s: f64,
-    /// Samples per second of the reference.
     pub reference_rate_hz: f64,
     /// Frames per second of the board, on its own clock.
     pub board_rate_hz: f64,
-    /// What the reference's clock shows when the board's shows 0, s.
+    /// Reading of the reference's clock when the board's shows 0, s.
     pub offset_s: f64,
-    /// How much faster the reference's clock runs than the board's.
+    /// Relative rate of the reference's clock to the board's, minus one.
     pub skew: f64,
-    /// Share of the board's frames that get lost.
+    /// Share of the board's frames that are lost.
     pub loss: f64,
     /// Factor on all random noise.
     pub noise_scale: f64,
 }
 
-/// One session on two clocks.
 #[derive(Clone, Debug)]
 pub struct Pair {
     settings: PairSettings,
@@ -56,18 +52,18 @@ pub struct Pair {
 }
 
 impl Pair {
-    /// Sets a session up.
+    /// Sets up a session.
     ///
     /// # Errors
-    /// [`SimulationError`] if a rate is not above 0, a time is not finite, the noise is negative or
-    /// the loss no share.
+    /// [`SimulationError`] if a rate is not above 0, a time is not finite, the noise is negative, or the loss
+    /// is not a share.
     pub fn new(settings: PairSettings) -> Result<Self, SimulationError> {
         let PairSettings { board_rate_hz, skew, loss, .. } = settings;
         check_timing(settings.reference_rate_hz, settings.offset_s)?;
         for time_s in [settings.offset_s, settings.duration_s, settings.margin_s] {
             check_timing(board_rate_hz, time_s)?;
         }
-        // Beyond that, steps of one clock would be years of the other.
+        // With a larger skew, steps of one clock would be years of the other.
         let are_alike = skew.abs() <= 0.1;
         ensure!(
             are_alike,
@@ -88,7 +84,7 @@ impl Pair {
         })
     }
 
-    /// The load starts when the first of the two does.
+    /// The load starts when the first of the two recordings does.
     fn load_time_s(&self, reference_time_s: f64) -> f64 {
         reference_time_s - self.settings.offset_s + self.settings.margin_s.max(0.0)
     }
@@ -116,7 +112,7 @@ impl Pair {
         (0..count(duration_s, board_rate_hz)).filter_map(move |k| {
             let time_s = k as f64 / board_rate_hz;
             let load_s = pair.load_time_s(time_s * (1.0 + skew) + offset_s).max(0.0);
-            // The springs see what happens between two frames.
+            // The springs follow the load between two frames.
             for part in 1..parts {
                 let before_s = load_s - (parts - part) as f64 / (parts as f64 * board_rate_hz);
                 if before_s > 0.0 {
@@ -129,7 +125,7 @@ impl Pair {
     }
 }
 
-/// Samples in a time, none if it is negative.
+/// Number of samples in a time; zero if it is negative.
 fn count(length_s: f64, rate_hz: f64) -> u64 {
     (length_s * rate_hz).round().max(0.0) as u64
 }

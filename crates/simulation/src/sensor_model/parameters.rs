@@ -1,6 +1,6 @@
-//! Every number of the sensor model, with where it comes from.
+//! All constants of the sensor model, with their sources.
 //!
-//! [`SensorParameters::nominal`] is the drawing; [`SensorParameters::unit`] is one instrument built from it.
+//! [`SensorParameters::nominal`] is the design; [`SensorParameters::unit`] is one instrument built from it.
 
 use super::geometry::Reflector;
 use super::springs::Spring;
@@ -10,7 +10,7 @@ use shell_data::random::{Purpose, RandomStream};
 /// One photointerrupter with its reflector.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorChannel {
-    /// Where it looks and at what.
+    /// Its position and its reflector.
     pub reflector: Reflector,
     /// Reading at the optimum distance, as a fraction of the full scale.
     pub gain: f64,
@@ -23,20 +23,20 @@ pub struct SensorChannel {
 /// Random noise of a reading; the parts add as variances.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorNoise {
-    /// Of amplifier and converter, as a fraction of the full scale.
+    /// Noise of amplifier and converter, as a fraction of the full scale.
     pub read: f64,
     /// Shot noise: variance over signal, both as fractions of the full scale.
     pub shot: f64,
-    /// Of the emitter's intensity, relative.
+    /// Noise of the emitter's intensity, relative.
     pub emitter: f64,
 }
 
-/// What changes from one recording to the next (standard deviations) and during it.
+/// Variations between recordings (standard deviations) and during a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings {
     /// Light left after the ambient reading is subtracted, as a fraction of the full scale.
     pub ambient: f64,
-    /// Board temperature at the start, against that of the other recordings, K.
+    /// Board temperature at the start, relative to that of other recordings, K.
     pub start_k: f64,
     /// Rise of the board temperature after switching on, K.
     pub warm_up_k: f64,
@@ -44,7 +44,6 @@ pub struct Surroundings {
     pub warm_up_s: f64,
 }
 
-/// The reference sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reference {
     /// Resolution of forces, N, and moments, N·m.
@@ -53,29 +52,26 @@ pub struct Reference {
     pub noise: [f64; 2],
     /// Zero error of one recording, N and N·m (standard deviations).
     pub zero: [f64; 2],
-    /// Turn of its axes against the shell's from one mounting to the next, rad, per axis.
+    /// Rotation of its axes relative to the shell's due to mounting, rad, per axis.
     pub turn_rad: f64,
-    /// Shift of its origin against the shell's from one mounting to the next, m, per axis.
+    /// Shift of its origin relative to the shell's due to mounting, m, per axis.
     pub shift_m: f64,
 }
 
-/// The sensor model's numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorParameters {
     /// The springs that carry the reflector plate; the frame's origin is at their centre.
     pub springs: [Spring; 4],
-    /// Whether they are without creep and hysteresis: readings are then a function of the load at the moment,
-    /// which a calibration can follow exactly.
+    /// True for springs without creep and hysteresis: readings then depend only on the current load, and a
+    /// calibration can follow them exactly.
     pub elastic: bool,
     /// The eight channels: four flat, two tilted about y, two tilted about x.
     pub channels: [SensorChannel; 8],
-    /// Noise of the readings.
     pub noise: SensorNoise,
-    /// Light and warmth.
+    /// Light and temperature.
     pub surroundings: Surroundings,
     /// Resolution of the converter, bits.
     pub adc_bits: u32,
-    /// The reference sensor.
     pub reference: Reference,
 }
 
@@ -83,7 +79,7 @@ pub struct SensorParameters {
 const LSB_12: f64 = 1.0 / 4096.0;
 const MM: f64 = 1e-3;
 
-// How much one unit differs from the drawing (standard deviations).
+// Deviations of a unit from the design (standard deviations).
 
 /// Spring stiffness, relative.
 const STIFFNESS_SPREAD: f64 = 0.05;
@@ -99,29 +95,28 @@ const GAIN_DRIFT_SPREAD: f64 = 5e-4;
 const OFFSET_DRIFT_SPREAD: f64 = 0.3 * LSB_12;
 
 impl SensorParameters {
-    /// The instrument as drawn.
+    /// The instrument as designed.
     ///
-    /// Sources, and what is assumed where there is none:
-    /// - Four flat reflectors, two tilted about y, two about x: the paper on the shell (§II-A) and
-    ///   Goldberg et al. 2015. Their places are assumed, on a board of 5 cm × 5 cm: the flat ones
-    ///   near the corners, for Mx and My; each tilted pair far apart, for Mz.
-    /// - Springs: a hand or a beam puts up to some 3 N on the shell of an 87 g robot (its weight is
-    ///   0.85 N). Recordings of the original board answer that with a few hundred to a thousand
-    ///   counts, which on the slope of the response is a few tenths of a millimetre. With 6 N/mm
-    ///   along z and 2.4 N/mm across per spring, 1 N moves the plate 0.04 mm along z and 0.10 mm
-    ///   along x or y.
-    /// - Gap at rest: 1.2 mm, on the falling side of the response, so that the plate can travel
-    ///   0.5 mm both ways without passing the maximum at 0.7 mm.
-    /// - Gain: some 1950 of 4096 counts at rest, 800 to 3800 under load; recordings of the original
-    ///   board go from 700 to 2900.
-    /// - Noise: 2.5 counts of 4096 from amplifier and converter, shot noise of 800,000 effective
-    ///   electrons at full scale, 0.02 % of the emitter's intensity, together 4.0 counts at rest.
-    ///   That is more than the 0.7 to 1.6 counts of the original board, which smooths its readings,
-    ///   and makes 0.02 N of zero-load noise, where the paper has 0.015 to 0.048 N.
-    /// - Temperature: an infrared emitter loses about 0.7 % per K, a phototransistor gains about
-    ///   0.5 %; what is left is taken as −0.2 % per K.
-    /// - Reference: resolution as of a small strain-gauge sensor for 25 N and 250 N·mm (1/160 N,
-    ///   1/32 N·mm), with noise of 1.5 steps.
+    /// Sources, and assumptions where there is no source:
+    /// - Four flat reflectors, two tilted about y, two about x: the paper on the shell (§II-A) and Goldberg
+    ///   et al. 2015. Their positions are assumed, on a board of 5 cm × 5 cm: the flat ones near the corners,
+    ///   for Mx and My; each tilted pair far apart, for Mz.
+    /// - Springs: a hand or a beam exerts up to some 3 N on the shell of an 87 g robot (its weight is 0.85
+    ///   N). In recordings of the original board this changes readings by a few hundred to a thousand counts,
+    ///   which on the slope of the response is a few tenths of a millimetre. With 6 N/mm along z and 2.4 N/mm
+    ///   across per spring, 1 N moves the plate 0.04 mm along z and 0.10 mm along x or y.
+    /// - Gap at rest: 1.2 mm, on the falling side of the response, so that the plate can travel 0.5 mm both
+    ///   ways without passing the maximum at 0.7 mm.
+    /// - Gain: some 1950 of 4096 counts at rest, 800 to 3800 under load; recordings of the original board go
+    ///   from 700 to 2900.
+    /// - Noise: 2.5 counts of 4096 from amplifier and converter, shot noise of 800,000 effective electrons at
+    ///   full scale, 0.02 % of the emitter's intensity, together 4.0 counts at rest. The original board,
+    ///   which smooths its readings, has only 0.7 to 1.6 counts. 4.0 counts give 0.02 N of zero-load noise,
+    ///   and the paper has 0.015 to 0.048 N.
+    /// - Temperature: an infrared emitter loses about 0.7 % per K, a phototransistor gains about 0.5 %; the
+    ///   difference is taken as −0.2 % per K.
+    /// - Reference: resolution of a small strain-gauge sensor for 25 N and 250 N·mm (1/160 N, 1/32 N·mm),
+    ///   with noise of 1.5 steps.
     pub fn nominal() -> Self {
         let spring = |[x, y]: [f64; 2]| Spring {
             position_m: [x * MM, y * MM, 0.0],
@@ -169,8 +164,8 @@ impl SensorParameters {
         }
     }
 
-    /// The unit that `unit_seed` names: this drawing with the spread drawn from normal
-    /// distributions, cut off at three standard deviations (what is outside fails inspection).
+    /// The unit with the seed `unit_seed`: this design with deviations from normal distributions, cut off at
+    /// three standard deviations (units beyond fail inspection).
     pub fn unit(&self, unit_seed: u64) -> Self {
         let mut stream = RandomStream::new(unit_seed, Purpose::Unit, 0);
         let mut deviate = |scale: f64| scale * stream.normal().clamp(-3.0, 3.0);
@@ -195,7 +190,8 @@ impl SensorParameters {
         unit
     }
 
-    /// The unit of the instrument as drawn that `unit_seed` names, with its noise [scaled](Self::scale_noise).
+    /// The unit of the nominal instrument with the seed `unit_seed`, with its noise
+    /// [scaled](Self::scale_noise).
     ///
     /// # Errors
     /// [`SimulationError`] if the factor is negative or not finite.
@@ -207,8 +203,8 @@ impl SensorParameters {
         Ok(unit)
     }
 
-    /// Scales every random noise, of the readings and of the reference sensor: 0 leaves none, 1 is
-    /// as it was. Quantisation, drift, creep and hysteresis stay.
+    /// Scales every random noise, of the readings and of the reference sensor: 0 removes it, 1 leaves it
+    /// unchanged. Quantisation, drift, creep and hysteresis stay.
     pub fn scale_noise(&mut self, factor: f64) {
         let SensorNoise { read, shot, emitter } = &mut self.noise;
         *read *= factor;

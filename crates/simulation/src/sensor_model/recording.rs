@@ -8,18 +8,16 @@ use shell_data::wrench::{PerAxis, cross};
 
 use super::{LoadScript, RecordingKind, SensorModel, SensorParameters, SimulatedFrame};
 
-/// How a recording is made.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RecordingSettings {
-    /// What is done to the shell.
+    /// The load on the shell.
     pub kind: RecordingKind,
-    /// Samples per second.
     pub rate_hz: f64,
     /// Time of the first row, s.
     pub start_time_s: f64,
-    /// Names the recording: its loads, noise, light, warmth and mounting.
+    /// Seed of the recording: its loads, noise, light, temperature and mounting.
     pub seed: u64,
-    /// Names the instrument.
+    /// Seed of the instrument.
     pub unit_seed: u64,
     /// Factor on all random noise.
     pub noise_scale: f64,
@@ -30,7 +28,7 @@ pub struct RecordingSettings {
 }
 
 impl RecordingSettings {
-    /// What is made of that kind where nothing else is asked for.
+    /// The default settings of a recording of this kind.
     pub const fn new(kind: RecordingKind) -> Self {
         Self {
             kind,
@@ -48,7 +46,6 @@ impl RecordingSettings {
 /// One row of a recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SensorSample {
-    /// Time, s.
     pub time_s: f64,
     /// The instrument's frame.
     pub frame: SimulatedFrame,
@@ -69,13 +66,12 @@ pub struct SensorRecording {
 }
 
 impl SensorRecording {
-    /// Sets everything up for the first row.
+    /// Sets up the recording for the first row.
     ///
-    /// Recordings of different kinds differ in everything but the instrument, also where their
-    /// seeds are the same.
+    /// Recordings of different kinds share only the instrument, even if their seeds are equal.
     ///
     /// # Errors
-    /// [`SimulationError`] if the rate is not above 0, a time is not finite or the converter cannot be
+    /// [`SimulationError`] if the rate is not above 0, a time is not finite, or the converter cannot be
     /// modelled.
     pub fn new(settings: RecordingSettings) -> Result<Self, SimulationError> {
         let RecordingSettings { kind, rate_hz, start_time_s, seed, .. } = settings;
@@ -83,7 +79,7 @@ impl SensorRecording {
         let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
         unit.adc_bits = settings.adc_bits;
         unit.elastic = settings.elastic;
-        // The two highest bits of a seed are free in practice: they make room for the kind.
+        // The two highest bits of a seed are unused in practice and hold the kind.
         let session_seed = seed.rotate_left(2) ^ kind as u64;
         Ok(Self {
             settings,
@@ -95,7 +91,7 @@ impl SensorRecording {
     }
 }
 
-/// Whether a clock has this rate, Hz, and shows this start, s.
+/// Checks that the rate, Hz, is positive and finite, and the start, s, finite.
 pub(super) fn check_timing(rate_hz: f64, start_time_s: f64) -> Result<(), SimulationError> {
     let is_clock = rate_hz.is_finite() && rate_hz > 0.0 && start_time_s.is_finite();
     ensure!(
@@ -121,10 +117,10 @@ impl Iterator for SensorRecording {
     }
 }
 
-/// A reference sensor that a calibration is recorded against, mounted for one recording.
+/// A reference sensor for calibration, mounted for one recording.
 ///
-/// It measures the wrench in its own axes, which stand nearly but not quite on the shell's: a turn
-/// and a shift from its mounting, a zero that was not quite zero, noise, and its own resolution.
+/// It measures the wrench in its own axes, which nearly but not exactly match the shell's: mounting rotates
+/// and shifts them. It also has a zero error, noise, and a finite resolution.
 #[derive(Clone, Debug)]
 pub struct ReferenceSensor {
     parameters: Reference,
@@ -135,7 +131,7 @@ pub struct ReferenceSensor {
 }
 
 impl ReferenceSensor {
-    /// Mounts the sensor for the recording that `seed` names.
+    /// Mounts the sensor for the recording with this seed.
     pub fn new(parameters: &Reference, seed: u64) -> Self {
         let mut mounting = RandomStream::new(seed, Purpose::Mounting, 0);
         let mut draw = |scale: f64| scale * mounting.normal();

@@ -1,16 +1,16 @@
-//! How the current of a photointerrupter depends on the distance of its reflector.
+//! The current of a photointerrupter as a function of the distance of its reflector.
 //!
-//! The part is the Sharp GP2S60 (data sheet D3-A02101EN, 3 October 2005). Its text gives the
-//! optimal sensing distance, 0.7 mm, and tests the part at 0.5 mm; the curve of relative collector
-//! current against distance is a drawing without numbers. The nodes below put the maximum on the
-//! printed optimum and follow the shape that reflective couplers of this build share: a steep rise
-//! while emitter and detector begin to see the same spot, a broad maximum, then a fall that turns
-//! into the inverse square of the distance. Every node but the maximum is nominal, to some ±10 %.
-//! Nothing else in this crate relies on them: a calibration is fitted, never derived from here.
+//! The part is the Sharp GP2S60 (data sheet D3-A02101EN, 3 October 2005). Its text gives the optimal sensing
+//! distance, 0.7 mm, and tests the part at 0.5 mm; the curve of relative collector current against distance
+//! is a drawing without numbers. The nodes below put the maximum on the printed optimum and follow the
+//! typical shape of such reflective couplers: a steep rise while emitter and detector begin to see the same
+//! spot, a broad maximum, then a fall that turns into the inverse square of the distance. Every node but the
+//! maximum is nominal, to some ±10 %. The rest of this crate does not rely on them: a calibration is fitted,
+//! never derived from here.
 //!
-//! Between the nodes runs a shape-preserving cubic (PCHIP: Fritsch & Butland, SIAM J. Sci. Stat.
-//! Comput. 5, 300, 1984), continuous with its slope, without overshoot, made of the four
-//! operations only and so the same bits everywhere.
+//! The nodes are joined by a shape-preserving cubic (PCHIP: Fritsch & Butland, SIAM J. Sci. Stat. Comput. 5,
+//! 300, 1984). It has a continuous slope and no overshoot, and uses only the four basic operations, so it
+//! gives the same bits everywhere.
 
 /// Distance in mm and relative collector current, 1 at the optimum.
 const NODES: [(f64, f64); 14] = [
@@ -44,7 +44,7 @@ const SLOPES: [f64; NODES.len()] = {
         }
         i += 1;
     }
-    // The last slope is zero: beyond the table the curve stays where it is.
+    // The last slope is zero: beyond the table the curve is constant.
     slopes
 };
 
@@ -54,8 +54,8 @@ const fn secant(i: usize) -> f64 {
 
 /// Current at a reflector `distance_m` away, relative to that at the optimum (0.7 mm).
 ///
-/// Constant outside the table: a reflector cannot come nearer than contact, and beyond 5 mm the
-/// part sees next to nothing. Continuous with its slope for distances above 0.
+/// It is constant outside the table: a reflector cannot come nearer than contact, and beyond 5 mm the part
+/// sees hardly any light. Value and slope are continuous for distances above 0.
 pub(super) fn current_at(distance_m: f64) -> f64 {
     let (first, last) = (NODES[0], NODES[NODES.len() - 1]);
     let x = (distance_m * 1e3).clamp(first.0, last.0);
@@ -101,8 +101,8 @@ mod tests {
             let x = distance_mm * 1e-3;
             let before = (current_at(x) - current_at(x - step)) / step;
             let after = (current_at(x + step) - current_at(x)) / step;
-            // Curvature is below 2e8 per m², which moves a secant over 1e-10 m by 0.02 at most;
-            // rounding of values near 1 adds 1e-16/1e-10.
+            // Curvature is below 2e8 per m², which moves a secant over 1e-10 m by 0.02 at most; rounding of
+            // values near 1 adds 1e-16/1e-10.
             assert!((before - after).abs() < 0.05, "{distance_mm}: {before} {after}");
         }
     }

@@ -1,14 +1,14 @@
-//! A rigid plate on springs: stiffness, compliance, and what real springs add to Hooke's law.
+//! A rigid plate on springs: stiffness, compliance, and deviations of real springs from Hooke's law.
 //!
-//! The plate hangs on springs at points pᵢ, each with a stiffness along x, y and z. A displacement
-//! u = (d, θ) moves the foot of a spring by d + θ × pᵢ, so that the energy is ½ uᵀK u with
-//! K = Σ Jᵢᵀ diag(kᵢ) Jᵢ, and a wrench w displaces the plate by K⁻¹w. (Rotations are small: the
-//! springs are linear in θ; where the reflectors go is computed exactly, in `geometry`.)
+//! The plate hangs on springs at points pᵢ, each with a stiffness along x, y and z. A displacement u = (d, θ)
+//! moves the foot of a spring by d + θ × pᵢ. The energy is therefore ½ uᵀK u with K = Σ Jᵢᵀ diag(kᵢ) Jᵢ, and
+//! a wrench w displaces the plate by K⁻¹w. (Rotations are small: the springs are linear in θ; the positions
+//! of the reflectors are computed exactly, in `geometry`.)
 //!
-//! Springs of wire in a printed seat also creep and stick. Both are modelled on the wrench:
+//! Wire springs in a printed seat also creep and stick. Both effects are applied to the wrench:
 //!
-//! - *creep*: part of the answer is late, a first-order relaxation (standard linear solid);
-//! - *hysteresis*: part of the answer follows the load through play, one stop element of a
+//! - *creep*: part of the response is late, a first-order relaxation (standard linear solid);
+//! - *hysteresis*: part of the response follows the load through play, one stop element of a
 //!   Prandtl–Ishlinskii model (Visintin, *Differential Models of Hysteresis*, 1994, ch. III).
 
 use shell_data::wrench::PerAxis;
@@ -19,21 +19,21 @@ pub type Displacement = [f64; 6];
 /// One spring between board and plate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spring {
-    /// Where it holds the plate, m.
+    /// The point at which it holds the plate, m.
     pub position_m: [f64; 3],
     /// Stiffness along x, y and z, N/m.
     pub stiffness_n_per_m: [f64; 3],
 }
 
-// Creep and hysteresis are chosen so that a cubic calibration at the paper's sizes (77,522 and 19,932 rows) leaves
-// the paper's errors, 0.118, 0.122 and 0.126 N: a tenth of the travel comes late, and a loop is 2 · 0.2 · 0.7 N =
-// 0.28 N wide, a tenth of the largest push.
+// Creep and hysteresis are chosen so that a cubic calibration with the paper's numbers of rows (77,522 and
+// 19,932) reproduces the paper's errors, 0.118, 0.122 and 0.126 N: a tenth of the travel is late, and a loop
+// is 2 · 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
 
-/// Further displacement under constant load, as a fraction of the immediate one.
+/// Additional displacement under constant load, as a fraction of the immediate one.
 pub(super) const CREEP: f64 = 0.10;
 /// Time constant of the relaxation, s.
 const CREEP_S: f64 = 1.5;
-/// Fraction of the answer that goes through the play.
+/// Fraction of the response that passes through the play.
 pub(super) const HYSTERESIS: f64 = 0.2;
 /// Half-width of the play for forces, N, and moments, N·m.
 const PLAY: [f64; 2] = [0.7, 0.025];
@@ -56,18 +56,18 @@ pub fn stiffness(springs: &[Spring]) -> [[f64; 6]; 6] {
     matrix
 }
 
-/// The inverse of a symmetric positive definite `stiffness`, by Gauss–Jordan elimination without
-/// pivoting (stable for such matrices); `None` if it is not positive definite.
+/// The inverse of a symmetric positive definite `stiffness`, by Gauss–Jordan elimination without pivoting
+/// (stable for such matrices); `None` if it is not positive definite.
 ///
-/// Written out rather than taken from a linear algebra library, whose kernels round differently
-/// from one processor to another.
+/// The elimination is written out, as the kernels of a linear algebra library round differently from one
+/// processor to another.
 pub(crate) fn compliance(stiffness: &[[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
     let mut left = *stiffness;
     let mut right: [[f64; 6]; 6] =
         std::array::from_fn(|i| std::array::from_fn(|j| f64::from(u8::from(i == j))));
     for k in 0..6 {
         let pivot = left[k][k];
-        // Rounding leaves a pivot of this size where there should be none.
+        // Rounding leaves a pivot of this size in place of zero.
         if pivot.is_nan() || pivot <= 1e-12 * stiffness[k][k] {
             return None;
         }
@@ -102,7 +102,7 @@ impl Suspension {
         Self { compliance, creep, hysteresis, time_s: None, late: [0.0; 6], play: [0.0; 6] }
     }
 
-    /// Where the plate is at `time_s` under `wrench`, which has held since the call before.
+    /// The displacement of the plate at `time_s` under `wrench`, which has held since the previous call.
     pub(super) fn displacement(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> Displacement {
         let elapsed_s = self.time_s.replace(time_s).map_or(0.0, |before| time_s - before);
         let relaxed = -libm::expm1(-elapsed_s.max(0.0) / CREEP_S);
@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn spring_forces_balance_the_load() {
-        // Outside truth: add up the springs' own forces and moments at the displaced plate.
+        // Independent check: add up the springs' own forces and moments at the displaced plate.
         let compliance = compliance(&stiffness(&springs())).unwrap();
         let wrench = [0.5, 1.5, -2.5, -0.03, 0.02, 0.01];
         let u = product(&compliance, &wrench);
@@ -200,7 +200,7 @@ mod tests {
         let fx = |value| [value, 0.0, 0.0, 0.0, 0.0, 0.0];
         suspension.displacement(0.0, &fx(3.0));
         let left = suspension.displacement(1.0, &fx(0.0));
-        // The play is left at +0.7 N, of which 0.2 counts.
+        // The play ends at +0.7 N, and contributes 0.2 of that.
         let expected = product(&compliance, &fx(0.14));
         for (left, expected) in left.into_iter().zip(expected) {
             assert!((left - expected).abs() < 1e-18);

@@ -13,39 +13,38 @@ use std::time::{Duration, Instant};
 use embassy_futures::yield_now;
 use firmware::{Clock, SeenEdge};
 
-/// A process that is waited for is woken so much later, and makes up for it without waiting: the forty waits of a frame
-/// are then a few, where each takes the system some tens of µs of processor time.
+/// Margin by which a waiting process is woken late; it catches up without waiting. The forty waits of a frame
+/// thus become a few, as each would take the system some tens of µs of processor time.
 const LATE: Duration = Duration::from_micros(250);
 
-/// A clock that stands still while the firmware computes, and shows exactly the time that was
-/// waited for.
+/// A clock that stands still while the firmware computes, and shows exactly the awaited time.
 ///
-/// A process is woken tens of µs late as a rule and tens of ms late on a busy machine, where a
-/// microcontroller is late by less than one. This clock does not show it: what was late is made up
-/// for, by not waiting, until board and wall agree again. So frames start at their slots, and none
-/// is skipped because the machine had other things to do.
+/// The system wakes a process tens of µs late as a rule, and tens of ms late on a busy machine, whereas a
+/// microcontroller is less than one µs late. This clock hides the delay: it skips waits until board and wall
+/// clock agree again. Frames therefore start at their slots, and none is skipped because the machine was
+/// busy.
 #[derive(Clone, Debug)]
 pub struct PacedClock {
     start: Instant,
     time: Rc<Time>,
 }
 
-/// What the tasks of a board share.
+/// State shared by the tasks of a board.
 #[derive(Debug, Default)]
 struct Time {
     now_us: Cell<u64>,
-    /// What is waited for, by all tasks: the time does not go past the first.
+    /// The times that tasks wait for: the clock does not pass the first.
     waits_us: RefCell<Vec<u64>>,
 }
 
 impl PacedClock {
-    /// It is zero now.
+    /// Starts at zero now.
     pub fn start() -> Self {
         Self { start: Instant::now(), time: Rc::default() }
     }
 
-    /// Runs the firmware to its end. Between its steps the thread sleeps until the first time that is waited for, or until
-    /// it is woken.
+    /// Runs the firmware to its end. Between its steps the thread sleeps until the first awaited time, or
+    /// until it is woken.
     pub(super) fn run<F: Future>(&self, firmware: F) -> F::Output {
         let waker = Waker::from(Arc::new(WakeThread(thread::current())));
         let mut firmware = pin!(firmware);
@@ -65,7 +64,7 @@ impl PacedClock {
         self.time.waits_us.borrow().iter().copied().min()
     }
 
-    /// Follows the wall as far as the first time that is waited for.
+    /// Follows the wall clock up to the first awaited time.
     fn advance(&self) {
         let wall_us = self.start.elapsed().as_micros() as u64;
         let reached_us = self.first_wait_us().map_or(wall_us, |first_us| first_us.min(wall_us));
@@ -81,7 +80,7 @@ impl Clock for PacedClock {
     async fn wait_until_us(&self, at_us: u64) {
         self.time.waits_us.borrow_mut().push(at_us);
         let _wait = Wait { time: &self.time, at_us };
-        // Others have their turn even when there is nothing to wait for.
+        // Give other tasks their turn even if the time has passed already.
         yield_now().await;
         poll_fn(|_| {
             self.advance();
@@ -91,7 +90,7 @@ impl Clock for PacedClock {
     }
 }
 
-/// Wakes a thread that is parked.
+/// Wakes a parked thread.
 struct WakeThread(Thread);
 
 impl Wake for WakeThread {
@@ -100,7 +99,7 @@ impl Wake for WakeThread {
     }
 }
 
-/// A time that is waited for, until it is dropped.
+/// An awaited time, registered until it is dropped.
 struct Wait<'t> {
     time: &'t Time,
     at_us: u64,
@@ -115,24 +114,24 @@ impl Drop for Wait<'_> {
     }
 }
 
-/// A signal that somebody has written down.
+/// A sync signal with edges at given times.
 #[derive(Clone, Debug)]
 pub(super) struct SyncScript {
     clock: PacedClock,
-    /// Times of the edges that are still to come, µs, in their order.
+    /// Times of the remaining edges, µs, in order.
     times_us: VecDeque<u64>,
 }
 
 impl SyncScript {
-    /// Edges at these times of the board, s.
+    /// Creates edges at these times of the board, s.
     pub(super) fn new(clock: PacedClock, times_s: &[f64]) -> Self {
         let mut times_us: Vec<u64> = times_s.iter().map(|time_s| (time_s * 1e6) as u64).collect();
         times_us.sort_unstable();
         Self { clock, times_us: times_us.into() }
     }
 
-    /// The next edge. Looks whenever the board is awake and sets no alarm of its own: the clock would show the time of
-    /// that to who waits for an earlier one.
+    /// The next edge. It is polled whenever the board is awake, and sets no alarm: the clock would stop at
+    /// that alarm for tasks that wait for an earlier time.
     pub(super) async fn next_edge(&mut self) -> SeenEdge {
         poll_fn(|_| match self.times_us.front() {
             Some(&at_us) if at_us <= self.clock.now_us() => {
@@ -151,15 +150,15 @@ mod tests {
 
     use super::*;
 
-    /// One waits long and is polled first, whenever the machine wakes the process; nothing that the other
-    /// waits for is passed.
+    /// One task waits for long intervals and is polled first. However late the machine wakes the process, the
+    /// clock does not pass a time that the other task waits for.
     #[test]
     fn time_stops_for_each_that_waits() {
         let clock = PacedClock::start();
         let mut seen = Vec::new();
         clock.run(join(clock.wait_until_us(20_000), async {
             for at_us in (1..=10).map(|it| it * 1000) {
-                // Longer than the wait: the wall is ahead.
+                // Longer than the wait: the wall clock is ahead.
                 thread::sleep(Duration::from_millis(2));
                 clock.wait_until_us(at_us).await;
                 seen.push(clock.now_us());

@@ -1,4 +1,4 @@
-//! The sensor model as the front end of a board: conversions, dark and lit.
+//! The sensor model as the front end of a board: dark and lit conversions.
 
 use std::sync::{Arc, Mutex};
 
@@ -10,8 +10,8 @@ use crate::sensor_model::{Exposure, LoadScript, LoadTable, RecordingKind, Sensor
 use shell_data::lock::lock;
 use shell_data::wrench::PerAxis;
 
-/// Light from outside as a fraction of the full scale: what a lit room leaves under the shell. The
-/// firmware subtracts it.
+/// Ambient light as a fraction of the full scale: the light under the shell in a lit room. The firmware
+/// subtracts it.
 const AMBIENT: f64 = 0.03;
 
 /// Temperature around a board that has just been switched on, °C.
@@ -22,17 +22,17 @@ const ROOM_C: f64 = 23.0;
 const SUPPLY_V: f64 = 3.3;
 const REFERENCE_V: f64 = 1.212;
 
-/// Time without a load before hands come, s.
+/// Time without a load before hands touch the shell, s.
 const REST_S: f64 = 5.0;
 
-/// What is done to the shell, over the board's time.
+/// The load on the shell over the board's time.
 #[derive(Clone, Debug)]
 pub enum Load {
-    /// Nothing for five seconds, in which a zero can be taken; then hands.
+    /// No load for five seconds, in which a zero can be taken; then hands.
     Hands(LoadScript),
-    /// What somebody has written down.
+    /// A load from a table.
     Table(LoadTable),
-    /// What somebody says while it runs, N and N·m.
+    /// A load set at run time, N and N·m.
     Commanded(Arc<Mutex<PerAxis<f64>>>),
 }
 
@@ -82,7 +82,7 @@ impl FrontEnd for SimulatedInstrument {
         let now_us = self.clock.now_us();
         let burst_us = (u64::from(conversions) * u64::from(CONVERSION_NS)).div_ceil(1000);
         let seen = match self.lit {
-            // The load moves on while the channels are converted: a burst is one moment, its middle.
+            // The load changes during the conversions: treat a burst as one instant, its middle.
             Some(lit) => {
                 let time_s = (now_us as f64 + burst_us as f64 / 2.0) / 1e6;
                 let wrench = self.load.wrench_at(time_s);

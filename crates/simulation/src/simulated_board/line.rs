@@ -21,16 +21,16 @@ use super::PacedClock;
 use crate::radio::Radio;
 use shell_data::lock::lock;
 
-/// Packets that wait for the host before the board is held up, as by CTS: some seconds at 100 Hz.
+/// Number of packets queued for the host before the board is held up, as by CTS: some seconds at 100 Hz.
 const QUEUE: usize = 512;
 
-/// How long a thread waits at most before it looks at the radio again.
+/// The maximum time that a thread waits before it checks the radio again.
 const TICK: Duration = Duration::from_millis(10);
 
-/// To the board.
+/// The input of the board.
 pub(super) type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
 
-/// The board's end.
+/// The board's end of the line.
 pub(super) struct SerialLine {
     /// The name of the host's end.
     pub(super) port: String,
@@ -39,7 +39,7 @@ pub(super) struct SerialLine {
 }
 
 impl SerialLine {
-    /// Makes a pty; `radios` are the ways to the host and to the board.
+    /// Creates a pty; `radios` are the ways to the host and to the board.
     #[cfg(unix)]
     pub(super) fn open(radios: &[Arc<Mutex<Radio>>; 2]) -> Result<Self, serialport::Error> {
         let (mut pty, host) = TTYPort::pair()?;
@@ -63,7 +63,7 @@ impl SerialLine {
     ) -> Self {
         let [up, down] = radios.each_ref().map(Arc::clone);
         let (queue, packets) = sync_channel(QUEUE);
-        // Like the threads, for as long as the process runs.
+        // Leaked, as it has to live as long as the process, like the threads.
         let receiver: &InputPipe = Box::leak(Box::new(InputPipe::new()));
         thread::spawn(move || give_to_host(&packets, &up, to_host));
         thread::spawn(move || give_to_board(from_host, &down, receiver));
@@ -71,7 +71,7 @@ impl SerialLine {
     }
 }
 
-/// From the board: what is written at once goes into one packet.
+/// The output of the board: each write becomes one packet.
 pub(super) struct LineSender {
     pub(super) packets: SyncSender<Vec<u8>>,
     pub(super) clock: PacedClock,
@@ -114,13 +114,13 @@ fn give_to_host(packets: &Queue<Vec<u8>>, radio: &Mutex<Radio>, mut host: impl i
     }
 }
 
-/// Waits for a host as long as it takes.
+/// Waits for a host without limit.
 fn write_all(host: &mut impl io::Write, mut bytes: &[u8]) {
     while !bytes.is_empty() {
         match host.write(bytes) {
             Ok(count) => bytes = &bytes[count..],
             Err(error) if error.kind() == ErrorKind::TimedOut => {}
-            // Nobody has the other end open.
+            // The other end is not open.
             Err(_) => thread::sleep(TICK),
         }
     }
@@ -134,7 +134,7 @@ fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &InputPip
         match host.read(&mut buffer) {
             Ok(count) => lock(radio).send(now_us(), &buffer[..count]),
             Err(error) if error.kind() == ErrorKind::TimedOut => {}
-            // Nobody has the other end open.
+            // The other end is not open.
             Err(_) => thread::sleep(TICK),
         }
         loop {
@@ -150,15 +150,16 @@ fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &InputPip
     }
 }
 
-/// The serial line over TCP, where there are no ptys or the host is elsewhere: the host at the other end, if there is one, one at a time, as on a serial port.
+/// The serial line over TCP, for systems without ptys or a remote host. It holds the connected host, one at a
+/// time, as on a serial port.
 ///
-/// What the board sends while nobody is there is gone, as it is on a wire.
+/// Output of the board without a host is lost, as on a wire.
 #[derive(Clone, Debug, Default)]
 struct Socket(Arc<Mutex<Option<TcpStream>>>);
 
 impl Socket {
-    /// Listens; returns the address, with the port that was chosen where 0 was asked for. A read or write waits
-    /// for [`TICK`] at most.
+    /// Listens; returns the address, with the port that was chosen if 0 was requested. A read or write waits
+    /// for at most [`TICK`].
     fn listen(at: SocketAddr) -> io::Result<(Self, SocketAddr)> {
         let listener = TcpListener::bind(at)?;
         let at = listener.local_addr()?;
@@ -168,7 +169,7 @@ impl Socket {
             for host in listener.incoming() {
                 match host {
                     Ok(host) => hosts.admit(host),
-                    // Out of descriptors, as a rule, which passes.
+                    // Usually a temporary lack of file descriptors.
                     Err(_) => thread::sleep(TICK),
                 }
             }
@@ -176,7 +177,7 @@ impl Socket {
         Ok((socket, at))
     }
 
-    /// Takes a host, unless there is one: that one is sent away.
+    /// Accepts a host, or closes the connection if there is another host already.
     fn admit(&self, host: TcpStream) {
         let mut current = lock(&self.0);
         if current.as_ref().is_none_or(is_gone)
@@ -188,13 +189,13 @@ impl Socket {
         }
     }
 
-    /// The host, until another is admitted, though it may have gone.
+    /// The last host admitted, which may have gone.
     fn host(&self) -> Option<TcpStream> {
         lock(&self.0).as_ref()?.try_clone().ok()
     }
 }
 
-/// Whether a host has closed its end.
+/// Returns true if a host has closed its end.
 fn is_gone(host: &TcpStream) -> bool {
     match host.peek(&mut [0]) {
         Ok(count) => count == 0,
@@ -202,7 +203,7 @@ fn is_gone(host: &TcpStream) -> bool {
     }
 }
 
-/// Whether there is just nothing for now.
+/// Returns true if the operation only has to wait.
 fn is_wait(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
 }
@@ -223,7 +224,7 @@ impl io::Write for Socket {
         let Some(mut host) = self.host() else { return Ok(bytes.len()) };
         match io::Write::write(&mut host, bytes) {
             Err(error) if is_wait(&error) => Err(ErrorKind::TimedOut.into()),
-            // That it is gone is for the reader to find.
+            // The reader will notice that the host is gone.
             Err(_) => Ok(bytes.len()),
             written => written,
         }

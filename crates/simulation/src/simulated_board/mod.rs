@@ -6,9 +6,9 @@
 //!                                          └────────────────────┘
 //! ```
 //!
-//! The firmware cannot tell: conversions take the time that they take on the SkinProc board, and
-//! its clock stands where it should ([`PacedClock`]). What is different is that its calibration is
-//! gone with the process.
+//! The firmware cannot tell the difference: conversions take as long as on the SkinProc board, and its clock
+//! shows the times it should ([`PacedClock`]). One thing differs: the calibration is lost when the process
+//! ends.
 
 mod clock;
 mod instrument;
@@ -34,25 +34,25 @@ use clock::SyncScript;
 use line::{LineSender, SerialLine};
 use shell_data::lock::lock;
 
-/// A board to simulate.
+/// The settings of a simulated board.
 #[derive(Clone, Debug)]
 pub struct BoardSettings {
-    /// What is done to the shell.
+    /// The load on the shell.
     pub load: Load,
-    /// Names the recording: noise, light, warmth and faults.
+    /// Seed of the recording: noise, light, temperature and faults.
     pub seed: u64,
-    /// Names the instrument.
+    /// Seed of the instrument.
     pub unit_seed: u64,
     /// Factor on all random noise.
     pub noise_scale: f64,
-    /// What the radio does to packets, either way.
+    /// The faults of the radio, in either direction.
     pub faults: Faults,
-    /// When the sync input rises, s after the board's start.
+    /// Times of the rising edges at the sync input, s after the board's start.
     pub sync_s: Vec<f64>,
 }
 
 impl BoardSettings {
-    /// A board of unit 1 with its usual noise, on a radio that loses nothing, without edges at its sync input.
+    /// A board of unit 1 with its usual noise, on a perfect radio, without edges at its sync input.
     pub fn new(load: Load, seed: u64) -> Self {
         let (faults, sync_s) = (Faults::default(), Vec::new());
         Self { load, seed, unit_seed: 1, noise_scale: 1.0, faults, sync_s }
@@ -68,7 +68,7 @@ pub struct SimulatedBoard {
 }
 
 impl SimulatedBoard {
-    /// Switches a board on, on a pty.
+    /// Starts a board on a pty.
     ///
     /// # Errors
     /// [`SimulationError`].
@@ -78,7 +78,7 @@ impl SimulatedBoard {
         Self::on(settings, |radios| SerialLine::open(radios).map_err(no_pty))
     }
 
-    /// Switches a board on that is reached at an address, by one host at a time.
+    /// Starts a board that is reached at an address, by one host at a time.
     ///
     /// # Errors
     /// [`SimulationError`].
@@ -94,7 +94,7 @@ impl SimulatedBoard {
         let BoardSettings { load, seed, unit_seed, noise_scale, faults, sync_s } = settings;
         let unit = SensorParameters::noisy_unit(unit_seed, noise_scale)?;
         let sensor = SensorModel::new(&unit, seed)?;
-        // The two ways of the radio fail independently.
+        // The two directions of the radio fail independently.
         let radio = |way| Radio::new(faults, seed << 1 | way).map(|it| Arc::new(Mutex::new(it)));
         let radios = [radio(0)?, radio(1)?];
         let SerialLine { port, packets, receiver } = line(&radios)?;
@@ -106,25 +106,25 @@ impl SimulatedBoard {
             let from_host = (receiver, SlotMemory(None));
             let mut record = [0; RECORD];
             let station = Station::new(setup(unit_seed), clock.clone(), &mut record);
-            // A stopped process is not a board that hangs: there is no watchdog.
+            // A stopped process is not a hanging board: there is no watchdog.
             let next_edge = async || sync_input.next_edge().await;
             clock.run(station.run(front_end, to_host, from_host, next_edge, || {}));
         });
         Ok(Self { port, radios })
     }
 
-    /// The port that it is on.
+    /// The name of its port.
     pub fn port(&self) -> &str {
         &self.port
     }
 
-    /// What the radio has done to packets to the host, and to those to the board.
+    /// The counts of packets to the host, and of those to the board.
     pub fn books(&self) -> [Books; 2] {
         self.radios.each_ref().map(|radio| lock(radio).books())
     }
 }
 
-/// The serial number of an instrument; 1 is that of the shipped data.
+/// The serial number of an instrument; that of the shipped data is 1.
 fn serial(unit_seed: u64) -> [u8; 12] {
     let mut serial = *b"simulated   ";
     if unit_seed != 1 {
@@ -134,7 +134,7 @@ fn serial(unit_seed: u64) -> [u8; 12] {
     serial
 }
 
-/// What the firmware is told of its board.
+/// The firmware's information on its board.
 fn setup(unit_seed: u64) -> BoardSetup {
     BoardSetup {
         identity: Identity {
@@ -143,12 +143,12 @@ fn setup(unit_seed: u64) -> BoardSetup {
             serial: serial(unit_seed),
             min_period_us: 1_000,
         },
-        // From the system's source of randomness, which the standard library draws keys of hashes from.
+        // From the system's source of randomness, from which the standard library seeds its hashes.
         start: RandomState::new().build_hasher().finish() as u16,
         reset_cause: ResetCause::Power,
         last_words: LastWords::new(),
         conversion_ns: instrument::CONVERSION_NS,
-        // Its line has no rate, and there is nothing below it that could be flashed.
+        // Its line has no rate, and there is no bootloader for flashing.
         rate: None,
         rates: &[],
         has_bootloader: false,

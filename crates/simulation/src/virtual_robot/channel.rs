@@ -1,4 +1,4 @@
-//! What the beams and the legs do to the shell.
+//! The forces of beams and legs on the shell.
 
 use std::f64::consts::TAU;
 
@@ -9,21 +9,21 @@ use shell_data::wrench::{PerAxis, cross};
 /// A channel of beams, by the level of its forces.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ChannelForces {
-    /// How manifests call it: the largest deflection of the beams.
+    /// Its name in manifests: the largest deflection of the beams.
     pub name: &'static str,
     /// Mean drag while the robot is in the channel, N.
     pub drag_n: f64,
     /// Mean lift, N; negative presses the robot down.
     pub lift_n: f64,
-    /// Specific resistance, which sets how fast the robot gets through on its motors' power.
+    /// Specific resistance, which determines the robot's speed at its motors' power.
     pub specific_resistance: f64,
 }
 
 impl ChannelForces {
-    /// The five of the paper, with its mean specific resistances and, for deflections of 1, 2 and
-    /// 3 cm, its mean drag (§V-B). At 0 cm the published energies per stride, −0.52 against
-    /// −9.12 mJ, put the drag at 0.52/9.12 · 0.13 N. Its lift is drawn, not written down: negative,
-    /// and growing with the drag; here it is 1.2 times as large.
+    /// The five channels of the paper, with its mean specific resistances and, for deflections of 1, 2 and 3
+    /// cm, its mean drag (§V-B). At 0 cm the published energies per stride, −0.52 against −9.12 mJ, put the
+    /// drag at 0.52/9.12 · 0.13 N. The paper plots the lift without numbers: it is negative, and grows with
+    /// the drag; here it is 1.2 times as large.
     pub const PAPER: [Self; 5] = {
         const fn of(name: &'static str, drag_n: f64, specific_resistance: f64) -> ChannelForces {
             ChannelForces { name, drag_n, lift_n: -1.2 * drag_n, specific_resistance }
@@ -43,7 +43,6 @@ impl ChannelForces {
     }
 }
 
-/// The wrench of one trial.
 #[derive(Clone, Debug)]
 pub(super) struct BeamContact {
     condition: ChannelForces,
@@ -69,14 +68,14 @@ impl Wave {
 
 /// Distance between beams along the channel, m (paper, §IV-A).
 const BEAM_PITCH_M: f64 = 0.025;
-/// Size of the oscillation that the legs excite, N, once and twice a stride: to the order of what
-/// the real recordings show at stride frequency.
+/// Amplitude of the oscillation that the legs excite, N, at once and twice the stride frequency: of the order
+/// found in the real recordings at stride frequency.
 const SHAKING_N: [[f64; 2]; 3] = [[0.10, 0.05], [0.12, 0.06], [0.15, 0.08]];
-/// Where the beams press, from the sensor's origin: ahead and above, m.
+/// The point at which the beams press, relative to the sensor's origin: ahead and above, m.
 const CONTACT_M: [f64; 3] = [0.02, 0.0, 0.02];
 
 impl BeamContact {
-    /// In the channel over `window_s`, entering it and leaving it over a share `entering` each.
+    /// A contact in the channel over `window_s`; entry and exit each take a share `entering` of it.
     pub(super) fn new(
         condition: ChannelForces,
         window_s: [f64; 2],
@@ -89,14 +88,14 @@ impl BeamContact {
             rate,
             phase_rad: random.between(0.0, TAU),
         };
-        // Now five, now six beams touch the shell; and it sways.
+        // Five or six beams touch the shell at a time; and it sways.
         let beams = [
             wave(0.1, TAU * velocity_m_s / BEAM_PITCH_M),
             wave(0.12, TAU * 0.7),
             wave(0.10, TAU * 1.1),
             wave(0.08, TAU * 2.9),
         ];
-        // The robot shakes its shell the same way every time, more or less.
+        // The robot shakes its shell in nearly the same way every time.
         let mut shaking = |size: f64, rate: f64, axis: usize| Wave {
             size: size * random.between(0.8, 1.2),
             rate,
@@ -109,8 +108,8 @@ impl BeamContact {
         Self { condition, window_s, entering, beams, legs }
     }
 
-    /// The wrench at `time_s`, N and N·m, with the right leg at `leg_rad` and running at a share
-    /// `running` of full speed.
+    /// The wrench at `time_s`, N and N·m, with the right leg at `leg_rad` and running at a share `running` of
+    /// full speed.
     pub(super) fn wrench_at(&self, time_s: f64, leg_rad: f64, running: f64) -> PerAxis<f64> {
         let sway: f64 = self.beams.iter().map(|wave| wave.at(time_s)).sum();
         let level = self.profile(time_s) * (1.0 + sway);
@@ -128,7 +127,7 @@ impl BeamContact {
         let ramp_s = self.entering * (exit_s - enter_s);
         let share =
             smooth_step((time_s - enter_s) / ramp_s) * smooth_step((exit_s - time_s) / ramp_s);
-        // A ramp is half of its length on average.
+        // The average over a ramp is half its level.
         share / (1.0 - self.entering)
     }
 }
@@ -150,7 +149,7 @@ mod tests {
                     .sum::<f64>()
                     / 6000.0
             };
-            // What sways goes through four cycles or more but for its ends: within a tenth or so.
+            // The sway goes through four cycles or more, except at the ends: within a tenth or so.
             assert!((mean(0) / -0.13 - 1.0).abs() < 0.15, "{}", mean(0));
             assert!((mean(2) / (-0.13 * 1.2) - 1.0).abs() < 0.15);
             assert_eq!(contact.wrench_at(0.9, 0.0, 0.0), [-0.0, 0.0, -0.0, 0.0, 0.0, 0.0]);

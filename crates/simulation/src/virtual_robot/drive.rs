@@ -1,4 +1,4 @@
-//! Battery and motors: what the controller's duty makes of them.
+//! Battery and motors: voltage and power that follow from the controller's duty.
 //!
 //! The power of a motor is the lab's formula, with d the duty as a fraction, V the battery's
 //! voltage, e the back EMF and R the winding's resistance,
@@ -7,8 +7,8 @@
 //! P = |d V (V − e) / R|,
 //! ```
 //!
-//! so that the battery delivers I = |d| (V − e)/R to each of them and sags under it:
-//! V = V₀ − r ΣI − (what has been drained), solved for V, as it is linear in it.
+//! so that the battery delivers I = |d| (V − e)/R to each motor, and its voltage sags: V = V₀ − r ΣI − (drain
+//! so far), solved for V, in which it is linear.
 
 use super::CONSTANTS;
 use super::gait::{Gait, LegSide};
@@ -16,11 +16,11 @@ use shell_data::random::RandomStream;
 
 /// Full duty, counts.
 const FULL_DUTY: f64 = 4096.0;
-/// The controller never asks for more, counts.
+/// The controller's upper limit, counts.
 const DUTY_LIMIT: f64 = 3000.0;
-/// Mean duty and its scatter from row to row, counts: the real log has 1,560 ± 1,040.
+/// Mean duty and its scatter between rows, counts: the real log has 1,560 ± 1,040.
 const DUTY: [f64; 2] = [1550.0, 700.0];
-/// Duty that goes with the load of the feet, twice a turn, counts.
+/// Duty due to the load of the feet, twice a turn, counts.
 const FEET_DUTY: f64 = 500.0;
 /// Back EMF at the legs' speed, V·s/rad: the real log has 157 counts, 1.59 V, at 13 turns a second.
 const BACK_EMF_V_S: f64 = 1.59 / (std::f64::consts::TAU * 13.0);
@@ -28,10 +28,10 @@ const BACK_EMF_V_S: f64 = 1.59 / (std::f64::consts::TAU * 13.0);
 const OPEN_V: f64 = 3.899;
 /// Its internal resistance, Ω: it sags by 0.14 V under 0.45 A.
 const INTERNAL_OHM: f64 = 0.31;
-/// What a second of running drains, V.
+/// Voltage drop per second of running, V.
 const DRAIN_V_S: f64 = 0.002;
 
-/// Duty of both motors, row by row, and what follows from it.
+/// Duty of both motors, row by row, and the quantities that follow from it.
 #[derive(Clone, Debug)]
 pub(super) struct Drive {
     start_s: f64,
@@ -69,7 +69,6 @@ impl Drive {
         self.duty[side as usize][row]
     }
 
-    /// Back EMF of a motor, V.
     pub(super) fn back_emf_v(gait: &Gait, side: LegSide, time_s: f64) -> f64 {
         BACK_EMF_V_S * gait.speed_rad_s(side, time_s)
     }
@@ -87,7 +86,6 @@ impl Drive {
         (OPEN_V - drained_v + INTERNAL_OHM * from_emf) / (1.0 + INTERNAL_OHM * conductance)
     }
 
-    /// Electrical power of both motors, W.
     pub(super) fn power_w(&self, gait: &Gait, row: usize, time_s: f64) -> f64 {
         let battery_v = self.battery_v(gait, row, time_s);
         let of = |side: LegSide| {
@@ -99,12 +97,12 @@ impl Drive {
     }
 }
 
-/// Mean power of both motors at a stride frequency, W, to some percent: it decides how fast the
-/// robot is, not what a trial is measured against.
+/// Mean power of both motors at a stride frequency, W, to some percent: it determines the robot's speed, but
+/// is not the reference of a trial.
 pub(super) fn usual_power_w(stride_hz: f64) -> f64 {
     let battery_v = 3.76;
     let emf_v = BACK_EMF_V_S * std::f64::consts::TAU * stride_hz;
-    // Duty below zero counts as power too, and there is a limit: 1,560 counts come out of 1,550.
+    // Negative duty counts as power too, and the duty is limited: a mean of 1,550 counts becomes 1,560.
     2.0 * 1560.0 / FULL_DUTY * battery_v * (battery_v - emf_v).abs()
         / CONSTANTS.motor_resistance_ohm
 }

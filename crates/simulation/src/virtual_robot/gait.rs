@@ -1,14 +1,14 @@
-//! The legs: angle over time, and what their encoders count.
+//! The legs: angle over time, and the speed that follows.
 //!
-//! Both sides are driven at one stride frequency f, half a turn apart (alternating tripods). The
-//! drive's angle starts and stops smoothly,
+//! Both sides are driven at one stride frequency f, half a turn apart (alternating tripods). The drive's
+//! angle starts and stops smoothly,
 //!
 //! ```text
 //! θ(t) = 2π f [U(t − t₀) − U(t − t₁) + U(t − t₂)],  U' a smooth step, stalled from t₁ to t₂,
 //! ```
 //!
-//! and a leg runs ahead of it and behind, twice a turn (its feet load it) and slowly (the controller
-//! lets it): φ = θ + a sin(2θ + α) + b sin(θ/5 + β). As a and b are small, φ never runs backwards.
+//! and a leg deviates from it in both directions, twice a turn (its feet load it) and slowly (the controller
+//! permits it): φ = θ + a sin(2θ + α) + b sin(θ/5 + β). As a and b are small, φ never runs backwards.
 
 use std::f64::consts::{PI, TAU};
 
@@ -16,9 +16,9 @@ use shell_data::random::RandomStream;
 
 /// Time from standstill to full speed, s.
 const SPIN_UP_S: f64 = 0.06;
-/// How far a leg runs ahead twice a turn, rad.
+/// Amplitude of a leg's deviation twice a turn, rad.
 const AHEAD_RAD: f64 = 0.06;
-/// How far the controller lets a leg run ahead slowly, rad, and in how many turns.
+/// Amplitude of a leg's slow deviation, rad, and its period in turns.
 const WANDER_RAD: f64 = 0.15;
 const WANDER_TURNS: f64 = 5.0;
 
@@ -38,12 +38,11 @@ struct Leg {
     wander_phase_rad: f64,
 }
 
-/// Right or left, in the order of the telemetry's columns.
+/// A side, in the order of the telemetry's columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LegSide {
     /// The leg that strides are counted on.
     Right,
-    /// The other.
     Left,
 }
 
@@ -53,7 +52,7 @@ impl LegSide {
 }
 
 impl Gait {
-    /// Legs that start at `start_s` and may stall between two times; `random` draws how they wander.
+    /// Legs that start at `start_s` and may stall between two times; `random` determines their deviations.
     pub(super) fn new(
         stride_hz: f64,
         start_s: f64,
@@ -75,29 +74,29 @@ impl Gait {
         self.leg(side).angle_rad(self.drive_rad(time_s))
     }
 
-    /// Its speed, rad/s.
+    /// The speed of a leg, rad/s.
     pub(crate) fn speed_rad_s(&self, side: LegSide, time_s: f64) -> f64 {
         TAU * self.stride_hz * self.share(time_s) * self.leg(side).slope(self.drive_rad(time_s))
     }
 
-    /// What the controller asks of a leg, rad.
+    /// The angle that the controller commands, rad.
     pub(super) fn commanded_rad(&self, side: LegSide, time_s: f64) -> f64 {
         self.drive_rad(time_s) + self.leg(side).offset_rad
     }
 
-    /// How much of full speed the legs run at, 0 to 1.
+    /// The share of full speed at which the legs run, 0 to 1.
     pub(super) fn share(&self, time_s: f64) -> f64 {
         let step = |from_s: f64| smooth_step((time_s - from_s) / SPIN_UP_S);
         step(self.start_s) - self.stall_s.map_or(0.0, |[from, to]| step(from) - step(to))
     }
 
-    /// Whether the legs are held at `time_s` though they are driven.
+    /// Returns true if the legs are stalled at `time_s`: held although they are driven.
     pub(super) fn is_stalled(&self, time_s: f64) -> bool {
         self.stall_s.is_some_and(|[from, to]| (from..to).contains(&time_s))
     }
 
-    /// When the angle of a leg first reaches `angle_rad`, s, to a nanosecond; `None` if not before
-    /// `end_s` or already at the start.
+    /// The time at which a leg first reaches `angle_rad`, s, to a nanosecond; `None` if it does not before
+    /// `end_s`, or already has at the start.
     pub(crate) fn time_of(&self, side: LegSide, angle_rad: f64, end_s: f64) -> Option<f64> {
         let (mut low, mut high) = (self.start_s, end_s);
         let reached = |time_s: f64| self.angle_rad(side, time_s) >= angle_rad;

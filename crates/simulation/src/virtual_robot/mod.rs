@@ -1,5 +1,4 @@
-//! A robot with the shell on its back runs through a channel: what its telemetry would be, and the
-//! truth of every result.
+//! A robot with the shell on its back runs through a channel: its telemetry, and the truth of every result.
 //!
 //! ```text
 //! Gait ── leg angles ──► encoder counts          Truth: integrals of the same functions,
@@ -8,17 +7,17 @@
 //!  ╰─► Contact: drag, lift, shaking ── wrench ──► SensorModel (100 Hz) ──► readings
 //! ```
 //!
-//! [`VirtualTrial`] is one trial, a function of its settings and seeds to the last bit. Rows come at
-//! 1 kHz of the robot's clock, as integers in the columns of the lab's telemetry ([`TelemetryRow`]); readings
-//! are fresh at 100 Hz and stand in between.
+//! [`VirtualTrial`] is one trial, a function of its settings and seeds to the last bit. Rows come at 1 kHz of
+//! the robot's clock, as integers in the columns of the lab's telemetry ([`TelemetryRow`]); readings are
+//! fresh at 100 Hz and repeated in between.
 //!
-//! The robot stands, starts, gets into the channel and out of it. The window of the trial is from
-//! first to last contact with the beams, in which the robot covers the length of the channel:
-//! v̄ = l/(t_exit − t_enter). That speed is what the condition's specific resistance leaves it on the
-//! usual power of its motors, v̄ = P/(m g η), with a scatter of 3 % from trial to trial.
+//! The robot stands, starts, enters the channel and leaves it. The window of the trial is from first to last
+//! contact with the beams, in which the robot covers the length of the channel: v̄ = l/(t_exit − t_enter).
+//! The speed follows from the condition's specific resistance and the usual power of the motors, v̄ = P/(m g
+//! η), with a scatter of 3 % between trials.
 //!
-//! Left out: the dynamics of the body. Angular rates and accelerations are there as columns, and
-//! are oscillations at stride frequency with noise, no more.
+//! Not modelled: the dynamics of the body. Angular rates and accelerations exist as columns, but are only
+//! oscillations at stride frequency with noise.
 
 mod channel;
 mod drive;
@@ -40,80 +39,75 @@ use drive::Drive;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
-/// Rows of the telemetry come this often, s: 1 kHz, as in the real log.
+/// Time between rows of the telemetry, s: 1 kHz, as in the real log.
 const ROW_S: f64 = 1001e-6;
 /// First time stamp, s.
 const FIRST_S: f64 = 302e-6;
-/// Frames of the sensor come this often, s.
+/// Time between frames of the sensor, s.
 const FRAME_S: f64 = 0.01;
-/// From the start of the legs to the channel, and from the channel to the end of the log, s.
+/// Time from the start of the legs to the channel, and from the channel to the end of the log, s.
 const APPROACH_S: [f64; 2] = [1.0, 1.3];
 const AFTERWARDS_S: f64 = 0.8;
-/// How long a stall lasts, s.
+/// Duration of a stall, s.
 const STALL_S: f64 = 0.4;
 
-// The constants of the VelociRoACH and of the lab's telemetry are stated here on their own, not taken from the robot
-// profile that trials are processed with: a slip in one of the two then shows as a difference.
+// The constants of the VelociRoACH and of the lab's telemetry are repeated here, not taken from the robot
+// profile that processes the trials: an error in either then shows as a difference.
 
 /// Standard gravity, m/s² (3rd CGPM, 1901).
 const GRAVITY: f64 = 9.806_65;
-/// Encoder counts in a turn.
+/// Encoder counts per turn.
 const TURN: i64 = 1 << 16;
-/// rad in a count.
+/// rad per count.
 const RAD_PER_COUNT: f64 = TAU / TURN as f64;
 
-/// What a trial is made with.
+/// The constants of the robot and the channel.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Constants {
-    /// Mass, kg.
     pub mass_kg: f64,
-    /// Length of the robot, m.
     pub robot_m: f64,
-    /// Length of the channel, m.
     pub channel_m: f64,
     /// Resistance of a motor's winding, Ω.
     pub motor_resistance_ohm: f64,
 }
 
-/// Table I of the paper; 3.3 Ω as the lab takes it.
+/// Table I of the paper; 3.3 Ω as used by the lab.
 const CONSTANTS: Constants =
     Constants { mass_kg: 0.087, robot_m: 0.18, channel_m: 0.28, motor_resistance_ohm: 3.3 };
 
 /// The robot's weight, N.
 const WEIGHT_N: f64 = CONSTANTS.mass_kg * GRAVITY;
 
-/// How a trial is made.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct TrialSettings {
-    /// Names the trial: its noise, light, warmth, phases and scatter.
+    /// Seed of the trial: its noise, light, temperature, phases and scatter.
     pub seed: u64,
-    /// Names the instrument.
+    /// Seed of the instrument.
     pub unit_seed: u64,
-    /// What the robot runs through.
+    /// The channel.
     pub condition: ChannelForces,
-    /// Strides per second.
     pub stride_hz: f64,
-    /// How long the robot stands before it starts, s.
+    /// Time that the robot stands before it starts, s.
     pub lead_in_s: f64,
     /// Factor on the noise of readings and telemetry.
     pub noise_scale: f64,
     /// Noise of the encoders, counts (standard deviation).
     pub encoder_noise: f64,
-    /// How the encoders count.
+    /// The counting of the encoders.
     pub counter: Counter,
     /// Share of the rows that are missing.
     pub missing: f64,
-    /// Whether the legs stall in the channel.
+    /// True if the legs stall in the channel.
     pub stall: bool,
-    /// Whether the right encoder counts down.
+    /// True if the right encoder counts down.
     pub reversed: bool,
     /// Springs without creep and hysteresis.
     pub elastic: bool,
 }
 
 impl TrialSettings {
-    /// Noise of the readings at which the zero-load noise is that of the paper: 0.037 N, the root
-    /// mean square of its 0.040, 0.015 and 0.048 N, where the sensor model has 0.0214 N at 1.
+    /// Noise of the readings that gives the zero-load noise of the paper: 0.037 N, the root mean square of
+    /// its 0.040, 0.015 and 0.048 N; the sensor model has 0.0214 N at 1.
     pub const PAPER_NOISE: f64 = 1.7;
 
     /// The trial of a condition as the lab records it: 13 strides a second, no mishaps.
@@ -135,13 +129,13 @@ impl TrialSettings {
     }
 }
 
-/// How an encoder's count goes on from turn to turn.
+/// The range of an encoder's count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Counter {
-    /// In 32 bits with a sign, from somewhere in the middle: the lab's format.
+    /// 32 bits with a sign, from somewhere in the middle: the lab's format.
     Long,
-    /// The same, from two seconds of running before the largest of them: it wraps round.
+    /// 32 bits with a sign, from two seconds of running before the largest count: it wraps around.
     LongWrapping,
     /// From 0 to 65,535 in each turn.
     Turn,
@@ -150,27 +144,25 @@ pub enum Counter {
 /// One trial: functions of time on the robot's clock, and the rows of its telemetry.
 #[derive(Clone, Debug)]
 pub struct VirtualTrial {
-    /// How it was made.
     pub settings: TrialSettings,
-    /// How the legs move.
     pub gait: Gait,
     contact: BeamContact,
     drive: Drive,
     sensor: SensorModel,
     /// First and last contact with the beams, s on the robot's clock.
     pub window_s: [f64; 2],
-    /// Times of the rows, s, also of those that go missing.
+    /// Times of the rows, s, including missing ones.
     pub times_s: Vec<f64>,
     first_count: i64,
-    /// When the sensor's first frame comes, s.
+    /// Time of the sensor's first frame, s.
     frame_delay_s: f64,
 }
 
 impl VirtualTrial {
-    /// Sets a trial up.
+    /// Sets up a trial.
     ///
     /// # Errors
-    /// [`SimulationError`] if the settings make none.
+    /// [`SimulationError`] if the settings are invalid.
     pub fn new(settings: TrialSettings) -> Result<Self, SimulationError> {
         check(&settings)?;
         let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
@@ -196,7 +188,8 @@ impl VirtualTrial {
         let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
         let mut controller = RandomStream::new(seed, Purpose::Controller, 0);
         let drive = Drive::new(&gait, lead_in_s, &times_s, &mut controller);
-        // Whole turns: the encoder's zero is a place on the leg. Two seconds of running, about.
+        // A whole number of turns, as the encoder's zero is a position of the leg: about two seconds of
+        // running.
         let span = TURN * (2.0 * stride_hz) as i64;
         let first_count = match settings.counter {
             Counter::Long => 762 * TURN,

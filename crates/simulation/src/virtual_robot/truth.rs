@@ -1,51 +1,48 @@
-//! The truth of a trial: integrals of the functions that it was made from.
+//! The truth of a trial: integrals of the functions that generated it.
 //!
-//! Duty is constant between rows and all else is smooth, so every stretch between two rows is
-//! integrated by Simpson's rule on its own: exact to some 1e-8 of the result, which the corners leave
-//! where legs start and stall.
+//! Duty is constant between rows and all else is smooth, so every stretch between two rows is integrated
+//! separately by Simpson's rule. The result is exact to some 1e-8, due to the corners at starts and stalls of
+//! the legs.
 
 use super::{CONSTANTS, Constants, TrialSettings, VirtualTrial, WEIGHT_N};
 use shell_data::wrench::PerAxis;
 
-/// What is true of a trial, in SI units.
+/// The true results of a trial, in SI units.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Truth {
     /// First contact with the beams, s on the robot's clock.
     pub t_enter_s: f64,
     /// Last contact, s.
     pub t_exit_s: f64,
-    /// Mean speed in between, m/s.
+    /// Mean speed in the window, m/s.
     pub velocity_m_s: f64,
-    /// Mean wrench in between: Fx, Fy, Fz in N, Mx, My, Mz in N·m.
+    /// Mean wrench in the window: Fx, Fy, Fz in N, Mx, My, Mz in N·m.
     pub mean_wrench: PerAxis<f64>,
     /// Mean Fx times the length of the channel, J.
     pub drag_energy_j: f64,
     /// Integral of both motors' power, J.
     pub electrical_energy_j: f64,
-    /// Mean power, W.
     pub mean_power_w: f64,
     /// Mean power over weight and speed.
     pub specific_resistance: f64,
-    /// Whole turns of the right leg's encoder, those within the window.
+    /// The strides: whole turns of the right leg's encoder within the window.
     pub strides: Vec<StrideTruth>,
-    /// When the right encoder's count passes whole turns, in the whole log, s.
+    /// The times at which the right encoder's count passes whole turns, in the whole log, s.
     pub turns_s: Vec<f64>,
-    /// The robot and the channel.
     pub constants: Constants,
-    /// How the trial was made.
     pub settings: TrialSettings,
 }
 
-/// What is true of one stride.
+/// The true results of one stride.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct StrideTruth {
-    /// Its start, s on the robot's clock.
+    /// Start, s on the robot's clock.
     pub t_start_s: f64,
-    /// Its end, s.
+    /// End, s.
     pub t_end_s: f64,
     /// Mean Fx, N.
     pub mean_fx_n: f64,
-    /// Mean Fx times mean speed times its length, J.
+    /// Mean Fx times mean speed times duration, J.
     pub drag_energy_j: f64,
     /// Integral of both motors' power, J.
     pub electrical_energy_j: f64,
@@ -133,7 +130,7 @@ mod tests {
     #[test]
     fn truth_is_near_what_the_paper_has_for_the_condition() {
         let truth = trial(|_| ()).truth();
-        // Scatter of the speed 3 %, of what sways 15 %, of the usual power some percent.
+        // Scatter of the speed 3 %, of the sway 15 %, of the usual power some percent.
         assert!((truth.mean_wrench[0] / -0.13 - 1.0).abs() < 0.2);
         assert!(
             (truth.specific_resistance / 49.5 - 1.0).abs() < 0.15,
@@ -152,10 +149,10 @@ mod tests {
         let (first, last) = (&strides[0], &strides[strides.len() - 1]);
         let whole = trial.integrate(first.t_start_s, last.t_end_s);
         let electrical_j: f64 = strides.iter().map(|stride| stride.electrical_energy_j).sum();
-        // Cut at other places, each with its own error of Simpson's rule.
+        // The two integrals are cut at different times, each with its own error of Simpson's rule.
         assert!((electrical_j / whole[6] - 1.0).abs() < 1e-7);
         let impulse: f64 = strides.iter().map(|s| s.mean_fx_n * (s.t_end_s - s.t_start_s)).sum();
-        // The stall's corners, where the second derivative jumps by 250 N/s²: 1 ms³ of that for each.
+        // The stall's corners, where the second derivative jumps by 250 N/s², each contribute 1 ms³ of that.
         assert!((impulse / whole[0] - 1.0).abs() < 1e-7);
     }
 

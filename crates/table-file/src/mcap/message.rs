@@ -1,4 +1,4 @@
-//! Messages as named values.
+//! Decoding messages into named values.
 
 use serde_json::Value;
 
@@ -6,10 +6,10 @@ use crate::bytes::ByteReader;
 use crate::format::Cell;
 use crate::write::mcap::RECORD_TYPE;
 
-/// How messages of a topic are read.
+/// The encoding of a topic's messages.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum FieldKind {
-    /// `geometry_msgs/Wrench` or `geometry_msgs/WrenchStamped` as ROS 2 sends it (CDR), or ROS 1.
+    /// `geometry_msgs/Wrench` or `geometry_msgs/WrenchStamped`, in the encoding of ROS 2 (CDR) or ROS 1.
     Wrench { is_stamped: bool, is_ros1: bool },
     /// Numbers and texts after a header, as [`write::mcap`](crate::write::mcap) writes them: names, and whether each is text.
     Record(Vec<(String, bool)>),
@@ -19,18 +19,18 @@ pub(super) enum FieldKind {
 
 /// A message.
 pub(super) struct Message {
-    /// When it was measured, in ns, if it says so.
+    /// Time of measurement in ns, if the message states it.
     pub(super) stamp_ns: Option<u64>,
     pub(super) columns: Vec<(String, Cell)>,
 }
 
 const AXES: [&str; 6] = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
 
-/// How deep JSON may be nested.
+/// Maximum nesting of JSON.
 const DEPTH: usize = 8;
 
 impl FieldKind {
-    /// `None` where such messages are not read.
+    /// Returns `None` if such messages are not supported.
     pub(super) fn new(schema: &str, definition: &str, encoding: &str) -> Option<Self> {
         let is_ros1 = match encoding {
             "json" => return Some(Self::Json),
@@ -49,7 +49,7 @@ impl FieldKind {
         Some(Self::Wrench { is_stamped, is_ros1 })
     }
 
-    /// What is wrong with a message is said in words.
+    /// Decodes a message; the error is a description in words.
     pub(super) fn decode(&self, data: &[u8]) -> Result<Message, String> {
         match self {
             Self::Json => {
@@ -118,11 +118,11 @@ fn record(data: &[u8], fields: &[(String, bool)]) -> Option<Message> {
     Some(Message { stamp_ns, columns })
 }
 
-/// Force and torque, after a header or not.
+/// Decodes force and torque, with or without a header.
 fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
     let (order, data) = if is_ros1 { (&[0, 1][..], data) } else { data.split_at_checked(4)? };
-    // CDR begins with the order of bytes and its version: doubles stand at multiples of eight bytes, in the second
-    // version of four.
+    // CDR begins with its byte order and version. Doubles are aligned to eight bytes, in the second version
+    // to four.
     let (is_little, step) = match order {
         [0, 0, ..] => (false, 8),
         [0, 1, ..] => (true, 8),
@@ -157,7 +157,7 @@ fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
     Some(Message { stamp_ns, columns: columns.collect::<Option<_>>()? })
 }
 
-/// Adds the values in an object or list: `outer.inner`, and the positions in a list from 1.
+/// Adds the values of an object or list with names such as `outer.inner`; positions in a list count from 1.
 fn flatten(
     name: String,
     value: Value,

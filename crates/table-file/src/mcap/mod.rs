@@ -1,8 +1,8 @@
 //! Recordings in MCAP ("MCAP File Format Specification"): wrenches of ROS (`WrenchStamped` and
 //! `Wrench`), records of this program and messages in JSON, as one table.
 //!
-//! Messages of several topics with the same log time make one row. The first pass finds the topics
-//! and the names in their JSON, the second gives the rows.
+//! Messages of several topics with the same log time form one row. The first pass finds the topics and the
+//! names in their JSON, the second reads the rows.
 
 mod message;
 mod records;
@@ -21,31 +21,30 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Mcap;
 
-/// How many rows may wait for messages of other topics.
+/// The largest number of rows that wait for messages of other topics.
 const WAITING: usize = 4096;
 
-/// A table in a recording.
 #[derive(Debug)]
 struct McapRecording {
     file: FileSource,
     topics: Vec<Topic>,
     columns: usize,
-    /// Whether time is that in the messages, not when they were logged.
+    /// True if the time column is the messages' time stamp, not their log time.
     by_stamp: bool,
-    /// Whether the time when they were logged is a column of its own, at the end.
+    /// True if the log time is an additional column at the end.
     has_log_time: bool,
-    /// Whether messages are in the order in which they were logged.
+    /// True if messages are stored in the order of their log time.
     is_sorted: bool,
 }
 
 /// A topic whose messages are read.
 #[derive(Debug)]
 struct Topic {
-    /// One number for each channel.
+    /// The channel ids of the topic.
     channels: BTreeSet<u16>,
     name: String,
     kind: FieldKind,
-    /// The names of its columns.
+    /// The names of the topic's columns.
     columns: Vec<String>,
 }
 
@@ -146,7 +145,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     Ok(found)
 }
 
-/// The stamps of messages.
+/// Statistics of the messages' time stamps.
 #[derive(Default)]
 struct Stamps {
     count: u64,
@@ -164,7 +163,7 @@ impl Stamps {
         self.have_moved |= stamp != self.first;
     }
 
-    /// Whether they are those of a clock.
+    /// Returns true if the stamps come from a clock, not from an unset field.
     fn are_times(&self) -> bool {
         self.have_moved || self.count == 1 && self.first > 0
     }
@@ -174,7 +173,7 @@ fn wrong(topic: &Topic, log_time: u64, what: &str) -> TableError {
     KIND.damaged(format!("topic `{}`, the message at {} s: {what}", topic.name, seconds(log_time)))
 }
 
-/// The decimal number of seconds.
+/// Formats nanoseconds as a decimal number of seconds.
 fn seconds(ns: u64) -> String {
     format!("{}.{:09}", ns / 1_000_000_000, ns % 1_000_000_000)
 }
@@ -186,14 +185,14 @@ impl RowSource for McapRecording {
 
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
         let mut records = Records::open(&self.file)?;
-        // The messages of rows that some topics have not given one for, by log time and topic.
+        // Messages of incomplete rows, by log time and topic.
         let mut waiting: BTreeMap<u64, Vec<Option<Message>>> = BTreeMap::new();
         let is_sorted = self.is_sorted;
         let mut next = move || {
             let topics = &self.topics;
             loop {
                 let Some(record) = records.next()? else {
-                    // A recording may end between two messages of a row.
+                    // A recording may end in the middle of a row.
                     return if waiting.len() > 1 { Err(self.apart()) } else { Ok(None) };
                 };
                 let McapRecord::Message { channel, log_time, data } = record else { continue };
@@ -251,7 +250,7 @@ impl Topic {
     fn push(&self, message: Message, row: &mut Vec<Cell>) {
         let mut values = message.columns;
         for (position, name) in self.columns.iter().enumerate() {
-            // As a rule in the same order.
+            // Usually the order is the same.
             let is_same = |entry: &(String, Cell)| entry.0 == *name;
             let found = match values.get(position).is_some_and(is_same) {
                 true => Some(position),

@@ -1,4 +1,4 @@
-//! The records of a recording, within chunks or not, one after the other.
+//! The records of a recording in order, inside and outside of chunks.
 
 use std::io::{BufReader, Read};
 
@@ -9,14 +9,14 @@ use crate::codec::{Codec, unpack};
 use crate::format::{FileSource, OpenFile};
 use crate::kind::TableError;
 
-/// A record that says something about messages.
+/// A record that is needed to read messages.
 pub(super) enum McapRecord {
     Schema { id: u16, name: String, definition: String },
     Channel { id: u16, schema: u16, topic: String, encoding: String },
     Message { channel: u16, log_time: u64, data: Vec<u8> },
 }
 
-/// The largest message that is read.
+/// The largest message that is read, in bytes.
 const MESSAGE: u64 = 16 << 20;
 
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
@@ -26,7 +26,7 @@ pub(super) struct Records {
     file: BufReader<OpenFile>,
     at: u64,
     length: u64,
-    /// Records that have been read, and where the next one begins.
+    /// Records that have been read from the file, and the position of the next one.
     records: Vec<u8>,
     next: usize,
     unpacked: Unpacked,
@@ -54,7 +54,7 @@ impl Records {
         Ok(())
     }
 
-    /// The next record of interest; `None` at the end of the messages.
+    /// Returns the next relevant record; `None` at the end of the messages.
     pub(super) fn next(&mut self) -> Result<Option<McapRecord>, TableError> {
         loop {
             let rest = &self.records[self.next..];
@@ -78,7 +78,7 @@ impl Records {
         }
     }
 
-    /// Reads what comes next in the file, a record or a chunk of them.
+    /// Reads the next record or chunk of records from the file.
     fn next_at_top(&mut self) -> Result<(), TableError> {
         let at = self.at;
         let mut head = [0; 9];
@@ -90,7 +90,7 @@ impl Records {
         self.next = 0;
         self.records.clear();
         match head[0] {
-            // The end of the data, or of a file without it.
+            // The end of the data section, or the footer of a file without one.
             0x02 | 0x0f => self.ended = true,
             0x03..=0x05 => {
                 let what = format_args!("the message at byte {at}");
@@ -113,7 +113,7 @@ impl Records {
     }
 }
 
-/// The records of a chunk.
+/// Unpacks the records of a chunk.
 fn chunk(
     content: &[u8],
     at: u64,
@@ -138,14 +138,14 @@ fn chunk(
     let records = unpack(codec, packed, size)
         .map_err(|what| KIND.damaged(format!("the chunk at byte {at}: {what}")))?;
     match checksum {
-        // Not given.
+        // 0 stands for no checksum.
         0 => Ok(records),
         _ if crc32fast::hash(&records) == checksum => Ok(records),
         _ => Err(KIND.damaged(format!("the chunk at byte {at}: its checksum is another"))),
     }
 }
 
-/// A record, `Some(None)` if it is of no interest, `None` if it is damaged.
+/// Decodes a record: `Some(None)` if it is not relevant, `None` if it is damaged.
 fn record(kind: u8, content: &[u8]) -> Option<Option<McapRecord>> {
     let mut bytes = ByteReader::new(content);
     Some(match kind {

@@ -1,30 +1,30 @@
-//! The encodings of values and levels in a page ("Parquet encoding definitions"), decoded as far as
-//! they are asked for: a few bytes can stand for any number of values.
+//! The encodings of values and levels in a page ("Parquet encoding definitions"). Values are decoded only on
+//! request, because a few bytes can stand for any number of them.
 
 use crate::bytes::ByteReader;
 
-/// Integers of a fixed width: runs of one value, and values packed bit by bit.
+/// Integers of a fixed width in the RLE/bit-packing hybrid encoding.
 pub(crate) struct Integers {
     bytes: Vec<u8>,
-    /// Where the next run begins.
+    /// Position of the next run.
     at: usize,
     width: u32,
     run: EncodedRun,
 }
 
 impl Integers {
-    /// `None` if there is no such width.
+    /// Returns `None` if the width is invalid.
     pub(crate) fn new(bytes: Vec<u8>, width: u32) -> Option<Self> {
         (width <= 32).then_some(Self { bytes, at: 0, width, run: EncodedRun::Same(0, 0) })
     }
 
-    /// Single bits, packed without a head.
+    /// Decodes single bits, packed without a header.
     pub(super) fn of_bits(bytes: Vec<u8>) -> Self {
         let (at, run) = (bytes.len(), EncodedRun::Packed(8 * bytes.len() as u64, 0));
         Self { bytes, at, width: 1, run }
     }
 
-    /// Adds the next values, of which there are at most `most`, to some; `None` if there are no more.
+    /// Appends the next values, at most `most`; `None` if there are no more.
     pub(crate) fn read(&mut self, most: usize, values: &mut Vec<u64>) -> Option<()> {
         loop {
             match &mut self.run {
@@ -56,13 +56,13 @@ impl Integers {
 
 #[derive(Clone, Copy, Debug)]
 enum EncodedRun {
-    /// A value, so many times.
+    /// A value, and the number of repetitions.
     Same(u64, u64),
-    /// So many values from this bit on.
+    /// A number of packed values, and the position of the first bit.
     Packed(u64, usize),
 }
 
-/// The run that begins `rest`, the end of `bytes`.
+/// Decodes the header of the run at the start of `rest`, which is the end of `bytes`.
 fn next_run(bytes: &[u8], rest: &mut ByteReader<'_>, width: u32) -> Option<EncodedRun> {
     let head = rest.varint()?;
     if head & 1 == 0 {
@@ -72,7 +72,7 @@ fn next_run(bytes: &[u8], rest: &mut ByteReader<'_>, width: u32) -> Option<Encod
         return Some(EncodedRun::Same(head >> 1, u64::from_le_bytes(value)));
     }
     let start = bytes.len() - rest.rest.len();
-    // Eight values take as many bytes as one takes bits; the last ones may be cut off.
+    // Eight values take as many bytes as a value has bits. The last values may be cut off.
     let packed = (head >> 1).saturating_mul(u64::from(width));
     let packed = usize::try_from(packed).unwrap_or(usize::MAX).min(rest.rest.len());
     rest.take(packed)?;
@@ -83,7 +83,7 @@ fn next_run(bytes: &[u8], rest: &mut ByteReader<'_>, width: u32) -> Option<Encod
     Some(EncodedRun::Packed(there, 8 * start))
 }
 
-/// `width` bits from a bit on, the lowest first; zeros where there are none.
+/// Returns `width` bits from a bit position, lowest first; zeros beyond the end.
 #[inline]
 fn bits(bytes: &[u8], start: usize, width: u32) -> u64 {
     let first = start / 8;
@@ -100,7 +100,8 @@ fn bits(bytes: &[u8], start: usize, width: u32) -> u64 {
     (shifted & ((1_u128 << width) - 1)) as u64
 }
 
-/// Integers as differences, in blocks of miniblocks that have a width each; `None` if there are no such blocks.
+/// Decodes delta-encoded integers, in blocks of miniblocks with a width each; `None` if the header is
+/// invalid.
 pub(super) fn deltas(bytes: Vec<u8>) -> Option<impl Iterator<Item = i64> + Send> {
     let mut head = ByteReader::new(&bytes);
     let block = usize::try_from(head.varint()?).ok()?;
@@ -112,9 +113,9 @@ pub(super) fn deltas(bytes: Vec<u8>) -> Option<impl Iterator<Item = i64> + Send>
         return None;
     }
     let mut at = bytes.len() - head.rest.len();
-    // Of the block: its smallest difference, and the widths of its miniblocks that have not begun.
+    // The block's smallest difference, and the widths of its remaining miniblocks.
     let (mut least, mut widths) = (0, Vec::new().into_iter());
-    // Of the miniblock: its width, and how many of its values have been read.
+    // The miniblock's width, and the number of values read from it.
     let (mut width, mut read, mut is_first) = (0, size, true);
     Some(std::iter::from_fn(move || {
         left = left.checked_sub(1)?;
@@ -130,7 +131,7 @@ pub(super) fn deltas(bytes: Vec<u8>) -> Option<impl Iterator<Item = i64> + Send>
                 at = bytes.len() - rest.rest.len();
             }
             (width, read) = (u32::from(widths.next()?), 0);
-            // The miniblock must have begun.
+            // The miniblock must not begin beyond the end.
             if width > 64 || (width > 0 && at >= bytes.len()) {
                 return None;
             }
@@ -146,7 +147,7 @@ pub(super) fn deltas(bytes: Vec<u8>) -> Option<impl Iterator<Item = i64> + Send>
 mod tests {
     use super::*;
 
-    /// The examples of the format's description.
+    /// Examples from the format specification.
     #[test]
     fn runs_and_packed_values_are_those_of_the_specification() {
         let packed = vec![0b0000_0011, 0b1000_1000, 0b1100_0110, 0b1111_1010];
@@ -163,10 +164,10 @@ mod tests {
 
     #[test]
     fn differences_are_those_of_the_specification() {
-        // 1 to 5: one block of 128 in four miniblocks, all differences 1.
+        // 1 to 5: one block of 128 in four miniblocks, all differences are 1.
         let same = vec![0x80, 0x01, 4, 5, 2, 2, 0, 0, 0, 0];
         assert_eq!(deltas(same).unwrap().collect::<Vec<_>>(), [1, 2, 3, 4, 5]);
-        // 7, 5, 3, 1, 2, 3, 4, 5: differences from −2, of two bits.
+        // 7, 5, 3, 1, 2, 3, 4, 5: differences relative to −2, in two bits.
         let mut bytes = vec![0x80, 0x01, 4, 8, 14, 3, 2, 0, 0, 0, 0b1100_0000, 0b0011_1111];
         bytes.extend([0; 6]);
         assert_eq!(deltas(bytes).unwrap().collect::<Vec<_>>(), [7, 5, 3, 1, 2, 3, 4, 5]);

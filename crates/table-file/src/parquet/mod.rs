@@ -4,7 +4,8 @@
 //! footer ─▶ schema, row groups ─▶ pages of a column, unpacked ─▶ levels, values ─▶ cells
 //! ```
 //!
-//! Every column holds one page at a time. Columns of lists, decimals and bytes are listed and not read.
+//! Only one page of each column is held at a time. Columns of nested lists, decimals and bytes are listed but
+//! not read.
 
 pub(crate) mod encoding;
 mod page;
@@ -26,18 +27,17 @@ use crate::thrift::{self, Value};
 
 const KIND: FileKind = FileKind::Parquet;
 
-/// The longest footer: its values take up to 32 times its length.
+/// The longest footer in bytes: its decoded values take up to 32 times its length.
 const FOOTER: u64 = 4 << 20;
 
-/// So many values may be in a byte of a file, beyond some millions.
+/// The largest number of values per byte of a file, beyond a few millions.
 const VALUES_PER_BYTE: u64 = 2048;
 
-/// A table in a file.
 #[derive(Debug)]
 struct ParquetTable {
     file: FileSource,
     leaves: Vec<Leaf>,
-    /// Of each column its leaf, and which element of a list it is.
+    /// For each column, the index of its leaf and of the element in a list.
     columns: Vec<(usize, usize)>,
     groups: Vec<RowGroup>,
 }
@@ -49,7 +49,7 @@ struct RowGroup {
     chunks: Vec<ColumnChunk>,
 }
 
-/// The pages of a column in a row group, from one position in the file to another.
+/// The pages of a column in a row group: a range of positions in the file.
 #[derive(Clone, Copy, Debug)]
 struct ColumnChunk {
     codec: Codec,
@@ -139,7 +139,7 @@ fn row_group(
         let data = chunk.field(3).ok_or_else(wrong)?;
         let position = |number| data.whole(number).and_then(|at| u64::try_from(at).ok());
         let (first, bytes) = (position(9).ok_or_else(wrong)?, position(7).ok_or_else(wrong)?);
-        // The dictionary comes first, if there is one.
+        // The dictionary, if present, comes first.
         let at = position(11).filter(|&at| at > 0).map_or(first, |at| at.min(first));
         let beyond = || KIND.damaged(format!("column `{}` lies beyond its end", leaf.name));
         let end = at.checked_add(bytes).filter(|&end| end <= length).ok_or_else(beyond)?;
@@ -167,7 +167,7 @@ fn row_group(
     Ok(RowGroup { rows, chunks: chunks.collect::<Result<_, _>>()? })
 }
 
-/// A leaf that is read, and the columns that are wanted of it: where they are in a part, and which elements they are.
+/// A leaf that is read, and its requested columns: their positions in a part and their elements in a list.
 struct WantedLeaf {
     at: usize,
     is_text: bool,
@@ -201,7 +201,7 @@ impl RowSource for ParquetTable {
             }
         }
         let mut groups = 0..self.groups.len();
-        // Of the current row group.
+        // State of the current row group.
         let (mut rows_left, mut readers): (u64, Vec<ColumnReader>) = (0, Vec::new());
         Ok(Box::new(move |rows, part| {
             while part.rows < rows {
@@ -215,7 +215,7 @@ impl RowSource for ParquetTable {
                 }
                 let count =
                     (rows - part.rows).min(usize::try_from(rows_left).unwrap_or(usize::MAX));
-                // What the pages of all columns hold at a time.
+                // Memory held by the pages of all columns.
                 source.held = readers.iter().map(ColumnReader::held).sum();
                 for (wanted, reader) in leaves.iter().zip(&mut readers) {
                     source.held -= reader.held();
@@ -246,11 +246,11 @@ impl RowSource for ParquetTable {
     }
 }
 
-/// The file, and what has been made of it.
+/// The file, with counters of memory and unpacked bytes.
 struct ParquetSource {
     file: OpenFile,
     length: u64,
-    /// What the pages of other columns hold.
+    /// Memory held by the pages of other columns.
     held: u64,
     unpacked: Unpacked,
 }

@@ -1,4 +1,4 @@
-//! The pages of one column, one at a time.
+//! Reading the pages of one column, one at a time.
 
 use std::io::{Read, Seek, SeekFrom};
 
@@ -13,44 +13,42 @@ use crate::format::{Cell, ColumnPart, OpenFile};
 use crate::kind::TableError;
 use crate::thrift::{self, Value};
 
-/// The longest head of a page: statistics may be in it.
+/// The longest page header, which may contain statistics.
 const HEAD: u64 = 1 << 20;
 
-/// The column of a row group that is being read.
+/// A reader for one column of a row group.
 pub(super) struct ColumnReader {
-    /// What has not been read.
+    /// The part that has not been read yet.
     chunk: ColumnChunk,
     dictionary: ColumnPart,
     dictionary_bytes: u64,
     page: Option<Page>,
-    /// How many elements of the list of a row have been read.
+    /// Number of elements read from the current row's list.
     elements: usize,
 }
 
-/// A page that is being read.
 struct Page {
     left: u64,
-    /// Of lists: zero where the next row begins.
+    /// Repetition levels of a list: 0 where the next row begins.
     repeats: Option<Integers>,
-    /// Where values may be missing: their definition levels.
+    /// Definition levels, if values may be missing.
     levels: Option<Integers>,
     values: PageValues,
     bytes: u64,
 }
 
-/// The values of a page that are there.
+/// The values of a page, without the missing ones.
 enum PageValues {
-    /// One after the other, from a position on.
+    /// Consecutive values, and the position of the next one.
     Plain(Vec<u8>, usize),
     /// Positions in the dictionary.
     Indices(Integers),
-    /// Zeros and ones.
     Truths(Integers),
-    /// Integers.
+    /// Delta-encoded integers.
     Deltas(Box<dyn Iterator<Item = i64> + Send>),
 }
 
-/// How many elements of lists are looked at for their lengths.
+/// Number of list elements that are checked for the lengths of lists.
 const LOOKED_AT: u64 = 1 << 14;
 
 const DATA: i64 = 0;
@@ -63,12 +61,11 @@ impl ColumnReader {
         Self { chunk, dictionary, dictionary_bytes: 0, page: None, elements: 0 }
     }
 
-    /// How much memory its page and dictionary take.
+    /// Returns the memory held by the page and the dictionary.
     pub(super) fn held(&self) -> u64 {
         self.dictionary_bytes + self.page.as_ref().map_or(0, |page| page.bytes)
     }
 
-    /// Adds the next values.
     pub(super) fn read(
         &mut self,
         source: &mut ParquetSource,
@@ -111,7 +108,7 @@ impl ColumnReader {
         Ok(())
     }
 
-    /// Adds the elements of the lists of the next rows, row by row.
+    /// Reads the elements of the lists in the next rows, row by row.
     pub(super) fn read_lists(
         &mut self,
         source: &mut ParquetSource,
@@ -152,7 +149,7 @@ impl ColumnReader {
         Ok(())
     }
 
-    /// How many elements the lists of all rows in the first page have; `None` if they differ.
+    /// Returns the common length of the lists in the first page; `None` if they differ.
     pub(super) fn list_length(
         &mut self,
         source: &mut ParquetSource,
@@ -164,7 +161,7 @@ impl ColumnReader {
         let Some(Page { left, repeats: Some(repeats), .. }) = &mut self.page else {
             return Ok(None);
         };
-        // As many as a row of a table may have, and more.
+        // More than a row of a table may have.
         let most = (*left).min(LOOKED_AT) as usize;
         let mut levels = Vec::new();
         while levels.len() < most && repeats.read(most - levels.len(), &mut levels).is_some() {}
@@ -200,7 +197,7 @@ impl ColumnReader {
         file.seek(SeekFrom::Start(self.chunk.at + head_bytes))?;
         let mut packed = vec![0; packed_bytes as usize];
         file.read_exact(&mut packed)?;
-        // CRC-32 of the page as it is stored, if its writer gave it.
+        // CRC-32 of the page as stored, if the writer provided it.
         if head.whole(4).is_some_and(|checksum| checksum as u32 != crc32fast::hash(&packed)) {
             return Err(KIND.damaged(format!("column `{name}`: the checksum of a page is wrong")));
         }
@@ -209,7 +206,7 @@ impl ColumnReader {
             DATA => (DATA, 5),
             DICTIONARY => (DICTIONARY, 7),
             DATA_2 => (DATA_2, 8),
-            // An index.
+            // An index page.
             _ => return Ok(()),
         };
         let details = head.field(details).ok_or_else(wrong)?;
@@ -272,7 +269,7 @@ impl ColumnReader {
         };
         let left = count(1).ok_or_else(wrong)?;
         let values = values(bytes, encoding, leaf)?;
-        // As many bits as the highest has.
+        // The bit width of the highest level.
         let width = u8::BITS - leaf.levels.leading_zeros();
         let levels = (leaf.levels > 0).then(|| Integers::new(levels, width).ok_or_else(wrong));
         let levels = levels.transpose()?;
@@ -281,13 +278,13 @@ impl ColumnReader {
         Ok(())
     }
 
-    /// The head of the next page, and how many bytes it has.
+    /// Reads the header of the next page, and returns its length in bytes as well.
     fn head(&self, file: &mut OpenFile, name: &str) -> Result<(Value, u64), TableError> {
         let there = self.chunk.end.saturating_sub(self.chunk.at);
         if there == 0 {
             return Err(KIND.damaged(format!("column `{name}` has fewer values than rows")));
         }
-        // As a rule short; once more where it is not.
+        // Headers are usually short; reads a longer piece if necessary.
         for most in [1 << 10, HEAD] {
             let mut bytes = vec![0; there.min(most) as usize];
             file.seek(SeekFrom::Start(self.chunk.at))?;
@@ -301,7 +298,7 @@ impl ColumnReader {
     }
 }
 
-/// The values of a page by their encoding.
+/// Prepares the values of a page for decoding, by encoding.
 fn values(bytes: Vec<u8>, encoding: Option<i64>, leaf: &Leaf) -> Result<PageValues, TableError> {
     let wrong = || KIND.damaged(format!("column `{}`: a page of values", leaf.name));
     let kind = leaf.kind;
@@ -328,7 +325,7 @@ fn values(bytes: Vec<u8>, encoding: Option<i64>, leaf: &Leaf) -> Result<PageValu
         (Some(5), Some(_)) if is_whole => {
             PageValues::Deltas(Box::new(deltas(bytes).ok_or_else(wrong)?))
         }
-        // The first bytes of all values, then the second, ….
+        // Byte stream split: the first bytes of all values, then the second bytes, ….
         (Some(9), Some(size)) => {
             let count = bytes.len() / size;
             let in_order = |at: usize| bytes[at % size * count + at / size];
@@ -347,7 +344,7 @@ fn values(bytes: Vec<u8>, encoding: Option<i64>, leaf: &Leaf) -> Result<PageValu
 }
 
 impl PageValues {
-    /// Adds the next values; `None` if there are not so many.
+    /// Reads the next `count` values; `None` if there are fewer.
     fn read(
         &mut self,
         count: usize,
@@ -416,7 +413,7 @@ impl PageValues {
             Self::Deltas(values) => {
                 let LeafType::Number(element) = kind else { return None };
                 for _ in 0..count {
-                    // The lowest bytes of the difference are those of shorter numbers.
+                    // Shorter numbers are the lowest bytes of the 64-bit result.
                     let bytes = values.next()?.to_le_bytes();
                     part.push(element.cell(&bytes[..element.size()], true));
                 }
@@ -426,7 +423,7 @@ impl PageValues {
     }
 }
 
-/// So many integers; `None` if there are fewer.
+/// Reads exactly `count` integers; `None` if there are fewer.
 fn exactly(integers: &mut Integers, count: usize) -> Option<Vec<u64>> {
     let mut values = Vec::new();
     while values.len() < count {
@@ -435,7 +432,7 @@ fn exactly(integers: &mut Integers, count: usize) -> Option<Vec<u64>> {
     Some(values)
 }
 
-/// Nanoseconds of the day, and the Julian day, of which 2,440,588 began in 1970.
+/// Reads the nanoseconds of the day and the Julian day; Julian day 2,440,588 is 1970-01-01.
 fn day_and_time(bytes: &mut ByteReader<'_>) -> Option<Cell> {
     let (of_day, day) = (bytes.i64()?, bytes.i32()?);
     let seconds = (i64::from(day) - 2_440_588) * 86_400;

@@ -6,31 +6,31 @@ use crate::element::Element;
 use crate::kind::TableError;
 use crate::thrift::Value;
 
-/// A column.
+/// A column of the file.
 #[derive(Clone, Debug)]
 pub(super) struct Leaf {
-    /// Its path in the tree, joined by dots.
+    /// Path in the schema tree, joined by dots.
     pub(super) name: String,
     pub(super) kind: LeafType,
-    /// Its definition level where there is a value: how many of its path may be absent.
+    /// Definition level of a present value: the number of optional or repeated elements in the path.
     pub(super) levels: u8,
-    /// What it is a list of values in, if it is one.
+    /// The list that contains the values, if there is one.
     pub(super) list: Option<ListLeaf>,
 }
 
-/// A list whose values are the columns of a table.
+/// A list whose elements become columns of a table.
 #[derive(Clone, Debug)]
 pub(super) struct ListLeaf {
-    /// The path of the list in the tree.
+    /// Path of the list in the tree.
     name: String,
-    /// The definition level where the list has an element.
+    /// Definition level at which the list has an element.
     pub(super) level: u8,
-    /// How many elements it has in every row.
+    /// Number of elements in each row.
     pub(super) length: usize,
 }
 
 impl Leaf {
-    /// The names of its columns.
+    /// Returns the names of the columns.
     pub(super) fn columns(&self) -> Vec<String> {
         match &self.list {
             None => vec![self.name.clone()],
@@ -39,19 +39,19 @@ impl Leaf {
     }
 }
 
-/// What the values of a column mean, and how they are stored.
+/// The meaning and representation of a column's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LeafType {
     Number(Element),
     Text,
-    /// A day and its nanoseconds, in 96 bits.
+    /// A day and the nanoseconds in it, in 96 bits.
     DayAndTime,
-    /// What is not read.
+    /// A type that is not supported.
     Opaque(&'static str),
 }
 
 impl LeafType {
-    /// The bytes of a value, if they are always as many.
+    /// Returns the number of bytes of a value, if it is constant.
     pub(super) fn size(self) -> Option<usize> {
         match self {
             Self::Number(element) => Some(element.size()),
@@ -68,24 +68,24 @@ impl LeafType {
     }
 }
 
-/// How deep the tree may be.
+/// The maximum depth of the tree.
 const DEPTH: u8 = 32;
 
 const OPTIONAL: i64 = 1;
 const REPEATED: i64 = 2;
 
-/// What is above an element of the tree.
+/// Properties of a tree element's ancestors.
 #[derive(Clone)]
 struct Above {
     path: String,
     levels: u8,
-    /// How many elements of the path are repeated, and the innermost of them.
+    /// Number of repeated elements in the path, and the innermost of them.
     repeated: u8,
     list: Option<ListLeaf>,
     depth: u8,
 }
 
-/// The columns that a footer describes.
+/// Returns the columns that a footer describes.
 pub(super) fn leaves(footer: &Value) -> Result<Vec<Leaf>, TableError> {
     let elements = footer.list(2).unwrap_or_default();
     let mut elements = elements.iter();
@@ -133,7 +133,7 @@ fn add<'a>(
     Ok(())
 }
 
-/// The type of the column at `path`, from the type that its values are stored as and the logical one.
+/// Determines the type of the column at `path` from its physical and logical types.
 fn kind(element: &Value, path: &str) -> Result<LeafType, TableError> {
     let logical = element.field(10);
     let has = |number| logical.is_some_and(|logical| logical.field(number).is_some());
@@ -148,7 +148,7 @@ fn kind(element: &Value, path: &str) -> Result<LeafType, TableError> {
         Some(6) => match converted {
             Some(0 | 4 | 19) => LeafType::Text,
             _ if has(1) || has(4) || has(12) => LeafType::Text,
-            // Some writers do not say that their bytes are text.
+            // Some writers do not mark their text as such.
             None if logical.is_none() => LeafType::Text,
             _ => LeafType::Opaque("binary"),
         },
@@ -163,7 +163,7 @@ fn kind(element: &Value, path: &str) -> Result<LeafType, TableError> {
     Ok(if is_decimal { LeafType::Opaque("decimal") } else { kind })
 }
 
-/// The type of a column of integers of so many bytes.
+/// Determines the type of a column of integers with `size` bytes.
 fn integer_kind(element: &Value, size: u8) -> LeafType {
     let time = |units, per_second| LeafType::Number(Element::Time { size, units, per_second });
     let logical = element.field(10);

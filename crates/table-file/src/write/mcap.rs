@@ -1,16 +1,15 @@
 //! Recordings in MCAP, for ROS 2: wrenches, and named values in a message type with a field for each.
 //!
-//! Chunks are made of rows on any thread ([`McapChunk`]) and written in order ([`McapWriter`]), with an
-//! index of their messages and a summary of all at the end.
+//! Any thread can make chunks of rows ([`McapChunk`]). They are written in order ([`McapWriter`]), with an
+//! index of their messages, and a summary at the end.
 
 use std::io::{self, Write};
 
 use crate::bytes::ByteWriter;
 
-/// What a channel carries.
+/// A channel of a recording.
 #[derive(Clone, Debug)]
 pub struct McapChannel {
-    /// Its topic.
     pub topic: String,
     /// Name and definition of its message type (`ros2msg`).
     pub schema: (&'static str, String),
@@ -19,7 +18,7 @@ pub struct McapChannel {
 }
 
 impl McapChannel {
-    /// Wrenches as ROS 2 has them.
+    /// Makes a channel of ROS 2 wrenches.
     pub fn wrench(topic: &str) -> Self {
         Self {
             topic: topic.to_owned(),
@@ -28,7 +27,7 @@ impl McapChannel {
         }
     }
 
-    /// Transforms between frames of reference that do not move, as ROS 2 has them.
+    /// Makes a channel of ROS 2 transforms between fixed frames of reference.
     pub fn static_transforms() -> Self {
         Self {
             topic: "/tf_static".to_owned(),
@@ -99,12 +98,13 @@ const TRANSFORMS: [&str; 7] = [
     "MSG: geometry_msgs/Quaternion\nfloat64 x\nfloat64 y\nfloat64 z\nfloat64 w\n",
 ];
 
-/// What the schema of a type says: that and what it is made of, as rosbag2 writes them.
+/// Returns the text of a schema: the type and the types that it refers to, in the form that rosbag2 writes.
 fn definition(types: &[&str]) -> String {
     types.join(&("=".repeat(80) + "\n"))
 }
 
-/// Who comes late gets them, too: reliable, transient local, as ROS 2's broadcaster of static transforms.
+/// Quality of service that also delivers to late subscribers: reliable, transient local, like the static
+/// transform broadcaster of ROS 2.
 const LATCHED: &str = "\
 - history: 1
   depth: 1
@@ -123,7 +123,7 @@ const LATCHED: &str = "\
   avoid_ros_namespace_conventions: false
 ";
 
-/// Adds a wrench at a time to a message, as ROS 2 sends it (CDR, the lowest byte first).
+/// Appends a wrench at a time to a message in the encoding of ROS 2 (CDR, little-endian).
 pub fn wrench_stamped(message: &mut Vec<u8>, time_ns: u64, frame_id: &str, wrench: [f64; 6]) {
     message.extend([0, 1, 0, 0]);
     let start = message.len();
@@ -155,7 +155,8 @@ pub fn record_stamped<'a>(
     }
 }
 
-/// Adds where the frame `child` is in the frame `parent` likewise: metres, and a unit quaternion (x, y, z, w).
+/// Appends the pose of the frame `child` in the frame `parent`, in the same encoding: metres, and a unit
+/// quaternion (x, y, z, w).
 pub fn static_transform(
     message: &mut Vec<u8>,
     time_ns: u64,
@@ -165,7 +166,7 @@ pub fn static_transform(
 ) {
     message.extend([0, 1, 0, 0]);
     let start = message.len();
-    // One transform.
+    // Number of transforms.
     message.extend(1_u32.to_le_bytes());
     stamp(message, time_ns);
     string(message, parent);
@@ -198,20 +199,20 @@ fn doubles(message: &mut Vec<u8>, start: usize, values: &[f64]) {
     values.iter().for_each(|value| message.extend(value.to_le_bytes()));
 }
 
-/// Messages that are written together. Nothing is compressed, as ROS 2 records by default: LZ4 takes longer than all
-/// that is done to make the messages.
+/// Messages that are written together. They are not compressed, as is the default of ROS 2: LZ4 takes longer
+/// than making the messages.
 #[derive(Debug, Default)]
 pub struct McapChunk {
     records: Vec<u8>,
     index: Vec<MessageIndex>,
-    /// The first and last time.
+    /// Times of the first and the last message.
     times: Option<(u64, u64)>,
 }
 
-/// When and where the messages of a channel are in a chunk, as it is written.
+/// The message index of a channel in a chunk, in the form in which it is written: times and positions.
 type MessageIndex = Vec<u8>;
 
-/// What the index of a message takes.
+/// Bytes per entry of a message index.
 const INDEX_BYTES: usize = 16;
 
 const SCHEMA: u8 = 0x03;
@@ -226,7 +227,7 @@ const DATA_END: u8 = 0x0f;
 const HEADER: u8 = 0x01;
 const FOOTER: u8 = 0x02;
 
-/// The name of no compression.
+/// The name for no compression.
 const UNCOMPRESSED: &str = "";
 
 fn record(kind: u8, content: ByteWriter) -> Vec<u8> {
@@ -234,19 +235,19 @@ fn record(kind: u8, content: ByteWriter) -> Vec<u8> {
     head.bytes(&content.0).0
 }
 
-/// The first and last of times, with those of others.
+/// Extends a range of times to include another.
 fn with_times(times: Option<(u64, u64)>, others: (u64, u64)) -> (u64, u64) {
     let (first, last) = times.unwrap_or(others);
     (first.min(others.0), last.max(others.1))
 }
 
 impl McapChunk {
-    /// A chunk with room for so many bytes.
+    /// Makes a chunk with the given capacity.
     pub fn with_capacity(bytes: usize) -> Self {
         Self { records: Vec::with_capacity(bytes), ..Self::default() }
     }
 
-    /// Adds a message to the channel of that number, from 0; `write` adds what it says.
+    /// Adds a message to a channel, counted from 0; `write` appends the content.
     pub fn message(&mut self, channel: u16, time_ns: u64, write: impl FnOnce(&mut Vec<u8>)) {
         let position = usize::from(channel);
         self.index.resize_with(self.index.len().max(position + 1), Vec::new);
@@ -254,7 +255,7 @@ impl McapChunk {
         self.index[position].extend_from_slice(&time_ns.to_le_bytes());
         self.index[position].extend_from_slice(&(start as u64).to_le_bytes());
         self.times = Some(with_times(self.times, (time_ns, time_ns)));
-        // Its length when it is known, channel, no sequence number, when it was logged and published.
+        // Length (filled in later), channel, no sequence number, log time and publish time.
         let records = ByteWriter(std::mem::take(&mut self.records)).bytes(&[MESSAGE]).u64(0);
         self.records = records.u16(channel + 1).u32(0).u64(time_ns).u64(time_ns).0;
         write(&mut self.records);
@@ -262,13 +263,13 @@ impl McapChunk {
         self.records[start + 1..start + 9].copy_from_slice(&length.to_le_bytes());
     }
 
-    /// The first time; `None` without messages.
+    /// Returns the time of the first message; `None` without messages.
     pub fn start_ns(&self) -> Option<u64> {
         self.times.map(|(first, _)| first)
     }
 }
 
-/// Writes a recording.
+/// A writer of recordings.
 pub struct McapWriter<W> {
     out: W,
     at: u64,
@@ -279,10 +280,10 @@ pub struct McapWriter<W> {
 }
 
 impl<W: Write> McapWriter<W> {
-    /// A recording of these channels.
+    /// Starts a recording with these channels.
     ///
     /// # Errors
-    /// What the system says.
+    /// [`io::Error`] of the system.
     pub fn new(out: W, library: &str, channels: Vec<McapChannel>) -> io::Result<Self> {
         let counts = vec![0; channels.len()];
         let mut writer = Self { out, at: 0, channels, counts, times: None, chunks: Vec::new() };
@@ -325,7 +326,7 @@ impl<W: Write> McapWriter<W> {
     /// Writes a chunk and the index of its messages, if it has any.
     ///
     /// # Errors
-    /// What the system says.
+    /// [`io::Error`] of the system.
     pub fn write(&mut self, chunk: &McapChunk) -> io::Result<()> {
         let Some((first, last)) = chunk.times else { return Ok(()) };
         let (start, bytes) = (self.at, chunk.records.len() as u64);
@@ -352,12 +353,12 @@ impl<W: Write> McapWriter<W> {
         Ok(())
     }
 
-    /// Writes the summary and the end.
+    /// Writes the summary and the end of the file.
     ///
     /// # Errors
-    /// What the system says.
+    /// [`io::Error`] of the system.
     pub fn finish(&mut self) -> io::Result<()> {
-        // Without a checksum of the data: each chunk has its own.
+        // No checksum of the data section, because each chunk has one.
         self.bytes(&record(DATA_END, ByteWriter::default().u32(0)))?;
         let start = self.at;
         let groups = [
@@ -374,7 +375,7 @@ impl<W: Write> McapWriter<W> {
         }
         let offsets_start = start + summary.len() as u64;
         summary.extend(offsets);
-        // The checksum covers the summary and the footer before it.
+        // The checksum covers the summary and the footer up to the checksum.
         let summary = ByteWriter(summary).bytes(&[FOOTER]).u64(20).u64(start).u64(offsets_start);
         let checksum = crc32fast::hash(&summary.0);
         self.bytes(&summary.u32(checksum).bytes(b"\x89MCAP0\r\n").0)?;
@@ -385,7 +386,7 @@ impl<W: Write> McapWriter<W> {
         let (first, last) = self.times.unwrap_or_default();
         let schemas = self.channels.iter().filter(|channel| channel.schema.is_some()).count();
         let content = ByteWriter::default().u64(self.counts.iter().sum()).u16(schemas as u16);
-        // No attachments, no metadata.
+        // No attachments and no metadata.
         let content = content.u32(self.channels.len() as u32).u32(0).u32(0);
         let content = content.u32(self.chunks.len() as u32).u64(first).u64(last);
         let numbered = (1..).zip(&self.counts);

@@ -1,7 +1,7 @@
-//! Tables as files, and tables of results as the bytes of CSV and Parquet files.
+//! Writers of tables, and tables of results as CSV and Parquet.
 //!
-//! MCAP and Parquet are written as the rows come; NumPy and MATLAB, which begin with the number of rows, when all
-//! are there.
+//! MCAP and Parquet are written as the rows arrive. NumPy and MATLAB files begin with the number of rows, so
+//! they are written when all rows are present.
 
 pub mod mcap;
 mod npy;
@@ -16,21 +16,21 @@ pub use self::parquet::ParquetWriter;
 pub use crate::format::Cells;
 pub use crate::mat5::write_matlab;
 
-/// How many rows of a table of results become one row group of Parquet.
+/// Number of rows in a Parquet row group of a table of results.
 const GROUP_ROWS: usize = 1 << 16;
 
-/// A table of results: columns of one length, each with a name that carries its unit. Numbers in CSV have the fewest
-/// digits that read back as the same number; missing values are empty, and null in Parquet.
+/// A table of results: columns of equal length with names that include the unit. CSV has the fewest digits
+/// that read back as the same number. Missing values are empty in CSV and null in Parquet.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NamedTable {
     columns: Vec<(String, Cells<'static>)>,
 }
 
 impl NamedTable {
-    /// A table of these columns.
+    /// Makes a table of these columns.
     ///
     /// # Panics
-    /// If they differ in length.
+    /// If the columns differ in length.
     pub fn new<'a>(columns: impl IntoIterator<Item = (&'a str, Cells<'static>)>) -> Self {
         let columns = columns.into_iter().map(|(name, cells)| (name.to_owned(), cells)).collect();
         let table = Self { columns };
@@ -38,12 +38,11 @@ impl NamedTable {
         table
     }
 
-    /// Number of rows.
     pub fn rows(&self) -> usize {
         self.columns.first().map_or(0, |(_, cells)| cells.rows())
     }
 
-    /// The table as CSV, with a line of names.
+    /// Returns the table as CSV with a line of names.
     pub fn to_csv(&self) -> Vec<u8> {
         let mut text = Vec::with_capacity(20 * self.columns.len() * (1 + self.rows()));
         let names = self.columns.iter().map(|(name, _)| name.as_str());
@@ -77,10 +76,10 @@ impl NamedTable {
         text
     }
 
-    /// The table as a Parquet file.
+    /// Returns the table as a Parquet file.
     ///
     /// # Errors
-    /// [`io::Error`] if a page takes more than the 2 GB that it may have.
+    /// [`io::Error`] if a page would exceed 2 GB, the format's limit.
     pub fn to_parquet(&self) -> io::Result<Vec<u8>> {
         let mut bytes = Vec::new();
         let mut writer = ParquetWriter::new(&mut bytes, &self.columns)?;
@@ -118,7 +117,7 @@ mod tests {
     }
     #[test]
     fn parquet_reads_back_as_what_it_was_made_from() {
-        // More rows than there are in a row group.
+        // More rows than a row group has.
         let many = 70_000;
         let names = (0..many).map(|row| format!("trial {}", row / 1000));
         let drag = (0..many).map(|row| (row % 3 > 0).then_some(f64::from(row) / 7.0));
@@ -137,7 +136,7 @@ mod tests {
             .unwrap();
             let text = read.head(None, usize::MAX, usize::MAX).unwrap();
             let text = String::from_utf8(text).unwrap();
-            // The reader writes whole numbers as such.
+            // The reader formats floating-point numbers with integer values as integers.
             let expected = String::from_utf8(table.to_csv()).unwrap();
             let expected = expected.replace(".0,", ",").replace(".0\n", "\n");
             assert!(text == expected, "{:?}", text.lines().nth(line));

@@ -1,19 +1,19 @@
-//! An array of NumPy: one record for each row, with named fields.
+//! NumPy arrays with one record per row and named fields.
 
 use std::io::{self, Write};
 
 use super::Cells;
 
-/// Writes an `.npy` file of columns of one length.
+/// Writes columns of equal length to an `.npy` file.
 ///
 /// # Errors
-/// What the system says, and for columns with missing numbers, which the format cannot store.
+/// [`io::Error`] of the system, or if a column has missing numbers, which the format cannot store.
 pub fn write_numpy(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io::Result<()> {
     let rows = columns.first().map_or(0, |(_, cells)| cells.rows());
     let mut fields = Vec::new();
     let mut widths = Vec::new();
     for (name, cells) in columns {
-        // What would end the name or the line of the header.
+        // Characters that would end the name or the header line.
         let is_special = |c: char| c.is_control() || matches!(c, '\\' | '\'');
         let name = name.replace(is_special, "_");
         let (kind, width) = match cells {
@@ -22,7 +22,7 @@ pub fn write_numpy(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io::
                 let widths = texts.iter().map(|text| text.chars().count());
                 ("U", widths.max().unwrap_or(0).max(1))
             }
-            // There are no missing numbers.
+            // The format has no missing numbers.
             Cells::Number(_) | Cells::Count(_) => return Err(io::ErrorKind::Unsupported.into()),
         };
         fields.push(format!("('{name}', '<{kind}{width}')"));
@@ -31,7 +31,7 @@ pub fn write_numpy(out: &mut dyn Write, columns: &[(String, Cells<'_>)]) -> io::
     let fields = fields.join(", ");
     let mut header =
         format!("{{'descr': [{fields}], 'fortran_order': False, 'shape': ({rows},), }}");
-    // The header ends a line, at a multiple of 64 bytes from the start of the file.
+    // The header ends with a line end at a multiple of 64 bytes from the start of the file.
     let before = 12;
     let padded = (before + header.len() + 1).next_multiple_of(64);
     header.push_str(&" ".repeat(padded - before - header.len() - 1));

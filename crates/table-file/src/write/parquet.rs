@@ -1,8 +1,8 @@
-//! Parquet files ("Apache Parquet format"): numbers as they are, texts compressed with Snappy, every page
-//! with its checksum.
+//! Parquet files ("Apache Parquet format"): numbers uncompressed, texts compressed with Snappy, and a
+//! checksum in every page.
 //!
-//! Rows that are written together become a row group, with one page of each column. The footer, which
-//! describes the groups, is all that is kept of them.
+//! Rows that are written together become a row group with one page per column. Only the description of a
+//! group is kept in memory, for the footer.
 
 use std::io::{self, Write};
 use std::ops::Range;
@@ -13,7 +13,7 @@ use crate::thrift::Value::{self, Int, List, Struct, Whole};
 
 const MAGIC: &[u8] = b"PAR1";
 
-/// Types of values, and that of texts beside it.
+/// Physical types of values, and the converted type of text.
 const INT64: i32 = 2;
 const DOUBLE: i32 = 5;
 const BYTE_ARRAY: i32 = 6;
@@ -31,7 +31,7 @@ const DATA_PAGE: i32 = 0;
 const UNCOMPRESSED: i32 = 0;
 const SNAPPY: i32 = 1;
 
-/// The type of a column, and whether values may be missing.
+/// Returns the type of a column, and whether values may be missing.
 fn column_type(cells: &Cells<'_>) -> (i32, i32) {
     match cells {
         Cells::Text(_) => (BYTE_ARRAY, REQUIRED),
@@ -45,18 +45,18 @@ fn column_type(cells: &Cells<'_>) -> (i32, i32) {
 pub struct ParquetWriter<W> {
     out: W,
     at: u64,
-    /// The root of the schema, then its columns.
+    /// The root of the schema, followed by its columns.
     schema: Vec<Value>,
     rows: u64,
-    /// What the footer says of each row group.
+    /// The footer's entry for each row group.
     groups: Vec<Value>,
 }
 
 impl<W: Write> ParquetWriter<W> {
-    /// A file of columns of these names and types; it has no rows yet.
+    /// Starts a file with columns of these names and types.
     ///
     /// # Errors
-    /// What the system says.
+    /// [`io::Error`] of the system.
     pub fn new(mut out: W, columns: &[(String, Cells<'_>)]) -> io::Result<Self> {
         out.write_all(MAGIC)?;
         let mut schema = vec![Struct(vec![(4, "schema".into()), (5, Int(columns.len() as i32))])];
@@ -73,10 +73,11 @@ impl<W: Write> ParquetWriter<W> {
         Ok(Self { out, at: MAGIC.len() as u64, schema, rows: 0, groups: Vec::new() })
     }
 
-    /// Writes some rows of columns as a group: of as many columns as the file has, of the same types.
+    /// Writes some rows of columns as a row group. The columns must have the number and types of the file's
+    /// columns.
     ///
     /// # Errors
-    /// What the system says.
+    /// [`io::Error`] of the system.
     pub fn write(&mut self, columns: &[(String, Cells<'_>)], rows: Range<usize>) -> io::Result<()> {
         if rows.is_empty() {
             return Ok(());
@@ -106,7 +107,7 @@ impl<W: Write> ParquetWriter<W> {
     /// Writes the footer.
     ///
     /// # Errors
-    /// What the system says.
+    /// [`io::Error`] of the system.
     pub fn finish(&mut self) -> io::Result<()> {
         let description = Struct(vec![
             (1, Int(1)),
@@ -126,8 +127,8 @@ impl<W: Write> ParquetWriter<W> {
     }
 }
 
-/// The page of a column in a row group with its head, as many bytes as that is unpacked, and what the footer says of
-/// it, where it begins `at` a position in the file.
+/// Makes the page of a column in a row group, which begins at position `at` in the file. Returns its bytes
+/// including the header, its uncompressed size, and the footer's entry for it.
 fn column_chunk(
     name: &str,
     cells: &Cells<'_>,
@@ -198,11 +199,12 @@ fn plain(bytes: &mut Vec<u8>, values: impl Iterator<Item = [u8; 8]>) {
     values.for_each(|value| bytes.extend_from_slice(&value));
 }
 
-/// Adds which values are there, a bit for each with their length before them; returns how many are not.
+/// Appends a bit per value that tells if it is present, preceded by their length; returns the number of
+/// missing values.
 fn levels<T>(bytes: &mut Vec<u8>, values: &[Option<T>]) -> io::Result<i64> {
     let groups = values.chunks(8);
     let mut bits = Vec::with_capacity(groups.len() + 5);
-    // One run of values that are packed by eight.
+    // One bit-packed run, in groups of eight values.
     push_varint(&mut bits, (groups.len() as u64) << 1 | 1);
     bits.extend(groups.map(|group| {
         let bit = |(position, value): (usize, &Option<T>)| u8::from(value.is_some()) << position;

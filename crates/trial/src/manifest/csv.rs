@@ -5,10 +5,10 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 use super::{CellPosition, Entry, KEYS, Manifest, ManifestProblem, Placed};
 use shell_data::hint::{did_you_mean, quoted};
 
-/// How many of [`KEYS`] have to be there.
+/// Number of required [`KEYS`].
 const REQUIRED: usize = 4;
 
-/// Other names that columns go by.
+/// Alternative names of columns.
 const OTHER_NAMES: [(&str, &str); 9] = [
     ("log", "file"),
     ("t_enter", "t_enter_s"),
@@ -54,7 +54,7 @@ pub(super) fn parse(text: &str) -> Result<Manifest, ManifestProblem> {
     keys.map(|_| manifest).ok_or_else(empty)
 }
 
-/// What each column is.
+/// The key of each column.
 fn header(
     record: &StringRecord,
     lexed: &Lexed,
@@ -97,16 +97,16 @@ fn row(
     Entry::new(lexed.field(0), cells.collect())
 }
 
-/// Where the fields of a record start.
+/// The positions of the fields of a record.
 struct Lexed {
     line: usize,
     columns: Vec<usize>,
 }
 
 impl Lexed {
-    /// Of the record at or after the byte `start`.
+    /// Locates the record at or after the byte `start`.
     fn new(text: &str, start: usize, separator: u8) -> Self {
-        // The reader's position is where it went on, which may be a blank line or a comment.
+        // The reader's position is where it continued, which may be a blank line or a comment.
         let mut start = start;
         loop {
             let line = text[start..].lines().next().unwrap_or_default();
@@ -130,7 +130,7 @@ impl Lexed {
         Self { line, columns }
     }
 
-    /// Where field `i` starts; where the last one does if there is none.
+    /// The start of field `i`; that of the last field if there is no such field.
     fn field(&self, i: usize) -> CellPosition {
         let last = self.columns.last().copied().unwrap_or(1);
         CellPosition { line: self.line, column: self.columns.get(i).copied().unwrap_or(last) }

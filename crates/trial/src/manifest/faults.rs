@@ -1,4 +1,4 @@
-//! What is wrong between the rows of a manifest: duplicates, conditions that look mistyped.
+//! Conflicts between the rows of a manifest: duplicates, and conditions that look mistyped.
 
 use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
@@ -7,9 +7,9 @@ use super::{CellPosition, Entry, Manifest, ManifestProblem};
 use shell_data::hint::{did_you_mean, suggest};
 
 impl Manifest {
-    /// The rows that go against other rows, by their numbers from 0: those whose window overlaps that of an earlier trial on
-    /// the same log, and those whose condition is none of the declared ones (`declared`, or what the
-    /// manifest itself says).
+    /// The rows in conflict with others, by their numbers from 0: rows whose window overlaps that of an
+    /// earlier trial on the same log, and rows whose condition is not declared (in `declared`, or otherwise
+    /// in the manifest).
     pub fn faults(&self, declared: Option<&[String]>) -> Vec<(usize, ManifestProblem)> {
         let declared = declared.or(self.conditions.as_deref());
         let mut faults = Vec::new();
@@ -38,8 +38,8 @@ impl Manifest {
         faults
     }
 
-    /// Conditions that are likely mistyped: the same as another but for case, spaces and punctuation,
-    /// or there once only and one letter away from one that is there more often.
+    /// Conditions that are probably mistyped: equal to another except for case, spaces and punctuation, or
+    /// used once and one letter away from a more frequent one.
     pub fn suspicious(&self) -> Vec<ManifestProblem> {
         if self.conditions.is_some() {
             return Vec::new();
@@ -76,7 +76,7 @@ impl Manifest {
     }
 }
 
-/// `./run.txt` is `run.txt`.
+/// Treats `./run.txt` like `run.txt`.
 fn without_dots(file: &str) -> PathBuf {
     Path::new(file).components().filter(|part| *part != Component::CurDir).collect()
 }

@@ -1,4 +1,4 @@
-//! Manifests: which trials there are, in CSV or TOML.
+//! Manifests: lists of trials, in CSV or TOML.
 //!
 //! ```csv
 //! file,condition,t_enter_s,t_exit_s,velocity_m_s,mass_kg,channel_length_m,notes,exclude
@@ -7,9 +7,8 @@
 //! logs/run3.txt,2 cm,3.1,6.0,,,,fell over,yes
 //! ```
 //!
-//! Only the first four columns have to be there. The same in TOML is one `[[trial]]` table for each,
-//! with the same keys, and optionally `conditions = ["free", "3 cm"]`, which are then all that there
-//! may be.
+//! Only the first four columns are required. The TOML form has a table `[[trial]]` for each trial, with the
+//! same keys, and optionally `conditions = ["free", "3 cm"]`, which then lists all allowed conditions.
 
 mod csv;
 mod faults;
@@ -25,47 +24,44 @@ use toml::{Spanned, Value};
 use crate::Trial;
 use shell_data::hint::did_you_mean;
 
-/// A manifest.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Manifest {
-    /// Its rows in order: trials, or what is wrong with them.
+    /// The rows in order: trials, or problems.
     pub rows: Vec<Result<Entry, ManifestProblem>>,
-    /// All the conditions that there may be, if it says.
+    /// All allowed conditions, if the manifest lists them.
     pub conditions: Option<Vec<String>>,
 }
 
-/// A trial as the manifest has it.
+/// A trial as given in the manifest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// Where it starts.
+    /// The position of its start.
     pub position: CellPosition,
-    /// What it says of the trial but for its times; the log is relative to the manifest's folder.
+    /// The trial without its times; the log is relative to the manifest's folder.
     pub trial: Trial,
-    /// Where the log is named.
+    /// The position of the log's name.
     pub file_position: CellPosition,
-    /// Where the condition stands.
+    /// The position of the condition.
     pub condition_position: CellPosition,
     /// Entry into the channel, s on the log's clock; `None` if it is to be found in the forces.
     pub enter: Placed<Option<f64>>,
-    /// Exit from it, likewise.
+    /// Exit from the channel, likewise.
     pub exit: Placed<Option<f64>>,
-    /// Whether it is left out.
+    /// True if the trial is to be omitted.
     pub exclude: bool,
 }
 
 /// A line and a column of a manifest or a profile, from 1; columns in characters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 pub struct CellPosition {
-    /// The line.
     pub line: usize,
-    /// The column.
     pub column: usize,
 }
 
 impl CellPosition {
     const START: Self = Self { line: 1, column: 1 };
 
-    /// That of a byte of a text.
+    /// The position of a byte in a text.
     fn of_byte(text: &str, byte: usize) -> Self {
         let before = text.get(..byte).unwrap_or(text);
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
@@ -80,13 +76,11 @@ impl fmt::Display for CellPosition {
     }
 }
 
-/// What is wrong at some position of a manifest, a profile or a table.
+/// A problem at some position of a manifest, a profile or a table.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{position}: {message}")]
 pub struct ManifestProblem {
-    /// Where.
     pub position: CellPosition,
-    /// What.
     pub message: String,
 }
 
@@ -95,12 +89,12 @@ impl ManifestProblem {
         Self { position, message }
     }
 
-    /// At a byte of `text`.
+    /// A problem at a byte of `text`.
     pub(crate) fn at(text: &str, byte: usize, message: String) -> Self {
         Self { position: CellPosition::of_byte(text, byte), message }
     }
 
-    /// At a `key` of a `[table]`.
+    /// A problem at a `key` of a `[table]`.
     pub(crate) fn at_key(text: &str, table: &str, key: &str, message: String) -> Self {
         let header = text.find(&format!("[{table}]")).unwrap_or(0);
         let byte = header + text[header..].find(key).unwrap_or(0);
@@ -108,28 +102,25 @@ impl ManifestProblem {
     }
 }
 
-/// Reads a TOML document.
 pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str) -> Result<T, ManifestProblem> {
     toml::from_str(text).map_err(|error| {
         let byte = error.span().map_or(0, |span| span.start);
-        // One line, as all messages are.
+        // On one line, as all messages are.
         ManifestProblem::at(text, byte, error.message().replace('\n', ", "))
     })
 }
 
-/// A value and where it stands.
+/// A value with its position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placed<T> {
-    /// The value.
     pub value: T,
-    /// Where it stands.
     pub position: CellPosition,
 }
 
-/// The cells of a trial by their keys.
+/// The cells of a trial by key.
 type Cells<'a> = BTreeMap<&'a str, Placed<String>>;
 
-/// The names of the columns or keys, the first four of which have to be there.
+/// The names of the columns or keys; the first four are required.
 const KEYS: [&str; 9] = [
     "file",
     "condition",
@@ -151,11 +142,11 @@ struct TomlManifest {
 }
 
 impl Manifest {
-    /// Reads a manifest: TOML if `is_toml`, else CSV.
+    /// Reads a manifest: TOML if `is_toml`, otherwise CSV.
     ///
     /// # Errors
-    /// [`ManifestProblem`] if the manifest as a whole makes no sense: no TOML, columns missing or unknown, no
-    /// trials. What is wrong with one trial is in its row.
+    /// [`ManifestProblem`] if the manifest as a whole is invalid: not TOML, missing or unknown columns, no
+    /// trials. A problem with one trial is in its row.
     pub fn parse(text: &str, is_toml: bool) -> Result<Self, ManifestProblem> {
         let manifest = if is_toml { Self::from_toml(text)? } else { csv::parse(text)? };
         if manifest.rows.is_empty() {
@@ -191,7 +182,7 @@ impl Manifest {
 }
 
 impl Entry {
-    /// What the cells say; empty ones are as if they were not there.
+    /// Parses the cells; empty cells count as absent.
     fn new(position: CellPosition, mut cells: Cells<'_>) -> Result<Self, ManifestProblem> {
         cells.retain(|_, cell| !cell.value.is_empty());
         let text = |key: &str| {
@@ -250,7 +241,7 @@ impl Entry {
 }
 
 impl Placed<String> {
-    /// The value by `meaning`; a problem that says what is `expected` where the text has none.
+    /// Parses the value with `meaning`; the problem of an invalid text names what is `expected`.
     fn read<T>(
         &self,
         key: &str,
@@ -262,31 +253,31 @@ impl Placed<String> {
     }
 }
 
-/// One of so many shares: rows that follow each other, so that the shares one after the other are the whole.
+/// One of several shares of consecutive rows, which together make up the whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shard {
-    /// Which, from 1.
+    /// The number of this share, from 1.
     number: usize,
-    /// Of how many.
+    /// The number of shares.
     of: usize,
 }
 
 impl Shard {
-    /// The largest number of shares, so that their names sort as their numbers do.
+    /// The largest number of shares, so that their names sort by number.
     pub const MOST: usize = 99_999;
 
-    /// The share `number`, from 1; `None` if there is no such one, or too many.
+    /// The share `number`, from 1; `None` if the number is out of range, or there are too many shares.
     pub fn new(number: usize, of: usize) -> Option<Self> {
         (1 <= number && number <= of && of <= Self::MOST).then_some(Self { number, of })
     }
 
-    /// Its part of so many rows; no two shares differ by more than one row.
+    /// The part of this share in a number of rows; sizes differ by at most one row.
     pub fn rows(self, rows: usize) -> Range<usize> {
         let end = |number: usize| (rows as u128 * number as u128 / self.of as u128) as usize;
         end(self.number - 1)..end(self.number)
     }
 
-    /// The name of what belongs to it, without an extension. Names sort in the order of the shares.
+    /// The name of this share's files, without an extension. Names sort in the order of the shares.
     pub fn stem(self) -> String {
         format!("part-{:05}-of-{:05}", self.number, self.of)
     }

@@ -1,31 +1,30 @@
-//! When the robot was in the channel, from the drag alone: a proposal, with how sure it is.
+//! Proposes the window of a trial, entry into and exit from the channel, from the drag alone, with a
+//! confidence.
 //!
-//! Drag over time is compared with a plateau: none, rising while the robot gets in, level,
-//! falling while it gets out, none, over a constant. It rises and falls smoothly: the nose of a
-//! rounded shell bends its first beam but little. All pairs of entry and exit are
-//! tried on a coarse grid with level and constant by least squares, and the best is refined by
-//! steps that are halved. The drag is averaged over a stride first, so that the legs' shaking does
-//! not count.
+//! Drag over time is compared with a plateau over a constant: zero, rising while the robot enters, level,
+//! falling while it leaves, zero. It rises and falls smoothly, since the nose of a rounded shell bends its
+//! first beam only slightly. All pairs of entry and exit on a coarse grid are tried, with level and constant
+//! by least squares, and the best is refined with halved steps. The drag is first averaged over a stride, so
+//! that the shaking by the legs has no effect.
 //!
-//! The *confidence* is the share of the slow variation of the drag that the plateau explains (R²): a
-//! drag that comes and goes several times, or drowns in what else moves, has a low one. Standard
-//! errors are those of non-linear least squares, with the residuals' variance enlarged by their
-//! correlation time, as neighbouring residuals are alike (Bartlett, J. R. Statist. Soc. B 8, 27,
-//! 1946).
+//! The *confidence* is the share of the slow variation of the drag that the plateau explains (R²). It is low
+//! for a drag that comes and goes several times, or is small against other variations. Standard errors come
+//! from non-linear least squares, with the residuals' variance enlarged by their correlation time, since
+//! neighbouring residuals are correlated (Bartlett, J. R. Statist. Soc. B 8, 27, 1946).
 
 mod plateau;
 
 use plateau::{DragPlateau, PlateauFit, refine, search, standard_errors};
 
-/// Stretches that a log is averaged in.
+/// Number of bins into which a log is averaged.
 const BINS: usize = 240;
-/// What is averaged over where the length of a stride is not known, s.
+/// The averaging time if the length of a stride is unknown, s.
 const USUAL_STRIDE_S: f64 = 0.25;
-/// Below this confidence there is no proposal.
+/// The minimum confidence for a proposal.
 const LEAST_CONFIDENCE: f64 = 0.5;
-/// From this confidence on a proposal can be used without a look at it.
+/// From this confidence on, a proposal can be used without inspection.
 pub const GOOD_CONFIDENCE: f64 = 0.8;
-/// The drag is at least so many of its standard errors.
+/// The minimum drag, in units of its standard error.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
 
 /// A window proposed from the drag.
@@ -33,31 +32,31 @@ const LEAST_SIGNIFICANCE: f64 = 4.0;
 pub struct Proposal {
     /// Onset of sustained drag, s on the log's clock.
     pub t_enter_s: f64,
-    /// Its end, s.
+    /// End of sustained drag, s.
     pub t_exit_s: f64,
     /// Standard error of the onset, s.
     pub t_enter_se_s: f64,
     /// Standard error of the end, s.
     pub t_exit_se_s: f64,
-    /// How long the drag rises, and how long it falls, s.
+    /// Duration of the rise, and of the fall, s.
     pub ramp_s: f64,
-    /// Drag between rising and falling, against that outside the window, N.
+    /// Drag on the level part, relative to that outside the window, N.
     pub drag_n: f64,
-    /// Its standard error, N.
+    /// Standard error of that drag, N.
     pub drag_se_n: f64,
-    /// Drag outside the window, N: what the tare has left.
+    /// Drag outside the window, N: the residual of the tare.
     pub outside_n: f64,
     /// Share of the slow variation of the drag that the plateau explains, 0 to 1.
     pub confidence: f64,
 }
 
 impl Proposal {
-    /// Whether it can be used without a look at it.
+    /// Returns true if it can be used without inspection.
     pub fn is_good(&self) -> bool {
         self.confidence >= GOOD_CONFIDENCE
     }
 
-    /// The drag that it takes the robot to have felt at `time_s`, N.
+    /// The drag of the fitted plateau at `time_s`, N.
     pub fn drag_at(&self, time_s: f64) -> f64 {
         let ramp = self.ramp_s / (self.t_exit_s - self.t_enter_s);
         let plateau = DragPlateau { enter: self.t_enter_s, exit: self.t_exit_s, ramp };
@@ -65,34 +64,34 @@ impl Proposal {
     }
 }
 
-/// Why no window can be proposed.
+/// The reason why no window can be proposed.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoWindow {
-    /// Too few rows with a force, over too short a time, to find an onset in.
+    /// Too few rows with a force, or too short a time, to find an onset.
     #[error("{rows} rows of force over {duration_s:.3} s are too few to find a window in")]
     TooShort { rows: usize, duration_s: f64 },
-    /// There is no drag, or no more than chance makes: the stretch that comes nearest, its drag, and the standard
-    /// error of that.
+    /// The drag is absent or not significant. The fields describe the best stretch, its drag, and the
+    /// standard error.
     #[error(
         "no sustained drag: the best stretch, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
         if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
     )]
     NoDrag { t_enter_s: f64, t_exit_s: f64, drag_n: f64, drag_se_n: f64 },
-    /// There is drag, but not one plateau of it: the stretch that comes nearest, and the share of the variation that
-    /// it explains.
+    /// The drag does not form a single plateau. The fields describe the best stretch, and the share of the
+    /// variation that it explains.
     #[error(
         "onset and end of the drag are not clear: {t_enter_s:.2} s to {t_exit_s:.2} s explains \
          {:.0} % of its variation", 100.0 * confidence
     )]
     Unclear { t_enter_s: f64, t_exit_s: f64, confidence: f64 },
-    /// The log starts within the drag, or else ends within it.
+    /// The log starts within the drag (true) or ends within it.
     #[error("the log {} within the drag: it holds no whole window", if *.0 { "starts" } else { "ends" })]
     Cut(bool),
 }
 
-/// Proposes entry and exit from the drag −Fx in N at `time_s` in s: tared, not delayed by a filter
-/// (unfiltered, or filtered forth and back). Values that are not finite are left out. `stride_s` is
-/// the length of a stride, if known.
+/// Proposes entry and exit from the drag −Fx in N at `time_s` in s. The drag must be tared and free of filter
+/// delay (unfiltered, or filtered forward and backward). Values that are not finite are skipped. `stride_s`
+/// is the length of a stride, if known.
 ///
 /// # Errors
 /// [`NoWindow`] if there is no stretch of drag, more than one, or one that the log cuts off.
@@ -119,7 +118,7 @@ pub fn propose_window(
     judge(&points, fit, [first, last], stride_s.max(2.0 * bin_s))
 }
 
-/// Time and mean drag over a stride around it, one for every bin that has rows.
+/// Time, and mean drag over a stride around it, for every bin with rows.
 fn slow_points(rows: &[(f64, f64)], first: f64, bin_s: f64, width_s: f64) -> Vec<(f64, f64)> {
     let mut sums = Vec::with_capacity(rows.len() + 1);
     sums.push(0.0);
@@ -176,7 +175,7 @@ mod tests {
     use super::*;
     use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 
-    /// Time and true drag of a trial at 100 Hz, with noise of a deterministic kind.
+    /// Time and true drag of a trial at 100 Hz, with deterministic noise.
     fn trial(name: &str, seed: u64) -> (VirtualTrial, Vec<f64>, Vec<f64>) {
         let settings = TrialSettings::new(ChannelForces::named(name).unwrap(), seed);
         let trial = VirtualTrial::new(settings).unwrap();

@@ -1,6 +1,6 @@
-//! Plateaus of the drag, the one that fits a drag best, and how well the data tell when it begins and ends.
+//! Plateaus of the drag, the best fit of one, and the standard errors of its start and end.
 
-/// Rising and falling, each as a share of the window: tried at first.
+/// Initial values of the rise and the fall, each as a share of the window.
 const RAMPS: [f64; 4] = [0.05, 0.15, 0.3, 0.45];
 
 /// A plateau in a channel, times in s.
@@ -8,7 +8,7 @@ const RAMPS: [f64; 4] = [0.05, 0.15, 0.3, 0.45];
 pub(super) struct DragPlateau {
     pub(super) enter: f64,
     pub(super) exit: f64,
-    /// Rising and falling, each as a share of the plateau.
+    /// Rise and fall, each as a share of the plateau.
     pub(super) ramp: f64,
 }
 
@@ -23,7 +23,7 @@ impl DragPlateau {
     }
 }
 
-/// Level and constant that fit best, and what they leave.
+/// The best-fitting level and constant, with the residual.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PlateauFit {
     pub(super) plateau: DragPlateau,
@@ -41,7 +41,7 @@ pub(super) fn search(points: &[(f64, f64)]) -> PlateauFit {
             for ramp in RAMPS {
                 let fit =
                     fit(points, DragPlateau { enter: points[enter].0, exit: points[exit].0, ramp });
-                // A stretch of less drag than outside fits as well, upside down.
+                // A stretch with less drag than outside fits as well, upside down.
                 if fit.drag > 0.0 && best.is_none_or(|best| fit.residual < best.residual) {
                     best = Some(fit);
                 }
@@ -53,7 +53,7 @@ pub(super) fn search(points: &[(f64, f64)]) -> PlateauFit {
     best.unwrap_or_else(|| fit(points, whole))
 }
 
-/// Moves entry, exit and ramp by steps that are halved as long as that makes the fit better.
+/// Improves entry, exit and ramp by steps that are halved.
 pub(super) fn refine(
     points: &[(f64, f64)],
     mut best: PlateauFit,
@@ -86,7 +86,7 @@ pub(super) fn refine(
     best
 }
 
-/// Level and constant by least squares: a line over the share of the drag that is there.
+/// Level and constant by least squares: a line over the plateau's share.
 fn fit(points: &[(f64, f64)], plateau: DragPlateau) -> PlateauFit {
     let n = points.len() as f64;
     let [mut x, mut y, mut xx, mut xy, mut yy] = [0.0; 5];
@@ -103,7 +103,7 @@ fn fit(points: &[(f64, f64)], plateau: DragPlateau) -> PlateauFit {
     PlateauFit { plateau, drag, outside: (y - drag * x) / n, residual: (syy - drag * sxy).max(0.0) }
 }
 
-/// Standard errors of level, entry and exit; infinite where the data do not tell.
+/// Standard errors of level, entry and exit; infinite if the data do not determine them.
 pub(super) fn standard_errors(points: &[(f64, f64)], fit: &PlateauFit) -> [f64; 3] {
     const UNKNOWNS: usize = 5;
     let n = points.len();
@@ -141,7 +141,7 @@ pub(super) fn standard_errors(points: &[(f64, f64)], fit: &PlateauFit) -> [f64; 
     })
 }
 
-/// How many neighbours count as one: 1 + 2 Σ ρₖ over the lags up to the first that is not positive.
+/// Number of neighbours that count as one: 1 + 2 Σ ρₖ over the lags up to the first that is not positive.
 fn correlation_length(residuals: &[f64]) -> f64 {
     let product =
         |lag: usize| -> f64 { residuals.iter().zip(&residuals[lag..]).map(|(a, b)| a * b).sum() };

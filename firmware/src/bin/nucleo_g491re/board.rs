@@ -5,26 +5,28 @@ use embassy_stm32::adc::{AdcConfig, SampleTime};
 use embassy_stm32::{Config, pac, rcc};
 use shared_proto::Board;
 
-/// 2.3 µs, for Δ of the flicker to be that of the SkinProc board. A source of 10 kΩ into the converter's 5 pF and
-/// 10 pF of wires needs (10 kΩ + 1 kΩ) · 15 pF · ln 2¹⁴ = 1.6 µs (AN2834, "Analog signal source resistance").
+/// 2.3 µs, which gives the flicker formula the same Δ as on the SkinProc board. A source of 10 kΩ into the
+/// converter's 5 pF and 10 pF of wiring needs (10 kΩ + 1 kΩ) · 15 pF · ln 2¹⁴ = 1.6 µs (AN2834, "Analog
+/// signal source resistance").
 const SAMPLE_TIME: SampleTime = SampleTime::CYCLES92_5;
 
 /// 92.5 cycles of sampling and 12.5 of conversion at 40 MHz.
 const CONVERSION_NS: u32 = 2_625;
 
-/// The reference takes 4 µs to sample, the thermometer 5 (DS13122, tables "Embedded internal voltage
+/// The reference needs 4 µs of sampling, the thermometer 5 µs (DS13122, tables "Embedded internal voltage
 /// reference" and "TS characteristics"); this is 16 µs.
 const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
 
-/// A rising edge of TIM6's trigger output starts conversions: CFGR's EXTEN, and 13 in EXTSEL (RM0440, table "ADC1/2 external triggers for regular channels").
+/// A rising edge of TIM6's trigger output starts conversions: EXTEN in CFGR, and 13 in EXTSEL (RM0440, table
+/// "ADC1/2 external triggers for regular channels").
 const TRIGGER: u32 = 1 << 10 | 13 << 5;
 
-/// As on the SkinProc board, so that the rates of the line are the same. The chip could do 170 MHz, of which a frame
-/// has no need.
+/// 80 MHz as on the SkinProc board, so that the line has the same rates. The chip can run at 170 MHz, but a
+/// frame does not need that.
 fn clocks() -> Config {
     let mut config = start::clocks();
     config.rcc.hsi48 = None;
-    // Divided by two for the converter, which bears 60 MHz.
+    // Divided by two for the converter, whose limit is 60 MHz.
     config.rcc.mux.adc12sel = rcc::mux::Adcsel::SYS;
     config
 }

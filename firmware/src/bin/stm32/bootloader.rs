@@ -1,33 +1,33 @@
 //! The bootloader in the chip's ROM, started from the state after a reset.
 //!
-//! It wants every peripheral as a reset leaves it (AN2606, "Bootloader activation"), and the watchdog
-//! cannot be stopped but by a reset. So the word for it is left in RAM, the chip is reset, and before
-//! anything is set up the word is found: then the core goes on in ROM.
+//! The bootloader expects every peripheral in its reset state (AN2606, "Bootloader activation"), and only a
+//! reset stops the watchdog. So `enter` writes a magic word to RAM and resets the chip. The start-up code
+//! finds the word before it sets anything up, and jumps to ROM.
 #![expect(unsafe_code, reason = "the code before RAM is set up is assembly")]
 
 use core::arch::global_asm;
 use core::mem::MaybeUninit;
 use core::ptr::addr_of_mut;
 
-/// Not what RAM holds after power-on, but for one time in four thousand million.
+/// The magic word; RAM holds it by chance after one power-on in four thousand million.
 const WANTED: u32 = 0xB007_10AD;
 
 #[unsafe(link_section = ".uninit.bootloader")]
 static mut WORD: MaybeUninit<u32> = MaybeUninit::uninit();
 
-/// Leaves the word and resets the chip.
+/// Writes the magic word and resets the chip.
 pub(crate) fn enter() -> ! {
     cortex_m::interrupt::disable();
-    // SAFETY: interrupts are off and nothing returns from here, so nobody else looks.
+    // SAFETY: interrupts are off and this function does not return, so no other code accesses the word.
     unsafe { addr_of_mut!(WORD).cast::<u32>().write_volatile(WANTED) };
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-// Called first after a reset, while there is no RAM to speak of (cortex-m-rt, `__pre_init`): registers
-// r0 to r3 only, no stack.
+// Runs first after a reset, before RAM is initialised (cortex-m-rt, `__pre_init`): registers r0 to r3 only,
+// no stack.
 //
-// The word is taken back first, so that whatever the bootloader starts is the firmware again. Where the
-// firmware is to go on, the core is told where its vectors are: after the bootloader's Go they are not at 0.
+// The word is cleared first, so that the next reset starts the firmware again. On the way to the firmware,
+// VTOR is set: after the bootloader's Go command, the vectors are not at 0.
 global_asm!(
     ".section .text.__pre_init, \"ax\", %progbits",
     ".global __pre_init",
@@ -46,11 +46,11 @@ global_asm!(
     "str r0, [r3]",
     "bx lr",
     "1:",
-    // System memory at 0, as BOOT0 makes it (RM0394, SYSCFG_MEMRMP), with the clock of SYSCFG on meanwhile.
+    // Maps system memory to 0, as BOOT0 does (RM0394, SYSCFG_MEMRMP); SYSCFG's clock is on only meanwhile.
     "ldr r0, =0x40021060", // RCC_APB2ENR, 0 after a reset
     "movs r1, #1",
     "str r1, [r0]",
-    "ldr r2, [r0]", // the clock is there after a cycle or two
+    "ldr r2, [r0]", // the clock needs a cycle or two to start
     "ldr r2, =0x40010000",
     "str r1, [r2]",
     "movs r1, #0",

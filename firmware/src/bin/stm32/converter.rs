@@ -1,9 +1,10 @@
-//! Eight emitters and ADC1, whose inputs look at them: sums of conversions that the core has little part in (RM0394, chapter 16; RM0440, chapter 21).
+//! The eight emitters and ADC1, which converts their phototransistors: sums of conversions with little work
+//! for the core (RM0394, chapter 16; RM0440, chapter 21).
 //!
-//! The oversampler adds conversions up, 2, 4, 8 or 16 of them, before it interrupts the core ("Oversampler").
-//! Sixteen codes of 12 bits are the most that fit in its 16 bits without a shift, and so without rounding. Any
-//! other number is made of such bursts, the largest first; the interrupt at the end of one starts the next. Where an
-//! emitter is switched, the interrupt does that, too, and TIM6 starts the next burst once it has settled: the task
+//! The oversampler adds up 2, 4, 8 or 16 conversions before it interrupts the core ("Oversampler"). Sixteen
+//! 12-bit codes are the most that fit in its 16 bits without a shift, and so without rounding. Any other
+//! number is split into such bursts, the largest first; the interrupt at the end of one starts the next. The
+//! interrupt also switches the emitters, and TIM6 starts the next burst after the settling time. So the task
 //! sleeps from the first conversion of a channel to the last.
 #![expect(
     unsafe_code,
@@ -32,19 +33,20 @@ use embassy_time::Instant;
 use firmware::{Factory, FrontEnd};
 use shared_proto::{CHANNELS, Vitals};
 
-/// A conversion later than 1 ms after the one before may be wrong, and is to be thrown away
-/// (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after calibration or previous
-/// conversion"), which costs others little. The margin is for starting it.
+/// Longest pause between conversions, in µs. A conversion that starts more than 1 ms after the previous one
+/// may be wrong and must be discarded (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late
+/// after calibration or previous conversion"); on other chips discarding it costs little. The margin is for
+/// starting the conversion.
 const LONGEST_PAUSE_US: u64 = 900;
 
-/// The longest burst, as a power of two: 16 · 4095 is below 2¹⁶.
+/// Exponent of the longest burst, 2⁴ conversions: 16 · 4095 is below 2¹⁶.
 const LONGEST_BURST: u32 = 4;
 
-/// Bits of registers that the library has other types for in each family: CR.ADSTP; CFGR.EXTEN and EXTSEL.
+/// Register bits for which the library has different types in each family: CR.ADSTP; CFGR.EXTEN and EXTSEL.
 const ADSTP: u32 = 1 << 4;
 const TRIGGER: u32 = 0b11 << 10 | 0b1_1111 << 5;
 
-/// Conversions of reference and of thermometer, which together take less than [`firmware::VITALS_US`].
+/// Conversions of the reference and of the thermometer; both together take less than [`firmware::VITALS_US`].
 const VITAL_CONVERSIONS: u8 = 4;
 
 /// The emitters, which the interrupt switches.
@@ -60,7 +62,7 @@ fn light(emitter: u8, on: bool) {
     });
 }
 
-/// What is being summed. The task writes it while the converter rests, the interrupt while it does not.
+/// State of the running sums. The task writes it while the converter is idle, the interrupt while it runs.
 static STATE: ConverterState = ConverterState {
     sums: [AtomicU32::new(0), AtomicU32::new(0), AtomicU32::new(0)],
     at: AtomicU8::new(0),
@@ -76,26 +78,26 @@ static STATE: ConverterState = ConverterState {
 
 struct ConverterState {
     sums: [AtomicU32; 3],
-    /// The sum that is being taken, and the last one; beyond that all is done.
+    /// Index of the current sum, and of the last one; all sums are done when `at` exceeds `last`.
     at: AtomicU8,
     last: AtomicU8,
-    /// Of each sum.
+    /// Conversions per sum.
     conversions: AtomicU8,
-    /// Conversions that are not in the sum yet.
+    /// Conversions still missing from the sum.
     left: AtomicU8,
-    /// How many of them the burst under way has; none where it is to be thrown away.
+    /// Conversions in the current burst; zero if its result is to be discarded.
     burst: AtomicU8,
-    /// Whether the converter rests for less than [`LONGEST_PAUSE_US`] from one sum to the next.
+    /// True if the converter is idle for less than [`LONGEST_PAUSE_US`] between two sums.
     stays_fresh: AtomicBool,
-    /// Lit for the second of three sums.
+    /// The emitter that is lit during the second of three sums.
     emitter: AtomicU8,
-    /// CFGR's fields for a start by the timer.
+    /// CFGR fields for a start by the timer.
     trigger: AtomicU32,
     done: AtomicWaker,
 }
 
 impl ConverterState {
-    /// A sum begins, with a conversion that is thrown away before it if the converter has rested for long.
+    /// Starts a sum; a conversion to discard comes first if the converter was idle for long.
     fn begin(&self, is_fresh: bool) {
         let conversions = self.conversions.load(Ordering::Relaxed);
         self.left.store(conversions, Ordering::Relaxed);
@@ -108,7 +110,7 @@ impl ConverterState {
         self.at.load(Ordering::Acquire) > self.last.load(Ordering::Relaxed)
     }
 
-    /// The burst has ended with this sum.
+    /// Handles the end of a burst, whose result is `codes`.
     fn end_burst(&self, codes: u16) {
         let at = self.at.load(Ordering::Relaxed);
         let burst = self.burst.load(Ordering::Relaxed);
@@ -133,7 +135,7 @@ impl ConverterState {
         self.start_settled();
     }
 
-    /// The timer starts the burst.
+    /// Lets the timer start the burst.
     fn start_settled(&self) {
         let trigger = self.trigger.load(Ordering::Relaxed);
         pac::ADC1.cfgr().modify(|config| config.0 |= trigger);
@@ -142,15 +144,15 @@ impl ConverterState {
     }
 }
 
-/// The next of the bursts that make so many conversions, at least one: the power of two, and its value.
+/// Returns the next burst of a sum with `conversions` left (at least one): its exponent, and its length.
 fn longest_burst(conversions: u8) -> (u32, u8) {
     let exponent = conversions.checked_ilog2().unwrap_or(0).min(LONGEST_BURST);
     (exponent, 1 << exponent)
 }
 
-/// Conversions of a burst, as a power of two. The converter has to be at rest.
+/// Sets the burst length to 2^`exponent` conversions. The converter has to be stopped.
 fn set_oversampling(exponent: u32) {
-    // ROVSE and, from bit 2, OVSR; the library has another type for the latter in each family.
+    // ROVSE and, from bit 2, OVSR; the type of the latter in the library differs between families.
     let oversampling = exponent.checked_sub(1).map_or(0, |code| 1 | code << 2);
     pac::ADC1.cfgr2().write_value(Cfgr2(oversampling));
 }
@@ -160,8 +162,8 @@ fn start_burst() {
     pac::ADC1.cr().modify(|control| control.set_adstart(true));
 }
 
-/// Ends what is under way: after a trigger the converter waits for the next one, and cannot be set up until it is
-/// told to stop ("Stopping an ongoing conversion").
+/// Stops the converter: after a trigger it waits for the next one, and cannot be configured until it is
+/// stopped ("Stopping an ongoing conversion").
 fn stop() {
     if pac::ADC1.cr().read().adstart() {
         pac::ADC1.cr().modify(|control| control.0 |= ADSTP);
@@ -170,38 +172,39 @@ fn stop() {
     pac::ADC1.cfgr().modify(|config| config.0 &= !TRIGGER);
 }
 
-/// At the end of a burst.
+/// The interrupt at the end of a burst.
 pub(crate) struct EndOfBurst;
 
 impl<I: Interrupt> Handler<I> for EndOfBurst {
     unsafe fn on_interrupt() {
         if pac::ADC1.isr().read().eoc() {
-            // Reading the data takes the interrupt's cause away. They are the lower half of the register.
+            // Reading the data clears the interrupt. The data are the lower half of the register.
             STATE.end_burst(pac::ADC1.dr().read().0 as u16);
         }
     }
 }
 
-/// The number of an input that is ready to be converted.
+/// Returns the hardware number of an input that is configured for conversion.
 pub(crate) fn input_number(input: impl AdcChannel<ADC1>) -> u8 {
     input.degrade_adc().get_hw_channel()
 }
 
-/// Photointerrupters on ADC1: the converter, the emitters and the timer of settling.
+/// Photointerrupters on ADC1: the converter, the emitters and the settling timer.
 pub(crate) struct Photointerrupters {
     _adc: Adc<'static, ADC1>,
-    /// Numbers of the inputs: the channels', and those of reference and thermometer.
+    /// Input numbers of the channels, and of reference and thermometer.
     channels: [u8; CHANNELS],
     vitals: [u8; 2],
     factory: Factory,
     timer: SettlingTimer,
-    /// When the last conversion ended, in µs; `None` before the first.
+    /// Time at which the last conversion ended, in µs; `None` before the first.
     last_us: Option<u64>,
 }
 
 impl Photointerrupters {
-    /// Switches converter and timer on; `I` is the converter's interrupt, and `trigger` says by CFGR's EXTSEL and EXTEN
-    /// that TIM6 starts conversions. Inputs have their sample times, and the emitters are off.
+    /// Switches converter and timer on. `I` is the converter's interrupt, and `trigger` holds the EXTSEL and
+    /// EXTEN bits of CFGR that let TIM6 start conversions. The inputs' sample times are set already, and the
+    /// emitters are off.
     pub(crate) fn new<I: Interrupt>(
         adc: Adc<'static, ADC1>,
         (channels, vitals): ([u8; CHANNELS], [u8; 2]),
@@ -215,19 +218,19 @@ impl Photointerrupters {
         pac::ADC1.cr().modify(|control| control.set_aden(true));
         while !pac::ADC1.isr().read().adrdy() {}
         pac::ADC1.ier().modify(|enabled| enabled.set_eocie(true));
-        // SAFETY: the handler above is bound, and all that it touches is there.
+        // SAFETY: the handler above is bound, and everything that it accesses is initialised.
         unsafe { I::enable() };
         let (factory, timer) = (factory_codes(), SettlingTimer::new(timer));
         Self { _adc: adc, channels, vitals, factory, timer, last_us: None }
     }
 
-    /// The sum of at least one conversion of an input, the first after so many µs.
+    /// Returns the sum of at least one conversion of an input; the first starts after `settling_us`.
     async fn sum_of(&mut self, input: u8, conversions: u8, settling_us: u16) -> u32 {
         self.take(input, conversions, 1, settling_us, settling_us > 0).await;
         STATE.sums[0].load(Ordering::Relaxed)
     }
 
-    /// Takes sums to their end: dropped before it, it would leave the converter and an emitter at work.
+    /// Takes sums to their end. If the future is dropped earlier, the converter and an emitter stay on.
     async fn take(
         &mut self,
         input: u8,
@@ -245,7 +248,7 @@ impl Photointerrupters {
         STATE.last.store(sums.saturating_sub(1), Ordering::Relaxed);
         STATE.conversions.store(conversions.max(1), Ordering::Relaxed);
         STATE.stays_fresh.store(pause_us < LONGEST_PAUSE_US, Ordering::Relaxed);
-        let mut sequence = Sqr1::default(); // of one
+        let mut sequence = Sqr1::default(); // of length one
         sequence.set_sq(0, input);
         pac::ADC1.sqr1().write_value(sequence);
         self.timer.set(settling_us);
@@ -260,7 +263,7 @@ impl Photointerrupters {
                 return Poll::Ready(());
             }
             STATE.done.register(context.waker());
-            // It may have become so before there was somebody to wake.
+            // The sums may have completed before the waker was registered.
             if STATE.is_done() { Poll::Ready(()) } else { Poll::Pending }
         })
         .await;
@@ -287,7 +290,7 @@ impl FrontEnd for Photointerrupters {
         STATE.sums.each_ref().map(|sum| sum.load(Ordering::Relaxed))
     }
 
-    /// The first conversion comes right after those of a frame, so that none is thrown away.
+    /// The first conversion follows a frame immediately, so no conversion is discarded.
     async fn vitals(&mut self) -> Vitals {
         let [reference, thermometer] = self.vitals;
         let reference = self.sum_of(reference, VITAL_CONVERSIONS, 0).await;
@@ -296,21 +299,21 @@ impl FrontEnd for Photointerrupters {
     }
 }
 
-/// Codes of the thermometer at 30 °C and at 130 °C (DS11451, table "Temperature sensor calibration
-/// values").
+/// Addresses of the thermometer's codes at 30 °C and at 130 °C (DS11451, table "Temperature sensor
+/// calibration values").
 const COLD: *const u16 = 0x1FFF_75A8 as *const u16;
 const HOT: *const u16 = 0x1FFF_75CA as *const u16;
 
-/// What the factory has written into the chip about its thermometer and its reference.
+/// Reads the factory's calibration of the thermometer and of the voltage reference.
 fn factory_codes() -> Factory {
-    // SAFETY: both addresses are in the system memory of this chip, which can always be read.
+    // SAFETY: both addresses are in the chip's system memory, which is always readable.
     let (cold, hot) = unsafe { (COLD.read_volatile(), HOT.read_volatile()) };
     Factory { reference: pac::VREFINTCAL.data().read(), cold, hot }
 }
 
-/// TIM6: the time in which an emitter settles (RM0394, chapter 29; RM0440, chapter 30).
+/// TIM6, which times the settling of an emitter (RM0394, chapter 29; RM0440, chapter 30).
 ///
-/// It counts µs once, and its update is the trigger output, at which the converter starts.
+/// It counts µs once; its update event is the trigger output that starts the converter.
 struct SettlingTimer(Timer<'static, TIM6>);
 
 impl SettlingTimer {
@@ -326,7 +329,7 @@ impl SettlingTimer {
         Self(timer)
     }
 
-    /// From now on it counts so many µs, at least two: it does not count to zero.
+    /// Sets the count to `us`, at least two: the timer cannot count to zero.
     fn set(&self, us: u16) {
         let timer = self.0.regs_core();
         timer.arr().write(|reload| reload.set_arr(us.saturating_sub(1).max(1)));
@@ -334,7 +337,8 @@ impl SettlingTimer {
     }
 }
 
-/// Lets the timer count. For the converter's interrupt, while the task that has the timer waits for that.
+/// Starts the timer. Called by the converter's interrupt while the task that owns the timer waits for the
+/// sums.
 fn start_settling() {
     pac::TIM6.cr1().modify(|control| control.set_cen(true));
 }

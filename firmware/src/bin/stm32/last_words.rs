@@ -1,8 +1,8 @@
-//! What the firmware says when it cannot go on, kept in RAM across the reset that follows: the message of a panic, or what
-//! the core says of an instruction that it cannot execute, or of a stack that is too deep.
+//! The firmware's last message before a fatal error, kept in RAM across the reset that follows: a panic
+//! message, or the core's report of an instruction that it cannot execute or of a stack overflow.
 //!
-//! There is no memory below the stack (memory/stm32.x). One that grows out of it is a fault, and what
-//! the core would keep of it on the stack is lost with it: the handler begins with a stack of its own.
+//! There is no memory below the stack (memory/stm32.x). A stack overflow is therefore a fault, and the
+//! exception frame that the core would push is lost; so the handler starts with a fresh stack.
 #![expect(unsafe_code, reason = "RAM that start-up does not clear, and a handler in assembly")]
 
 use core::arch::global_asm;
@@ -15,8 +15,8 @@ use cortex_m_rt::ExceptionFrame;
 use firmware::LastWords;
 use shared_proto::ResetCause;
 
-/// Marks words that were written, together with the code of the cause of the reset that followed; anything else is what
-/// RAM holds after power-on.
+/// Marks valid words; the code of the cause of the following reset is added to it. Any other value is random
+/// RAM content after power-on.
 const MARK: u32 = 0x4C57_5200;
 
 #[repr(C)]
@@ -29,13 +29,12 @@ struct Words {
 #[unsafe(link_section = ".uninit.last_words")]
 static mut WORDS: MaybeUninit<Words> = MaybeUninit::uninit();
 
-/// Takes the words of the run before and the cause of its end, if that is how it ended.
+/// Takes the words and the reset cause that the previous run left, if it left any.
 ///
-/// To be called once, before interrupts are on.
+/// Call this once, before interrupts are enabled.
 pub(crate) fn take() -> Option<(ResetCause, LastWords)> {
     let words = addr_of_mut!(WORDS).cast::<Words>();
-    // SAFETY: nothing else runs yet, the memory is there, and whatever it holds is a valid value of
-    // the types read.
+    // SAFETY: no other code runs yet, the memory exists, and any content is a valid value of the types read.
     let Words { mark, len, text } = unsafe {
         let read = words.read_volatile();
         addr_of_mut!((*words).mark).write_volatile(0);
@@ -46,7 +45,7 @@ pub(crate) fn take() -> Option<(ResetCause, LastWords)> {
     Some((cause, LastWords::from_bytes(text.get(..len)?)))
 }
 
-/// Keeps the words and resets the board, for this cause.
+/// Keeps the words and resets the board, with this cause.
 pub(crate) fn leave(cause: ResetCause, said: fmt::Arguments<'_>) -> ! {
     cortex_m::interrupt::disable();
     let words = addr_of_mut!(WORDS).cast::<Words>();
@@ -56,7 +55,7 @@ pub(crate) fn leave(cause: ResetCause, said: fmt::Arguments<'_>) -> ! {
     let said = pen.as_bytes();
     text.iter_mut().zip(said).for_each(|(to, from)| *to = *from);
     let mark = MARK | u32::from(cause.code());
-    // SAFETY: interrupts are off and nothing returns from here, so nobody else looks.
+    // SAFETY: interrupts are off and this function does not return, so no other code accesses the words.
     unsafe { words.write_volatile(Words { mark, len: said.len(), text }) };
     cortex_m::peripheral::SCB::sys_reset()
 }
@@ -66,15 +65,15 @@ fn panic(info: &PanicInfo<'_>) -> ! {
     leave(ResetCause::Panic, format_args!("{info}"))
 }
 
-/// Configurable fault status register: what was wrong (Arm DDI0403, B3.2.15).
+/// Configurable fault status register, which tells the cause of a fault (Arm DDI0403, B3.2.15).
 const CFSR: *const u32 = 0xE000_ED28 as *const u32;
 
-// SAFETY: defined by memory/stm32.x. It has an address only, which is taken below.
+// SAFETY: defined by memory/stm32.x. Only the symbol's address is used, below.
 unsafe extern "C" {
     safe static _stack_end: u8;
 }
 
-// Takes the place of the handler of cortex-m-rt, which would push onto the stack that there is.
+// Replaces the handler of cortex-m-rt, which would push onto the overflowed stack.
 global_asm!(
     ".section .HardFault.guarded, \"ax\", %progbits",
     ".global HardFault",
@@ -94,15 +93,15 @@ global_asm!(
     on_fault = sym on_fault,
 );
 
-/// Keeps what is known: `frame` is where the stack pointer was.
+/// Records the fault; `frame` is the stack pointer at that time.
 extern "C" fn on_fault(frame: *const ExceptionFrame) -> ! {
-    // SAFETY: a register of every Cortex-M4, aligned, and reading it has no effect.
+    // SAFETY: a register of every Cortex-M4, aligned, and reading it has no side effect.
     let status = unsafe { CFSR.read_volatile() };
     if frame.addr() < (&raw const _stack_end).addr() {
         let words = format_args!("stack overflow, down to {frame:p}, CFSR {status:#010x}");
         leave(ResetCause::Fault, words)
     }
-    // SAFETY: the stack pointer is in the stack, so the core has pushed a frame there.
+    // SAFETY: the stack pointer is within the stack, so the core has pushed a frame there.
     let frame = unsafe { &*frame };
     let (pc, lr) = (frame.pc(), frame.lr());
     let words = format_args!("fault at {pc:#010x}, called from {lr:#010x}, CFSR {status:#010x}");

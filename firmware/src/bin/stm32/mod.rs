@@ -1,8 +1,9 @@
-//! What boards with an STM32L4 or STM32G4 have in common: drivers, faults, and the way from the reset to the
-//! running firmware. Pins, clocks and interrupts are each board's own.
+//! Code shared by boards with an STM32L4 or STM32G4: drivers, faults, and the start-up from reset to the
+//! running firmware. Each board defines its pins, clocks and interrupts.
 //!
-//! The two families have the same flash, USART, EXTI, RNG, watchdog and basic timer at the same addresses. Their
-//! converters differ in their clocks, in inputs, in the name of an interrupt, and in how two registers are called.
+//! The two families have the same flash, USART, EXTI, RNG, watchdog and basic timer at the same addresses.
+//! Their converters differ in clocks, in inputs, in the name of an interrupt, and in the names of two
+//! registers.
 
 mod bootloader;
 pub(crate) mod converter;

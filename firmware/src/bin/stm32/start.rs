@@ -1,4 +1,4 @@
-//! From the reset to the running tasks.
+//! Start-up, from the reset to the running tasks.
 #![expect(unsafe_code, reason = "an interrupt is handled here")]
 
 use super::converter::Photointerrupters;
@@ -25,16 +25,16 @@ use static_cell::{ConstStaticCell, StaticCell};
 /// The watchdog resets the board unless it is fed within this time.
 pub(crate) const WATCHDOG_US: u32 = 1_000_000;
 
-/// How the run before has ended: the cause of the reset, and what was said before it.
+/// Returns how the previous run ended: the cause of the reset, and the words left before it.
 ///
-/// To be called once, first of all: what is left of the past is forgotten.
+/// Call this once, before anything else: it clears the records.
 pub(crate) fn past() -> (ResetCause, Option<LastWords>) {
     let (end, last_words) = last_words::take().unzip();
     let cause = reset_cause();
     (end.unwrap_or(cause), last_words)
 }
 
-/// Says so to a debug probe. The clocks have to be set.
+/// Logs the previous run to a debug probe. The clocks have to be set.
 pub(crate) fn log((cause, last_words): &(ResetCause, Option<LastWords>)) {
     defmt::info!("firmware {}, reset cause {}", VERSION, cause.code());
     if let Some(words) = last_words {
@@ -42,12 +42,12 @@ pub(crate) fn log((cause, last_words): &(ResetCause, Option<LastWords>)) {
     }
 }
 
-/// Why the board has started, by its hardware (RM0394 and RM0440, RCC_CSR). Read once: the flags are cleared.
+/// Returns why the board has started, by its hardware (RM0394 and RM0440, RCC_CSR). Reading clears the flags.
 fn reset_cause() -> ResetCause {
     let csr = pac::RCC.csr();
     let flags = csr.read();
     csr.modify(|csr| csr.set_rmvf(true));
-    // The pin is pulled by every other cause too, so it comes last.
+    // Every other cause pulls the pin, too, so the pin comes last.
     if flags.iwdgrstf() || flags.wwdgrstf() {
         ResetCause::Watchdog
     } else if flags.borrstf() {
@@ -59,7 +59,8 @@ fn reset_cause() -> ResetCause {
     }
 }
 
-/// Clocks of every board: 80 MHz from the internal oscillator of 16 MHz, for none has a crystal.
+/// Returns the clocks of every board: 80 MHz from the internal 16 MHz oscillator, since no board has a
+/// crystal.
 pub(crate) fn clocks() -> Config {
     let mut config = Config::default();
     config.rcc.pll = Some(rcc::Pll {
@@ -77,11 +78,11 @@ pub(crate) fn clocks() -> Config {
     config
 }
 
-/// Defines a board's interrupts and its `main`. What it names is each board's own: the register by which a debugger
-/// stops the watchdog, the converter's settings, its interrupt and its inputs, and the pins of the emitters. The
-/// serial line and the sync input are on the same pins of every board.
+/// Defines a board's interrupts and its `main`. Each board supplies the register by which a debugger stops
+/// the watchdog, the converter's settings, interrupt and inputs, and the emitters' pins. The serial line and
+/// the sync input are on the same pins of every board.
 ///
-/// The board's module has `clocks`, `set_sample_time` and the constants that are used here.
+/// The board's module defines `clocks`, `set_sample_time` and the constants that are used here.
 macro_rules! board {
     (
         $board:expr,
@@ -113,9 +114,9 @@ macro_rules! board {
             let past = start::past();
             let p = embassy_stm32::init(clocks());
             start::log(&past);
-            // A debugger that halts the core is no reason for a reset.
+            // The watchdog must not reset the board while a debugger halts the core.
             pac::DBGMCU.$freeze().modify(|frozen| frozen.set_iwdg(true));
-            // From now on the firmware has to be quick.
+            // From here on, the watchdog limits the time of every step.
             let mut watchdog = IndependentWatchdog::new(p.IWDG, start::WATCHDOG_US);
             watchdog.unleash();
             let run = (past, start::number(rng::Rng::new(p.RNG, Irqs)).await);
@@ -144,28 +145,28 @@ macro_rules! board {
 
 pub(crate) use board;
 
-/// The serial line after a reset.
+/// Returns the serial line's settings after a reset.
 pub(crate) fn line() -> usart::Config {
     let mut config = usart::Config::default();
     config.baudrate = baud::FIRST.actual;
-    // An adapter of three wires leaves CTS open: then the line is clear to send. RX without a sender
-    // is idle.
+    // A three-wire adapter leaves CTS open, which must count as clear to send. RX without a sender must be
+    // idle.
     config.cts_pull = Pull::Down;
     config.rx_pull = Pull::Up;
     config
 }
 
-/// The executor of the sync input, at whose interrupt nothing else is.
+/// The executor of the sync input, on an interrupt that no other task uses.
 static URGENT: InterruptExecutor = InterruptExecutor::new();
 
-// SAFETY: the executor is started before the interrupt is enabled, and polled by it alone.
+// SAFETY: the executor is started before the interrupt is enabled, and only the interrupt polls it.
 #[interrupt]
 unsafe fn TIM7() {
     // SAFETY: as above.
     unsafe { URGENT.on_interrupt() }
 }
 
-/// Starts the tasks of a board whose conversions take so many ns.
+/// Starts the tasks of a board whose conversions take `conversion_ns`.
 pub(crate) fn tasks(
     spawner: Spawner,
     board: Board,
@@ -203,7 +204,7 @@ pub(crate) fn tasks(
     urgent.spawn(tasks::stamp(sync).expect(spawn));
 }
 
-/// New at every start, but for one in 65,536; 0 if the chip gives no random numbers.
+/// Returns a random number for this start (a repeat is one in 65,536); 0 if the generator fails.
 pub(crate) async fn number(mut rng: Rng<'static, RNG>) -> u16 {
     let mut bytes = [0; 2];
     let filled = with_timeout(Duration::from_millis(1), rng.async_fill_bytes(&mut bytes)).await;

@@ -1,9 +1,8 @@
-//! The calibration's pages of the flash as a memory that slots are kept in.
+//! The calibration's flash pages as the memory that holds its slots.
 //!
-//! Each double word has a check code that corrects one wrong bit. Two are reported by the
-//! non-maskable interrupt and go on being so at every reading (RM0394, section 3.3.2). A loss of
-//! power while the calibration is written leaves such a double word in its pages, which is no reason
-//! not to start.
+//! Each double word has an error-correcting code that corrects one wrong bit. Two wrong bits raise the
+//! non-maskable interrupt at every read (RM0394, section 3.3.2). A loss of power while the calibration is
+//! written leaves such a double word in its pages, which must not keep the board from starting.
 #![expect(unsafe_code, reason = "an exception is handled, and the linker's symbols are declared")]
 
 use core::ops::Range;
@@ -14,13 +13,13 @@ use embassy_stm32::pac;
 use embassy_stm32::pac::flash::regs::Eccr;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashErrorKind, ReadNorFlash};
 
-/// Bytes in a page, the least that can be erased (RM0394, table "Flash module organization").
+/// Bytes per page, the smallest unit of erasure (RM0394, table "Flash module organization").
 const PAGE: usize = 2 * 1024;
 
-/// The calibration's pages as a memory of their own, in which nothing else can be reached.
+/// The calibration's pages as a separate memory, from which nothing else can be reached.
 ///
-/// Erasing a page stops the core for some 25 ms, for code runs from the same bank: frames that fall
-/// due meanwhile are counted as late.
+/// Erasing a page stops the core for about 25 ms, since code runs from the same bank. Frames that fall due
+/// meanwhile are counted as late.
 pub(crate) struct Area {
     flash: Flash<'static, Blocking>,
     range: Range<u32>,
@@ -31,7 +30,7 @@ impl Area {
         Self { flash, range: range() }
     }
 
-    /// The address of `len` bytes in the flash.
+    /// Returns the flash address of `len` bytes at `offset`.
     fn locate(&self, offset: u32, len: usize) -> Result<u32, NorFlashErrorKind> {
         let inside = offset as usize + len <= self.range.len();
         inside.then_some(self.range.start + offset).ok_or(NorFlashErrorKind::OutOfBounds)
@@ -45,7 +44,7 @@ impl ErrorType for Area {
 impl ReadNorFlash for Area {
     const READ_SIZE: usize = 1;
 
-    /// A double word with two wrong bits, as a loss of power leaves them, is an error.
+    /// Reads bytes. A double word with two wrong bits, as a loss of power leaves, is an error.
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), NorFlashErrorKind> {
         let start = self.locate(offset, bytes.len())?;
         FAILED.store(false, Ordering::SeqCst);
@@ -76,8 +75,8 @@ impl NorFlash for Area {
     }
 }
 
-/// Empties the data cache, which would go on showing what was erased. It can be reset only while it
-/// is off (RM0394, section 3.3.4).
+/// Empties the data cache, which would otherwise keep returning erased data. It can be reset only while it is
+/// off (RM0394, section 3.3.4).
 fn forget_cached() {
     let acr = pac::FLASH.acr();
     acr.modify(|acr| acr.set_dcen(false));
@@ -86,18 +85,18 @@ fn forget_cached() {
     acr.modify(|acr| acr.set_dcen(true));
 }
 
-/// A double word of the calibration's pages could not be read.
+/// Set if a double word of the calibration's pages could not be read.
 static FAILED: AtomicBool = AtomicBool::new(false);
 
-/// Whether a double word of the calibration's pages could not be read since.
+/// Returns whether a double word of the calibration's pages could not be read since the flag was cleared.
 fn has_failed() -> bool {
-    // The interrupt is taken before what comes after the barriers (Arm DDI0403, B1.5.14).
+    // The interrupt is taken before the code after the barriers (Arm DDI0403, B1.5.14).
     cortex_m::asm::dsb();
     cortex_m::asm::isb();
     FAILED.load(Ordering::SeqCst)
 }
 
-// SAFETY: only an atomic and a register that nobody else writes are touched.
+// SAFETY: accesses only an atomic and a register that no other code writes.
 #[cortex_m_rt::exception]
 unsafe fn NonMaskableInt() {
     let eccr = pac::FLASH.eccr().read();
@@ -113,16 +112,16 @@ unsafe fn NonMaskableInt() {
     panic!("NMI, flash ECC register {:#010x}", eccr.0);
 }
 
-/// The first byte of the flash in the core's memory (RM0394, table "Flash module organization").
+/// Address of the flash's first byte (RM0394, table "Flash module organization").
 const FLASH: usize = 0x0800_0000;
 
-// SAFETY: both are defined by memory/stm32.x. They have addresses only, which are taken below.
+// SAFETY: both are defined by memory/stm32.x. Only the symbols' addresses are used, below.
 unsafe extern "C" {
     safe static __calibration_start: u8;
     safe static __calibration_end: u8;
 }
 
-/// Where the pages are, in bytes from the start of the flash.
+/// Returns the range of the pages, in bytes from the start of the flash.
 fn range() -> Range<u32> {
     let offset = |symbol: *const u8| symbol.addr().wrapping_sub(FLASH) as u32;
     offset(&raw const __calibration_start)..offset(&raw const __calibration_end)

@@ -1,8 +1,9 @@
-//! A task for each concern, as the library has them, with the clock, the line and the sync input that they are given.
+//! The library's tasks as embassy tasks, one for each concern, with their clock, serial line and sync input.
 //!
-//! A task of its own waits for edges at the sync input, on an executor whose interrupt goes before all other tasks: an
-//! edge is stamped while frames are taken and converted. It is late by two interrupts and, where a critical section is
-//! under way, by that: some µs, and 25 ms while a page of the flash is erased. A test on the model holds it to 20 µs.
+//! A separate task waits for edges at the sync input, on an executor whose interrupt has priority over all
+//! other tasks, so that an edge is stamped while frames are taken and converted. The stamp is late by two
+//! interrupts plus any critical section under way: a few µs, and 25 ms while a flash page is erased. A test
+//! on the chip's model checks a limit of 20 µs.
 
 use super::bootloader;
 use super::converter::Photointerrupters;
@@ -29,12 +30,13 @@ impl Clock for EmbassyClock {
     }
 }
 
-/// The chip. Its bootloader listens on USART1 at PA9 and PA10, as the firmware does (AN2606, "STM32L43xxx/44xxx").
+/// The chip. Its bootloader listens on USART1 at PA9 and PA10, as the firmware does (AN2606,
+/// "STM32L43xxx/44xxx").
 struct Stm32;
 
 impl Chip<UartTx<'static, Async>> for Stm32 {
     async fn set_baud(&mut self, sender: &mut UartTx<'static, Async>, rate: Baud) {
-        // The receiver has the same divider. All rates of the table can be made.
+        // The receiver shares the divider. Every rate of the table is possible.
         _ = sender.set_baudrate(rate.actual);
     }
 
@@ -43,7 +45,7 @@ impl Chip<UartTx<'static, Async>> for Stm32 {
     }
 }
 
-/// What the tasks share.
+/// The state that the tasks share.
 pub(crate) type Stm32Station = Station<'static, EmbassyClock>;
 
 #[embassy_executor::task]
@@ -78,20 +80,20 @@ pub(crate) async fn watch(
     station.watch(|| watchdog.pet()).await;
 }
 
-/// Edges that can wait to be taken.
+/// Capacity of the queue of stamped edges.
 const WAITING: usize = 8;
 
-/// Edges without room that are counted before the input is deaf for a time: what is at it then is no signal, and
-/// the core has other things to do.
+/// Edges without room that are counted before the input is ignored for a while: such a rate is not a signal,
+/// and the core has other work.
 const MOST_MISSED: u16 = 256;
 
-/// How long it is deaf.
+/// Time for which the input is ignored.
 const REST: Duration = Duration::from_millis(10);
 
-/// The edges that have been stamped.
+/// Stamped edges.
 static SEEN: Channel<CriticalSectionRawMutex, SeenEdge, WAITING> = Channel::new();
 
-/// Stamps edges.
+/// Stamps edges at the sync input.
 #[embassy_executor::task]
 pub(crate) async fn stamp(mut input: ExtiInput<'static, Async>) {
     let mut missed = 0;

@@ -1,8 +1,8 @@
-//! Flash as that of the STM32L4 behaves when its power is cut (RM0394, section 3.3).
+//! A fake of the STM32L4's flash that behaves like the real one when its power is cut (RM0394, section 3.3).
 //!
-//! It is erased in sectors and written in double words, each with a check code of its own. An
-//! operation that is cut short leaves its sector or double word in an undefined state: bits of the
-//! old and of the new content, or a check code that does not fit, and then reading it fails.
+//! It is erased in sectors and written in double words, each with its own error-correcting code. An
+//! interrupted operation leaves its sector or double word in an undefined state: a mix of old and new bits,
+//! or a wrong code, which makes reading it fail.
 
 extern crate std;
 
@@ -14,16 +14,16 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 
-/// What the operation that was under way when the power was cut has done.
+/// Effect of the operation that was under way when the power was cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum CutOutcome {
-    /// Nothing yet.
+    /// No effect.
     Nothing,
     /// Some of the bits.
     SomeBits,
-    /// Its content cannot be read.
+    /// The content is unreadable.
     Unreadable,
-    /// All of it.
+    /// The complete operation.
     Complete,
 }
 
@@ -38,7 +38,7 @@ const DOUBLE_WORD: usize = 8;
 #[derive(Clone, Debug)]
 pub(crate) struct FakeFlash {
     bytes: Vec<u8>,
-    /// Double words whose check code does not fit, by their first byte.
+    /// Double words with a wrong error-correcting code, by their first byte.
     unreadable: BTreeSet<usize>,
     operations: usize,
     cut: Option<(usize, CutOutcome)>,
@@ -46,7 +46,7 @@ pub(crate) struct FakeFlash {
     writable: bool,
 }
 
-/// The operation was not done.
+/// The operation was not executed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Failed;
 
@@ -59,7 +59,7 @@ impl NorFlashError for Failed {
 impl FakeFlash {
     pub(crate) const SECTOR: usize = 2048;
 
-    /// Erased.
+    /// Creates an erased flash.
     pub(crate) fn new() -> Self {
         Self {
             bytes: vec![0xFF; 4 * Self::SECTOR],
@@ -71,12 +71,12 @@ impl FakeFlash {
         }
     }
 
-    /// Sectors erased and double words written so far.
+    /// Returns the number of sectors erased and double words written so far.
     pub(crate) fn operations(&self) -> usize {
         self.operations
     }
 
-    /// The power will be cut during an operation, counted from now.
+    /// Cuts the power during an operation, counted from now.
     pub(crate) fn cut_power(&mut self, operation: usize, outcome: CutOutcome) {
         self.cut = Some((self.operations + operation, outcome));
     }
@@ -85,17 +85,17 @@ impl FakeFlash {
         (self.cut, self.powered) = (None, true);
     }
 
-    /// Whether double words can be written; sectors can be erased all the same.
+    /// Sets whether double words can be written; sectors can always be erased.
     pub(crate) fn set_writable(&mut self, writable: bool) {
         self.writable = writable;
     }
 
-    /// Turns a bit over.
+    /// Flips a bit.
     pub(crate) fn damage(&mut self, at: usize) {
         self.bytes[at] ^= 0x10;
     }
 
-    /// Gives an area its new content, or as much of it as the power lasts for.
+    /// Gives an area its new content, or part of it if the power is cut.
     fn change(&mut self, start: usize, content: &[u8]) -> Result<(), Failed> {
         if !self.powered {
             return Err(Failed);
@@ -108,7 +108,7 @@ impl FakeFlash {
         match outcome {
             CutOutcome::Nothing => {}
             CutOutcome::SomeBits => {
-                // Any pattern will do that takes some bits of each.
+                // Any pattern works that takes some bits of both.
                 let mask = |i: usize| (i as u8).wrapping_mul(167) ^ 0x5A;
                 for (i, (byte, new)) in area.iter_mut().zip(content).enumerate() {
                     *byte = *byte & mask(i) | new & !mask(i);
@@ -160,7 +160,7 @@ impl NorFlash for FakeFlash {
         Ok(())
     }
 
-    /// A double word that is not erased is not written (RM0394, PROGERR).
+    /// Writes double words; one that is not erased is refused (RM0394, PROGERR).
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Failed> {
         for (i, word) in bytes.chunks(DOUBLE_WORD).enumerate() {
             let start = offset as usize + i * DOUBLE_WORD;

@@ -47,8 +47,8 @@ fn storing_takes_as_many_operations_as_the_cuts_below() {
     assert_eq!(slots.flash.operations(), OPERATIONS);
 }
 
-// Every operation, every way in which it can be cut short, from every state that slots can be
-// in: both empty, one written, both written.
+// Tests every operation, every way in which it can be interrupted, and every state of the slots: both empty,
+// one written, both written.
 #[test]
 fn a_power_cut_at_any_operation_leaves_the_old_record_or_the_new_one() {
     for before in 0..4 {
@@ -66,7 +66,7 @@ fn a_power_cut_at_any_operation_leaves_the_old_record_or_the_new_one() {
                 let last = operation == OPERATIONS - 1 && outcome == CutOutcome::Complete;
                 let expected = if last { record(100) } else { old };
                 assert_eq!(kept, expected, "{before} {operation} {outcome:?}");
-                // The slots are as good as before.
+                // The slots still work as before.
                 assert_eq!(cut.store(&record(101)), Ok(()), "{before} {operation} {outcome:?}");
                 assert_eq!(load(&mut cut), record(101));
             }

@@ -1,23 +1,22 @@
-//! What one sensor answers to a displacement (`crates/sensor-physics/src/response.rs`), in single
-//! precision.
+//! Response curve of one sensor (`crates/sensor-physics/src/response.rs`), in single precision.
 
 use core::f32::consts::LOG2_E;
 use libm::logf;
 use shared_proto::PhysicsSensor;
 
-/// The answer less the lower plateau, and its derivatives.
+/// The response above the lower plateau, and its derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct CurveValue {
     /// `h·σ^ν`, also the derivative by ln h.
     pub(super) height: f32,
-    /// The derivative by the displacement.
+    /// Derivative by the displacement.
     pub(super) slope: f32,
-    /// The derivative by ln ν.
+    /// Derivative by ln ν.
     pub(super) by_shape: f32,
 }
 
 impl CurveValue {
-    /// At the displacement `q`.
+    /// Evaluates the curve at the displacement `q`.
     pub(super) fn at(sensor: &PhysicsSensor, q: f32) -> Self {
         // e^(−|q|) never overflows.
         let e = exp_of_negative(-q.abs());
@@ -30,17 +29,18 @@ impl CurveValue {
     }
 }
 
-/// Below this, `eˣ` is nothing beside the last bit of one.
+/// Below this, `eˣ` is negligible relative to the last bit of one.
 const FAR: f32 = -80.0;
 
-/// The logarithm of 2, of which the first part has bits to spare for products with whole numbers.
+/// ln 2 in two parts; the first is short enough that its products with small integers are exact.
 const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4];
 
-/// `eˣ` for `x ≤ 0`, to some 2e-7 of itself. Those of `libm` know all cases, and take twice the time for it.
+/// Returns `eˣ` for `x ≤ 0`, with a relative error of about 2e-7. The functions of `libm` handle all cases
+/// and take twice as long.
 #[inline(always)]
 fn exp_of_negative(x: f32) -> f32 {
     let x = if x > FAR { x } else { FAR };
-    // x = n·ln 2 + r with |r| ≤ ln 2/2, of which the series ends at r⁶/6!.
+    // x = n·ln 2 + r with |r| ≤ ln 2/2; the series in r ends at r⁶/6!.
     let n = (x * LOG2_E - 0.5) as i32;
     let r = (x - n as f32 * LN_2[0]) - n as f32 * LN_2[1];
     let series = [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
@@ -48,7 +48,8 @@ fn exp_of_negative(x: f32) -> f32 {
     f32::from_bits(power.to_bits().wrapping_add_signed(n << 23))
 }
 
-/// `ln(1 + e)` for `0 ≤ e ≤ 1`, to some 2e-7: the series of `2·artanh z`, `z = e/(2 + e) ≤ 1/3`.
+/// Returns `ln(1 + e)` for `0 ≤ e ≤ 1`, with an error of about 2e-7: the series of `2·artanh z`, `z = e/(2 +
+/// e) ≤ 1/3`.
 #[inline(always)]
 fn ln_of_one_and(e: f32) -> f32 {
     let z = e / (2.0 + e);
@@ -56,16 +57,16 @@ fn ln_of_one_and(e: f32) -> f32 {
     z * series.into_iter().fold(0.0, |sum, c| sum * (z * z) + c)
 }
 
-/// How near the plateaus, in shares of h, a reading is taken for a start, where the inverse of the curve would be
-/// infinite.
+/// Closest distance to the plateaus, in units of h, of a reading used for the start; on a plateau the inverse
+/// of the curve is infinite.
 const MARGIN: f32 = 0.01;
 
-/// The displacement at which a sensor answers `y`, and the slope there.
+/// Returns the displacement at which a sensor responds with `y`, and the slope there.
 pub(super) fn displacement(sensor: &PhysicsSensor, y: f32) -> (f32, f32) {
     let share = ((y - sensor.low) / sensor.height).clamp(MARGIN, 1.0 - MARGIN);
     let ln_sigma = logf(share) / sensor.shape;
     let rest = 1.0 - exp_of_negative(ln_sigma);
-    // Of a curve that is almost a step, nothing may be left.
+    // The rest may be zero for a curve that is almost a step.
     let q = ln_sigma - logf(rest.max(f32::MIN_POSITIVE));
     (q, sensor.height * sensor.shape * share * rest)
 }
@@ -91,8 +92,8 @@ mod tests {
                 let expected = [height, slope, nu * height * ln_sigma];
                 let found = [found.height, found.slope, found.by_shape].map(f64::from);
                 for (found, expected) in found.into_iter().zip(expected) {
-                    // The logarithm of the power rounds at 2⁻²⁴ of itself, of which there is nothing left beyond
-                    // some 20; a few roundings more.
+                    // The logarithm of the power has a rounding error of 2⁻²⁴ relative to it, and the power
+                    // vanishes beyond about 20; plus a few more roundings.
                     assert!((found - expected).abs() < 3e-6, "{q} {shape}: {found} {expected}");
                 }
             }
@@ -104,7 +105,7 @@ mod tests {
         for step in 0..=8_000 {
             let x = -f64::from(step) / 100.0;
             let (found, expected) = (f64::from(exp_of_negative(x as f32)), libm::exp(x));
-            // The argument's own rounding is 2⁻²⁴ of it.
+            // The argument's own rounding error is 2⁻²⁴ relative to it.
             let tolerance = 3e-7 - x * 6e-8;
             assert!((found / expected - 1.0).abs() < tolerance, "{x}: {found:e} {expected:e}");
             let e = f64::from(step) / 8_000.0;
@@ -120,7 +121,7 @@ mod tests {
             let sensor = sensor(1.7);
             let answer = CurveValue::at(&sensor, q);
             let (found, slope) = displacement(&sensor, sensor.low + answer.height);
-            // 2⁻²⁴ of the answer over its slope, which is at least 0.07.
+            // 2⁻²⁴ of the response over its slope, which is at least 0.07.
             assert!((found - q).abs() < 1e-5, "{q}: {found}");
             assert!((slope - answer.slope).abs() < 1e-5, "{q}: {slope}");
         }

@@ -1,4 +1,4 @@
-//! Six equations in six unknowns.
+//! Six linear equations in six unknowns.
 #![expect(clippy::reversed_empty_ranges, reason = "at the ends of a triangle there is nothing")]
 #![expect(clippy::needless_range_loop, reason = "indices as in the formulas")]
 
@@ -7,8 +7,8 @@ use shared_proto::{AXES, PRIOR};
 /// A wrench in units of the model's scales.
 pub(super) type X = [f32; AXES];
 
-/// Says `$body` once for each `$index`, which is a constant in it. The compiler leaves loops over triangles as
-/// they are, for the length of the inner one varies, and on this core they take four times as long.
+/// Repeats `$body` for each `$index`, which is a constant in it. The compiler does not unroll loops over
+/// triangles, whose inner length varies, and on this core they take four times as long.
 macro_rules! unrolled {
     ($index:ident in $($value:literal)* => $body:block) => {
         $( {
@@ -20,7 +20,7 @@ macro_rules! unrolled {
 
 pub(super) use unrolled;
 
-/// A symmetric matrix: its lower triangle, row by row.
+/// The lower triangle of a symmetric matrix, row by row.
 pub(super) type Triangle = [f32; PRIOR];
 
 /// `P·x`.
@@ -37,7 +37,7 @@ pub(super) fn product(p: &Triangle, x: &X) -> X {
     product
 }
 
-/// `A·x = b` with a positive definite `A`.
+/// The equations `A·x = b` with a positive definite `A`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Equations {
     a: Triangle,
@@ -45,7 +45,7 @@ pub(super) struct Equations {
 }
 
 impl Equations {
-    /// With the prior's precision and `b`.
+    /// Starts with the prior's precision as `A`, and `b`.
     #[inline(always)]
     pub(super) fn new(prior: &Triangle, b: X) -> Self {
         Self { a: *prior, b }
@@ -63,8 +63,8 @@ impl Equations {
         });
     }
 
-    /// The solution, by `A = L·D·Lᵀ` (Golub & Van Loan, 4th ed., §4.1.2); `None` if `A` is not positive
-    /// definite in single precision.
+    /// Solves by `A = L·D·Lᵀ` (Golub & Van Loan, 4th ed., §4.1.2); `None` if `A` is not positive definite in
+    /// single precision.
     #[inline(never)]
     pub(super) fn solve(&self) -> Option<X> {
         let mut a = self.a;
@@ -88,7 +88,7 @@ impl Equations {
         });
         unrolled!(I in 5 4 3 2 1 0 => {
             for k in I + 1..AXES {
-                // Of L·D, as x is D·x yet.
+                // Uses L·D, since x is still D·x here.
                 x[I] -= a[row(k) + I] * x[k];
             }
             x[I] *= inverse[I];
@@ -97,7 +97,7 @@ impl Equations {
     }
 }
 
-/// Where a row of a lower triangle begins.
+/// Returns the index at which a row of a lower triangle begins.
 pub(super) const fn row(i: usize) -> usize {
     i * (i + 1) / 2
 }
@@ -117,7 +117,7 @@ mod tests {
         }
         let solution = equations.solve().unwrap();
         for (found, truth) in solution.into_iter().zip(truth) {
-            // 2⁻²⁴ times a condition below 1000.
+            // 2⁻²⁴ times a condition number below 1000.
             assert!((found - truth).abs() < 1e-4, "{found} {truth}");
         }
     }

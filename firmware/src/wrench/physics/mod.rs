@@ -1,18 +1,18 @@
-//! From readings to a wrench by inverting the sensors' curves.
+//! Conversion of readings to a wrench by inverting the sensors' response curves.
 //!
 //! ```text
 //! minimise  Σ (yᵢ − fᵢ(x))²/vᵢ + xᵀPx      vᵢ = σ² + τ²·(dfᵢ/dq)² + |Lᵢᵀgᵢ|²
 //! ```
 //!
-//! by Gauss's and Newton's steps with `v` from the step before, as the host does
-//! (`crates/sensor-physics/src/inversion`), in single precision and in at most [`STEPS`] steps. A sensor on a
-//! plateau of its curve drops out by itself, for its slope is nothing; one that the converter cut off is
-//! left out. Nothing is carried from frame to frame.
+//! by Gauss–Newton steps with `v` from the previous step, as on the host
+//! (`crates/sensor-physics/src/inversion`), in single precision and with at most [`STEPS`] steps. A sensor on
+//! a plateau of its curve has no influence, since its slope is zero; a saturated sensor is left out. No state
+//! is carried from frame to frame.
 //!
-//! Left to the host: standard errors, flags, and leaving out a sensor that no wrench explains.
+//! The host additionally computes standard errors and flags, and leaves out a sensor that no wrench explains.
 //!
-//! While the numbers of a calibration are in the ranges of [`Physics`], nothing here overflows: a step that is not a
-//! finite number, or leads beyond [`FARTHEST`], is not taken.
+//! If the numbers of a calibration are in the ranges of [`Physics`], no computation here overflows: a step
+//! that is not finite, or that leads beyond [`FARTHEST`], is not taken.
 
 mod curve;
 mod equations;
@@ -21,31 +21,31 @@ use self::curve::{CurveValue, displacement};
 use self::equations::{Equations, X, product, row, unrolled};
 use shared_proto::{AXES, CHANNELS, FACTOR, Physics, PhysicsSensor};
 
-/// Most steps, halved ones among them; three or four are usual.
+/// Maximum number of steps, including halved ones; three or four are usual.
 const STEPS: usize = 4;
 
-/// Rest: a step that is shorter than a hundredth of a standard error, squared. It is taken, and what is left after
-/// it is a small part of it.
+/// Convergence limit for the squared step length in standard errors: a hundredth of a standard error. The
+/// last step is taken, and the remaining error is a small part of it.
 const REST: f32 = 1e-4;
 
-/// A step shorter than this, in standard errors, squared, leaves the variances that come from the parameters as they
-/// are: they are half of the work, and the weights hardly change with them.
+/// Limit of the squared step length, in standard errors, below which the parameters' variances are not
+/// recomputed: they are half of the work, and the weights hardly change.
 const NEAR: f32 = 0.1;
 
 /// Halvings of a step that does not lower the sum.
 const HALVINGS: u32 = 4;
 
-/// By how much rounding may raise the sum where it is least.
+/// Factor by which rounding may raise the sum near its minimum.
 const ROUNDING: f32 = 1.0 + 1e-5;
 
-/// No wrench is so many times those that the model was trained with.
+/// Bound on a wrench, in units of the training wrenches' scale; no real wrench is that large.
 const FARTHEST: f32 = 1e3;
 
-/// What noise of readings the start allows for, in shares of h.
+/// Noise of readings that the start assumes, in units of h.
 const START_NOISE: f32 = 0.02;
 
-/// The wrench of a frame of readings in counts, without the channels whose bit is set in `saturated`; N and N·m.
-/// Where no wrench is found, that nothing pulls at.
+/// Returns the wrench in N and N·m of a frame of readings in counts, without the channels whose bit is set in
+/// `saturated`. Returns the unloaded wrench if no wrench is found.
 pub(super) fn invert(model: &Physics, readings: &[u16; CHANNELS], saturated: u8) -> [f32; AXES] {
     let frame = ScaledFrame::new(model, readings, saturated);
     let x = frame.descend(frame.start().unwrap_or_default());
@@ -55,7 +55,7 @@ pub(super) fn invert(model: &Physics, readings: &[u16; CHANNELS], saturated: u8)
 /// A frame in the scales of the curves.
 struct ScaledFrame<'a> {
     model: &'a Physics,
-    /// `None` of a sensor that is left out.
+    /// Scaled readings; `None` for a sensor that is left out.
     y: [Option<f32>; CHANNELS],
 }
 
@@ -69,14 +69,14 @@ struct State {
     held_back: f32,
 }
 
-/// One curve at a wrench; all zeros of a sensor that is left out.
+/// One curve at a wrench; all zeros for a sensor that is left out.
 #[derive(Clone, Copy, Default)]
 struct Point {
     residual: f32,
     slope: f32,
-    /// The inverse of the answer's variance.
+    /// The inverse of the response's variance.
     weight: f32,
-    /// What of the variance comes from the parameters.
+    /// The part of the variance that comes from the parameters.
     from_parameters: f32,
 }
 
@@ -90,7 +90,7 @@ impl<'a> ScaledFrame<'a> {
         Self { model, y: core::array::from_fn(scaled) }
     }
 
-    /// The wrench of the displacements that the readings alone say.
+    /// Returns the wrench that fits the displacements given by the readings alone.
     fn start(&self) -> Option<X> {
         let Physics { prior, reading_variance, displacement_variance, .. } = self.model;
         let mut equations = Equations::new(prior, [0.0; AXES]);
@@ -106,7 +106,7 @@ impl<'a> ScaledFrame<'a> {
         equations.solve().filter(is_near)
     }
 
-    /// Steps until they come to rest.
+    /// Iterates until convergence.
     fn descend(&self, start: X) -> X {
         let mut state = self.state(start, None);
         let mut sum = state.sum(&state.points);
@@ -116,11 +116,12 @@ impl<'a> ScaledFrame<'a> {
             other => return moved(&state.x, &other.unwrap_or_default().0),
         };
         for left in (0..STEPS).rev() {
-            // After a last step as long as this there is no convergence, and the new variances would not be used.
+            // After such a long last step there is no convergence, and the new variances would not be used.
             let is_far = length >= NEAR;
             let known = (!is_far || left == 0).then_some(&state.points);
             let next = self.state(moved(&state.x, &step), known);
-            // With the variances of before; with those of now, it is what the next step is compared with.
+            // The comparison uses the previous variances; the sum with the new ones is the reference for the
+            // next step.
             if next.sum(&state.points) <= sum * ROUNDING {
                 state = next;
                 if is_far && left == 0 {
@@ -143,7 +144,7 @@ impl<'a> ScaledFrame<'a> {
         state.x
     }
 
-    /// The curves at `x`, with the variances from the parameters as they are at `known` points, or there.
+    /// Evaluates the curves at `x`. The parameters' variances are taken from `known`, or computed at `x`.
     fn state(&self, x: X, known: Option<&[Point; CHANNELS]>) -> State {
         let mut points = known.copied().unwrap_or_default();
         for ((sensor, y), point) in self.model.sensors.iter().zip(&self.y).zip(&mut points) {
@@ -162,8 +163,8 @@ impl<'a> ScaledFrame<'a> {
         State { x, points, held, held_back: inner(&held, &x) }
     }
 
-    /// The step to take from a state, and its length in standard errors, squared; `None` if there is none that
-    /// leads anywhere.
+    /// Returns the step from a state, and its squared length in standard errors; `None` if there is no usable
+    /// step.
     fn step(&self, state: &State) -> Option<(X, f32)> {
         let mut equations = Equations::new(&self.model.prior, state.held.map(|value| -value));
         for (sensor, point) in self.model.sensors.iter().zip(&state.points) {
@@ -176,7 +177,7 @@ impl<'a> ScaledFrame<'a> {
 }
 
 impl State {
-    /// The sum that is minimised, with the weights of these points.
+    /// Returns the sum that is minimised, with the weights of `weights`.
     fn sum(&self, weights: &[Point; CHANNELS]) -> f32 {
         let squares = self.points.iter().zip(weights);
         let squares = squares.map(|(point, at)| at.weight * point.residual * point.residual);
@@ -197,7 +198,7 @@ fn inner(a: &X, b: &X) -> f32 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// `|Lᵀg|²`, the variance of an answer that comes from the parameters.
+/// Returns `|Lᵀg|²`, the part of a response's variance that comes from the parameters.
 #[inline(always)]
 fn parameter_variance(factor: &[f32; FACTOR], answer: &CurveValue, x: &X) -> f32 {
     let CurveValue { height, slope, by_shape } = *answer;
@@ -220,7 +221,7 @@ mod tests {
     use shared_proto::{Calibration, PRIOR};
     use std::vec::Vec;
 
-    /// Hardly any noise and prior, so that a wrench is found again.
+    /// A model with hardly any noise or prior, so that a wrench is recovered.
     fn model() -> Physics {
         let mut prior = [0.0; PRIOR];
         (0..AXES).for_each(|i| prior[row(i) + i] = 1e-4);
@@ -246,7 +247,8 @@ mod tests {
         }
     }
 
-    /// What the sensors read at a wrench in units of the scales, by the formula in double precision.
+    /// Computes the readings of the sensors at a wrench in units of the scales, by the formula in double
+    /// precision.
     fn readings(model: &Physics, x: &[f64; AXES]) -> [u16; CHANNELS] {
         core::array::from_fn(|channel| {
             let sensor = &model.sensors[channel];
@@ -263,7 +265,7 @@ mod tests {
         (0..100).map(move |row| core::array::from_fn(|axis| value(row, axis)))
     }
 
-    /// By how much the wrench of a frame is off in units of the scales, at most.
+    /// Returns the largest error of a frame's wrench, in units of the scales.
     fn error(model: &Physics, readings: &[u16; CHANNELS], saturated: u8, x: &[f64; AXES]) -> f64 {
         let wrench = invert(model, readings, saturated);
         let errors = wrench.iter().zip(&model.wrench_scale).zip(x);
@@ -275,8 +277,8 @@ mod tests {
         let model = model();
         for x in poses() {
             let error = error(&model, &readings(&model, &x), 0, &x);
-            // Readings are rounded to half a count of 44,800, which slopes of 0.2 and more, and gains that
-            // are not at right angles, make some hundred times as much of; the prior pulls by as much.
+            // Readings are rounded to half a count of 44,800. Slopes of at least 0.2, and gains that are not
+            // orthogonal, amplify that about a hundredfold; the prior pulls by as much.
             assert!(error < 2e-3, "{x:?}: {error}");
         }
     }
@@ -296,7 +298,7 @@ mod tests {
     #[test]
     fn a_sensor_on_its_plateau_says_nothing() {
         let mut model = model();
-        // Its curve ends where the others are in their middle: all loads are on the plateau.
+        // Its curve ends where the others are at their middle: all loads are on the plateau.
         model.sensors[2].offset = 40.0;
         for x in poses().take(20) {
             let frame = readings(&model, &x);
@@ -304,7 +306,7 @@ mod tests {
             without.sensors[2].per_count = 0.0;
             let (with, without) = (invert(&model, &frame, 0), invert(&without, &frame, 0));
             for (with, without) in with.into_iter().zip(without) {
-                // They start apart, and come to rest within rounding.
+                // They start apart, and converge to within rounding.
                 assert!((with - without).abs() < 1e-5, "{with} {without}");
             }
             assert!(error(&model, &frame, 0, &x) < 5e-3);
@@ -331,7 +333,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(4_096))]
 
-        /// Whatever a board takes for a calibration, it makes finite numbers of any frame.
+        /// Any calibration that a board accepts gives finite numbers for any frame.
         #[test]
         fn what_is_accepted_gives_finite_wrenches(
             changes in prop::collection::vec((0..565_usize, numbers()), 1..40),
@@ -343,7 +345,7 @@ mod tests {
             for (position, number) in changes {
                 let at = 4 + 4 * position;
                 changed[at..at + 4].copy_from_slice(&number.to_le_bytes());
-                // One that is refused is left as it was.
+                // A rejected change is undone.
                 if Calibration::from_bytes(&changed).is_none() {
                     changed[at..at + 4].copy_from_slice(&bytes[at..at + 4]);
                 }

@@ -1,4 +1,4 @@
-//! A board on the bench: virtual time, a front end that plays codes, a link that can be held up.
+//! A board on the bench: virtual time, a front end that plays codes, and a link that can be held up.
 
 #![allow(unreachable_pub, reason = "a module of a test has no outside")]
 
@@ -18,33 +18,33 @@ use std::pin::Pin;
 use std::rc::Rc;
 use std::task::{Context, Poll, Waker};
 
-/// The world around the board.
+/// The simulated environment of the board.
 #[derive(Default)]
 pub struct World {
     now_us: Cell<u64>,
-    /// The first time that somebody waits for.
+    /// The earliest time that a task waits for.
     earliest_us: Cell<u64>,
-    /// Codes of a channel: dark, lit, by the time in µs.
+    /// Returns a channel's dark and lit codes by the time in µs.
     codes: RefCell<Option<Codes>>,
-    /// The next conversion takes so long.
+    /// Extra duration of the next conversion.
     pub stall_us: Cell<u64>,
     pub to_board: RefCell<VecDeque<u8>>,
     pub from_board: RefCell<Vec<u8>>,
-    /// Edges at the sync input that have not been taken.
+    /// Edges at the sync input that were not taken yet.
     pub edges: RefCell<VecDeque<SeenEdge>>,
     /// Rates that the line was set to.
     pub rates: RefCell<Vec<Baud>>,
     /// Times at which the bootloader was started.
     pub bootloader_at_us: RefCell<Vec<u64>>,
-    /// Clear to send is off.
+    /// True if clear to send is off.
     pub held_up: Cell<bool>,
     pub record: RefCell<Option<Record>>,
     last_fed_us: Cell<u64>,
     pub longest_unfed_us: Cell<u64>,
-    /// Emitter lit, since when; and the faults seen.
+    /// The lit emitter and since when.
     lit: Cell<(Option<usize>, u64)>,
     pub settling_us: Cell<u64>,
-    /// Channels are read under other emitters than their own.
+    /// Channels are read with other channels' emitters lit.
     pub tests_itself: Cell<bool>,
     pub is_bridged: Cell<bool>,
     pub faults: RefCell<Vec<String>>,
@@ -81,7 +81,7 @@ impl Clock for Shared {
     }
 }
 
-/// Time of a conversion in ns.
+/// Duration of a conversion in ns.
 const CONVERSION_NS: u32 = 1_500;
 
 impl FrontEnd for Shared {
@@ -105,7 +105,7 @@ impl FrontEnd for Shared {
             Some(codes) => codes(channel, now_us),
             None => (100, 100 + 100 * (channel as u16 + 1)),
         };
-        // The emitters of channels 6 and 7 reach each other's channel where the bridges are closed.
+        // The emitter of channel 6 reaches channel 7 if the bridge is closed.
         let is_bridged = world.is_bridged.get() && (lit, channel) == (Some(5), 6);
         let is_lit = lit == Some(channel) || is_bridged;
         let burst_us = (u64::from(conversions) * u64::from(CONVERSION_NS)).div_ceil(1_000);
@@ -113,7 +113,7 @@ impl FrontEnd for Shared {
         u32::from(if is_lit { bright } else { dark }) * u32::from(conversions)
     }
 
-    /// As many degrees as the board has been on for seconds.
+    /// Returns a temperature in degrees that equals the seconds since the start.
     async fn vitals(&mut self) -> Vitals {
         let now_us = self.0.now_us.get();
         self.0.wait(now_us + 100).await;
@@ -203,12 +203,12 @@ impl Shared {
     }
 }
 
-/// What the board said before its reset.
+/// The board's words before its reset.
 pub const LAST_WORDS: &[u8] = b"panicked at a line that has a bug";
 
 pub const SERIAL: [u8; 12] = *b"bench-serial";
 
-/// The number of the board's run.
+/// The board's start number.
 pub const START: u16 = 77;
 
 /// A board and the host's end of its link.
@@ -216,7 +216,7 @@ pub struct Bench {
     pub world: Rc<World>,
     board: Pin<Box<dyn Future<Output = ()>>>,
     pub decoder: Decoder,
-    /// The board that commands name.
+    /// The board that commands are addressed to.
     pub to: Option<BoardId>,
     number: u16,
 }
@@ -226,7 +226,7 @@ impl Bench {
         Self::with(ResetCause::Power, None)
     }
 
-    /// A board on a line that has a rate, which is that after a reset.
+    /// A board on a line with a baud rate, set to the rate after a reset.
     pub fn on_a_line() -> Self {
         Self::build(ResetCause::Power, None, Some(baud::FIRST))
     }
@@ -273,7 +273,7 @@ impl Bench {
         Self { world, board, decoder, to, number: 0 }
     }
 
-    /// What the photointerrupters see: dark and lit codes of a channel at a time in µs.
+    /// Sets the scene: dark and lit codes of a channel at a time in µs.
     pub fn play(&self, codes: impl Fn(usize, u64) -> (u16, u16) + 'static) {
         *self.world.codes.borrow_mut() = Some(Box::new(codes));
     }
@@ -288,7 +288,7 @@ impl Bench {
         let mut context = Context::from_waker(Waker::noop());
         loop {
             self.world.earliest_us.set(end_us);
-            // Twice, for a loop may wake one that was polled before it.
+            // Twice, since one task may wake another that was polled before it.
             for _ in 0..2 {
                 assert!(self.board.as_mut().poll(&mut context).is_pending());
             }
@@ -299,7 +299,7 @@ impl Bench {
         }
     }
 
-    /// What the board has said of its health, and the samples, in their order.
+    /// Returns the health reports, each with the sample that follows it.
     pub fn healths(&mut self) -> Vec<(Health, Option<Sample>)> {
         let mut healths: Vec<(Health, Option<Sample>)> = Vec::new();
         for packet in self.packets() {
@@ -312,7 +312,7 @@ impl Bench {
         healths
     }
 
-    /// What the board has sent, by the host's decoder.
+    /// Returns the packets that the board has sent, decoded by the host's decoder.
     pub fn packets(&mut self) -> Vec<Packet> {
         let bytes = std::mem::take(&mut *self.world.from_board.borrow_mut());
         let mut packets = Vec::new();
@@ -341,14 +341,14 @@ impl Bench {
         self.world.to_board.borrow_mut().extend(bytes);
     }
 
-    /// Sends a command and does not look for an answer.
+    /// Sends a command without waiting for the answer.
     pub fn tell(&mut self, command: Command) {
         self.number += 1;
         self.send(&Packet::Command { number: self.number, to: self.to, command }.encode());
         self.run_for(4_000);
     }
 
-    /// Sends a command; its answer, and the samples that came meanwhile.
+    /// Sends a command; returns its answer, and the samples that came meanwhile.
     pub fn ask(&mut self, command: Command) -> (Answer, Vec<Sample>) {
         self.tell(command);
         let (mut answer, mut samples) = (None, Vec::new());

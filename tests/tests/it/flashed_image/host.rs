@@ -1,4 +1,4 @@
-//! The host's end of the flashed board's line: orders with answers, and the books of its samples.
+//! The host's end of the flashed board's line: orders with answers, and the account of its samples.
 
 use shared_proto::{
     Answer, Board, BoardId, Boot, Calibration, Command, Cubic, Decoder, Edge, Event, Framing,
@@ -7,19 +7,19 @@ use shared_proto::{
 use system_tests::flashed::{FlashedBoard, Model, PlayedFrame, Report, SERIAL};
 pub use system_tests::random::Random;
 
-/// How long an answer may take: two frames on the line, and samples that are on their way.
+/// Timeout of an answer: two frames on the line, and samples on their way.
 const ANSWER_S: f64 = 0.03;
 
-/// A board that there is a model of.
+/// A board with a model.
 pub struct Modelled {
     pub model: Model,
-    /// What it says it is.
+    /// The board type that it reports.
     pub board: Board,
-    /// How long a conversion takes.
+    /// Duration of a conversion.
     pub conversion_ns: u32,
 }
 
-/// All of them.
+/// All boards.
 pub fn boards() -> [Modelled; 2] {
     let (skinproc, nucleo) = (Model::find(), Model::find_nucleo());
     [
@@ -28,7 +28,7 @@ pub fn boards() -> [Modelled; 2] {
     ]
 }
 
-/// A board, and what it has sent.
+/// A board, and the data that it has sent.
 pub struct Host {
     pub board: FlashedBoard,
     pub decoder: Decoder,
@@ -36,7 +36,7 @@ pub struct Host {
     pub boots: Vec<Boot>,
     pub healths: Vec<Health>,
     pub edges: Vec<Edge>,
-    /// What the newest packet says it comes from.
+    /// Origin of the newest packet.
     pub origin: Option<PacketOrigin>,
     pub resets: Vec<String>,
     pub last: Report,
@@ -44,11 +44,11 @@ pub struct Host {
 }
 
 impl Host {
-    /// A board after its start.
+    /// Returns a board after its start.
     pub fn start(model: &Model, played: &[PlayedFrame]) -> Self {
         let dir = tempfile::tempdir().unwrap();
         let mut board = FlashedBoard::start(model, played, dir.path());
-        // The script has been read once there is a report.
+        // After a report, the script has been read.
         let last = board.run(0.02);
         let mut host = Self {
             board,
@@ -67,7 +67,7 @@ impl Host {
         host
     }
 
-    /// A board as it is flashed, with nothing to play.
+    /// Returns a freshly flashed board, without a script.
     pub fn new(model: &Model) -> Self {
         Self::start(model, &[])
     }
@@ -103,21 +103,21 @@ impl Host {
         self.take(report);
     }
 
-    /// Lets time pass with the bytes from the board changed by `noise` before they are decoded.
+    /// Lets time pass while `noise` changes the bytes from the board before they are decoded.
     pub fn run_behind(&mut self, time_s: f64, noise: impl FnOnce(&mut Vec<u8>)) {
         let mut report = self.board.run(time_s);
         noise(&mut report.sent);
         self.take(report);
     }
 
-    /// The answer to a command, `None` if there is none.
+    /// Sends a command and returns its answer, `None` if there is none.
     pub fn ask(&mut self, command: Command) -> Option<Answer> {
         self.number += 1;
         let to = Some(BoardId::from_serial(&SERIAL));
         let packet = Packet::Command { number: self.number, to, command };
         self.board.send(&packet.encode());
-        // Answers overtake samples, but not the frames that the driver has already been given; an
-        // erased page takes time.
+        // Answers overtake samples, but not the frames that the driver already holds; erasing a page takes
+        // time.
         for _ in 0..10 {
             let report = self.board.run(ANSWER_S);
             let answers = self.take(report);
@@ -142,7 +142,7 @@ impl Host {
         }
     }
 
-    /// What the board said before its reset.
+    /// Returns the board's words before its reset.
     pub fn last_words(&mut self) -> String {
         let mut words = Vec::new();
         loop {
@@ -155,7 +155,7 @@ impl Host {
         String::from_utf8(words).unwrap()
     }
 
-    /// Uploads a calibration but for the commit.
+    /// Uploads a calibration without the commit.
     pub fn begin_upload(&mut self, calibration: &Calibration) {
         let bytes = calibration.to_bytes();
         let crc32 = crc32(&bytes);
@@ -166,13 +166,13 @@ impl Host {
         }
     }
 
-    /// Uploads a calibration; the answer to the commit, `None` if the power went.
+    /// Uploads a calibration; returns the answer to the commit, `None` if the power was cut.
     pub fn upload(&mut self, calibration: &Calibration) -> Option<Answer> {
         self.begin_upload(calibration);
         self.ask(Command::CommitCalibration)
     }
 
-    /// Runs what happens in `branch` and then undoes it, on the board; the books go on.
+    /// Runs `branch` and then undoes its effects on the board; the account of samples continues.
     pub fn branch(&mut self, branch: impl FnOnce(&mut Self)) {
         self.board.open_branch();
         branch(self);
@@ -180,7 +180,7 @@ impl Host {
     }
 }
 
-/// A calibration that differs from those with another number.
+/// A calibration that depends on the number.
 pub fn calibration(number: u8) -> Calibration {
     Calibration::Cubic(Cubic {
         centre: [30_000.0; 8],
@@ -194,7 +194,7 @@ pub fn crc_of(calibration: &Calibration) -> u32 {
     crc32(&calibration.to_bytes())
 }
 
-/// A script of frames from the dark and lit code of each channel.
+/// Builds a script of frames from the dark and lit codes of each channel.
 pub fn played(frames: usize, code: impl Fn(usize, usize) -> (u16, u16)) -> Vec<PlayedFrame> {
     (0..frames).map(|frame| std::array::from_fn(|channel| code(frame, channel))).collect()
 }

@@ -1,11 +1,11 @@
-//! The sync input, the rate of the line, the way into the ROM's bootloader.
+//! The sync input, the rate of the line, and the entry into the ROM's bootloader.
 
 use shared_proto::{Answer, Command};
 use system_tests::flashed::{Model, ROM_STACK};
 
 use super::host::{Host, Modelled, Random, boards};
 
-/// What is said of an edge's time in docs/alignment.md, µs.
+/// The error of an edge's time stated in docs/alignment.md, µs.
 const LATEST_US: f64 = 20.0;
 
 #[test]
@@ -15,7 +15,7 @@ fn the_times_of_edges_are_right_to_twenty_microseconds() {
         let mut host = Host::new(model);
         host.order(Command::Start);
         let mut random = Random(5);
-        // From 2 ms to 18 ms apart, wherever in a frame they fall.
+        // From 2 ms to 18 ms apart, at any point in a frame.
         let mut at_s = 0.0;
         let delays_s: Vec<f64> = (0..300)
             .map(|_| {
@@ -38,7 +38,7 @@ fn the_times_of_edges_are_right_to_twenty_microseconds() {
         println!("edges are {least:.2} to {most:.2} µs late");
         // The clock counts whole µs.
         assert!(least > -1.0 && most < LATEST_US, "{least} to {most} µs");
-        // The samples did not suffer.
+        // The samples were not affected.
         let status = host.status();
         assert_eq!((status.late, status.overflowed), (0, 0));
     }
@@ -55,7 +55,7 @@ fn a_signal_that_is_none_costs_no_sample() {
     host.board.drive_edges(&delays_s);
     host.run(0.8);
     host.edges.clear();
-    // One that follows is heard, and its number says that there were others.
+    // A later edge is reported, and its number shows that there were others.
     host.board.drive_edges(&[0.05]);
     host.run(0.2);
     let [edge] = host.edges[..] else { panic!("{:?}", host.edges) };
@@ -73,7 +73,7 @@ fn the_rate_of_the_line_is_set_and_taken_back() {
     let first = host.last.rate;
     host.order(Command::SetBaud { baud: 115_200 });
     host.run(0.01);
-    // 80 MHz over 694.
+    // 80 MHz / 694.
     assert!((host.last.rate - 80e6 / 694.0).abs() < 1e-6, "{} baud", host.last.rate);
     host.board.set_rate(115_200.0);
     host.order(Command::Start);
@@ -82,13 +82,13 @@ fn the_rate_of_the_line_is_set_and_taken_back() {
     assert!(host.samples.len() >= 400);
     assert_eq!(host.decoder.counters.bad_crc, 0);
 
-    // The other end does not follow: the board comes back.
+    // The other end does not follow, so the board returns to the old rate.
     host.order(Command::SetBaud { baud: 921_600 });
     assert_eq!(host.ask(Command::Status), None);
     host.run(3.5);
     assert!((host.last.rate - 80e6 / 694.0).abs() < 1e-6, "{} baud", host.last.rate);
     host.status();
-    // Nothing of it outlives a reset.
+    // A reset restores the default rate.
     host.board.jump(0x3000_0000);
     host.run(0.1);
     assert_eq!(host.last.rate, first);
@@ -102,7 +102,7 @@ fn the_bootloader_in_rom_finds_the_chip_as_after_a_reset() {
         host.order(Command::Start);
         host.run(0.1);
         assert_eq!(host.ask(Command::Bootloader), Some(Answer::Done));
-        // The watchdog that the firmware had started would be heard of by now.
+        // If the firmware's watchdog were still running, it would have caused a reset by now.
         host.run(2.0);
         assert_eq!(host.resets, ["power", "software"]);
         let rom = host.last.rom.clone().expect("the ROM is entered");
@@ -110,9 +110,9 @@ fn the_bootloader_in_rom_finds_the_chip_as_after_a_reset() {
             (rom.stack_pointer, rom.vectors, rom.interrupts_on),
             (ROM_STACK, 0x1FFF_0000, 0)
         );
-        // System memory at 0, as BOOT0 makes it; all else as the reset has left it.
+        // System memory at 0, as BOOT0 maps it; everything else in its reset state.
         assert_eq!(rom.changed.into_iter().collect::<Vec<_>>(), [("0x40010000".to_owned(), 1)]);
-        // Whatever resets the chip next starts the firmware.
+        // Any further reset starts the firmware.
         host.board.restore_power();
         host.run(0.1);
         assert_eq!(host.boots.len(), 2);

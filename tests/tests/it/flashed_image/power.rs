@@ -1,4 +1,4 @@
-//! Power that goes, a converter that dies, code that cannot be executed.
+//! Power cuts, a converter that fails, and code that cannot be executed.
 
 use shared_proto::{Answer, Command, ResetCause};
 use system_tests::flashed::Model;
@@ -8,21 +8,21 @@ use super::host::{Host, Modelled, boards, calibration, crc_of};
 /// Two pages erased, and a slot of 2,280 bytes in double words.
 const OPERATIONS: u64 = 2 + 2_280 / 8;
 
-/// Operations that the power is cut during: the first ones, the last ones, and one in so many between. All of them,
-/// in the slots' own tests, leave a calibration.
+/// Operations at which the power is cut: the first, the last, and every n-th in between. The slots' unit
+/// tests cover all of them.
 fn cuts(one_in: u64) -> impl Iterator<Item = u64> {
     (0..OPERATIONS).filter(move |operation| {
         *operation < 4 || operation.is_multiple_of(one_in) || *operation > OPERATIONS - 4
     })
 }
 
-/// What an operation has done that the power was cut during.
+/// Effect of the operation during which the power was cut.
 const OUTCOMES: [&str; 4] = ["nothing", "some bits", "unreadable", "complete"];
 
 #[test]
 #[ignore = "needs the flashed image"]
 fn a_power_cut_at_any_operation_of_an_upload_leaves_a_calibration() {
-    // The same code writes the flash of both.
+    // The same code writes the flash of both boards.
     for (Modelled { model, .. }, one_in) in boards().iter().zip([7, 42]) {
         let [old, new, third] = [1, 2, 3].map(calibration);
         let mut host = Host::new(model);
@@ -42,7 +42,7 @@ fn a_power_cut_at_any_operation_of_an_upload_leaves_a_calibration() {
                     assert_eq!(host.boots.len(), boots + 1, "{operation} {outcome}: bricked");
                     let found = host.status().calibration_crc32;
                     assert_eq!(found, expected, "{operation} {outcome}");
-                    // What was left half done is no hindrance to the next upload.
+                    // A partial operation does not hinder the next upload.
                     if [0, 1, 42, OPERATIONS - 1].contains(&operation) {
                         assert_eq!(
                             host.upload(&third),
@@ -51,7 +51,7 @@ fn a_power_cut_at_any_operation_of_an_upload_leaves_a_calibration() {
                         );
                         assert_eq!(host.status().calibration_crc32, crc_of(&third));
                     }
-                    // No reset but those by power.
+                    // The only resets are those by power.
                     let by_power = host.resets.iter().all(|cause| cause == "power");
                     assert!(by_power, "{operation} {outcome}: {:?}", host.resets);
                 });
@@ -80,13 +80,13 @@ fn a_fault_of_the_core_is_reported_with_its_place() {
     for Modelled { model, .. } in &boards() {
         let mut host = Host::new(model);
         assert_eq!(host.last_words(), "");
-        // There is nothing at this address.
+        // There is no memory at this address.
         host.board.jump(0x3000_0000);
         host.run(0.1);
         assert_eq!(host.resets, ["power", "software"]);
         assert_eq!(host.status().reset_cause, ResetCause::Fault);
         let words = host.last_words();
-        // Whatever the link register held when the core went astray.
+        // The link register may hold any value at that time.
         assert!(words.starts_with("fault at 0x30000000, called from 0x"), "{words}");
         // IBUSERR (Arm DDI0403, B3.2.15).
         assert!(words.ends_with("CFSR 0x00000100"), "{words}");
@@ -97,7 +97,7 @@ fn a_fault_of_the_core_is_reported_with_its_place() {
 #[ignore = "needs the flashed image"]
 fn a_stack_that_is_too_deep_is_reported_and_harms_no_variable() {
     for Modelled { model, .. } in &boards() {
-        // As deep as there is memory, and as deep as only an interrupt makes it too deep.
+        // As deep as the memory, and so deep that only an interrupt overflows it.
         for left in [0, 40] {
             let mut host = Host::new(model);
             host.order(Command::Start);

@@ -54,7 +54,7 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     interrupt(&child);
     finish(child, &arguments, 0);
     let log = Recording::read(&log);
-    // Readings are in steps of the converter, of which the board sends sixteenths.
+    // Readings are in steps of the converter; the board sends sixteenths.
     let frames: Vec<_> =
         (0..log.rows()).map(|i| expected(i % 53).map(|counts| f64::from(counts) / 16.0)).collect();
     assert_eq!(log.table(READINGS), frames);
@@ -75,7 +75,7 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     let crc = crc_of(&for_board(&calibration).unwrap());
     assert!(command("--json status", 0).contains(&format!("{crc:#010x}")));
 
-    // Wrenches of the board, beside those of the host from the same readings.
+    // Wrenches from the board, compared with the host's from the same readings.
     command("mode wrench", 0);
     let frames: usize = number(&command("--json status", 0), "frames").try_into().unwrap();
     let arguments = format!("record {} --start -o wrench.csv", board.port);
@@ -94,7 +94,8 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     calibration.wrench(&readings, &mut by_the_host);
     for (name, by_the_host) in WRENCH.into_iter().zip(&by_the_host) {
         for (row, (wrench, by_the_host)) in log.numbers(name).iter().zip(by_the_host).enumerate() {
-            // Single precision: sums of terms up to some 100 N that round at 2⁻²⁴ of it, 25 times.
+            // Single precision: sums of terms of up to about 100 N with a rounding error of 2⁻²⁴ relative to
+            // it, 25 times.
             assert!(
                 (wrench - by_the_host).abs() < 1e-3,
                 "{name}, row {row}: {wrench} {by_the_host}"

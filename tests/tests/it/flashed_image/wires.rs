@@ -1,4 +1,4 @@
-//! The serial line: what comes over it, and what is done to it.
+//! The serial line: its data, and disturbances of it.
 
 use shared_proto::{Answer, Command, Refusal, ResetCause, Stream, Timing, Values};
 use system_tests::flashed::{Model, SERIAL};
@@ -19,7 +19,7 @@ fn the_image_says_what_it_is_and_answers_under_its_serial_number() {
     }
 }
 
-/// The readings of a script, as the firmware is to measure them.
+/// Returns the readings that the firmware must measure for a script.
 pub fn code(frame: usize, channel: usize) -> (u16, u16) {
     let dark = (frame * 7 + channel * 31) % 300;
     (dark as u16, (dark + 500 + (frame * 13 + channel * 401) % 3_000) as u16)
@@ -53,15 +53,15 @@ fn a_stream_is_what_the_converter_gave() {
         }
         let status = host.status();
         assert_eq!((status.late, status.overflowed, status.damaged), (0, 0, 0));
-        // How the board is: the model's supply and temperature, by the factory's codes.
+        // Health: the model's supply and temperature, by the factory's codes.
         let [health, ..] = host.healths[..] else { panic!("no word of health") };
         assert_eq!(health.sequence, 0);
         let dark = |channel| 16 * code(0, channel).0;
         assert_eq!(health.dark, std::array::from_fn(dark));
-        // Codes are whole: a step of the reference is 2.2 mV, one of the thermometer 0.32 °C.
+        // Codes are integers: a step of the reference is 2.2 mV, of the thermometer 0.32 °C.
         assert!(health.vitals.supply_mv.unwrap().abs_diff(3_300) <= 2);
         assert!(health.vitals.temperature_cdeg.unwrap().abs_diff(3_150) <= 35);
-        // Three bursts of 8 conversions and two settlings, and what starting them takes.
+        // Three bursts of 8 conversions, two settlings, and the time for starting them.
         let (burst_us, Timing { first_us, step_us }) = (8 * conversion_ns / 1_000, health.timing);
         let step = 3 * burst_us + 2 * 100;
         assert!((step..step + 40).contains(&u32::from(step_us)), "{:?}", health.timing);
@@ -77,8 +77,8 @@ fn readings_are_exact_after_any_number_of_conversions_and_any_settling() {
     for Modelled { model, conversion_ns, .. } in &boards() {
         let mut host = Host::start(model, &played(53, code));
         host.order(Command::SetPeriod { period_us: 50_000 });
-        // One conversion; bursts of the oversampler alone, all together, and several of the longest. In 2 ms of
-        // settling the converter rests for so long that its first conversion is wrong.
+        // One conversion; single bursts of the oversampler, all sizes together, and several of the longest.
+        // With 2 ms of settling, the converter pauses for so long that its first conversion is wrong.
         for (conversions, settling_us) in [(1, 0), (3, 1), (17, 30), (63, 30), (64, 30), (5, 2_000)]
         {
             host.order(Command::SetOversampling { conversions });
@@ -86,7 +86,7 @@ fn readings_are_exact_after_any_number_of_conversions_and_any_settling() {
             host.order(Command::Start);
             host.run(0.5);
             host.order(Command::Stop);
-            // As the settings are checked with: each number is above those before it.
+            // In the order in which the settings are validated: each number exceeds the previous ones.
             let conversions_us = (u32::from(conversions) * conversion_ns).div_ceil(1_000);
             let promised_us = 8 * (2 * u32::from(settling_us) + 3 * conversions_us + 30);
             let longest_us = u32::from(host.status().longest_frame_us);
@@ -117,8 +117,8 @@ fn a_line_that_is_held_up_costs_the_oldest_samples() {
     host.order(Command::Stop);
     let sequence: Vec<u16> = host.samples.iter().map(|sample| sample.sequence).collect();
     assert_eq!(sequence, (0..host.samples.len() as u16).collect::<Vec<_>>());
-    // What the driver had already been given is old: the frame on its way.
-    // All others are from the 160 ms that the outbox holds, or newer.
+    // The frame that the driver already held is old. All others are at most 160 ms old, the capacity of the
+    // outbox.
     let stale = host.samples[before..].iter();
     let stale = stale.filter(|sample| sample.clock_us + 180_000 < released_us).count();
     assert!(stale <= 2, "{stale} samples of before");
@@ -151,7 +151,7 @@ fn the_books_balance_over_two_thousand_frames_behind_a_bad_line() {
     host.order(Command::Start);
     let mut random = Random(18);
     while host.last.time_s < 21.0 {
-        // One byte in some hundred is changed on its way; now and then the line is held up.
+        // One byte in a few hundred is changed on its way, and the line is held up now and then.
         let held_up = random.next().is_multiple_of(40);
         if held_up {
             host.board.set_cts("high");
@@ -176,7 +176,7 @@ fn the_books_balance_over_two_thousand_frames_behind_a_bad_line() {
     let last = u64::from(host.samples.last().unwrap().sequence);
     let numbers: Vec<u16> = host.samples.iter().map(|sample| sample.sequence).collect();
     assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]));
-    // The last samples may have been damaged with nothing after them that would show it.
+    // The last samples may have been damaged without a later frame that would show it.
     let sent = u64::from(status.frames - status.overflowed);
     assert!(sent - (last + 1) <= 3, "{sent} sent, {last} the last number");
     assert_eq!(status.late, 0);
@@ -191,7 +191,7 @@ fn five_hundred_random_strings_do_no_harm() {
     let mut random = Random(81);
     for _ in 0..500 {
         let len = random.next() % 60;
-        // One byte in eight is a delimiter, so that many strings end within themselves.
+        // One byte in eight is a delimiter, so that many strings end early.
         let bytes = (0..len).map(|_| match random.next() {
             bits if bits.is_multiple_of(8) => 0,
             bits => (bits >> 8) as u8,
@@ -220,7 +220,7 @@ fn rates_that_the_line_does_not_carry_are_refused() {
     let Some(Answer::Refused(Refusal::LineTooSlow { shortest_us })) = answer else {
         panic!("{answer:?}")
     };
-    // What is said to fit does.
+    // The period reported as possible works.
     host.order(Command::SetPeriod { period_us: shortest_us });
     assert_eq!(host.status().stream, Stream::Raw);
     host.order(Command::Start);

@@ -1,13 +1,14 @@
-//! How late the clock of a motion is against that of a wrench.
+//! The lag between the clock of a motion and that of a wrench.
 //!
-//! A payload's forces step when its gravity steps. Steps are those between the means of two adjoining
-//! stretches: a push that lasts is in few of them. The lag is the one that leaves the smallest sum of absolute
-//! residuals, which what is large and rare, such as a tap, hardly moves. Of several lengths of the stretches
-//! the one counts whose residuals the lag reduces most: short ones tell fast motions from pushes, long ones
-//! slow motions from noise.
+//! A payload's forces step when its gravity steps. A step here is the difference between the means of two
+//! adjoining stretches, so a lasting push affects few steps. The lag is the one with the smallest sum of
+//! absolute residuals, to which rare large residuals, such as taps, contribute little. Several lengths of the
+//! stretches are tried, and the one whose residuals the lag reduces most is used: short stretches separate
+//! fast motions from pushes, long ones separate slow motions from noise.
 //!
-//! Contact that follows the motion moves the lag without making it vary. It has no reason to be in quadrature
-//! with gravity, as a lag is, rather than in phase: what is left in phase goes into the standard error.
+//! Contact that follows the motion biases the lag without adding scatter. These forces can have any
+//! phase relative to gravity, whereas the effect of a lag is in quadrature. The in-phase part of the
+//! residuals is therefore added to the standard error.
 
 use std::array::from_fn;
 
@@ -18,49 +19,49 @@ use super::vector::{Vector, dot, norm, scaled, subtract};
 use super::{Motion, Payload};
 use shell_data::statistics::RunningVariance;
 
-/// Lengths of the stretches, s. Vibrations that are faster than the shortest would fit at several lags.
+/// Lengths of the stretches, s. Vibrations faster than the shortest would fit at several lags.
 const LENGTHS_S: [f64; 4] = [0.03, 0.06, 0.12, 0.24];
-/// Steps to the largest lag that is looked for, either way.
+/// Number of steps from zero to the largest lag searched, in either direction.
 const LARGEST: usize = 100;
-/// Between lags that are tried, s.
+/// Spacing of the tried lags, s.
 const STEP_S: f64 = 0.001;
-/// Steps from row to row: stretches share most of their samples with those of closer rows.
+/// Steps between rows: the stretches of closer rows share most of their samples.
 const ROW: usize = 5;
-/// The most rows that are looked at.
+/// The maximum number of rows used.
 const MOST_ROWS: usize = 20_000;
-/// Parts of the recording whose scatter tells the standard error.
+/// Number of parts of the recording whose scatter gives the standard error.
 const PARTS: usize = 20;
-/// Lags so many steps from the best have to be worse …
+/// Lags at this number of steps from the best have to be worse …
 const FAR: usize = 10;
-/// … by so many standard errors of the difference: one in 300 is by chance.
+/// … by this number of standard errors of the difference; one in 300 is by chance.
 const CLEAR: f64 = 3.0;
-/// A standard error that does not matter, s: it leaves 6 % of a load at 10 Hz.
+/// A negligible standard error, s: it leaves 6 % of a load at 10 Hz.
 const SMALL_S: f64 = 0.001;
 
-/// How late a motion is.
+/// The lag of a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Lag {
-    /// What its clock shows more than that of the wrench at the same moment, s.
+    /// Time on the clock of the motion minus that of the wrench, s.
     pub lag_s: f64,
-    /// The standard error of that, s.
+    /// The standard error of the lag, s.
     pub standard_error_s: f64,
 }
 
 impl Lag {
-    /// Whether its standard error does not matter: a millisecond at most.
+    /// Returns true if the standard error is negligible: at most a millisecond.
     pub fn is_certain(&self) -> bool {
         self.standard_error_s <= SMALL_S
     }
 
-    /// The lag, or zero where that is as likely: within two standard errors of one that is not certain.
+    /// The lag to apply: zero if the lag is uncertain and within two standard errors of zero.
     pub fn taken_s(&self) -> f64 {
         let is_zero = !self.is_certain() && self.lag_s.abs() < 2.0 * self.standard_error_s;
         if is_zero { 0.0 } else { self.lag_s }
     }
 }
 
-/// Finds how late a motion is against the forces, N, of a sensor that carries `payload`. `None` where no
-/// lag is clearly best: in a run without motion, or where other forces prevail.
+/// Estimates the lag of a motion behind the forces, N, of a sensor that carries `payload`. Returns `None` if
+/// no lag is clearly best: in a run without motion, or dominated by other forces.
 pub fn find_lag(
     payload: &Payload,
     motion: &Motion,
@@ -75,21 +76,21 @@ pub fn find_lag(
     scans.min_by(|a, b| a.left.total_cmp(&b.left))?.lag()
 }
 
-/// All lags, by steps of one length.
+/// The residuals at all lags, for stretches of one length.
 struct LagScan<'a> {
     length_s: f64,
     mass_kg: f64,
     gravity: Integral<'a>,
     /// Times and steps of the forces.
     rows: Vec<(f64, Vector)>,
-    /// Sums of absolute residuals at each lag, by parts.
+    /// Sums of absolute residuals at each lag, by part.
     sums: Vec<[f64; PARTS]>,
     best: usize,
-    /// What the best lag leaves, against the median of all.
+    /// The residual at the best lag, relative to the median of all lags.
     left: f64,
 }
 
-/// A row at a lag: the step of the load, its slope over the lag, what is left, and the weight of that.
+/// A row at a lag: the step of the load, its slope over the lag, the residual and its weight.
 struct LagRow {
     load: Vector,
     slope: Vector,
@@ -98,7 +99,7 @@ struct LagRow {
 }
 
 impl<'a> LagScan<'a> {
-    /// `None` of a recording that is too short for the length.
+    /// Returns `None` for a recording that is too short for this length.
     fn new(payload: &Payload, motion: &'a Motion, forces: &Motion, length_s: f64) -> Option<Self> {
         let mass_kg = payload.mass_kg;
         let gravity = Integral::new(motion);
@@ -138,7 +139,7 @@ impl<'a> LagScan<'a> {
         if at_edge || !others.into_iter().all(|lag| self.is_worse(lag)) {
             return None;
         }
-        // Least absolute values by least squares with weights.
+        // Least absolute values by iteratively reweighted least squares.
         let mut lag_s = (self.best as f64 - LARGEST as f64) * STEP_S;
         for _ in 0..20 {
             let (mut slope, mut square) = (0.0, 0.0);
@@ -171,7 +172,7 @@ impl<'a> LagScan<'a> {
         (curvature > 0.0 && standard_error_s.is_finite()).then_some(Lag { lag_s, standard_error_s })
     }
 
-    /// Whether a lag leaves more than the best one, in most parts.
+    /// Returns true if a lag leaves significantly larger residuals than the best one, judged over the parts.
     fn is_worse(&self, lag: usize) -> bool {
         let more: [f64; PARTS] = from_fn(|part| self.sums[lag][part] - self.sums[self.best][part]);
         more.iter().sum::<f64>() / PARTS as f64 > CLEAR * standard_error(&more)
@@ -187,14 +188,13 @@ impl<'a> LagScan<'a> {
         };
         let mut rows: Vec<LagRow> = self.rows.iter().map(row).collect();
         let mean = rows.iter().map(|row| norm(row.left)).sum::<f64>() / rows.len() as f64;
-        // What fits by chance does not weigh as much as all others.
+        // A residual that is small by chance must not dominate the weights.
         let least = 1e-3 * mean + f64::EPSILON;
         rows.iter_mut().for_each(|row| row.weight = 1.0 / norm(row.left).max(least));
         rows
     }
 }
 
-/// The standard error of the mean of some parts.
 fn standard_error(parts: &[f64; PARTS]) -> f64 {
     RunningVariance::new(parts).rms_about_mean() / (PARTS as f64 - 1.0).sqrt()
 }

@@ -1,4 +1,4 @@
-//! Lags of simulated recordings, with contact and without.
+//! Lags of simulated recordings, with and without contact.
 
 use super::*;
 use shell_data::random::{Purpose, RandomStream};
@@ -8,7 +8,7 @@ const PAYLOAD: Payload =
     Payload { mass_kg: 0.5, centre_m: [0.0; 3], force_bias_n: [0.0; 3], moment_bias_nm: [0.0; 3] };
 const LENGTH_S: f64 = 20.0;
 
-/// How a sensor moves: it is carried by a hand or an arm, or walks at some 5 strides/s.
+/// The carrier of a sensor: a hand or an arm, or a robot that walks at some 5 strides/s.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Mover {
     Slow,
@@ -16,19 +16,19 @@ enum Mover {
     Legs,
 }
 
-/// What touches it.
+/// The contact with the environment.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Touch {
     Nothing,
-    /// Of 10 to 50 ms, one or two a second.
+    /// 10 to 50 ms long, one or two a second.
     Taps,
-    /// Of half a second to two seconds.
+    /// Half a second to two seconds long.
     Pushes,
-    /// The ground, half of each stride.
+    /// The ground, for half of each stride.
     Stance,
     /// Noise of up to some 4 Hz, all the time.
     Rubbing,
-    /// Something that yields 30 ms late to every motion.
+    /// An object that follows every motion with a delay of 30 ms.
     Following,
 }
 
@@ -48,7 +48,7 @@ impl Wander {
     }
 }
 
-/// A motion: apparent gravity at a time, and the angle of the legs.
+/// A motion: apparent gravity and the angle of the legs as functions of time.
 struct Walk {
     mover: Mover,
     wander: [Wander; 3],
@@ -83,7 +83,7 @@ impl Walk {
     }
 }
 
-/// A contact force of some times 3 N over time, where the load itself has about 1 N RMS.
+/// A contact force with a scale of 3 N; the load itself has about 1 N RMS.
 fn contact(kind: Touch, walk: &Walk, times: &[f64], random: &mut RandomStream) -> Vec<Vector> {
     let mut forces = vec![[0.0; 3]; times.len()];
     let direction = |random: &mut RandomStream| {
@@ -160,8 +160,8 @@ fn run(mover: Mover, kind: Touch, lag_s: f64, seed: u64) -> Option<Lag> {
 fn lags_are_found_under_contact_or_said_to_be_uncertain() {
     use Touch::*;
     let lags = [0.0063, -0.0418, 0.0771, 0.0005];
-    // The largest error, ms: at least twice what is printed, so that other random numbers pass as well. Zero where no
-    // lag is clear, infinite where only its standard error is judged.
+    // The limit on the error, ms: at least twice the printed error, so other random numbers pass as well.
+    // Zero if no lag is clear, infinite if only the standard error is checked.
     for (mover, kind, within_ms) in [
         (Mover::Slow, Nothing, 1.0),
         (Mover::Slow, Taps, 3.0),
@@ -185,9 +185,9 @@ fn lags_are_found_under_contact_or_said_to_be_uncertain() {
         for (seed, lag_s) in (1..).zip(lags) {
             let Some(lag) = run(mover, kind, lag_s, seed) else { continue };
             let error_s = (lag.lag_s - lag_s).abs();
-            // One of 370 normal errors is beyond three standard errors.
+            // One of 370 normal errors exceeds three standard errors.
             assert!(error_s < 3.0 * lag.standard_error_s, "{mover:?}, {kind:?}: {lag:?}, {lag_s}");
-            // What follows the motion is not taken for certain.
+            // Contact that follows the motion must not give a certain lag.
             assert!(kind != Following || !lag.is_certain(), "{lag:?}");
             found += 1;
             largest_ms = largest_ms.max(1e3 * error_s);

@@ -21,7 +21,7 @@ fn parse(instructions: Arch, lines: &[u8], skip: bool) -> (Result<(), RowError>,
     (result, parsed)
 }
 
-/// The same row by row, from the fields that [`slice::split`] finds.
+/// Parses row by row, from the fields that [`slice::split`] finds.
 fn parse_slowly(lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) {
     let plan = plan();
     let mut parsed = ParsedRows::default();
@@ -68,7 +68,7 @@ fn bits(parsed: &ParsedRows) -> Vec<Vec<u64>> {
     parsed.columns.iter().map(|c| c.iter().map(|value| value.to_bits()).collect()).collect()
 }
 
-/// Rows, most of them right.
+/// Generates rows, most of them valid.
 fn rows() -> impl Strategy<Value = String> {
     let number = "-?[0-9]{1,18}(\\.[0-9]{1,17})?|-?[0-9]{3,4}|-?0\\.0?[0-9]{11,13}";
     let line_end = prop_oneof![9 => Just("\n"), 2 => Just("\r\n"), 1 => Just("\n\n")];
@@ -124,7 +124,7 @@ fn quotes_around_whole_fields_say_nothing() {
     let plain = "1,a,x,2\r\n\n3,b,,4.5\n-0.25,b,y,17";
     for quoted in [
         "\"1\",\"a\",\"x\",\"2\"\r\n\"\"\n3,\"b\",\"\",\"4.5\"\n\"-0.25\",b,y,\"17\"",
-        // One that is needed has all lines read one by one.
+        // If one pair of quotes is needed, all lines are read one by one.
         "1,a,\"x\",2\r\n\n3,\"b\",,4.5\n-0.25,b,\"y\",17\n\"# a \"\"remark\"\"\",\"a,b\"",
     ] {
         for (name, instructions) in available() {
