@@ -104,7 +104,7 @@ impl From<TimeUnit> for StatedUnit {
 pub(super) const GROUPS: [&str; 4] = ["group", "session", "pose", "trial"];
 
 /// The meaning of a name, and the unit in it.
-pub(crate) fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit) {
+pub fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit) {
     if GROUPS.contains(&plain(name).as_str()) {
         return (Meaning::Group, StatedUnit::None);
     }
