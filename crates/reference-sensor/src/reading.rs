@@ -115,7 +115,10 @@ impl ReferenceSource {
             Self::Tcp(at) => {
                 let stream = self.connect(at)?;
                 stream.set_read_timeout(Some(WAIT)).map_err(failed)?;
-                Box::new(move |teller| read_lines(stream, &teller))
+                Box::new(move |teller| match read_lines(stream, &teller) {
+                    Ok(()) => teller.end("it has ended"),
+                    Err(problem) => teller.end(problem),
+                })
             }
         };
         let of_thread = teller.clone();
@@ -263,11 +266,12 @@ fn read_box(socket: &UdpSocket, settings: &BoxSettings, bias: bool, teller: &Tel
             continue;
         };
         let mut count = Some(count);
-        let arrival = Instant::now();
-        heard = arrival;
         // All that has arrived meanwhile, too.
         let is_pacing = socket.set_nonblocking(true).is_ok();
         while let Some(length) = count {
+            // Not once for all: to take them takes a while, in which more arrive.
+            let arrival = Instant::now();
+            heard = arrival;
             match RdtRecord::decode_all(&datagram[..length]) {
                 Some(records) => {
                     for record in records {
@@ -391,29 +395,36 @@ fn read_program(mut child: Child, teller: &Teller) {
         thread::sleep(WAIT);
     }
     let _ = child.kill();
-    match child.wait() {
-        Ok(status) if !status.success() => teller.end(format!("the program ended: {status}")),
+    let status = child.wait();
+    // A program that is told to end may wait in its own programs, which hold its output open.
+    let read = if reading.is_finished() { reading.join() } else { Ok(Ok(())) };
+    match (read, status) {
+        (Ok(Err(problem)), _) => teller.end(problem),
+        (_, Ok(status)) if !status.success() => {
+            teller.end(format!("the program ended ({status})"));
+        }
         _ => teller.end("the program ended"),
     }
 }
 
-fn read_lines(mut input: impl Read, teller: &Teller) {
+/// Reads lines until there are no more.
+fn read_lines(mut input: impl Read, teller: &Teller) -> Result<(), String> {
     let mut reader = LineReader::default();
     let mut waiting = Vec::new();
     let mut buffer = vec![0; 1 << 16];
     let mut order = LineOrder::default();
     while teller.goes_on() {
         let count = match input.read(&mut buffer) {
-            Ok(0) => return teller.end("it has ended"),
+            Ok(0) => return Ok(()),
             Ok(count) => count,
             Err(error) if is_pause(&error) => continue,
-            Err(error) => return teller.end(error),
+            Err(error) => return Err(error.to_string()),
         };
         let arrival = Instant::now();
         waiting.extend_from_slice(&buffer[..count]);
         let Some(end) = waiting.iter().rposition(|byte| *byte == b'\n') else {
             if waiting.len() > LONGEST {
-                return teller.end("its lines do not end");
+                return Err("its lines do not end".to_owned());
             }
             continue;
         };
@@ -427,7 +438,7 @@ fn read_lines(mut input: impl Read, teller: &Teller) {
                 Ok(None) if reader.axes().is_empty() || line.trim().is_empty() => {}
                 Ok(None) if order.number == 0 && samples.is_empty() => {}
                 Ok(None) => lock(&teller.state).counts.damaged += 1,
-                Err(bad) => return teller.end(bad),
+                Err(bad) => return Err(bad.to_string()),
             }
         }
         *lock(&teller.axes) = reader.axes();
@@ -457,6 +468,7 @@ fn read_lines(mut input: impl Read, teller: &Teller) {
         }
         thread::sleep(PACE);
     }
+    Ok(())
 }
 
 /// The numbers of lines, which come in the order in which they were sent.

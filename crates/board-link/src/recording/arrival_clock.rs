@@ -16,8 +16,12 @@ use std::collections::VecDeque;
 /// What is looked back at, s: long enough to tell 1e-5 of skew from 1 ms of delay, short against a clock that warms up.
 const SPAN_S: f64 = 60.0;
 
-/// Before so much has been seen a line is no line, s.
-const SETTLED_S: f64 = 0.3;
+/// Before so much has been seen a line is no line, s; where it is known what a tick lasts, and where it is not.
+const SETTLED_S: [f64; 2] = [0.3, 0.6];
+
+/// From then on it is known what a tick lasts, s, but for a share that delays of some ms make in that time.
+const SURE_S: f64 = 1.0;
+const SAME_TICK: f64 = 5e-3;
 
 /// How long a clock may be off the line before it is taken for another clock, s.
 const PATIENCE_S: f64 = 0.5;
@@ -31,6 +35,8 @@ pub struct ArrivalClock {
     /// Vertices of the lower hull of (tick, arrival).
     hull: VecDeque<(f64, f64)>,
     newest: Option<(f64, f64)>,
+    /// What a tick lasts, s, and how far that may be off, as a share of it.
+    known: Option<(f64, f64)>,
     /// The line: seconds at tick `origin`, and seconds for a tick.
     line: Option<(f64, f64, f64)>,
     /// The newest delays over the line, s.
@@ -40,6 +46,17 @@ pub struct ArrivalClock {
 }
 
 impl ArrivalClock {
+    /// A clock of which it is known what a tick lasts, s, but for a share `tolerance`.
+    pub fn known(tick_s: f64, tolerance: f64) -> Self {
+        Self { known: Some((tick_s, tolerance)), ..Self::default() }
+    }
+
+    /// The clock of a sensor that has begun to count anew: a tick lasts what it did, if that is known.
+    pub fn begun_anew(&self) -> Self {
+        let tick_s = self.tick_s().filter(|_| self.span_s() >= SURE_S);
+        tick_s.map_or_else(Self::default, |tick_s| Self::known(tick_s, SAME_TICK))
+    }
+
     /// A sample with this tick arrived at this time, s. Ticks that go back are left out.
     ///
     /// `jump_s` is how far beyond the line all samples may lie for half a second before the sensor's clock is taken to have
@@ -51,7 +68,12 @@ impl ArrivalClock {
         self.newest = Some((tick, arrival_s));
         let delay = self.time_s(tick).map(|time| arrival_s - time);
         if let Some(delay) = delay.filter(|_| self.is_settled()) {
-            if delay.abs() > jump_s {
+            // Far ahead of the line, which was laid under samples that were all held up, or the clock was set.
+            if delay < -jump_s && self.span_s() >= SURE_S {
+                *self = self.begun_anew();
+                return self.push(tick, arrival_s, jump_s);
+            }
+            if delay > jump_s {
                 self.adrift.push((tick, arrival_s));
             } else {
                 self.adrift.clear();
@@ -61,10 +83,6 @@ impl ArrivalClock {
                 let anew = std::mem::take(&mut self.adrift);
                 *self = Self::default();
                 anew.into_iter().for_each(|(tick, arrival_s)| self.push(tick, arrival_s, jump_s));
-                return;
-            }
-            // What is far ahead of the line may be a clock that was set: it must not bend the line until that is known.
-            if delay < -jump_s {
                 return;
             }
             self.delays.push_back(delay.max(0.0));
@@ -87,16 +105,32 @@ impl ArrivalClock {
     /// The line along the edge in the middle.
     fn fitted(&self) -> Option<(f64, f64, f64)> {
         let (first, last) = (self.hull.front()?, self.hull.back()?);
-        let middle = f64::midpoint(first.0, last.0);
-        let after = self.hull.partition_point(|(tick, _)| *tick < middle).max(1);
+        // By arrival: what was held up and came all at once is at the side, however much it is.
+        let middle = f64::midpoint(first.1, last.1);
+        let after = self.hull.partition_point(|(_, arrival_s)| *arrival_s < middle).max(1);
         let (&left, &right) = (self.hull.get(after - 1)?, self.hull.get(after)?);
-        Some((left.0, left.1, (right.1 - left.1) / (right.0 - left.0)))
+        let per_tick = (right.1 - left.1) / (right.0 - left.0);
+        let Some((tick_s, tolerance)) = self.known else { return Some((left.0, left.1, per_tick)) };
+        let within = per_tick.clamp(tick_s * (1.0 - tolerance), tick_s * (1.0 + tolerance));
+        if within == per_tick {
+            return Some((left.0, left.1, per_tick));
+        }
+        // The line of that slope which touches the hull from below.
+        let above =
+            |(tick, arrival_s): &(f64, f64)| (arrival_s - left.1) - within * (tick - left.0);
+        let touched = self.hull.iter().min_by(|a, b| above(a).total_cmp(&above(b)))?;
+        Some((touched.0, touched.1, within))
     }
 
     /// Whether enough has arrived to tell times.
     pub fn is_settled(&self) -> bool {
+        self.line.is_some() && self.span_s() >= SETTLED_S[usize::from(self.known.is_none())]
+    }
+
+    /// How long it has been looked at, s.
+    fn span_s(&self) -> f64 {
         let span = self.hull.front().zip(self.hull.back());
-        self.line.is_some() && span.is_some_and(|(first, last)| last.1 - first.1 >= SETTLED_S)
+        span.map_or(0.0, |(first, last)| last.1 - first.1)
     }
 
     /// The time of a tick by the clock of this computer, s.
@@ -153,6 +187,32 @@ mod tests {
             assert!((tick / 1e-3 - 1.0 - 80e-6).abs() < 5e-6, "seed {seed}: {tick}");
             assert!((1e-4..6e-4).contains(&clock.error_s()), "{}", clock.error_s());
         }
+    }
+
+    #[test]
+    fn what_waited_before_somebody_read_is_as_old_as_it_is() {
+        let mut clock = ArrivalClock::default();
+        for tick in 0..2000_u32 {
+            let sent = f64::from(tick) * 1e-3;
+            // A second's samples are read at once, those of another are lost.
+            if !(300..1250).contains(&tick) {
+                clock.push(f64::from(tick), sent.max(1.25), 1.5e-3);
+            }
+        }
+        assert!(clock.is_settled());
+        assert!(clock.time_s(0.0).unwrap().abs() < 1e-6, "{:?}", clock.time_s(0.0));
+    }
+
+    #[test]
+    fn what_a_tick_lasts_is_kept_while_delays_shrink() {
+        let mut clock = ArrivalClock::known(1e-3, SAME_TICK);
+        for tick in 0..400_u32 {
+            let sent = f64::from(tick) * 1e-3;
+            // A machine that catches up.
+            clock.push(f64::from(tick), sent + 0.02 - sent / 20.0, 1.5e-3);
+        }
+        assert!(clock.is_settled());
+        assert!(clock.time_s(0.0).unwrap().abs() < 2.5e-3, "{:?}", clock.time_s(0.0));
     }
 
     #[test]

@@ -142,8 +142,11 @@ const MOST_SAMPLES: usize = 1 << 16;
 /// How old a sample may be before no frame is expected for it any more, s. A radio may hold frames that long.
 const OLDEST_S: f64 = 5.0;
 
-/// How long a frame waits for the reference, s.
-const PATIENCE_S: f64 = 0.5;
+/// How long a frame waits for the reference, s: longer than its clock takes to be found.
+const PATIENCE_S: f64 = 1.0;
+
+/// How far a second of the board may be off, as a share: some have no crystal.
+const BOARD_CLOCK: f64 = 0.02;
 
 /// How far all samples may be beyond a clock's line, in periods, before that is another clock.
 const JUMP_PERIODS: f64 = 1.5;
@@ -161,6 +164,8 @@ pub(crate) struct ReferenceBeside {
     clock: ArrivalClock,
     /// Those of the board, each from a time of the board's on: it may start anew.
     board: VecDeque<(i64, ArrivalClock)>,
+    /// Samples that wait for their clock, and when they arrived, s.
+    pending: Vec<(f64, ReferenceSample)>,
     /// Samples in the order of their times.
     samples: VecDeque<TimedSample>,
     /// Missing samples at that of the row before.
@@ -190,6 +195,7 @@ impl ReferenceBeside {
             epoch,
             clock: ArrivalClock::default(),
             board: VecDeque::new(),
+            pending: Vec::new(),
             samples: VecDeque::new(),
             missing: 0,
             newest_s: f64::NEG_INFINITY,
@@ -210,27 +216,42 @@ impl ReferenceBeside {
             let before = self.epoch.saturating_duration_since(sample.arrival);
             let arrival_s = since.as_secs_f64() - before.as_secs_f64();
             if sample.restarted {
-                self.clock = ArrivalClock::default();
+                self.settle();
+                self.clock = self.clock.begun_anew();
             }
-            let time_s = match sample.tick {
-                Some(tick) => {
-                    let jump_s = (JUMP_PERIODS * self.period_s).max(2e-3);
-                    self.clock.push(tick, arrival_s, jump_s);
-                    let settled = self.clock.is_settled();
-                    let time = self.clock.time_s(tick).filter(|_| settled);
-                    time.map_or(arrival_s, |time_s| time_s.min(arrival_s))
-                }
-                None => arrival_s,
+            let Some(tick) = sample.tick else {
+                self.keep(arrival_s, sample);
+                continue;
             };
-            self.newest_s = self.newest_s.max(time_s);
-            let at = self.samples.partition_point(|of| of.time_s <= time_s);
-            self.samples.insert(at, TimedSample { time_s, sample });
+            self.clock.push(tick, arrival_s, (JUMP_PERIODS * self.period_s).max(2e-3));
+            self.pending.push((arrival_s, sample));
+            // Until then a sample may be as old as the queue that it was in.
+            if self.clock.is_settled() {
+                self.settle();
+            }
         }
         let is_old = |of: &TimedSample| of.time_s < self.newest_s - OLDEST_S;
         while self.samples.front().is_some_and(is_old) || self.samples.len() > MOST_SAMPLES {
             self.samples.pop_front();
         }
         self.period_s = self.period();
+    }
+
+    /// Gives the samples that wait the times of their clock, if it has been found.
+    fn settle(&mut self) {
+        let is_settled = self.clock.is_settled();
+        for (arrival_s, sample) in std::mem::take(&mut self.pending) {
+            let time_s = sample.tick.and_then(|tick| self.clock.time_s(tick));
+            if let Some(time_s) = time_s.filter(|_| is_settled) {
+                self.keep(time_s.min(arrival_s), sample);
+            }
+        }
+    }
+
+    fn keep(&mut self, time_s: f64, sample: ReferenceSample) {
+        self.newest_s = self.newest_s.max(time_s);
+        let at = self.samples.partition_point(|of| of.time_s <= time_s);
+        self.samples.insert(at, TimedSample { time_s, sample });
     }
 
     /// The median time between two samples of the last, s.
@@ -249,7 +270,7 @@ impl ReferenceBeside {
     pub(crate) fn see(&mut self, frames: &[BoardFrame], now_s: f64) {
         let restart = frames.iter().rev().find(|frame| frame.restarted);
         if let Some(first) = restart.or(frames.first().filter(|_| self.board.is_empty())) {
-            self.board.push_back((first.time_us, ArrivalClock::default()));
+            self.board.push_back((first.time_us, ArrivalClock::known(1.0, BOARD_CLOCK)));
             if self.board.len() > 8 {
                 self.board.pop_front();
             }
@@ -380,7 +401,7 @@ mod tests {
             let time_us = ((7.0 + now_s) * 1e6 * 1.0001).round() as i64;
             let frame = BoardFrame { time_us, index: ms as i64 / 10, ..BoardFrame::default() };
             beside.see(std::slice::from_ref(&frame), now_s + 3e-4);
-            if beside.due(std::slice::from_ref(&frame), now_s + 1.0) == 0 {
+            if beside.due(std::slice::from_ref(&frame), now_s + 2.0) == 0 {
                 continue;
             }
             match beside.beside(&frame) {
@@ -393,10 +414,10 @@ mod tests {
                     assert!((on_board - (own_s - now_s)).abs() < 1e-3, "{on_board} at {now_s}");
                     assert!(row.error_us < 1000, "{}", row.error_us);
                 }
-                None => assert!((5000..5100).contains(&ms), "none at {ms}"),
+                None => assert!(ms < 700 || (5000..5100).contains(&ms), "none at {ms}"),
             }
         }
         assert!(rows > 1900, "{rows} rows");
-        assert_eq!(beside.rows_without, 10);
+        assert!((10..80).contains(&beside.rows_without), "{}", beside.rows_without);
     }
 }

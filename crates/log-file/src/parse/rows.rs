@@ -23,6 +23,10 @@ use super::number::{
 use super::parsed_rows::ParsedRows;
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
+use shell_data::wrench::Axis;
+
+/// The column by which a log shows that a reference was recorded beside the board.
+const REFERENCE_NUMBER: &str = "ref_index";
 
 /// Which columns of a row are parsed, and how.
 #[derive(Debug)]
@@ -160,11 +164,14 @@ impl RowPlan {
             // A blank line, a bad row or one with something unusual: look at it by itself.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
             let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
-            let is_cut = |problem: &RowProblem| end == lines.len() && self.is_short(problem);
+            let is_cut = |problem: &RowProblem| {
+                end == lines.len() && self.is_short(problem) || self.lacks_reference(problem)
+            };
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
                 Some(Ok(())) => parsed.rows += 1,
-                // The last row of a file whose writer was killed or lost power is cut off, and is no error.
+                // The last row of a file whose writer was killed or lost power is cut off, and is no error; nor is a frame
+                // without the reference that was recorded beside it.
                 Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
                     parsed.skipped += 1;
                     parsed.first_skipped.get_or_insert(RowError { offset: at, problem });
@@ -295,6 +302,15 @@ impl RowPlan {
                 Ok(())
             }
         }
+    }
+
+    /// Whether a row of a board has no forces because the reference beside it has sent none at that time.
+    fn lacks_reference(&self, problem: &RowProblem) -> bool {
+        let is_load = |name: &String| Axis::ALL.iter().any(|axis| axis.column() == name);
+        let RowProblem::Field { name, problem: FieldProblem::Empty, .. } = problem else {
+            return false;
+        };
+        is_load(name) && self.names.iter().any(|name| name == REFERENCE_NUMBER)
     }
 
     /// Whether fields are missing at the end of a row, or the last one is.
