@@ -208,6 +208,13 @@ impl BoxState {
             RdtCommand::StartBuffered(count) => (true, count),
         };
         let left = (count > 0).then_some(count);
+        let goes_on = self.client.is_some_and(|client| {
+            client.address == from && client.is_buffered == is_buffered && client.left.is_none()
+        });
+        // Who is served already asks again after a bias, with records on their way: their numbers go on.
+        if goes_on && left.is_none() {
+            return;
+        }
         self.client = Some(ServedClient { address: from, is_buffered, left });
         self.rdt_sequence = 0;
         self.waiting.clear();
