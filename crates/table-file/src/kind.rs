@@ -19,6 +19,8 @@ pub enum FileKind {
     NumPy,
     /// Parquet.
     Parquet,
+    /// A recording of Lab Streaming Layer.
+    Xdf,
     /// A workbook of Excel.
     Xlsx,
 }
@@ -32,6 +34,7 @@ impl FileKind {
             Self::Mcap => ["mcap", "an MCAP file"],
             Self::NumPy => ["numpy", "a NumPy file"],
             Self::Parquet => ["parquet", "a Parquet file"],
+            Self::Xdf => ["xdf", "an XDF recording"],
             Self::Xlsx => ["xlsx", "an Excel workbook"],
         }
     }

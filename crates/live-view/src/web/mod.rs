@@ -226,6 +226,10 @@ impl ServerShared {
             *place = Some(self.take_in(stream)?);
             return self.send_document(stream, document).map_err(|_| None);
         }
+        // Of HTTP 1.0, whose `Host` nobody can trust.
+        if request.host.is_empty() {
+            return Err(Some(HttpRefusal::VERSION));
+        }
         if self.site.token.is_empty() {
             return Err(Some(HttpRefusal::NOT_FOUND));
         }
@@ -465,8 +469,8 @@ mod tests {
             );
         }
         for (request, status) in [
-            ("GET / HTTP/1.0\r\n\r\n", " 421 "),
-            ("GET /?token=secret HTTP/1.0\r\n\r\n", " 421 "),
+            ("GET / HTTP/1.0\r\n\r\n", " 505 "),
+            ("GET /?token=secret HTTP/1.0\r\n\r\n", " 505 "),
             ("GET /?token=no HTTP/1.1\r\nHost: localhost\r\n\r\n", " 403 "),
         ] {
             assert!(ask(request).contains(status), "{request}");

@@ -29,7 +29,8 @@ impl HttpRefusal {
         Self("431 Request Header Fields Too Large", "the request is too long");
     pub(super) const BUSY: Self =
         Self("503 Service Unavailable", "too many connections or orders wait");
-    const VERSION: Self = Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
+    pub(super) const VERSION: Self =
+        Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
 }
 
 /// What is asked for.
