@@ -334,3 +334,26 @@ fn a_reference_that_is_not_there_is_named_with_what_to_do() {
         assert!(said.contains("the program ended") && said.contains("hint: "), "{said}");
     }
 }
+
+#[test]
+#[ignore = "needs a Python with packages that read tables and bags"]
+fn a_bota_sensor_is_read_by_its_own_driver() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let (_board, port) = board(dir);
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("../python/examples/bota_lines.py");
+    let python = program::python();
+    let python = Path::new(python.get_program()).display();
+    let mut command = program::command(dir);
+    command.args(["--json", "record", &port, "--start", "--duration", "3", "-o", "log.csv"]);
+    let source = format!("lines:exec {python} {} dummy", script.display());
+    let output = command.args(["--reference", &source]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let recorded: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!(recorded["reference"]["samples"].as_u64().unwrap() > 15, "{recorded}");
+    let log = Recording::read(&dir.join("log.csv"));
+    let fz = log.text("fz_n");
+    let fz: Vec<f64> = fz.iter().filter_map(|value| value.parse().ok()).collect();
+    // The dummy makes up 3 N and noise.
+    assert!(fz.len() > 100 && fz.iter().all(|fz| (fz - 3.0).abs() < 1.0), "{fz:?}");
+}
