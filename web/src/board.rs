@@ -152,7 +152,7 @@ impl Begin {
             labels: plan.is_some(),
             ..RecordOptions::default()
         };
-        let sinks = Sinks { log, raw: None, watcher: Some(Box::new(feed.clone())) };
+        let sinks = Sinks { log, watcher: Some(Box::new(feed.clone())), ..Sinks::default() };
         let mut recorder = Recorder::new(&self.name, sinks, options);
         let mut commands = recorder.commands(None);
         let identify = |uplink: Uplink| uplink.encode(0, None, Command::Identify);

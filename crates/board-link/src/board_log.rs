@@ -6,7 +6,9 @@ use serde::Serialize;
 
 use super::LogSink;
 use super::record_options::{RecordError, RecordOptions};
-use crate::recording::{Annotations, BoardFrame, BoardSource, LiveForces, Losses, RowWriter};
+use crate::recording::{
+    Annotations, BoardFrame, BoardSource, LiveForces, Losses, ReferenceBeside, RowWriter,
+};
 
 /// Maximum number of frames that wait for a label: 82 s at 100 Hz, in case the view no longer settles them.
 pub(super) const MOST_WAITING: usize = 8192;
@@ -35,7 +37,9 @@ pub(super) struct BoardLog {
     pub(super) annotations: Annotations,
     /// Frames that wait for a label.
     pub(super) waiting: Vec<BoardFrame>,
-    /// True if frames wait until they are settled.
+    /// Frames that wait for the reference to come up to them.
+    pub(super) behind: Vec<BoardFrame>,
+    /// Whether frames wait until they are settled.
     pub(super) waits: bool,
     /// Frames that do not match the log's columns.
     pub(super) other_content: u64,
@@ -45,12 +49,14 @@ pub(super) struct BoardLog {
 }
 
 impl BoardLog {
-    /// Writes frames and empties the list; frames that may still be labelled wait.
+    /// Writes frames, and empties them; those that may be labelled wait, and those that a reference has not come up to
+    /// `now_s`.
     pub(super) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
         numbered: bool,
         (forces, options): (Option<&LiveForces>, &RecordOptions),
+        (reference, now_s): (Option<&mut ReferenceBeside>, f64),
     ) -> Result<(), RecordError> {
         self.count(frames);
         let (Some(log), Some(first)) = (&mut self.log, frames.first()) else {
@@ -61,7 +67,11 @@ impl BoardLog {
         };
         if self.rows.is_none() {
             let (forces, as_sampled) = (forces.cloned(), options.as_sampled);
-            let rows = RowWriter::new(first, numbered, forces, as_sampled, options.labels)?;
+            let axes = reference.as_ref().map(|reference| reference.axes());
+            if axes.is_some() && first.measured.readings().is_none() {
+                return Err(RecordError::ReferenceBesideWrenches);
+            }
+            let rows = RowWriter::new(first, numbered, forces, as_sampled, options.labels, axes)?;
             log.append(rows.header().as_bytes())?;
             self.rows = Some(rows);
         }
@@ -73,20 +83,34 @@ impl BoardLog {
             let due = settled.max(self.waiting.len().saturating_sub(MOST_WAITING));
             frames.extend(self.waiting.drain(..due));
         }
-        self.write_rows(frames, false)
+        if let Some(reference) = &reference {
+            self.behind.append(frames);
+            let due = reference.due(&self.behind, now_s);
+            frames.extend(self.behind.drain(..due));
+        }
+        self.write_rows(frames, false, reference)
     }
 
-    /// Writes frames to the log, if there is one.
-    fn write_rows(&mut self, frames: &mut Vec<BoardFrame>, ended: bool) -> Result<(), RecordError> {
+    /// Writes frames to the log, if there are both.
+    fn write_rows(
+        &mut self,
+        frames: &mut Vec<BoardFrame>,
+        ended: bool,
+        reference: Option<&mut ReferenceBeside>,
+    ) -> Result<(), RecordError> {
         let (Some(rows), Some(log)) = (&mut self.rows, &mut self.log) else { return Ok(()) };
         let mut text = Vec::new();
-        self.other_content += rows.write(frames, ended, &mut self.annotations, &mut text)?;
+        let annotations = &mut self.annotations;
+        self.other_content += rows.write(frames, ended, annotations, reference, &mut text)?;
         Ok(log.append(&text)?)
     }
 
-    /// Closes the log; another may follow.
-    pub(super) fn close(&mut self) -> Result<(), RecordError> {
-        self.finish()?;
+    /// Ends the log, which may be followed by another.
+    pub(super) fn close(
+        &mut self,
+        reference: Option<&mut ReferenceBeside>,
+    ) -> Result<(), RecordError> {
+        self.finish(reference)?;
         if self.rows.take().is_some() {
             self.forget_annotations();
         }
@@ -94,10 +118,14 @@ impl BoardLog {
         Ok(())
     }
 
-    /// Writes the frames that wait for later ones.
-    pub(super) fn finish(&mut self) -> Result<(), RecordError> {
-        let mut waiting = std::mem::take(&mut self.waiting);
-        self.write_rows(&mut waiting, true)
+    /// Writes the frames that wait for those after them.
+    pub(super) fn finish(
+        &mut self,
+        reference: Option<&mut ReferenceBeside>,
+    ) -> Result<(), RecordError> {
+        let mut waiting = std::mem::take(&mut self.behind);
+        waiting.append(&mut self.waiting);
+        self.write_rows(&mut waiting, true, reference)
     }
 
     fn forget_annotations(&mut self) {

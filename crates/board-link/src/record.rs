@@ -144,6 +144,7 @@ pub fn record(
     observe: &mut dyn FnMut(&RecordingProgress),
 ) -> Result<Recorded, RecordError> {
     let mut recorder = Recorder::new(&source.name, sinks, options.clone());
+    recorder.start_reference(source.started);
     let ran = run(&mut recorder, source, options.duration, stop, observe);
     source.send(&recorder.last_commands());
     let is_about_a_file = |error: &RecordError| matches!(error, RecordError::Output(_));

@@ -95,7 +95,10 @@ pub enum RecordError {
     /// The calibration is unsuitable.
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),
-    /// The forces cannot be computed.
+    /// A reference beside a board that sends wrenches of its own.
+    #[error("the board sends wrenches, and the reference belongs beside readings")]
+    ReferenceBesideWrenches,
+    /// The low-pass of the forces.
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
 }
@@ -116,6 +119,9 @@ impl Hint for RecordError {
             }
             Self::Calibration(UnsuitableCalibration::Wrenches) => {
                 "leave out `--calibration`, or have it stream readings: `shellcal board PORT mode raw`"
+            }
+            Self::ReferenceBesideWrenches => {
+                "have it stream readings: `shellcal board PORT mode raw`"
             }
             _ => return None,
         };

@@ -1,7 +1,7 @@
 //! The core of a recording, without port and clock: [`record`](super::record()) feeds it the bytes of a port,
 //! a web page the bytes that it reads itself.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use serde::Serialize;
 use shared_proto::{Boot, Command, Identity, Protocol};
@@ -13,8 +13,8 @@ use super::record_options::{
 use super::resume::commands;
 use super::{LinkError, LogSink};
 use crate::recording::{
-    Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, other_version,
-    protocol_name,
+    Annotations, BoardSource, Boards, HeardBoard, Losses, NoFrame, Recognition, RecordedReference,
+    ReferenceBeside, ReferenceInput, other_version, protocol_name,
 };
 
 /// Time for which frames wait for earlier ones that may arrive late. A kill loses that much, plus the data
@@ -33,6 +33,8 @@ pub struct Sinks {
     pub raw: Option<Box<dyn LogSink>>,
     /// The observer.
     pub watcher: Option<Box<dyn Watcher>>,
+    /// A reference sensor, whose forces are in the log of the first board.
+    pub reference: Option<ReferenceInput>,
 }
 
 /// Summary of a recording.
@@ -58,7 +60,10 @@ pub struct Recorded {
     /// The board's message at its last start, if any.
     #[serde(skip)]
     pub boot: Option<Boot>,
-    /// The boards, if there are several.
+    /// The reference beside it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference: Option<RecordedReference>,
+    /// The boards, where there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub boards: Vec<RecordedBoard>,
 }
@@ -74,7 +79,11 @@ pub struct Recorder {
     options: RecordOptions,
     /// The outputs; the first board takes the log.
     sinks: Sinks,
-    /// Number of waiting frames of the first board that the watcher has seen.
+    /// The reference, once the time of the recording has begun.
+    reference: Option<ReferenceBeside>,
+    /// The newest time since the start that is known.
+    now: Duration,
+    /// Waiting frames of the first board that the watcher has seen.
     shown: usize,
     /// Annotations for the first board's log, until that exists.
     annotations: Annotations,
@@ -93,8 +102,13 @@ impl Recorder {
         Self { name: name.to_owned(), recognition, options, sinks, ..Self::default() }
     }
 
-    /// Returns the bytes to send at `arrival` so that every board streams, if enabled: see
-    /// [`RecordingProgress::commands`].
+    /// Listens to the reference from now on; times since the start are since `epoch`.
+    pub(crate) fn start_reference(&mut self, epoch: Instant) {
+        let input = self.sinks.reference.take();
+        self.reference = input.map(|input| ReferenceBeside::new(input, epoch));
+    }
+
+    /// What to send at `arrival`, so that every board streams, if they are to be started: see [`RecordingProgress::commands`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         let heard = self.receiving.as_mut().map_or(&mut [][..], |(_, boards)| &mut boards.heard);
@@ -122,6 +136,10 @@ impl Recorder {
         now: Duration,
         arrival: Option<Duration>,
     ) -> Result<Option<RecordingProgress>, RecordError> {
+        self.now = now;
+        if let Some(reference) = &mut self.reference {
+            reference.listen();
+        }
         let since = now.saturating_sub(self.flushed_at);
         if since < FLUSH {
             if self.waiting() >= BATCH {
@@ -163,6 +181,7 @@ impl Recorder {
     ) -> Result<(), RecordError> {
         self.bytes += bytes.len() as u64;
         let kept = self.sinks.raw.as_mut().map_or(Ok(()), |raw| raw.append(bytes));
+        self.now = now;
         if let Some((_, boards)) = &mut self.receiving {
             boards.feed(bytes, arrival);
             self.show();
@@ -193,9 +212,11 @@ impl Recorder {
         RecordError::NoFrame { source_name: self.name.clone(), problem }
     }
 
-    /// Shows new frames of the first board to the watcher.
+    /// Shows the watcher and the reference what has arrived of the first board.
     fn show(&mut self) {
-        let Some(watcher) = &mut self.sinks.watcher else { return };
+        if self.sinks.watcher.is_none() && self.reference.is_none() {
+            return;
+        }
         let first = self.logs.first().map(|log| log.sender);
         let is_first = |board: &&HeardBoard| match first {
             Some(sender) => board.sender == sender,
@@ -204,7 +225,10 @@ impl Recorder {
         let waiting = heard(&self.receiving).iter().find(is_first);
         let waiting = waiting.map_or(&[][..], |board| &board.frames);
         if let new @ [_, ..] = &waiting[self.shown..] {
-            watcher.see(new);
+            if let Some(reference) = &mut self.reference {
+                reference.see(new, self.now.as_secs_f64());
+            }
+            self.sinks.watcher.iter_mut().for_each(|watcher| watcher.see(new));
         }
         self.shown = waiting.len();
     }
@@ -228,7 +252,9 @@ impl Recorder {
             }
             // A calibration belongs to one sensor.
             let forces = self.options.forces.as_ref().filter(|_| at == 0);
-            self.logs[at].write(&mut board.frames, numbered, (forces, &self.options))?;
+            let reference = self.reference.as_mut().filter(|_| at == 0);
+            let beside = (reference, self.now.as_secs_f64());
+            self.logs[at].write(&mut board.frames, numbered, (forces, &self.options), beside)?;
         }
         Ok(())
     }
@@ -257,7 +283,9 @@ impl Recorder {
                 RecordCommand::StopLog => None,
             };
             self.flush()?;
-            self.logs.iter_mut().try_for_each(BoardLog::close)?;
+            for (at, log) in self.logs.iter_mut().enumerate() {
+                log.close(self.reference.as_mut().filter(|_| at == 0))?;
+            }
             if let Some(log) = self.sinks.log.take() {
                 log.close()?;
             }
@@ -283,7 +311,12 @@ impl Recorder {
         // Handles marks and labels that were set just before the end.
         let followed = self.follow();
         self.flush()?;
-        self.logs.iter_mut().try_for_each(BoardLog::finish)?;
+        if let Some(reference) = &mut self.reference {
+            reference.listen();
+        }
+        for (at, log) in self.logs.iter_mut().enumerate() {
+            log.finish(self.reference.as_mut().filter(|_| at == 0))?;
+        }
         followed?;
         recognised?;
         match (self.bytes, self.frames()) {
@@ -319,6 +352,7 @@ impl Recorder {
             losses: losses.unwrap_or_default(),
             other_content: self.logs.iter().map(|log| log.other_content).sum(),
             reconnections: 0,
+            reference: self.reference.as_ref().map(ReferenceBeside::recorded),
             boot: heard(&self.receiving).iter().find_map(|board| board.reception.boot),
             boards: match (&self.logs[..], &self.receiving) {
                 (several @ [_, _, ..], Some((_, boards))) => {
@@ -453,6 +487,7 @@ mod tests {
         let sinks = Sinks {
             log: Some(Box::new(AppendWriter::create(&log, false).unwrap())),
             raw: None,
+            reference: None,
             watcher: wants([RecordCommand::Label(label)]),
         };
         let mut source = Source::replay(&capture).unwrap();

@@ -28,8 +28,9 @@ const COLUMNS: usize = CHANNELS + Axis::ALL.len();
 pub struct Decimator {
     rate_hz: f64,
     stage: Stage,
-    /// Flags of the rows since the last one that was passed on.
+    /// Flags of rows since the last that was passed on, and whether frames before them were lost.
     flags: String,
+    lost: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -59,7 +60,7 @@ impl Decimator {
     /// Creates a decimator that passes on at most `rate_hz` rows per second.
     pub fn new(rate_hz: f64) -> Self {
         let stage = Stage::Search(ClockSearch::default(), Vec::new());
-        Self { rate_hz, stage, flags: String::new() }
+        Self { rate_hz, stage, flags: String::new(), lost: false }
     }
 
     /// Takes the next rows; returns the rows to pass on. The first rows wait until their rate is known, or
@@ -88,12 +89,14 @@ impl Decimator {
             }
         };
         let Stage::Filtered(filtered) = &mut self.stage else { return Ok(rows) };
-        let (rate_hz, flags) = (self.rate_hz, &mut self.flags);
+        let (rate_hz, flags, lost) = (self.rate_hz, &mut self.flags, &mut self.lost);
         let mut passed = Vec::new();
         for mut row in rows {
             row.flags.split(' ').for_each(|flag| add_flag(flags, flag));
+            *lost |= row.lost;
             if filtered.take(&mut row, rate_hz) {
                 row.flags = std::mem::take(flags);
+                row.lost = std::mem::take(lost);
                 passed.push(row);
             }
         }
@@ -175,6 +178,7 @@ mod tests {
             wrench: Some([value; 6]),
             standard_errors: None,
             flags: if index == 777 { "mark1".to_owned() } else { String::new() },
+            lost: index == 777,
         }
     }
 
@@ -213,7 +217,8 @@ mod tests {
         let marked: Vec<i64> =
             rows.iter().filter(|row| row.flags == "mark1").map(|row| row.index).collect();
         assert_eq!(marked, [780]);
-        // 1000/300 is not an integer: three or four rows apart, with the requested number in total.
+        assert!(rows.iter().all(|row| row.lost == (row.index == 780)));
+        // 1000/300 is no whole number: three or four rows apart, as many as were asked for.
         assert_eq!(decimated(300.0, 5.0).len(), 900);
         assert_eq!(decimated(1000.0, 5.0).len(), 3000);
         assert_eq!(decimated(5000.0, 5.0).len(), 3000);

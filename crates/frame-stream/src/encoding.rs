@@ -25,6 +25,8 @@ pub struct StreamRow {
     pub standard_errors: Option<PerAxis<f64>>,
     /// Flags as in a log, plus `tared` and `markN`.
     pub flags: String,
+    /// Frames between the row before and this one have not arrived.
+    pub lost: bool,
 }
 
 /// Text format of rows.
@@ -147,6 +149,7 @@ mod tests {
             wrench: Some([0.1, -0.0, 1e-7, f64::NAN, 2.0, 3.0]),
             standard_errors: None,
             flags: "s3:range mark1".to_owned(),
+            lost: false,
         }
     }
 

@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! BoardFrame ─ FrameStream ─▶ StreamRow ─ Decimator ─▶ RowEncoder ─▶ Readers (a pipe, a file, UDP, TCP)
+//!                                                      └──▶ NetFtBox (records as an ATI box sends them)
 //! ```
 //!
 //! [`FrameStream`] computes forces with the [pipeline](forces) of all commands, so a row has the same bits as
@@ -18,12 +19,14 @@
 mod decimation;
 mod encoding;
 mod latency;
+mod netft;
 mod readers;
 mod stream;
 
 pub use decimation::Decimator;
 pub use encoding::{RowEncoder, StreamFormat, StreamRow};
 pub use latency::{Latency, LatencySummary};
+pub use netft::{NetFtAddress, NetFtPage};
 pub use readers::{BadDestination, Destination, ReaderSummary, Readers};
 pub use stream::{
     FrameStream, LEAST_RATE_HZ, StreamCommand, StreamHandle, StreamOptions, StreamSummary,

@@ -13,9 +13,11 @@ use std::time::{Duration, Instant};
 
 use board_link::{AppendWriter, LogSink};
 use output_file::OutputError;
+use reference_sensor::rdt;
 use shell_data::wrench::Axes;
 
 use crate::encoding::{RowEncoder, StreamFormat, StreamRow};
+use crate::netft::{NetFtAddress, NetFtBox, NetFtPage};
 
 /// Interval between checks for new connections.
 const ACCEPT: Duration = Duration::from_millis(10);
@@ -34,11 +36,15 @@ pub enum Destination {
     Udp(SocketAddr),
     /// Programs that connect to this TCP address.
     Tcp(SocketAddr),
+    /// The program that asks for records as of an ATI Net F/T box.
+    NetFt(NetFtAddress),
 }
 
 /// A word that is not a destination.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{0}; a destination is `-`, `udp:HOST:PORT`, `tcp:PORT`, `tcp:IP:PORT` or a file")]
+#[error(
+    "{0}; a destination is `-`, `udp:HOST:PORT`, `tcp:PORT`, `tcp:IP:PORT`, `netft`, `netft:PORT` or a file"
+)]
 pub struct BadDestination(String);
 
 impl FromStr for Destination {
@@ -57,7 +63,12 @@ impl FromStr for Destination {
             let address = at.parse().map(own).or_else(|_| at.parse());
             return address.map(Self::Tcp).map_err(|error| bad(format!("`{at}`: {error}")));
         }
+        if let Some(port) = word.strip_prefix("netft:") {
+            let port = port.parse().map_err(|error| bad(format!("`{port}`: {error}")))?;
+            return Ok(Self::NetFt(NetFtAddress { port: Some(port), ..Default::default() }));
+        }
         match word {
+            "netft" => Ok(Self::NetFt(NetFtAddress::default())),
             "" => Err(bad("there is no name".to_owned())),
             "-" => Ok(Self::Stdout),
             path => Ok(Self::File(path.strip_prefix("file:").unwrap_or(path).into())),
@@ -72,6 +83,9 @@ impl fmt::Display for Destination {
             Self::File(path) => write!(f, "`{}`", path.display()),
             Self::Udp(address) => write!(f, "udp:{address}"),
             Self::Tcp(address) => write!(f, "tcp:{address}"),
+            Self::NetFt(NetFtAddress { ip, port }) => {
+                write!(f, "netft:{}", SocketAddr::new(*ip, port.unwrap_or(rdt::PORT)))
+            }
         }
     }
 }
@@ -94,7 +108,8 @@ impl Destination {
 pub struct Readers {
     readers: Vec<StreamReader>,
     listeners: Vec<TcpListener>,
-    /// The requested format, if any.
+    boxes: Vec<NetFtBox>,
+    /// How rows are written, where that was said.
     format: Option<StreamFormat>,
     /// An encoder per format, created for its first reader.
     encoders: [Option<RowEncoder>; 2],
@@ -160,6 +175,10 @@ impl Readers {
                     readers.listeners.push(listener);
                     continue;
                 }
+                Destination::NetFt(address) => {
+                    readers.boxes.push(NetFtBox::open(*address).map_err(failed)?);
+                    continue;
+                }
                 Destination::Stdout => PipeReader::new("stdout", io::stdout()).map(Transport::Pipe),
                 Destination::File(path) => {
                     let file = AppendWriter::create(path, overwrite)?;
@@ -182,14 +201,20 @@ impl Readers {
         self.listeners.iter().filter_map(|listener| listener.local_addr().ok()).collect()
     }
 
-    /// Returns whether all readers have ended and no new one can connect.
+    /// Where it answers as a Net F/T box, and the page of each.
+    pub fn boxes(&self) -> impl Iterator<Item = (SocketAddr, NetFtPage)> {
+        self.boxes.iter().map(|of| (of.address(), of.page()))
+    }
+
+    /// Whether all readers are gone and none can connect.
     pub fn are_gone(&self) -> bool {
-        self.readers.is_empty() && self.listeners.is_empty()
+        self.readers.is_empty() && self.listeners.is_empty() && self.boxes.is_empty()
     }
 
     /// Sends a row whose wrench has these axes. Readers that fail are removed.
     pub fn send(&mut self, row: &StreamRow, axes: Axes) {
         self.accept();
+        self.boxes.iter().for_each(|of| of.send(row));
         let (number, gone, encoders) = (self.rows, &mut self.gone, &mut self.encoders);
         self.rows += 1;
         // The row without its end, which differs between readers.
@@ -231,8 +256,9 @@ impl Readers {
     pub fn finish(mut self) -> Vec<ReaderSummary> {
         let rest = self.readers.iter_mut().map(|reader| reader.summary(None));
         let rest: Vec<_> = rest.collect();
-        let mut all: Vec<ReaderSummary> = self.gone.into_iter().chain(rest).collect();
-        // An output is present from the first row on, so every row that it does not hold is lost.
+        let boxes = self.boxes.iter().map(NetFtBox::summary);
+        let mut all: Vec<ReaderSummary> = self.gone.into_iter().chain(rest).chain(boxes).collect();
+        // An output was there from the first row on, and misses all that it does not hold.
         for output in all.iter_mut().filter(|summary| summary.is_broken) {
             output.lost = self.rows - output.rows;
         }
@@ -456,10 +482,13 @@ mod tests {
         let tcp = |text: &str| Destination::Tcp(text.parse().unwrap());
         assert_eq!("tcp:9000".parse(), Ok(tcp("127.0.0.1:9000")));
         assert_eq!("tcp:0.0.0.0:9000".parse(), Ok(tcp("0.0.0.0:9000")));
+        let netft = |port| Destination::NetFt(NetFtAddress { port, ..Default::default() });
+        assert_eq!("netft".parse(), Ok(netft(None)));
+        assert_eq!("netft:5000".parse(), Ok(netft(Some(5000))));
         assert_eq!("-".parse(), Ok(Destination::Stdout));
         assert_eq!("file:-".parse(), Ok(Destination::File("-".into())));
         assert_eq!("run.csv".parse(), Ok(Destination::File("run.csv".into())));
-        for word in ["", "udp:9870", "tcp:host", "tcp:70000", "udp:127.0.0.1"] {
+        for word in ["", "udp:9870", "tcp:host", "tcp:70000", "udp:127.0.0.1", "netft:x"] {
             assert!(word.parse::<Destination>().is_err(), "{word}");
         }
     }

@@ -194,6 +194,7 @@ impl FrameStream {
         for (at, frame) in frames.iter().enumerate() {
             let force = forces.as_ref().map(|forces| &forces[at]);
             let is_late = self.last_index.is_some_and(|last| frame.index < last);
+            let lost = self.last_index.is_some_and(|last| frame.index > last + 1);
             self.last_index = self.last_index.max(Some(frame.index));
             let mut flags = row_flags(frame, force, is_late);
             let (readings, own) = match frame.measured {
@@ -216,9 +217,16 @@ impl FrameStream {
             let (&BoardFrame { time_us, index, .. }, flags) = (frame, flags.join(" "));
             // The time of a row is the time of its forces.
             let time_us = self.forces.as_ref().map_or(time_us, |of| of.moved_us(time_us));
-            let row =
-                StreamRow { time_us, index, host_us, readings, wrench, standard_errors, flags };
-            rows.push(row);
+            rows.push(StreamRow {
+                time_us,
+                index,
+                host_us,
+                readings,
+                wrench,
+                standard_errors,
+                flags,
+                lost,
+            });
         }
         Ok(rows)
     }

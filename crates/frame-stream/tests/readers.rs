@@ -23,6 +23,7 @@ fn row(index: i64) -> StreamRow {
         wrench: Some([0.123_456_789; 6]),
         standard_errors: Some([0.01; 6]),
         flags: String::new(),
+        lost: false,
     }
 }
 

@@ -62,7 +62,7 @@ pub use format::mapping::{
     ColumnRef, FORMATS, LogFormat, Mapping, MomentUnit, TIME_UNITS, TimeUnit, parse_column,
     parse_columns, parse_units, parse_wrench,
 };
-pub use format::meaning::{Meaning, StatedUnit};
+pub use format::meaning::{Meaning, StatedUnit, meaning_of};
 pub use log::Log;
 pub use read::all::{ReadOptions, read_all, read_dataset, read_logs, sample_logs, threads_for};
 pub use shell_data::ReadSummary;

@@ -18,7 +18,9 @@ pub enum FileKind {
     /// A NumPy array.
     NumPy,
     Parquet,
-    /// An Excel workbook.
+    /// A recording of Lab Streaming Layer.
+    Xdf,
+    /// A workbook of Excel.
     Xlsx,
 }
 
@@ -31,6 +33,7 @@ impl FileKind {
             Self::Mcap => ["mcap", "an MCAP file"],
             Self::NumPy => ["numpy", "a NumPy file"],
             Self::Parquet => ["parquet", "a Parquet file"],
+            Self::Xdf => ["xdf", "an XDF recording"],
             Self::Xlsx => ["xlsx", "an Excel workbook"],
         }
     }

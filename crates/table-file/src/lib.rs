@@ -27,6 +27,7 @@ mod recognise;
 mod table;
 mod thrift;
 pub mod write;
+mod xdf;
 mod xlsx;
 mod xml;
 mod zip;

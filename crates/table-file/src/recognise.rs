@@ -35,8 +35,8 @@ const NO_TABLE: &str = "give the table that it was made of";
 /// Version 3.0", section II.A).
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
-/// Signatures of formats that are not supported.
-const FOREIGN: [(&[u8], &str, &str); 29] = [
+/// Kinds that are not read, by how they begin.
+const FOREIGN: [(&[u8], &str, &str); 28] = [
     (b"ARROW1", ARROW, AS_PARQUET),
     (b"FEA1", ARROW, AS_PARQUET),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", AS_XLSX),
@@ -51,7 +51,6 @@ const FOREIGN: [(&[u8], &str, &str); 29] = [
         "a LabVIEW TDMS file",
         "write it as CSV: in Python `nptdms.TdmsFile.read(FILE).as_dataframe().to_csv(…)`",
     ),
-    (b"XDF:", "an XDF recording (Lab Streaming Layer)", EXPORT),
     (b"CDF\x01", NETCDF, AS_NETCDF_4),
     (b"CDF\x02", NETCDF, AS_NETCDF_4),
     (b"CDF\x05", NETCDF, AS_NETCDF_4),
@@ -93,6 +92,7 @@ pub fn recognise(head: &[u8]) -> Recognised {
     }
     let foreign = |what, remedy| Recognised::Foreign { what, remedy };
     match head {
+        [b'X', b'D', b'F', b':', ..] => return Recognised::Table(FileKind::Xdf),
         [b'P', b'A', b'R', b'1', ..] => return Recognised::Table(FileKind::Parquet),
         [b'\x93', b'N', b'U', b'M', b'P', b'Y', ..] => return Recognised::Table(FileKind::NumPy),
         [b'\x89', b'M', b'C', b'A', b'P', b'0', ..] => return Recognised::Table(FileKind::Mcap),

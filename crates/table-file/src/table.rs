@@ -8,7 +8,7 @@ use crate::format::{
     ColumnPart, FileSource, FoundTable, RowSource, RowStream, TableColumn, TablePart, WantedColumn,
 };
 use crate::kind::{FileKind, TableError};
-use crate::{hdf5, mat5, mcap, npy, parquet, xlsx};
+use crate::{hdf5, mat5, mcap, npy, parquet, xdf, xlsx};
 
 /// A table in a file.
 #[derive(Clone, Debug)]
@@ -34,6 +34,7 @@ impl Table {
             FileKind::Mcap => mcap::open(file, part)?,
             FileKind::NumPy => npy::open(file)?,
             FileKind::Parquet => parquet::open(file)?,
+            FileKind::Xdf => xdf::open(file, part)?,
             FileKind::Xlsx => xlsx::open(file, part)?,
         };
         Ok(Self { kind, columns, notes, rows })

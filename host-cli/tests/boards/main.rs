@@ -32,6 +32,7 @@ mod record_restart;
 #[path = "../support/recording.rs"]
 #[allow(dead_code, reason = "each test program uses a part of it")]
 mod recording;
+mod reference;
 #[path = "../support/sealed.rs"]
 #[allow(dead_code, reason = "each test program uses a part of it")]
 mod sealed;

@@ -42,3 +42,4 @@ mod sealed;
 mod settings;
 mod streams;
 mod studies;
+mod xdf;

@@ -17,6 +17,8 @@ mod flashed_image;
 #[cfg(unix)]
 mod live_page;
 mod lossy_radio;
+#[cfg(unix)]
+mod netft;
 mod original_board;
 mod page_rules;
 mod published_results;

@@ -15,21 +15,28 @@
 //!
 //! This module uses no files, ports or clocks: see [`crate`].
 
+mod arrival_clock;
 mod boards;
 mod forces;
 mod reception;
 mod recognition;
+mod reference;
 mod rows;
 mod sequence;
 mod simultaneous;
 mod timeline;
 
+pub use arrival_clock::ArrivalClock;
 pub(crate) use boards::PacketWire;
 pub use boards::{BoardSource, Boards, HeardBoard};
 pub use forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
 pub use reception::{BoardFrame, Losses, Measured, Reception};
 pub(crate) use recognition::other_version;
 pub use recognition::{NoFrame, PROTOCOLS, Recognition, protocol_name};
+pub(crate) use reference::ReferenceBeside;
+pub use reference::{
+    RecordedReference, ReferenceCounts, ReferenceInput, ReferenceSample, ReferenceState,
+};
 pub(crate) use rows::{Annotations, RowWriter};
 pub use rows::{row_flags, write_time};
 pub use sequence::BoardEdge;

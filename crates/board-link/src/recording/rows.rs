@@ -22,14 +22,20 @@
 //! so their forces come from the calibration alone. Later rows match `convert` with a causal low-pass.
 //! `mark1`, `mark2`, … are marks set by the user.
 //!
-//! If stretches are labelled during the recording, as planned loads are, `group` precedes the flags; it is
-//! empty in rows outside the stretches.
+//! Beside a reference sensor `fx_n` … `mz_nm` are those of the reference: of the sample that was measured nearest to the frame, as it was
+//! sent. They are empty where there is none nearby, or the sensor says that it is not to be used. Before the flags stand
+//! `ref_index`, the number of the sample, `ref_missing`, the samples lost between this row's and that of the row before, `ref_status`,
+//! the sensor's status word, `ref_t_s`, when the sample was measured, on the clock of `t_s`, and `ref_t_error_s`, how far
+//! that may be off, beside the constant parts of both delays.
+//!
+//! Where stretches are labelled while they are recorded, as planned loads are, `group` stands before the flags; it is
 //! empty in rows outside the stretches.
 
 use std::collections::VecDeque;
 
 use super::forces::{Force, LiveForces, RunningForces, UnsuitableCalibration};
 use super::reception::{BoardFrame, Measured};
+use super::reference::{BesideRow, ReferenceBeside};
 use super::sequence::BoardEdge;
 use super::simultaneous::Simultaneous;
 use forces::ForceError;
@@ -61,15 +67,17 @@ pub(crate) struct RowWriter {
     /// True if there is a column for labels.
     has_labels: bool,
     simultaneous: Simultaneous,
+    /// The axes of a reference beside the readings.
+    reference: Option<Axes>,
     has_rssi: bool,
     /// The last reported temperature, °C.
     temperature_c: Option<f64>,
 }
 
 impl RowWriter {
-    /// Creates a writer for frames like `first`, with sequence numbers if `numbered`, and with forces if
-    /// there is a calibration. With `as_sampled`, channels are not aligned to a common time; `has_labels`
-    /// adds a column for labels.
+    /// For frames such as the `first`, which have numbers or not, with forces if there is a calibration;
+    /// with `as_sampled` channels are not brought to one time, `has_labels` makes a column for labels, a `reference` its
+    /// own columns in place of the forces.
     ///
     /// # Errors
     /// [`UnsuitableCalibration`].
@@ -79,6 +87,7 @@ impl RowWriter {
         forces: Option<LiveForces>,
         as_sampled: bool,
         has_labels: bool,
+        reference: Option<Axes>,
     ) -> Result<Self, UnsuitableCalibration> {
         let holds_readings = first.measured.readings().is_some();
         let forces = forces.map(RunningForces::new).transpose()?;
@@ -91,6 +100,7 @@ impl RowWriter {
             forces,
             last_index: None,
             has_rssi: first.rssi_dbm.is_some(),
+            reference,
             simultaneous: Simultaneous::new(as_sampled),
             has_labels,
             temperature_c: None,
@@ -113,6 +123,9 @@ impl RowWriter {
         if self.has_rssi {
             names.push("rssi_dbm".to_owned());
         }
+        if self.reference.is_some() {
+            names.extend(REFERENCE.map(str::to_owned));
+        }
         if self.has_labels {
             names.push("group".to_owned());
         }
@@ -124,6 +137,7 @@ impl RowWriter {
     fn axes(&self) -> Axes {
         match &self.forces {
             _ if !self.holds_readings => Axes::ALL,
+            _ if self.reference.is_some() => self.reference.unwrap_or(Axes::NONE),
             Some(forces) => forces.axes(),
             None => Axes::NONE,
         }
@@ -139,6 +153,7 @@ impl RowWriter {
         frames: &mut Vec<BoardFrame>,
         ended: bool,
         annotations: &mut Annotations,
+        mut reference: Option<&mut ReferenceBeside>,
         text: &mut Vec<u8>,
     ) -> Result<u64, ForceError> {
         frames.sort_by_key(|frame| frame.index);
@@ -163,7 +178,10 @@ impl RowWriter {
                 Measured::Wrench(values) => write_numbers(&values, text),
             }
             let force = forces.get(row);
-            if let Some(force) = force {
+            let beside = reference.as_mut().map(|reference| reference.beside(&frame));
+            if let Some(axes) = self.reference {
+                write_reference_wrench(axes, beside.as_ref().and_then(Option::as_ref), text);
+            } else if let Some(force) = force {
                 write_numbers(&self.axes().of(&force.wrench), text);
             }
             if self.is_numbered {
@@ -177,6 +195,9 @@ impl RowWriter {
             if self.has_rssi {
                 let rssi = frame.rssi_dbm.map_or_else(String::new, |dbm| dbm.to_string());
                 text.extend_from_slice(format!(",{rssi}").as_bytes());
+            }
+            if self.reference.is_some() {
+                write_reference(beside.flatten().as_ref(), text);
             }
             if self.has_labels {
                 let labels = &annotations.labels;
@@ -199,7 +220,27 @@ impl RowWriter {
     }
 }
 
-/// Writes a time in s with all digits of the µs.
+/// The columns of a reference beside its wrench.
+const REFERENCE: [&str; 5] = ["ref_index", "ref_missing", "ref_status", "ref_t_s", "ref_t_error_s"];
+
+/// The wrench of a reference, empty fields where there is none.
+fn write_reference_wrench(axes: Axes, beside: Option<&BesideRow>, text: &mut Vec<u8>) {
+    match beside.and_then(|row| row.wrench) {
+        Some(wrench) => write_numbers(&axes.of(&wrench), text),
+        None => text.extend(std::iter::repeat_n(b',', axes.count())),
+    }
+}
+
+/// What a reference says beside its wrench, empty fields where no sample is near.
+fn write_reference(beside: Option<&BesideRow>, text: &mut Vec<u8>) {
+    let Some(row) = beside else { return text.extend([b','; REFERENCE.len()]) };
+    text.extend_from_slice(format!(",{},{},{},", row.number, row.missing, row.status).as_bytes());
+    write_time(row.time_us, text);
+    text.push(b',');
+    write_time(row.error_us, text);
+}
+
+/// Time in s with all digits of the µs.
 pub fn write_time(time_us: i64, text: &mut Vec<u8>) {
     let sign = if time_us < 0 { "-" } else { "" };
     let (whole, part) = (time_us.unsigned_abs() / 1_000_000, time_us.unsigned_abs() % 1_000_000);

@@ -9,10 +9,12 @@
 //! none is dropped. Memory is bounded by the number of connections, of waiting orders, and of bytes per
 //! request.
 //!
-//! The protocol is plain HTTP 1.1 with one request per connection, and only the required parts of it: no
-//! bodies, no files, no cookies. Every request must carry the server's token, and a `Host` that no other site
-//! can have (`request`). The server knows nothing about the content; docs/adr/0009-live-in-a-browser.md
-//! explains why this is own code, and not a WebSocket.
+//! A [`OpenDocument`] is for programs, which know no token: whoever asks gets it.
+//!
+//! Plain HTTP 1.1, one request for each connection, and nothing of it that this does not need: no bodies, no
+//! files, no cookies. Every other request has to carry the token of the server, and a `Host` that no other site
+//! can have (`request`). It knows nothing of what is shown; docs/adr/0009-live-in-a-browser.md says why it is
+//! own code, and why it is no WebSocket.
 
 mod request;
 
@@ -21,7 +23,7 @@ use std::io::{self, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpListener, TcpStream};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
-use std::{ptr, thread};
+use std::{fmt, ptr, thread};
 
 use request::{HttpRefusal, LONGEST, end_of_head, is_host_ours, is_same, parse};
 use shell_data::lock::lock;
@@ -48,17 +50,36 @@ const GOODBYE: Duration = Duration::from_millis(500);
 /// Stack of a connection's thread, bytes.
 const STACK: usize = 256 * 1024;
 
-/// The served content.
-#[derive(Clone, Debug)]
+/// A document without secrets, which programs read that know no token.
+#[derive(Clone)]
+pub struct OpenDocument {
+    /// Where it is: `/name`.
+    pub path: &'static str,
+    /// What it is, as HTTP names it.
+    pub content_type: &'static str,
+    /// Makes it.
+    pub text: Arc<dyn Fn() -> String + Send + Sync>,
+}
+
+impl fmt::Debug for OpenDocument {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.debug_struct("OpenDocument").field("path", &self.path).finish_non_exhaustive()
+    }
+}
+
+/// What is served.
+#[derive(Clone, Debug, Default)]
 pub struct Site {
     /// The page, HTML.
     pub page: String,
     /// Nonce of the page's scripts and styles; others are not run.
     pub nonce: String,
-    /// Token that every request must carry in its address: `?token=…`.
+    /// What every request has to carry, in the address: `?token=…`. Without a token there are open documents only.
     pub token: String,
     /// The available orders: `mark` is `POST /mark`.
     pub orders: Vec<&'static str>,
+    /// What everybody may read.
+    pub open: Vec<OpenDocument>,
 }
 
 /// A server that listens until the process ends.
@@ -200,6 +221,18 @@ impl ServerShared {
         buffer: &mut [u8; LONGEST],
     ) -> Result<(), Option<HttpRefusal>> {
         let request = parse(read_head(stream, buffer)?)?;
+        let mut open = self.site.open.iter();
+        if let Some(document) = open.find(|it| it.path == request.path && request.method == "GET") {
+            *place = Some(self.take_in(stream)?);
+            return self.send_document(stream, document).map_err(|_| None);
+        }
+        // Of HTTP 1.0, whose `Host` nobody can trust.
+        if request.host.is_empty() {
+            return Err(Some(HttpRefusal::VERSION));
+        }
+        if self.site.token.is_empty() {
+            return Err(Some(HttpRefusal::NOT_FOUND));
+        }
         if !is_host_ours(request.host) {
             return Err(Some(HttpRefusal::HOST));
         }
@@ -241,6 +274,14 @@ impl ServerShared {
         }
         state.orders.push_back(order);
         Ok(())
+    }
+
+    fn send_document(&self, mut stream: &TcpStream, document: &OpenDocument) -> io::Result<()> {
+        let text = (document.text)();
+        let (kind, length) = (document.content_type, text.len());
+        let more = format!("Content-Type: {kind}\r\nContent-Length: {length}\r\n");
+        send_head(stream, "200 OK", &more)?;
+        stream.write_all(text.as_bytes())
     }
 
     fn send_page(&self, mut stream: &TcpStream) -> io::Result<()> {
@@ -370,6 +411,11 @@ mod tests {
             nonce: "n0".to_owned(),
             token: "secret".to_owned(),
             orders: vec!["mark"],
+            open: vec![OpenDocument {
+                path: "/page.xml",
+                content_type: "text/xml",
+                text: Arc::new(|| "<open/>".to_owned()),
+            }],
         };
         Server::start("127.0.0.1:0".parse().unwrap(), site).unwrap()
     }
@@ -404,7 +450,36 @@ mod tests {
         drop(silent);
     }
 
-    /// Waiting for a client that reads nothing would take [`PATIENCE`] each of ten times.
+    #[test]
+    fn an_open_document_is_for_programs_and_nothing_else_is() {
+        let server = server();
+        let ask = |request: &str| {
+            let mut stream = TcpStream::connect(server.address()).unwrap();
+            stream.write_all(request.as_bytes()).unwrap();
+            let mut answer = String::new();
+            stream.read_to_string(&mut answer).unwrap();
+            answer
+        };
+        for request in [
+            "GET /page.xml HTTP/1.0\r\n\r\n",
+            "GET /page.xml?index=0 HTTP/1.1\r\nHost: box.lab\r\n\r\n",
+        ] {
+            let answer = ask(request);
+            assert!(
+                answer.starts_with("HTTP/1.1 200 OK") && answer.ends_with("<open/>"),
+                "{answer}"
+            );
+        }
+        for (request, status) in [
+            ("GET / HTTP/1.0\r\n\r\n", " 505 "),
+            ("GET /?token=secret HTTP/1.0\r\n\r\n", " 505 "),
+            ("GET /?token=no HTTP/1.1\r\nHost: localhost\r\n\r\n", " 403 "),
+        ] {
+            assert!(ask(request).contains(status), "{request}");
+        }
+    }
+
+    /// A publisher that waited for one that reads nothing would wait for [`PATIENCE`] each of ten times.
     #[test]
     fn who_takes_nothing_holds_up_nobody_and_is_dropped() {
         let server = server();

@@ -29,7 +29,8 @@ impl HttpRefusal {
         Self("431 Request Header Fields Too Large", "the request is too long");
     pub(super) const BUSY: Self =
         Self("503 Service Unavailable", "too many connections or orders wait");
-    const VERSION: Self = Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
+    pub(super) const VERSION: Self =
+        Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
 }
 
 /// A parsed request.
@@ -40,6 +41,7 @@ pub(super) struct Request<'a> {
     pub(super) path: &'a str,
     /// The value of `token=` in the address; empty if missing.
     pub(super) token: &'a str,
+    /// Empty if there is none.
     pub(super) host: &'a str,
 }
 
@@ -58,7 +60,7 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     if !version.starts_with("HTTP/") || !target.starts_with('/') {
         return Err(HttpRefusal::MALFORMED);
     }
-    if version != "HTTP/1.1" {
+    if !matches!(version, "HTTP/1.1" | "HTTP/1.0") {
         return Err(HttpRefusal::VERSION);
     }
     let mut host = None;
@@ -84,6 +86,8 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     }
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
+    // Before HTTP 1.1 there was no `Host`, and no browser is as old.
+    let host = host.or((version == "HTTP/1.0").then_some(""));
     Ok(Request { method, path, token, host: host.ok_or(HttpRefusal::MALFORMED)? })
 }
 

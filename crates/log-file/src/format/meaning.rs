@@ -102,8 +102,8 @@ impl From<TimeUnit> for StatedUnit {
 /// Names of a group column, in order of preference.
 pub(super) const GROUPS: [&str; 4] = ["group", "session", "pose", "trial"];
 
-/// Returns the meaning of a name, and the unit in it.
-pub(crate) fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit) {
+/// The meaning of a name, and the unit in it.
+pub fn meaning_of(name: &str, format: LogFormat) -> (Meaning, StatedUnit) {
     if GROUPS.contains(&plain(name).as_str()) {
         return (Meaning::Group, StatedUnit::None);
     }

@@ -23,6 +23,10 @@ use super::number::{
 use super::parsed_rows::ParsedRows;
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
+use shell_data::wrench::Axis;
+
+/// The column by which a log shows that a reference was recorded beside the board.
+const REFERENCE_NUMBER: &str = "ref_index";
 
 /// The columns of a row that are parsed, and their types.
 #[derive(Debug)]
@@ -157,11 +161,14 @@ impl RowPlan {
             // A blank line, a bad row, or one with unusual fields: parse it separately.
             let end = memchr(b'\n', &lines[at..]).map_or(lines.len(), |i| at + i);
             let line = lines[at..end].strip_suffix(b"\r").unwrap_or(&lines[at..end]);
-            let is_cut = |problem: &RowProblem| end == lines.len() && self.is_short(problem);
+            let is_cut = |problem: &RowProblem| {
+                end == lines.len() && self.is_short(problem) || self.lacks_reference(problem)
+            };
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
                 Some(Ok(())) => parsed.rows += 1,
-                // If a program was killed or lost power, the last row is incomplete; that is not an error.
+                // The last row of a file whose writer was killed or lost power is cut off, and is no error; nor is a frame
+                // without the reference that was recorded beside it.
                 Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
                     parsed.skipped += 1;
                     parsed.first_skipped.get_or_insert(RowError { offset: at, problem });
@@ -294,7 +301,16 @@ impl RowPlan {
         }
     }
 
-    /// Returns true if fields are missing at the end of a row, or the last field is empty.
+    /// Whether a row of a board has no forces because the reference beside it has sent none at that time.
+    fn lacks_reference(&self, problem: &RowProblem) -> bool {
+        let is_load = |name: &String| Axis::ALL.iter().any(|axis| axis.column() == name);
+        let RowProblem::Field { name, problem: FieldProblem::Empty, .. } = problem else {
+            return false;
+        };
+        is_load(name) && self.names.iter().any(|name| name == REFERENCE_NUMBER)
+    }
+
+    /// Whether fields are missing at the end of a row, or the last one is.
     fn is_short(&self, problem: &RowProblem) -> bool {
         match problem {
             RowProblem::ColumnCount { expected, found } => found < expected,

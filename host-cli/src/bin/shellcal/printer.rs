@@ -370,7 +370,7 @@ fn for_error(error: &anyhow::Error) -> Option<String> {
 }
 
 /// An error in a chain does not say which hints it has: every type that has some is tried.
-const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 9] = [
+const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 10] = [
     hint::<board_link::LinkError>,
     hint::<board_link::NotForBoard>,
     hint::<board_link::RecordError>,
@@ -379,6 +379,7 @@ const HINTS: [fn(&(dyn Error + 'static)) -> Option<String>; 9] = [
     hint::<calibration_file::MergeError>,
     hint::<log_file::LogError>,
     hint::<output_file::OutputError>,
+    hint::<reference_sensor::ReferenceError>,
     hint::<workflow::WorkflowError>,
 ];
 

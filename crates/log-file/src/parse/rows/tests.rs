@@ -50,6 +50,24 @@ fn parse_slowly(lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) 
     (Ok(()), parsed)
 }
 
+#[test]
+fn a_frame_without_its_reference_is_left_out_and_counted() {
+    let lines = b"1,7\n2,\n3,x\n";
+    let uses = vec![ColumnUse::Skip, ColumnUse::Number(None)];
+    let plan = |names: [&str; 2]| {
+        let names = names.map(str::to_owned).to_vec();
+        RowPlan { separator: b',', uses: uses.clone(), labels: Vec::new(), names }
+    };
+    for (names, wrong) in
+        [(["ref_index", "fx_n"], 7), (["index", "fx_n"], 4), (["ref_index", "s1"], 4)]
+    {
+        let mut parsed = ParsedRows::default();
+        parsed.clear(1, 0);
+        let error = plan(names).parse_lines(arch(), lines, false, &mut parsed).unwrap_err();
+        assert_eq!((error.offset, parsed.skipped), (wrong, u64::from(wrong == 7)));
+    }
+}
+
 fn assert_all_ways_agree(lines: &[u8]) {
     for skip in [false, true] {
         let (result, expected) = parse_slowly(lines, skip);

@@ -203,6 +203,7 @@ impl BoardArgs {
         baud: u32,
         board: Option<BoardId>,
     ) -> anyhow::Result<BoardClient> {
+        self.serial.expect_board()?;
         let uplink = self.serial.uplink().context(
             "the original board has no commands that this program sends; `record` reads it",
         )?;

@@ -140,7 +140,7 @@ impl DoctorArgs {
             port,
             uplink: Uplink {
                 framing: protocol.framing().unwrap_or(Framing::Cobs),
-                to: self.serial.to,
+                to: self.serial.address(),
             },
             listen: self.listen,
             number: first_number(),

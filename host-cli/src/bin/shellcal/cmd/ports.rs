@@ -6,6 +6,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use anyhow::Context;
 use board_link::recording::PROTOCOLS;
 use board_link::{FlowControl, PortOptions, RecordOptions, TCP, Uplink, ports};
+use frame_stream::{Destination, NetFtAddress};
 use shared_proto::{Framing, Protocol};
 
 use super::choices::one_of;
@@ -63,9 +64,19 @@ pub(crate) struct SerialArgs {
     #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
     pub(crate) framing: Option<Protocol>,
 
-    /// Address of the board's XBee, for a base station in API mode
-    #[arg(long, value_name = "ADDRESS", default_value = "0xFFFF", value_parser = parse_address)]
-    pub(crate) to: u16,
+    /// Address of the board's XBee, for a base station in API mode; of `stream` also `netft[:PORT]`, which is `--output
+    /// netft[:PORT]` without the standard output
+    #[arg(long, value_name = "ADDRESS", default_value = "0xFFFF", value_parser = parse_recipient)]
+    pub(crate) to: Recipient,
+}
+
+/// To whom something is sent.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Recipient {
+    /// A board, by the address of its module.
+    Board(u16),
+    /// A program that reads a Net F/T box.
+    NetFt(NetFtAddress),
 }
 
 /// Kinds of handshake.
@@ -83,7 +94,28 @@ impl SerialArgs {
     /// How commands reach a board; `None` for the original board, which takes none from this program.
     pub(crate) fn uplink(&self) -> Option<Uplink> {
         let framing = self.framing.map_or(Some(Framing::Cobs), Protocol::framing)?;
-        Some(Uplink { framing, to: self.to })
+        Some(Uplink { framing, to: self.address() })
+    }
+
+    /// The address of the board's module; all boards where `--to` names none.
+    pub(crate) fn address(&self) -> u16 {
+        match self.to {
+            Recipient::Board(address) => address,
+            Recipient::NetFt(_) => 0xffff,
+        }
+    }
+
+    /// Refuses what only `stream` can.
+    ///
+    /// # Errors
+    /// `--to` names no board.
+    pub(crate) fn expect_board(&self) -> anyhow::Result<()> {
+        let is_board = matches!(self.to, Recipient::Board(_));
+        anyhow::ensure!(
+            is_board,
+            "`--to netft` is for `shellcal stream`; here `--to` is the address of a board"
+        );
+        Ok(())
     }
 }
 
@@ -119,6 +151,17 @@ impl SourceArgs {
 pub(crate) fn first_number() -> u16 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     (now.as_millis() / 10) as u16
+}
+
+fn parse_recipient(text: &str) -> Result<Recipient, String> {
+    if text.starts_with("netft") {
+        return match text.parse() {
+            Ok(Destination::NetFt(address)) => Ok(Recipient::NetFt(address)),
+            Ok(_) => Err("of programs there is `netft` and `netft:PORT`".to_owned()),
+            Err(bad) => Err(bad.to_string()),
+        };
+    }
+    parse_address(text).map(Recipient::Board)
 }
 
 fn parse_address(text: &str) -> Result<u16, String> {

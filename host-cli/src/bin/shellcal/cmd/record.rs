@@ -6,6 +6,7 @@ use board_link::{
     Source, record,
 };
 use frame_stream::StreamOptions;
+use reference_sensor::ReferenceSource;
 use shell_data::wrench::Axis;
 use shellcal::workflow::live::clock;
 
@@ -51,6 +52,12 @@ pub(crate) struct RecordArgs {
     #[arg(long)]
     as_sampled: bool,
 
+    /// Record a reference sensor in the same log, on the same clock: `netft:HOST[:PORT][,bias]` (ATI Net F/T and boxes
+    /// like it), `ft300:PORT` (Robotiq), `lines:COMMAND` or `lines:tcp:HOST:PORT` (CSV or JSON lines of any program,
+    /// units in the names)
+    #[arg(long, value_name = "SOURCE", requires = "output", conflicts_with = "replay")]
+    reference: Option<ReferenceSource>,
+
     #[command(flatten)]
     waiting: WaitingArgs,
 
@@ -64,11 +71,16 @@ impl RecordArgs {
             !self.forces.is_given() || self.output.is_some() || self.stream.is_given(),
             "`--calibration` is for a log or a stream: name `--output` or `--stream`"
         );
+        anyhow::ensure!(
+            self.reference.is_none() || !self.forces.is_given() || self.stream.is_given(),
+            "with `--reference` the log has the forces of the reference: `--calibration` is for a `--stream` beside it"
+        );
         let options = RecordOptions {
             forces: self.forces.read(printer)?,
             as_sampled: self.as_sampled,
             ..self.source.options()?
         };
+        self.source.serial.expect_board()?;
         let stop = signals::stop_flag()?;
         let mut source = match (&self.port, &self.replay) {
             (Some(port), _) => Source::port(self.source.serial.port(port), self.waiting.reconnect)?,
@@ -88,10 +100,17 @@ impl RecordArgs {
             ..StreamOptions::default()
         };
         let (watcher, streamed) = self.stream.watch(printer, stream, None)?;
+        // Its first sample is there before the first frame.
+        let reference = self.reference.as_ref().map(ReferenceSource::open).transpose()?;
+        let options = match reference {
+            Some(_) => RecordOptions { forces: None, ..options },
+            None => options,
+        };
         let sinks = Sinks {
             log: self.output.as_ref().map(writer).transpose()?,
             raw: self.raw.as_ref().map(writer).transpose()?,
             watcher,
+            reference,
         };
         let status = printer.status();
         let mut show = |progress: &RecordingProgress| {
@@ -157,6 +176,16 @@ fn report(recorded: &Recorded, printer: &Printer) -> anyhow::Result<()> {
             recorded.losses.edges_left_out
         ));
     }
+    if let Some(reference) = &recorded.reference {
+        if let Some(problem) = &reference.problem {
+            printer.warning(format!("the reference ended before the recording: {problem}"));
+        }
+        if reference.counts.untimed > reference.counts.samples {
+            printer.warning(
+                "the reference sends several samples at a time: have it flush each line (`python -u`), or send a time",
+            );
+        }
+    }
     if recorded.other_content > 0 {
         printer.warning(format!(
             "{} frames are not in the log: the board changed between readings and wrenches",
@@ -169,6 +198,16 @@ fn report(recorded: &Recorded, printer: &Printer) -> anyhow::Result<()> {
         printer.line(format!(
             "{frames} frames over {board_time_s:.3} s of the board's time ({framing}); {lost}"
         ));
+        if let Some(reference) = &recorded.reference {
+            printer.line(format!(
+                "reference `{}`: {} samples, {}; {} rows without one; times agree to {:.1} ms",
+                reference.source,
+                reference.counts.samples,
+                reference.counts.in_words(),
+                reference.rows_without,
+                reference.clock_error_s * 1e3,
+            ));
+        }
         for RecordedBoard { address, log, frames, losses } in boards {
             let at =
                 log.as_ref().map_or_else(String::new, |log| format!(" in `{}`", log.display()));

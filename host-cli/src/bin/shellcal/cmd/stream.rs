@@ -2,17 +2,20 @@
 //! common with it.
 
 use std::io::{self, BufRead, Read};
+use std::net::{IpAddr, SocketAddr};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use anyhow::Context;
 use board_link::{Sinks, Source, Watcher, record};
 use frame_stream::{
-    Destination, FrameStream, LEAST_RATE_HZ, Readers, StreamCommand, StreamFormat, StreamHandle,
-    StreamOptions, StreamSummary, StreamWatcher,
+    Destination, FrameStream, LEAST_RATE_HZ, NetFtPage, Readers, StreamCommand, StreamFormat,
+    StreamHandle, StreamOptions, StreamSummary, StreamWatcher,
 };
+use live_view::web::{OpenDocument, Server, Site};
 use log_file::Log;
 use shellcal::workflow::live::play;
 
@@ -20,7 +23,7 @@ use super::choices::{number_in, number_within, one_of};
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::outputs::ReplacingArgs;
-use super::ports::{SourceArgs, is_port};
+use super::ports::{Recipient, SourceArgs, is_port};
 use crate::files::InputPath;
 use crate::printer::Printer;
 use crate::signals;
@@ -29,6 +32,7 @@ use crate::signals;
 #[command(after_help = "Examples:
   shellcal stream /dev/ttyUSB0 --start --calibration calibration.json | my-program
   shellcal stream /dev/ttyUSB0 --start --calibration calibration.json -o udp:127.0.0.1:9870
+  shellcal stream /dev/ttyUSB0 --start --calibration calibration.json -o netft
   shellcal stream run3.csv --calibration calibration.json -o tcp:9000 -o run3.jsonl --rate 50")]
 pub(crate) struct StreamArgs {
     /// Serial port, or a log to play; `shellcal board` lists the ports
@@ -36,13 +40,17 @@ pub(crate) struct StreamArgs {
     name: InputPath,
 
     /// Where rows go; may be given several times: `-` (standard output), `udp:HOST:PORT`, `tcp:PORT` (whoever
-    /// connects on this machine), `tcp:IP:PORT`, or a file
+    /// connects on this machine), `tcp:IP:PORT`, `netft[:PORT]` (as an ATI Net F/T box answers), or a file
     #[arg(long, short, value_name = "DEST", default_value = "-")]
     output: Vec<Destination>,
 
     /// How rows are written [default: csv to a file `.csv`, json otherwise]
     #[arg(long, value_name = "ENCODING", value_parser = one_of(&ENCODINGS))]
     encoding: Option<StreamFormat>,
+
+    /// Address of this machine at which `netft` answers others [default: 127.0.0.1, this machine alone]
+    #[arg(long, value_name = "IP")]
+    bind: Option<IpAddr>,
 
     #[command(flatten)]
     replacing: ReplacingArgs,
@@ -131,7 +139,8 @@ impl StreamArgs {
             rate_hz: self.rate,
             commands: Some(commands(printer, at_end)?),
         };
-        let readers = open(printer, &self.output, self.encoding, self.replacing.overwrite)?;
+        let destinations = self.destinations();
+        let readers = open(printer, &destinations, self.encoding, self.replacing.overwrite)?;
         let stream = FrameStream::new(options, readers)?;
         let (watcher, handle) = StreamWatcher::new(stream, None, Some(Arc::clone(&stop)));
         let ended = match (source, &log) {
@@ -143,6 +152,21 @@ impl StreamArgs {
         let latency = summary.and_then(|summary| summary.latency).filter(|_| self.latency);
         latency.iter().for_each(|latency| printer.note(latency.to_string()));
         ended
+    }
+
+    /// Where rows go.
+    fn destinations(&self) -> Vec<Destination> {
+        let mut all = self.output.clone();
+        if let Recipient::NetFt(address) = self.source.serial.to {
+            all.retain(|destination| *destination != Destination::Stdout);
+            all.push(Destination::NetFt(address));
+        }
+        for destination in &mut all {
+            if let (Destination::NetFt(address), Some(ip)) = (destination, self.bind) {
+                address.ip = ip;
+            }
+        }
+        all
     }
 
     fn record(
@@ -179,8 +203,8 @@ type WatchedStream = (Option<Box<dyn Watcher>>, Option<StreamHandle>);
 /// Where rows go beside a log or a view, as JSON lines, or CSV to a file `.csv`
 #[derive(Debug, clap::Args)]
 pub(crate) struct StreamToArgs {
-    /// Pass rows on as they arrive, as `shellcal stream` does: to `udp:HOST:PORT`, `tcp:PORT` or a file; may be
-    /// given several times
+    /// Pass rows on as they arrive, as `shellcal stream` does: to `udp:HOST:PORT`, `tcp:PORT`, `netft` or a file; may
+    /// be given several times
     #[arg(long, value_name = "DEST")]
     stream: Vec<Destination>,
 }
@@ -219,6 +243,15 @@ fn open(
     overwrite: bool,
 ) -> anyhow::Result<Readers> {
     let readers = Readers::open(to, format, overwrite)?;
+    for (address, page) in readers.boxes() {
+        let at = serve_page(&page)?;
+        printer.note(format!("Net F/T at {address} (UDP); http://{at}{NETFT_PAGE}"));
+        if !address.ip().is_loopback() {
+            printer.warning(format!(
+                "other machines reach {address}: any of them can read on, and take zero as it likes"
+            ));
+        }
+    }
     for address in readers.addresses() {
         printer.note(format!("readers over TCP: {address}"));
         if !address.ip().is_loopback() {
@@ -228,6 +261,26 @@ fn open(
         }
     }
     Ok(readers)
+}
+
+/// The page of a Net F/T box.
+const NETFT_PAGE: &str = "/netftapi2.xml";
+
+/// Serves the page of a Net F/T box: where.
+fn serve_page(page: &NetFtPage) -> anyhow::Result<SocketAddr> {
+    let own = page.clone();
+    let text = Arc::new(move || own.text());
+    let document = OpenDocument { path: NETFT_PAGE, content_type: "text/xml", text };
+    let site = Site { open: vec![document], ..Site::default() };
+    let mut refused = None;
+    for at in &page.addresses {
+        match Server::start(*at, site.clone()) {
+            Ok(server) => return Ok(server.address()),
+            Err(error) => refused = Some((at, error)),
+        }
+    }
+    let (at, error) = refused.context("the page has no address")?;
+    Err(error).with_context(|| format!("cannot serve `netftapi2.xml` at {at}"))
 }
 
 /// Commands that are obeyed within a second; those after them wait, and hold up who writes them.

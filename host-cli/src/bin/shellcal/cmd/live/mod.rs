@@ -93,6 +93,7 @@ pub(crate) struct LiveArgs {
 
 impl LiveArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
+        self.source.serial.expect_board()?;
         let forces = self.forces.read(printer)?;
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
         let running = forces.clone().map(RunningForces::new).transpose()?;
@@ -179,7 +180,7 @@ impl LiveArgs {
         let options = RecordOptions { forces, labels, duration: None, ..self.source.options()? };
         let mut source = Source::port(self.source.serial.port(port), true)?;
         Ok(Box::new(move |done| {
-            let sinks = Sinks { log, raw: None, watcher };
+            let sinks = Sinks { log, watcher, ..Sinks::default() };
             let mut tell = |it: &RecordingProgress| feed.state().progress = Some(it.clone());
             record(&mut source, sinks, &options, done, &mut tell)?;
             Ok(())

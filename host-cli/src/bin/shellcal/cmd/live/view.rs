@@ -146,7 +146,7 @@ pub(super) fn serve(at: SocketAddr) -> anyhow::Result<(Server, String)> {
     let page = page.replace("{script}", SCRIPT).replace("{connect}", CONNECT);
     let page = page.replace("{nonce}", &nonce);
     let orders = LiveAction::NAMED.map(|(name, _)| name).to_vec();
-    let site = Site { page, nonce, token: token.clone(), orders };
+    let site = Site { page, nonce, token: token.clone(), orders, open: Vec::new() };
     let server = Server::start(at, site).with_context(|| format!("cannot listen at {at}"))?;
     let mut address = server.address();
     if let Some(own) = address.ip().is_unspecified().then(own_address).flatten() {

@@ -1,0 +1,423 @@
+//! A reference sensor beside a board: its samples on the board's time.
+//!
+//! ```text
+//! samples, their arrival ─ ArrivalClock ─▶ time of this computer ─┐
+//! frames, their arrival  ─ ArrivalClock ─▶ time of this computer ─┴─▶ the sample nearest to each frame
+//! ```
+//!
+//! A row gets the sample that was measured nearest to its frame, as it was sent: nothing is interpolated, and a frame without a
+//! sample nearby has none. The columns are described in [`rows`](super::rows).
+
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Receiver;
+use std::sync::{Arc, Mutex};
+use std::time::Instant;
+
+use serde::Serialize;
+use shell_data::lock::lock;
+use shell_data::{Axes, PerAxis};
+
+use super::arrival_clock::ArrivalClock;
+use super::reception::BoardFrame;
+
+/// A sample of a reference.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReferenceSample {
+    /// Its number, which goes on over wraps and restarts of the sensor.
+    pub number: i64,
+    /// The sensor's own clock in any unit, or its number, where it has either.
+    pub tick: Option<f64>,
+    /// The sensor counts anew from this sample on.
+    pub restarted: bool,
+    /// When it arrived.
+    pub arrival: Instant,
+    /// N and N·m; what is not measured is 0. `None` if the sensor says that it is not to be used.
+    pub wrench: Option<PerAxis<f64>>,
+    /// The sensor's word on itself, 0 if all is well.
+    pub status: u32,
+    /// Samples lost so far.
+    pub missing: u64,
+}
+
+/// What came of a reference, and what did not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct ReferenceCounts {
+    /// Samples that arrived, each once.
+    pub samples: u64,
+    /// Samples that were sent and did not arrive.
+    pub missing: u64,
+    /// Samples that arrived after a later one.
+    pub late: u64,
+    /// Samples that arrived twice.
+    pub duplicates: u64,
+    /// Times that the sensor has begun to count anew.
+    pub restarts: u64,
+    /// Samples whose status word is not 0.
+    pub with_status: u64,
+    /// Datagrams, frames and lines that are damaged.
+    pub damaged: u64,
+    /// Samples without a time of their own that arrived in one piece with a later one: nobody knows how old they are, so they
+    /// are beside no frame.
+    pub untimed: u64,
+}
+
+impl ReferenceCounts {
+    /// In words: `none lost`, or what was.
+    pub fn in_words(&self) -> String {
+        let Self { missing, late, duplicates, restarts, with_status, damaged, untimed, .. } = *self;
+        let counts = [
+            (missing, "lost"),
+            (late, "late"),
+            (duplicates, "doubled"),
+            (restarts, "restarts"),
+            (with_status, "with a status word"),
+            (damaged, "damaged"),
+            (untimed, "of unknown age"),
+        ];
+        let counts = counts.into_iter().filter(|(count, _)| *count > 0);
+        let words: Vec<_> = counts.map(|(count, what)| format!("{count} {what}")).collect();
+        if words.is_empty() { "none lost".to_owned() } else { words.join(", ") }
+    }
+}
+
+/// What a thread that reads a reference tells besides samples.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReferenceState {
+    /// The books so far.
+    pub counts: ReferenceCounts,
+    /// Why nothing more comes, if so.
+    pub problem: Option<String>,
+}
+
+/// The end of a reference at which its samples arrive. Dropped, it ends the reading.
+#[derive(Debug)]
+pub struct ReferenceInput {
+    /// What it is called.
+    pub name: String,
+    /// What it measures.
+    pub axes: Axes,
+    /// The samples.
+    pub samples: Receiver<ReferenceSample>,
+    /// What the reading thread tells besides.
+    pub state: Arc<Mutex<ReferenceState>>,
+    /// Ends the reading thread.
+    pub stop: Arc<AtomicBool>,
+}
+
+impl Drop for ReferenceInput {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+}
+
+/// What came of a reference.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct RecordedReference {
+    /// What it is called.
+    pub source: String,
+    /// The books.
+    #[serde(flatten)]
+    pub counts: ReferenceCounts,
+    /// Rows without a sample beside them.
+    pub rows_without: u64,
+    /// How far the times of the reference may be off on the board's clock at the end, beside the constant parts of both delays,
+    /// s.
+    pub clock_error_s: f64,
+    /// Why it ended before the recording.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub problem: Option<String>,
+}
+
+/// A sample and its time by the clock of this computer.
+#[derive(Clone, Debug)]
+struct TimedSample {
+    time_s: f64,
+    sample: ReferenceSample,
+}
+
+/// Most samples that wait for frames: 8 s at 8 kHz.
+const MOST_SAMPLES: usize = 1 << 16;
+
+/// How old a sample may be before no frame is expected for it any more, s. A radio may hold frames that long.
+const OLDEST_S: f64 = 5.0;
+
+/// How long a frame waits for the reference, s: longer than its clock takes to be found.
+const PATIENCE_S: f64 = 1.0;
+
+/// How far a second of the board may be off, as a share: some have no crystal.
+const BOARD_CLOCK: f64 = 0.02;
+
+/// How far all samples may be beyond a clock's line, in periods, before that is another clock.
+const JUMP_PERIODS: f64 = 1.5;
+
+/// Of a clock that counts time, s: a radio is never quicker.
+const BOARD_JUMP_S: f64 = 1.0;
+
+/// A reference that is recorded beside a board.
+#[derive(Debug)]
+pub(crate) struct ReferenceBeside {
+    input: ReferenceInput,
+    /// The start of the recording's time.
+    epoch: Instant,
+    /// The reference's clock.
+    clock: ArrivalClock,
+    /// Those of the board, each from a time of the board's on: it may start anew.
+    board: VecDeque<(i64, ArrivalClock)>,
+    /// Samples that wait for their clock, and when they arrived, s.
+    pending: Vec<(f64, ReferenceSample)>,
+    /// Samples in the order of their times.
+    samples: VecDeque<TimedSample>,
+    /// Missing samples at that of the row before.
+    missing: u64,
+    /// The newest time there is of the reference, and when that was, s.
+    newest_s: f64,
+    rows_without: u64,
+    period_s: f64,
+}
+
+/// What stands in a row of the reference.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct BesideRow {
+    pub(crate) wrench: Option<PerAxis<f64>>,
+    pub(crate) number: i64,
+    pub(crate) missing: u64,
+    pub(crate) status: u32,
+    /// When the sample was measured, on the board's clock, µs, and how far that may be off.
+    pub(crate) time_us: i64,
+    pub(crate) error_us: i64,
+}
+
+impl ReferenceBeside {
+    pub(crate) fn new(input: ReferenceInput, epoch: Instant) -> Self {
+        Self {
+            input,
+            epoch,
+            clock: ArrivalClock::default(),
+            board: VecDeque::new(),
+            pending: Vec::new(),
+            samples: VecDeque::new(),
+            missing: 0,
+            newest_s: f64::NEG_INFINITY,
+            rows_without: 0,
+            period_s: 0.0,
+        }
+    }
+
+    pub(crate) fn axes(&self) -> Axes {
+        self.input.axes
+    }
+
+    /// Takes the samples that have arrived.
+    pub(crate) fn listen(&mut self) {
+        let fresh: Vec<_> = self.input.samples.try_iter().collect();
+        for sample in fresh {
+            let since = sample.arrival.saturating_duration_since(self.epoch);
+            let before = self.epoch.saturating_duration_since(sample.arrival);
+            let arrival_s = since.as_secs_f64() - before.as_secs_f64();
+            if sample.restarted {
+                self.settle();
+                self.clock = self.clock.begun_anew();
+            }
+            let Some(tick) = sample.tick else {
+                self.keep(arrival_s, sample);
+                continue;
+            };
+            self.clock.push(tick, arrival_s, (JUMP_PERIODS * self.period_s).max(2e-3));
+            self.pending.push((arrival_s, sample));
+            // Until then a sample may be as old as the queue that it was in.
+            if self.clock.is_settled() {
+                self.settle();
+            }
+        }
+        let is_old = |of: &TimedSample| of.time_s < self.newest_s - OLDEST_S;
+        while self.samples.front().is_some_and(is_old) || self.samples.len() > MOST_SAMPLES {
+            self.samples.pop_front();
+        }
+        self.period_s = self.period();
+    }
+
+    /// Gives the samples that wait the times of their clock, if it has been found.
+    fn settle(&mut self) {
+        let is_settled = self.clock.is_settled();
+        for (arrival_s, sample) in std::mem::take(&mut self.pending) {
+            let time_s = sample.tick.and_then(|tick| self.clock.time_s(tick));
+            if let Some(time_s) = time_s.filter(|_| is_settled) {
+                self.keep(time_s.min(arrival_s), sample);
+            }
+        }
+    }
+
+    fn keep(&mut self, time_s: f64, sample: ReferenceSample) {
+        self.newest_s = self.newest_s.max(time_s);
+        let at = self.samples.partition_point(|of| of.time_s <= time_s);
+        self.samples.insert(at, TimedSample { time_s, sample });
+    }
+
+    /// The median time between two samples of the last, s.
+    fn period(&self) -> f64 {
+        let last = self.samples.len().saturating_sub(64);
+        let times: Vec<f64> = self.samples.range(last..).map(|of| of.time_s).collect();
+        let mut steps: Vec<f64> = times.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        if steps.is_empty() {
+            return self.period_s;
+        }
+        let middle = steps.len() / 2;
+        *steps.select_nth_unstable_by(middle, f64::total_cmp).1
+    }
+
+    /// Frames of the board arrived `now`, s: the last of them just then.
+    pub(crate) fn see(&mut self, frames: &[BoardFrame], now_s: f64) {
+        let restart = frames.iter().rev().find(|frame| frame.restarted);
+        if let Some(first) = restart.or(frames.first().filter(|_| self.board.is_empty())) {
+            self.board.push_back((first.time_us, ArrivalClock::known(1.0, BOARD_CLOCK)));
+            if self.board.len() > 8 {
+                self.board.pop_front();
+            }
+        }
+        if let (Some(frame), Some((_, clock))) = (frames.last(), self.board.back_mut()) {
+            clock.push(frame.time_us as f64 / 1e6, now_s, BOARD_JUMP_S);
+        }
+    }
+
+    fn clock_at(&self, time_us: i64) -> Option<&ArrivalClock> {
+        let of = self.board.iter().rev().find(|(from, _)| *from <= time_us);
+        of.or(self.board.front()).map(|(_, clock)| clock)
+    }
+
+    /// When a frame was measured, by the clock of this computer, s.
+    fn frame_s(&self, frame: &BoardFrame) -> Option<f64> {
+        let clock = self.clock_at(frame.time_us).filter(|clock| clock.is_settled())?;
+        clock.time_s(frame.time_us as f64 / 1e6)
+    }
+
+    /// How many of the first frames may be written `now`, s: the reference has come as far, or they have waited for it long enough.
+    pub(crate) fn due(&self, frames: &[BoardFrame], now_s: f64) -> usize {
+        let waits = |frame: &BoardFrame| match self.frame_s(frame) {
+            Some(time_s) => time_s > self.newest_s && now_s - time_s < PATIENCE_S,
+            // Its clock is still being found.
+            None => {
+                let is_newest = self.board.back().is_none_or(|(from, _)| *from <= frame.time_us);
+                is_newest && frames.len() < 4096
+            }
+        };
+        frames.iter().position(waits).unwrap_or(frames.len())
+    }
+
+    /// What stands beside a frame; `None` if no sample is near.
+    pub(crate) fn beside(&mut self, frame: &BoardFrame) -> Option<BesideRow> {
+        let found = self.nearest(frame);
+        self.rows_without += u64::from(found.as_ref().is_none_or(|row| row.wrench.is_none()));
+        found
+    }
+
+    fn nearest(&mut self, frame: &BoardFrame) -> Option<BesideRow> {
+        let frame_s = self.frame_s(frame)?;
+        let after = self.samples.partition_point(|of| of.time_s < frame_s);
+        let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
+        let distance = |of: &&TimedSample| (of.time_s - frame_s).abs();
+        let nearest = around
+            .filter_map(|at| self.samples.get(at))
+            .min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+        if distance(&nearest) > 0.75 * self.period_s + 1e-3 {
+            return None;
+        }
+        let missing = nearest.sample.missing.saturating_sub(self.missing);
+        self.missing = self.missing.max(nearest.sample.missing);
+        Some(BesideRow {
+            wrench: nearest.sample.wrench,
+            number: nearest.sample.number,
+            missing,
+            status: nearest.sample.status,
+            time_us: frame.time_us + ((nearest.time_s - frame_s) * 1e6).round() as i64,
+            error_us: (self.error_s() * 1e6).round() as i64,
+        })
+    }
+
+    /// Of the times of the reference on the board's clock, s.
+    fn error_s(&self) -> f64 {
+        let board = self.board.back().map_or(0.0, |(_, clock)| clock.error_s());
+        // Without a clock of its own a sample may have been under way for as long as the next takes.
+        let own = if self.clock.is_settled() { self.clock.error_s() } else { self.period_s };
+        board + own
+    }
+
+    /// How it is going: the books, and why nothing more comes.
+    pub(crate) fn recorded(&self) -> RecordedReference {
+        let ReferenceState { counts, problem } = lock(&self.input.state).clone();
+        RecordedReference {
+            source: self.input.name.clone(),
+            counts,
+            rows_without: self.rows_without,
+            clock_error_s: self.error_s(),
+            problem,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    use super::*;
+
+    /// A reference at 1 kHz beside a board at 100 Hz whose clocks run apart; both are held up now and then.
+    #[test]
+    fn every_row_has_a_sample_that_was_sent_at_its_time() {
+        let (sender, samples) = channel();
+        let input = ReferenceInput {
+            name: "scripted".to_owned(),
+            axes: Axes::ALL,
+            samples,
+            state: Arc::default(),
+            stop: Arc::default(),
+        };
+        let epoch = Instant::now();
+        let mut beside = ReferenceBeside::new(input, epoch);
+        let mut rows = 0;
+        for ms in 0..20_000_u64 {
+            let now_s = ms as f64 / 1e3;
+            // 30 ms at every second in which nobody reads, then all at once.
+            let read_at = if ms % 1000 < 30 { ms - ms % 1000 + 30 } else { ms };
+            let sample = ReferenceSample {
+                number: ms as i64,
+                tick: Some(ms as f64),
+                restarted: false,
+                arrival: epoch + Duration::from_micros(read_at * 1000 + 100 * (ms * 7919 % 5)),
+                wrench: Some([now_s; 6]),
+                status: 0,
+                missing: 0,
+            };
+            // Samples 5000 to 5099 are lost.
+            if !(5000..5100).contains(&ms) {
+                sender.send(sample).unwrap();
+            }
+            if ms % 10 != 5 {
+                continue;
+            }
+            beside.listen();
+            // The board was started 7 s before, and its clock is 100 ppm fast.
+            let time_us = ((7.0 + now_s) * 1e6 * 1.0001).round() as i64;
+            let frame = BoardFrame { time_us, index: ms as i64 / 10, ..BoardFrame::default() };
+            beside.see(std::slice::from_ref(&frame), now_s + 3e-4);
+            if beside.due(std::slice::from_ref(&frame), now_s + 2.0) == 0 {
+                continue;
+            }
+            match beside.beside(&frame) {
+                Some(row) => {
+                    rows += 1;
+                    // In the pauses the newest sample may be one ms old.
+                    let own_s = row.wrench.unwrap()[0];
+                    assert!((own_s - now_s).abs() <= 1e-3 + 1e-9, "{own_s} at {now_s}");
+                    let on_board = (row.time_us - time_us) as f64 / 1e6;
+                    assert!((on_board - (own_s - now_s)).abs() < 1e-3, "{on_board} at {now_s}");
+                    assert!(row.error_us < 1000, "{}", row.error_us);
+                }
+                None => assert!(ms < 700 || (5000..5100).contains(&ms), "none at {ms}"),
+            }
+        }
+        assert!(rows > 1900, "{rows} rows");
+        assert!((10..80).contains(&beside.rows_without), "{}", beside.rows_without);
+    }
+}

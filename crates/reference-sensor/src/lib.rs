@@ -1,0 +1,33 @@
+//! Commercial force/torque sensors: what they send, and a thread that reads one as a reference.
+//!
+//! - [`rdt`]: requests and records of ATI's Net F/T boxes; [`page`]: the page on which they say their units;
+//! - [`ft300`]: frames of Robotiq's FT 300;
+//! - [`lines`]: CSV and JSON lines of any program, with units in the names;
+//! - [`ReferenceSource`]: where a reference is, and [`open`](ReferenceSource::open) to read it.
+//!
+//! The first four are pure: bytes in, values out. A sample has its own number or clock wherever the sensor sends one, so that a
+//! program that was held up does not take old samples for new ones.
+//!
+//! ```
+//! use reference_sensor::rdt::{RdtCommand, RdtRecord};
+//!
+//! assert_eq!(RdtCommand::Start(0).encode(), [0x12, 0x34, 0, 2, 0, 0, 0, 0]);
+//! let record = RdtRecord { rdt_sequence: 7, counts: [1_000_000, 0, 0, 0, 0, 0], ..RdtRecord::default() };
+//! assert_eq!(RdtRecord::decode_all(&record.encode()), Some(vec![record]));
+//! ```
+
+#![allow(
+    clippy::disallowed_methods,
+    clippy::disallowed_types,
+    reason = "reads sockets, ports and programs, keeps time"
+)]
+#![forbid(unsafe_code)]
+
+pub mod ft300;
+pub mod lines;
+pub mod page;
+pub mod rdt;
+mod reading;
+mod source;
+
+pub use source::{BadSource, ReferenceError, ReferenceSource};
