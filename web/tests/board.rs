@@ -150,7 +150,8 @@ fn a_board_is_named_started_shown_and_stopped() {
         silent = if port.read(&mut buffer).unwrap_or(0) == 0 { silent + 1 } else { 0 };
     }
     let text = String::from_utf8(page.log).unwrap();
-    assert!(text.lines().count() > 200, "{text}");
+    // Two seconds at 100 Hz, half of which a busy machine may lose.
+    assert!(text.lines().count() > 100, "{text}");
     assert!(text.starts_with("t_s,s1,"), "{text}");
 }
 

@@ -210,7 +210,7 @@ fn the_calibration_survives_a_reset_that_the_board_reports() {
 fn the_board_says_what_it_is() {
     let identity = Identity {
         board: Board::Simulated,
-        firmware: [0, 1, 0],
+        firmware: [0, 2, 0],
         serial: SERIAL,
         min_period_us: 1_000,
     };
