@@ -168,8 +168,8 @@ pub(crate) struct ReferenceBeside {
     pending: Vec<(f64, ReferenceSample)>,
     /// Samples in the order of their times.
     samples: VecDeque<TimedSample>,
-    /// Missing samples at that of the row before.
-    missing: u64,
+    /// The number of the sample of the row before.
+    last: Option<i64>,
     /// The newest time there is of the reference, and when that was, s.
     newest_s: f64,
     rows_without: u64,
@@ -197,7 +197,7 @@ impl ReferenceBeside {
             board: VecDeque::new(),
             pending: Vec::new(),
             samples: VecDeque::new(),
-            missing: 0,
+            last: None,
             newest_s: f64::NEG_INFINITY,
             rows_without: 0,
             period_s: 0.0,
@@ -316,14 +316,19 @@ impl ReferenceBeside {
         let after = self.samples.partition_point(|of| of.time_s < frame_s);
         let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
         let distance = |of: &&TimedSample| (of.time_s - frame_s).abs();
-        let nearest = around
-            .filter_map(|at| self.samples.get(at))
-            .min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+        let (at, nearest) = around
+            .filter_map(|at| Some((at, self.samples.get(at)?)))
+            .min_by(|(_, a), (_, b)| distance(a).total_cmp(&distance(b)))?;
         if distance(&nearest) > 0.75 * self.period_s + 1e-3 {
             return None;
         }
-        let missing = nearest.sample.missing.saturating_sub(self.missing);
-        self.missing = self.missing.max(nearest.sample.missing);
+        // Counted now, when those that were late are here.
+        let number = nearest.sample.number;
+        let last = self.last.unwrap_or(number);
+        let here = self.samples.range(..=at).rev().map(|of| of.sample.number);
+        let here = here.take_while(|it| *it > last).filter(|it| *it <= number).count() as u64;
+        let missing = u64::try_from(number - last).unwrap_or(0).saturating_sub(here);
+        self.last = Some(last.max(number));
         Some(BesideRow {
             wrench: nearest.sample.wrench,
             number: nearest.sample.number,

@@ -226,14 +226,12 @@ impl ServerShared {
             *place = Some(self.take_in(stream)?);
             return self.send_document(stream, document).map_err(|_| None);
         }
-        // Of HTTP 1.0, whose `Host` nobody can trust.
-        if request.host.is_empty() {
-            return Err(Some(HttpRefusal::VERSION));
-        }
+        // HTTP 1.0 has no `Host` that could be relied on.
+        let host = request.host.ok_or(HttpRefusal::VERSION)?;
         if self.site.token.is_empty() {
             return Err(Some(HttpRefusal::NOT_FOUND));
         }
-        if !is_host_ours(request.host) {
+        if !is_host_ours(host) {
             return Err(Some(HttpRefusal::HOST));
         }
         if !is_same(request.token, &self.site.token) {

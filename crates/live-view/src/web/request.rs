@@ -41,8 +41,8 @@ pub(super) struct Request<'a> {
     pub(super) path: &'a str,
     /// The value of `token=` in the address; empty if missing.
     pub(super) token: &'a str,
-    /// Empty if there is none.
-    pub(super) host: &'a str,
+    /// `None` of HTTP 1.0, which does not ask for one.
+    pub(super) host: Option<&'a str>,
 }
 
 /// Returns the end of a request's head, including its empty line.
@@ -87,8 +87,8 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
     // Before HTTP 1.1 there was no `Host`, and no browser is as old.
-    let host = host.or((version == "HTTP/1.0").then_some(""));
-    Ok(Request { method, path, token, host: host.ok_or(HttpRefusal::MALFORMED)? })
+    let host = if version == "HTTP/1.0" { None } else { Some(host.ok_or(HttpRefusal::MALFORMED)?) };
+    Ok(Request { method, path, token, host })
 }
 
 /// Returns whether two secrets are equal, in a time that does not depend on the position of a difference.
@@ -120,10 +120,10 @@ mod tests {
         let head =
             b"GET /events?x=1&token=ab12 HTTP/1.1\r\nHost: localhost:80\r\nAccept: */*\r\n\r\n";
         let request =
-            Request { method: "GET", path: "/events", token: "ab12", host: "localhost:80" };
+            Request { method: "GET", path: "/events", token: "ab12", host: Some("localhost:80") };
         assert_eq!(parse(head), Ok(request));
         let head = b"POST /mark HTTP/1.1\r\nhOST:\tlocalhost \r\nContent-Length: 0\r\n\r\n";
-        let request = Request { method: "POST", path: "/mark", token: "", host: "localhost" };
+        let request = Request { method: "POST", path: "/mark", token: "", host: Some("localhost") };
         assert_eq!(parse(head), Ok(request));
     }
 
