@@ -384,7 +384,7 @@ impl<W: Write> McapWriter<W> {
 
     fn statistics(&self) -> Vec<u8> {
         let (first, last) = self.times.unwrap_or_default();
-        let schemas = self.channels.iter().filter(|channel| channel.schema.is_some()).count();
+        let schemas = self.channels.len();
         let content = ByteWriter::default().u64(self.counts.iter().sum()).u16(schemas as u16);
         // No attachments and no metadata.
         let content = content.u32(self.channels.len() as u32).u32(0).u32(0);
