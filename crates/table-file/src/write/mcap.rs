@@ -65,7 +65,7 @@ fn field_names<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
         let words = name.split(|letter| !is_kept(letter)).filter(|word| !word.is_empty());
         let mut field = words.collect::<Vec<_>>().join("_").to_ascii_lowercase();
         if !field.starts_with(|letter: char| letter.is_ascii_lowercase()) {
-            field.insert_str(0, "c");
+            field.insert(0, 'c');
         }
         let is_new = |field: &String| !found.contains(field);
         let numbered = (2..).map(|number| format!("{field}_{number}"));
