@@ -71,11 +71,37 @@ fn lasting(text: &str) -> Vec<&str> {
     text.lines().filter(|line| !is_new(line)).collect()
 }
 
-fn check_same_calibration(found: &str, expected: &str, name: &str) {
-    let [found, expected] = [found, expected].map(lasting);
-    assert!(expected.len() > 2, "{name}");
-    let differing = found.iter().zip(&expected).find(|(found, expected)| found != expected);
-    assert!(found == expected, "{name}: another calibration: {differing:?}");
+/// Panics unless two texts are the same, numbers up to `tolerance` of their size.
+fn check_same<'a>(
+    found: impl IntoIterator<Item = &'a str>,
+    expected: impl IntoIterator<Item = &'a str>,
+    tolerance: f64,
+    name: &str,
+) {
+    let (mut found, mut expected) = (found.into_iter(), expected.into_iter());
+    loop {
+        let (found, expected) = match (found.next(), expected.next()) {
+            (None, None) => return,
+            (found, expected) => (found.unwrap_or("end"), expected.unwrap_or("end")),
+        };
+        let words = |line: &'a str| line.split([' ', ',', '"', '[', ']']);
+        let is_same = |(found, expected): (&str, &str)| {
+            let numbers = (found.parse::<f64>(), expected.parse::<f64>());
+            let is_close = matches!(numbers, (Ok(found), Ok(expected))
+                if (found - expected).abs() <= tolerance * expected.abs().max(1e-3));
+            found == expected || is_close
+        };
+        let is_same_line = words(found).count() == words(expected).count()
+            && words(found).zip(words(expected)).all(is_same);
+        assert!(is_same_line, "{name}: `{found}` in place of `{expected}`");
+    }
+}
+
+/// The tolerance of a model's coefficients in the page. Exact sums give the same bits everywhere. Memory terms are
+/// no whole numbers: they are solved by QR, whose last digits depend on the processor (relative to the condition
+/// number, some 1e3 times 2.2e-16).
+fn tolerance(model: &str) -> f64 {
+    if model == "auto" { 1e-9 } else { 0.0 }
 }
 
 /// Returns a folder with the program's calibration from some logs: fitted to the first, tested on the others.
@@ -107,12 +133,13 @@ fn compare_fits(files: &[PathBuf], model: &str) -> (Browser, tempfile::TempDir) 
     choose(&mut browser, "model", model);
     work(&mut browser, "fit");
     let expected = fs::read_to_string(dir.path().join("by-program.json")).unwrap();
-    check_same_calibration(&saved(&mut browser, "calibration.json"), &expected, name_of(&files[0]));
+    let found = saved(&mut browser, "calibration.json");
+    check_same(lasting(&found), lasting(&expected), tolerance(model), name_of(&files[0]));
     (browser, dir)
 }
 
 /// Converts the last of some files in the page, with its own calibration and with the program's.
-fn compare_forces(browser: &mut Browser, dir: &Path, files: &[PathBuf]) {
+fn compare_forces(browser: &mut Browser, dir: &Path, files: &[PathBuf], model: &str) {
     let last = name_of(files.last().unwrap());
     run(dir, &format!("convert by-program.json {last} -o forces.csv"), 0);
     let expected = fs::read_to_string(dir.join("forces.csv")).unwrap();
@@ -125,7 +152,7 @@ fn compare_forces(browser: &mut Browser, dir: &Path, files: &[PathBuf]) {
         work(browser, "convert");
         saved(browser, &table)
     };
-    assert!(convert("0") == expected, "{last}: other forces or standard errors");
+    check_same(convert("0").lines(), expected.lines(), tolerance(model), last);
     assert!(convert("1") == expected, "{last}: another table with the calibration of the program");
 }
 
@@ -145,7 +172,7 @@ fn the_page_gives_the_bits_that_the_program_gives() {
     let files = [shipped("synthetic-train.csv"), shipped("synthetic-test.csv")];
     for model in ["cubic", "auto"] {
         let (mut browser, dir) = compare_fits(&files, model);
-        compare_forces(&mut browser, dir.path(), &files);
+        compare_forces(&mut browser, dir.path(), &files, model);
         check_quiet(browser);
     }
 }
@@ -155,7 +182,7 @@ fn the_page_gives_the_bits_that_the_program_gives() {
 fn the_page_gives_the_bits_that_the_program_gives_of_recordings() {
     let files = [real_recording("skinproc/behavior4_2Hz.csv")];
     let (mut browser, dir) = compare_fits(&files, "cubic");
-    compare_forces(&mut browser, dir.path(), &files);
+    compare_forces(&mut browser, dir.path(), &files, "cubic");
     check_quiet(browser);
     // Its clock jumps; by default rows across a jump are not converted.
     check_quiet(compare_fits(&[real_recording("others/photointerrupters/poses.csv")], "auto").0);
