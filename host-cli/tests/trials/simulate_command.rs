@@ -43,6 +43,18 @@ fn the_papers_channels_have_the_reference_drags() {
     assert_close(&document["torsional_stiffness_nm_rad"], 8.48e-4);
 }
 
+/// Means from the elastica's equation, shot at the tip's position by SciPy 1.17.1 (three digits were kept).
+#[test]
+fn clamped_beams_have_the_drags_of_the_elastica() {
+    let document = json("--beam clamped");
+    assert_eq!(document["beam"], "clamped");
+    let channels = document["channels"].as_array().unwrap();
+    for (channel, expected) in channels.iter().zip([0.276, 0.597, 1.219]) {
+        let found = channel["mean_drag_n"].as_f64().unwrap();
+        assert!((found - expected).abs() < 5.1e-4, "{found} {expected}");
+    }
+}
+
 #[test]
 fn what_is_outside_the_models_validity_is_said_and_what_jams_is_refused() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,6 +1,8 @@
 //! The options of `shellcal simulate`: numbers with units, also as they are printed.
 
-use beam_channel::{Beam, Channel, Ellipse, Setup};
+use beam_channel::{Beam, Channel, Ellipse, Normal, Rules, Setup};
+use clap::ValueEnum;
+use serde::Serialize;
 use simulation::channel_study::{Dimension, GridAxis, Parameter};
 
 use crate::cmd::outputs::FigureArgs;
@@ -11,6 +13,7 @@ use crate::files::OutputPath;
   shellcal simulate                                    the paper's channels: 1, 2 and 3 cm
   shellcal simulate --deflection 15mm --output sweep.csv   drag at every mm of the way
   shellcal simulate --plot drag.svg                    the paper's figure
+  shellcal simulate --beam clamped                     plates that bend, in place of bars on springs
   shellcal simulate --grid friction=0:1:11 --grid rx=6cm,9cm")]
 pub(crate) struct SimulateArgs {
     /// Deflections of the beams, d = ry − width/2
@@ -41,6 +44,10 @@ pub(crate) struct SimulateArgs {
     /// Kinetic friction of the beams on the shell
     #[arg(long, value_name = "NUMBER", default_value_t = 0.53, allow_hyphen_values = true)]
     friction: f64,
+
+    /// How a beam gives way
+    #[arg(long, value_enum, default_value_t)]
+    pub(super) beam: BeamKind,
 
     /// From one of the eleven beams of a row to the next [default: 28 cm / 11]
     #[arg(long, value_name = "LENGTH", value_parser = length)]
@@ -86,7 +93,28 @@ impl SimulateArgs {
                 ..usual.beam
             },
             channel: Channel { pitch_m, ..usual.channel },
+            rules: Rules { normal: self.beam.normal(), ..usual.rules },
             ..usual
+        }
+    }
+}
+
+/// Mechanics of a beam.
+#[derive(Clone, Copy, Debug, Default, ValueEnum, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub(super) enum BeamKind {
+    /// A rigid bar on a torsional spring, as in the paper
+    #[default]
+    Hinged,
+    /// A plate clamped at its base that bends, of the same bending stiffness (touches by its tip only)
+    Clamped,
+}
+
+impl BeamKind {
+    fn normal(self) -> Normal {
+        match self {
+            Self::Hinged => Normal::Unit,
+            Self::Clamped => Normal::Elastica,
         }
     }
 }

@@ -65,6 +65,7 @@ impl SimulateArgs {
         let parameters = common.map(|of| (of.column(), of.get(&setup)));
         let document = document! {
             parameters: parameters.collect::<BTreeMap<_, _>>(),
+            beam: self.beam,
             beams: setup.channel.beams,
             torsional_stiffness_nm_rad: setup.beam.torsional_stiffness(),
             channels: if printer.json() { channels.collect() } else { Vec::new() },
