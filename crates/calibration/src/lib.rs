@@ -53,7 +53,7 @@ pub use least_squares::polynomial::Polynomial;
 // Callers of this crate use these modules of the two below it.
 pub use least_squares::{
     double_double, exact, factored, features, magnitudes, methods, model, quality, rank_loss,
-    reading_ranges, scaling, solver,
+    reading_ranges, scaling, solver, sums,
 };
 pub use sensor_physics as physics;
 

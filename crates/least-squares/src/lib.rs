@@ -5,8 +5,8 @@
 //! ```
 //!
 //! Rows leave little behind, which can be merged: [`exact`] sums of integer readings, the same bits in any order, or
-//! [R factors](factored) of readings of any kind. Either [holds groups out](validation), chooses a model, and says
-//! [how coefficients scatter](uncertainty) without the rows. [`solver`] goes over rows where they are, on several
+//! [R factors](factored) of readings of any kind. Either, as [`sums`], [holds groups out](validation), chooses a model, and
+//! says [how coefficients scatter](uncertainty) without the rows. [`solver`] goes over rows where they are, on several
 //! threads ([`passes`]), by one of several [methods]. Other crates know which sensor a reading is from, and how a model of
 //! one is fitted. Pure: no files, no clocks, no printing.
 
@@ -35,6 +35,7 @@ pub mod sandwich;
 pub mod scaling;
 pub mod solution;
 pub mod solver;
+pub mod sums;
 pub mod symmetric;
 pub mod uncertainty;
 pub mod validation;

@@ -227,7 +227,7 @@ pub fn fit_merged(
         HeldOut::Folds(folds) => folds,
         _ => RANDOM_FOLDS,
     });
-    let fit = fit_sums(merged.row_sums(folds)?, merged.axes, &options)?;
+    let fit = fit_sums(&merged.sums, merged.grouped_sums(folds)?, merged.axes, &options)?;
     let (skipped_rows, repeated_rows) = (merged.skipped_rows, merged.repeated_rows);
     Ok(Fit { skipped_rows, repeated_rows, ..fit })
 }

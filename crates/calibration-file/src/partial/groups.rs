@@ -9,7 +9,7 @@ use std::path::Path;
 
 use calibration::exact::ExactSums;
 use calibration::factored::FactoredGroups;
-use calibration::fit::RowSums;
+use calibration::sums::GroupedSums;
 use calibration::validation::grouped::{GroupKind, MAX_GROUPS, RandomSplit, SumsByGroup};
 use serde::{Deserialize, Serialize};
 
@@ -108,6 +108,7 @@ impl PartialGroups {
                 continue;
             };
             let known = &mut self.groups[known];
+            expect(known.sums.kind(), group.sums.kind(), MergeError::Kind)?;
             known.sums.merge(&group.sums)?;
             if begins(source, group.position) < begins(known.source, known.position) {
                 (known.source, known.position) = (source, group.position);
@@ -129,32 +130,35 @@ fn rank(source: &SourceFile) -> (&Path, Option<&str>) {
 }
 
 impl PartialFit {
-    /// The sums, also by group. They include the random folds if `random_folds` is the number of folds in
-    /// use.
+    /// The sums by group, with the rows that were assigned at random if `random_folds` is the number of folds that they were
+    /// assigned to.
     ///
     /// # Errors
     /// [`MergeError::NotExact`] if all groups together cannot be summed exactly.
-    pub fn row_sums(&self, random_folds: Option<usize>) -> Result<RowSums<'_>, MergeError> {
+    pub fn grouped_sums(
+        &self,
+        random_folds: Option<usize>,
+    ) -> Result<Option<(GroupKind, GroupedSums)>, MergeError> {
+        let Some(PartialGroups { by, split, random, groups }) = &self.groups else {
+            return Ok(None);
+        };
         let (mut exact, mut factored) = (Vec::new(), Vec::new());
-        for PartialGroup { label, sums, .. } in self.groups.iter().flat_map(|of| &of.groups) {
+        for PartialGroup { label, sums, .. } in groups {
             match sums {
-                Sums::Exact(moments) => exact.push((label.clone(), moments.clone())),
+                Sums::Exact(sums) => exact.push((label.clone(), sums.clone())),
                 Sums::Factored(rows) => factored.push((label.clone(), rows.clone())),
             }
         }
-        let groups = self.groups.as_ref();
-        Ok(match &self.sums {
-            Sums::Exact(total) => {
-                let dealt = groups.filter(|groups| random_folds == Some(groups.split.folds));
-                let random = dealt.map(|groups| groups.random.clone()).unwrap_or_default();
-                let grouped = groups.map(|of| Ok((of.by, SumsByGroup::new(exact, random)?)));
-                RowSums::Exact(total, grouped.transpose().map_err(MergeError::NotExact)?)
+        let sums = match &self.sums {
+            Sums::Exact(_) => {
+                let is_dealt = random_folds == Some(split.folds);
+                let random = if is_dealt { random.clone() } else { Vec::new() };
+                let sums = SumsByGroup::new(exact, random).map_err(MergeError::NotExact)?;
+                GroupedSums::Exact(sums)
             }
-            Sums::Factored(total) => {
-                let grouped = groups.map(|of| (of.by, FactoredGroups { groups: factored }));
-                RowSums::Factored(total, grouped)
-            }
-        })
+            Sums::Factored(_) => GroupedSums::Factored(FactoredGroups { groups: factored }),
+        };
+        Ok(Some((*by, sums)))
     }
 
     /// Sorts sources by name, and groups by their first rows. Without groups no result depends on the order,

@@ -10,14 +10,13 @@
 mod document;
 mod groups;
 mod stream;
-mod sums;
 
 pub use self::groups::{PartialGroup, PartialGroups};
 pub use self::stream::PartialStream;
-pub use self::sums::Sums;
 use super::{Role, SourceFile};
 use calibration::exact::ExactError;
 use calibration::model::Model;
+pub use calibration::sums::RowSums as Sums;
 use calibration::validation::grouped::MAX_GROUPS;
 use serde::{Deserialize, Serialize};
 use shell_data::ColumnNames;

@@ -10,7 +10,6 @@ use super::refits::{
 };
 use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
 use least_squares::error::FitError;
-use least_squares::exact::ExactSums;
 use least_squares::factored::FactoredGroups;
 use least_squares::grouped_rows::GroupedRows;
 use least_squares::grouped_rows::MAX_GROUPS;
@@ -18,23 +17,14 @@ use least_squares::model::{Basis, Model};
 use least_squares::random_split::RandomSplit;
 use least_squares::scaling::Scaling;
 use least_squares::solver::SolverKind;
-use least_squares::validation::cross_validation::{CrossValidation, cross_validate};
+use least_squares::sums::GroupedSums;
+use least_squares::validation::cross_validation::CrossValidation;
 use least_squares::validation::grouped::{Apart, SumsByGroup};
-use least_squares::validation::selection::{self, Advice, Candidate, Selection};
-use shell_data::block::Block;
+use least_squares::validation::selection::{self, Advice, Selection};
 use shell_data::dataset::{Dataset, RowSet};
 
 /// The fewest groups that standard errors come from unless they are asked for by name.
 const FEWEST_GROUPS: usize = 10;
-
-/// What standard errors by group are made of where exact sums do not serve the solver.
-#[derive(Clone, Debug)]
-pub(super) enum Clusters {
-    /// R factors of the rows, and where groups are stretches of time those that are held out together.
-    RFactors { rows: FactoredGroups, held_out_together: Option<Vec<Range<usize>>> },
-    /// The rows with their labels, for a solver that clips them.
-    Rows(Block),
-}
 
 /// The model that is to be fitted, and what is known of it before.
 #[derive(Clone, Debug, Default)]
@@ -49,10 +39,12 @@ pub(super) struct ModelChoice {
     pub(super) cross_validation: Option<CrossValidation>,
     /// What either says to do.
     pub(super) advice: Option<Advice>,
-    /// The sums of the training rows, by group, where they were made.
-    pub(super) sums: Option<SumsByGroup>,
-    /// What standard errors by group are made of, where that is not the sums.
-    pub(super) clusters: Option<Clusters>,
+    /// The sums of the training rows, by the groups that are held out, where they were made.
+    pub(super) sums: Option<GroupedSums>,
+    /// What the covariance by group is found from, where those sums do not suit the solver or the groups.
+    pub(super) own_sums: Option<GroupedSums>,
+    /// Which groups are held out together for the covariance, where they are stretches of time.
+    pub(super) stretches: Option<Vec<Range<usize>>>,
     /// What the groups are.
     pub(super) group_by: Option<GroupBy>,
     /// The rows that are used, with the labels of these groups.
@@ -73,19 +65,26 @@ impl ModelChoice {
         self.selection = Some(selection);
     }
 
+    /// What a covariance by group is found from.
+    pub(super) fn covariance_sums(&self) -> Option<&GroupedSums> {
+        self.own_sums.as_ref().or(self.sums.as_ref())
+    }
+
     /// The groups that were found, where they are not given.
     pub(super) fn found_groups(&self) -> Option<FoundGroups> {
-        let is_used = self.sums.is_some()
-            || matches!(self.clusters, Some(Clusters::RFactors { .. }))
-            || self.cross_validation.is_some();
+        let are_sums = self.covariance_sums().is_some_and(|sums| !sums.are_rows());
+        let is_used = are_sums || self.sums.is_some() || self.cross_validation.is_some();
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
 
-    /// Whether groups are stretches of time, on average of half as many rows as the model has features: what each adds to
-    /// the scatter of all is little then.
-    pub(super) fn has_long_stretches(&self, groups: usize, rows: u64, model: &Model) -> bool {
-        let are_long = 2 * rows >= (groups * model.term_count()) as u64;
-        are_long && self.group_by.is_some_and(|by| by.is_stretches())
+    /// Holds out each stretch of time alone for the covariance, if the groups of `sums` are stretches, on average of half as
+    /// many rows as the model has features: what each adds to the scatter of all is little then.
+    fn set_stretches(&mut self, sums: &GroupedSums, model: &Model) {
+        let groups = sums.groups();
+        let are_long = 2 * sums.rows() >= (groups * model.term_count()) as u64;
+        let are_stretches = self.group_by.is_some_and(|by| by.is_stretches());
+        let each_alone = || (0..groups).map(|group| group..group + 1).collect();
+        self.stretches = (are_long && are_stretches).then(each_alone);
     }
 }
 
@@ -134,6 +133,15 @@ impl FitInput<'_> {
 
 /// Chooses the model, validates it, and finds how rows err together: as much of it as is asked for.
 ///
+/// | step | rows that sum exactly | other rows, or memory terms |
+/// | --- | --- | --- |
+/// | family of features | exact sums, whatever the solver | normal equations by fold: three digits are enough |
+/// | held-out errors | exact sums, if they solve or the family was chosen | R factors by fold; Huber's estimator fits again |
+/// | covariance by group | exact sums, if they solve | R factors by group; Huber's estimator keeps the rows |
+///
+/// Solvers other than the exact one take the last column with any rows, but for the family. Where files of motion were held
+/// out, the covariance is that of stretches of these, by R factors.
+///
 /// # Errors
 /// [`FitError`] if rows cannot be summed, or there are no groups to hold out.
 pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
@@ -159,7 +167,7 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
         options.choose_family(&mut choice, &rows)?;
     }
     match options.sum(&choice, &rows) {
-        Ok(Some(sums)) => choice = options.decide(choice, sums)?,
+        Ok(Some(sums)) => choice = options.decide(choice, GroupedSums::Exact(sums))?,
         Ok(None) if validates => {
             let model = (choice.basis, choice.ridge);
             let found = refits::cross_validate(&rows, options.held_out(), model, options)?;
@@ -174,9 +182,9 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
     }
     let sums_serve = options.solver == SolverKind::Exact && choice.sums.is_some();
     if choice.by_group && !sums_serve {
-        choice = options.cluster(choice, &rows)?;
+        options.sum_for_solver(&mut choice, &rows)?;
     }
-    options.cluster_files(&mut choice)?;
+    options.sum_stretches_of_files(&mut choice)?;
     Ok(choice)
 }
 
@@ -233,7 +241,7 @@ impl FitOptions<'_> {
         let few = few_by_fold(&GroupedRows::from_labels(rows).0, MOST_COMPARED)?.to_dataset();
         let apart = (Apart::Groups, RandomSplit::default());
         match sum_groups(&few, choice.basis, apart, self.workers) {
-            Ok(sums) => self.select(choice, &sums),
+            Ok(sums) => self.select(choice, &GroupedSums::Exact(sums)),
             Err(FitError::NotExact(_)) => {
                 choice.take(select_by_normal_equations(rows, self)?);
                 Ok(())
@@ -257,18 +265,18 @@ impl FitOptions<'_> {
     pub(super) fn decide(
         &self,
         mut choice: ModelChoice,
-        sums: SumsByGroup,
+        sums: GroupedSums,
     ) -> Result<ModelChoice, FitError> {
-        let channels = sums.total().map_or(0, ExactSums::channels);
-        let model = self.model_without_memory(choice.basis, channels);
-        self.test_group_count(&mut choice, &model, sums.groups.len());
+        let model = self.model_without_memory(choice.basis, sums.channels());
+        self.test_group_count(&mut choice, &model, sums.groups());
         if self.validation().is_some() {
-            let found = cross_validate(&sums, &model, choice.ridge, self.folds(sums.group_count))?;
-            choice.cross_validation = Some(found);
+            let folds = self.folds(sums.group_count());
+            choice.cross_validation = Some(sums.cross_validate(&model, choice.ridge, folds)?);
             if choice.advice.is_none() {
-                choice.advice = advice(&sums, &model, choice.ridge)?;
+                choice.advice = sums.advice(&model, choice.ridge)?;
             }
         }
+        choice.set_stretches(&sums, &model);
         choice.sums = Some(sums);
         Ok(choice)
     }
@@ -287,11 +295,11 @@ impl FitOptions<'_> {
     pub(super) fn select(
         &self,
         choice: &mut ModelChoice,
-        sums: &SumsByGroup,
+        sums: &GroupedSums,
     ) -> Result<(), FitError> {
-        let tried = selection::select(sums, self.intercept, self.ridges())?;
-        choice.advice = Some(Advice::new(&tried, None));
-        choice.take(tried.selection);
+        let (selection, advice) = sums.select(self.intercept, self.ridges())?;
+        choice.advice = advice;
+        choice.take(selection);
         Ok(())
     }
 
@@ -300,29 +308,13 @@ impl FitOptions<'_> {
         if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
     }
 
-    /// Adds to a choice the R factors that standard errors come from.
-    pub(super) fn decide_by_r_factors(
-        &self,
-        mut choice: ModelChoice,
-        rows: FactoredGroups,
-        model: &Model,
-    ) -> ModelChoice {
-        self.test_group_count(&mut choice, model, rows.groups.len());
-        let each_alone = || (0..rows.groups.len()).map(|group| group..group + 1).collect();
-        let all_rows = rows.groups.iter().map(|(_, rows)| rows.rows()).sum();
-        let are_long = choice.has_long_stretches(rows.groups.len(), all_rows, model);
-        let held_out_together = are_long.then(each_alone);
-        choice.clusters = Some(Clusters::RFactors { rows, held_out_together });
-        choice
-    }
-
     /// The R factors of labelled rows by group. Where they cannot be had, `choice` knows why: better standard errors were
     /// not asked for by name.
     fn factor_groups(
         &self,
         choice: &mut ModelChoice,
         data: &Dataset,
-    ) -> Result<Option<FactoredGroups>, FitError> {
+    ) -> Result<Option<GroupedSums>, FitError> {
         let model = Model { intercept: true, ..self.model_of(data, choice.basis) };
         model.check_size()?;
         let sample = data.logs.first().map_or(&[][..], |log| &log.sample.readings);
@@ -333,12 +325,12 @@ impl FitOptions<'_> {
                 (choice.by_group, choice.not_grouped) = (false, Some(reason));
                 Ok(None)
             }
-            rows => rows.map(Some),
+            rows => Ok(Some(GroupedSums::Factored(rows?))),
         }
     }
 
     /// Where files of motion were held out, standard errors and intervals come from stretches of these.
-    fn cluster_files(&self, choice: &mut ModelChoice) -> Result<(), FitError> {
+    fn sum_stretches_of_files(&self, choice: &mut ModelChoice) -> Result<(), FitError> {
         let is_served = self.validates()
             && self.covariance == CovarianceRule::Auto
             && self.solver != SolverKind::Huber
@@ -346,29 +338,29 @@ impl FitOptions<'_> {
         let Some(rows) = choice.labelled.as_ref().filter(|_| is_served) else { return Ok(()) };
         let Some((rows, files)) = stretches_of_files(rows) else { return Ok(()) };
         let most = files.len().div_ceil(FOLDS);
-        let held_out_together = Some(match files.len() {
+        choice.stretches = Some(match files.len() {
             0..=MOST_ALONE => files,
             _ => files.chunks(most).map(|of| of[0].start..of[of.len() - 1].end).collect(),
         });
         choice.by_group = true;
-        let rows = self.factor_groups(choice, &rows)?;
-        choice.clusters = rows.map(|rows| Clusters::RFactors { rows, held_out_together });
+        choice.own_sums = self.factor_groups(choice, &rows)?;
         Ok(())
     }
 
-    /// Keeps the labelled rows as the solver's standard errors by group need them.
-    fn cluster(&self, mut choice: ModelChoice, rows: &Dataset) -> Result<ModelChoice, FitError> {
-        if self.solver != SolverKind::Huber {
+    /// Keeps what the solver's standard errors by group need of the labelled rows, where the sums of groups that are held
+    /// out do not serve it.
+    fn sum_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) -> Result<(), FitError> {
+        let own_sums = match self.solver {
+            SolverKind::Huber => Some(GroupedSums::Rows(rows_in_one(rows))),
+            _ => self.factor_groups(choice, rows)?,
+        };
+        if let Some(sums) = &own_sums {
             let model = self.model_of(rows, choice.basis);
-            return Ok(match self.factor_groups(&mut choice, rows)? {
-                Some(rows) => self.decide_by_r_factors(choice, rows, &model),
-                None => choice,
-            });
+            self.test_group_count(choice, &model, sums.groups());
+            choice.set_stretches(sums, &model);
         }
-        let model = self.model_without_memory(choice.basis, rows.channels());
-        self.test_group_count(&mut choice, &model, GroupedRows::from_labels(rows).1.len());
-        choice.clusters = Some(Clusters::Rows(rows_in_one(rows)));
-        Ok(choice)
+        choice.own_sums = own_sums;
+        Ok(())
     }
 
     /// Whether so many groups can tell how the coefficients of `model` scatter.
@@ -380,15 +372,4 @@ impl FitOptions<'_> {
             choice.few_groups = FewGroups::new(model.term_count(), groups);
         }
     }
-}
-
-/// What to say of the model that was asked for beside the smaller ones that the same sums serve; `None`
-/// if there is none, or it cannot be fitted without one of the folds.
-fn advice(sums: &SumsByGroup, model: &Model, ridge: f64) -> Result<Option<Advice>, FitError> {
-    let tried = selection::select(sums, model.intercept, &[ridge])?;
-    let candidates = &tried.selection.candidates;
-    let is_given =
-        |candidate: &Candidate| candidate.basis == model.basis && candidate.errors.is_some();
-    let given = candidates.iter().position(is_given).filter(|_| candidates.len() > 1);
-    Ok(given.map(|given| Advice::new(&tried, Some(given))))
 }

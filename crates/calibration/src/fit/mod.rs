@@ -54,7 +54,7 @@ pub use self::outcome::Outcome;
 pub use self::outlier_search::find_outliers;
 pub use self::outliers::{Outlier, OutlierColumn, Outliers, Reason, RowName};
 pub use self::physics::{ModelComparison, PhysicsFit};
-pub use self::polynomial::{RowSums, fit_sums};
+pub use self::polynomial::fit_sums;
 pub use self::refits::{RANDOM_FOLDS, random_split, sum_groups};
 pub use self::screen::Screen;
 pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};

@@ -15,6 +15,7 @@ use least_squares::error::FitError;
 use least_squares::model::{Basis, Model};
 use least_squares::quality::{in_units, significant};
 use least_squares::reading_ranges::ReadingRanges;
+use least_squares::sums::GroupedSums;
 use least_squares::validation::comparison::Comparison;
 use least_squares::validation::cross_validation::{CrossValidation, HeldOutQuality, assign_groups};
 use least_squares::validation::grouped::SumsByGroup;
@@ -194,6 +195,7 @@ impl ModelComparison {
     ) -> Result<Option<(Self, Option<TriedPhysics>)>, FitError> {
         let options = input.options;
         let sums = choice.sums.as_ref().filter(|_| choice.selection.is_some());
+        let sums = sums.and_then(GroupedSums::exact);
         // Of sets of groups nobody knows which rows they have.
         let sums = sums.filter(|sums| sums.group_count == sums.groups.len());
         let Some(sums) = sums else { return Ok(None) };

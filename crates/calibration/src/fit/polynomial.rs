@@ -4,7 +4,7 @@
 
 use std::mem::take;
 
-use super::choice::{Clusters, FitInput, ModelChoice};
+use super::choice::{FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
 use super::options::{CovarianceRule, FitOptions};
 use super::outlier_search::{KnownFit, name_outliers};
@@ -14,13 +14,11 @@ use super::{Fit, FitMethod};
 use crate::conversion::Calibration;
 use crate::validation::outliers::{RowTest, Spread, TestedRow};
 use least_squares::error::FitError;
-use least_squares::exact::ExactSums;
-use least_squares::factored::{FactoredGroups, FactoredRows};
 use least_squares::methods::Method;
 use least_squares::passes::Rows;
 use least_squares::solver::{Solution, SolverKind};
+use least_squares::sums::{GroupedSums, RowSums, SolvedSums};
 use least_squares::uncertainty::{Covariance, ErrorShape};
-use least_squares::validation::factored;
 use least_squares::validation::grouped::{GroupKind, SumsByGroup};
 use shell_data::dataset::Dataset;
 use shell_data::fingerprint::Fingerprint;
@@ -37,24 +35,10 @@ fn covariance(
         return (None, None);
     }
     let by_rows = || Covariance::from_rows(solution);
-    let (ridge, workers) = (choice.ridge, options.workers);
-    let found = match (&choice.clusters, &choice.sums) {
-        _ if !choice.by_group => return (by_rows(), None),
-        (Some(Clusters::Rows(rows)), _) => {
-            Covariance::from_clipped_groups(rows, solution, ridge, workers)
-        }
-        (Some(Clusters::RFactors { rows, held_out_together }), _) => {
-            let method = Method { solver, truncate: options.truncate };
-            let together = held_out_together.as_deref();
-            Covariance::from_factored(rows, together, solution, (method, ridge), workers)
-        }
-        (None, Some(sums)) => {
-            let are_long =
-                choice.has_long_stretches(sums.groups.len(), solution.rows, &solution.model);
-            Covariance::from_groups(sums, &solution.model, ridge, are_long, workers)
-        }
-        (None, None) => return (by_rows(), None),
-    };
+    let sums = choice.covariance_sums().filter(|_| choice.by_group);
+    let Some(sums) = sums else { return (by_rows(), None) };
+    let by = (Method { solver, truncate: options.truncate }, choice.ridge);
+    let found = sums.covariance(solution, by, choice.stretches.as_deref(), options.workers);
     match found {
         Ok(covariance) => (Some(covariance), None),
         Err(error) => (by_rows(), Some(error)),
@@ -80,7 +64,7 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
         ridge: choice.ridge,
         truncate: options.truncate,
     };
-    let total = choice.sums.as_ref().and_then(SumsByGroup::total);
+    let total = choice.sums.as_ref().and_then(GroupedSums::exact).and_then(SumsByGroup::total);
     let sample = train.logs.first().map(|log| &log.sample);
     let solved = solve(&problem, total, &Rows::new(&train, options.workers), sample)?;
     let Solved { solution, ranges, solver, not_exact, .. } = &solved;
@@ -128,50 +112,33 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     Ok(fitted.with_errors(train, test, [errors, of_tests], options))
 }
 
-/// What is kept of rows, and apart by group.
-#[derive(Clone, Debug)]
-#[expect(clippy::large_enum_variant, reason = "there is one of them, for one call")]
-pub enum RowSums<'a> {
-    /// Exact sums.
-    Exact(&'a ExactSums, Option<(GroupKind, SumsByGroup)>),
-    /// R factors.
-    Factored(&'a FactoredRows, Option<(GroupKind, FactoredGroups)>),
-}
-
-/// Fits a calibration of `axes` to what is kept of some rows. Of a physics model or outliers it knows nothing.
+/// Fits a calibration of `axes` to what is kept of some rows, all together and by group. Of a physics model or outliers it
+/// knows nothing.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients, or something is asked of groups
 /// where there are none.
-pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Result<Fit, FitError> {
-    let none = || match options.validates() || options.covariance == CovarianceRule::Groups {
-        true => Err(FitError::NoGroupSums),
-        false => Ok(options.open(None)),
-    };
-    let (choice, solver, solution, ranges, train) = match sums {
-        RowSums::Exact(total, groups) => {
-            let decide = |(by, sums): (GroupKind, SumsByGroup)| {
-                let mut choice = options.open(Some(by.into()));
-                if options.basis().is_none() {
-                    options.select(&mut choice, &sums)?;
-                }
-                options.decide(choice, sums)
-            };
-            let choice = groups.map_or_else(none, decide)?;
-            let model = options.model_without_memory(choice.basis, total.channels());
-            let fit = total.solve(&model, choice.ridge)?;
-            let train = fit.quality(total);
-            (choice, SolverKind::Exact, fit.solution, total.reading_ranges(), train)
+pub fn fit_sums(
+    total: &RowSums,
+    groups: Option<(GroupKind, GroupedSums)>,
+    axes: Axes,
+    options: &FitOptions<'_>,
+) -> Result<Fit, FitError> {
+    let choice = match groups {
+        Some((by, sums)) => {
+            let mut choice = options.open(Some(by.into()));
+            if options.basis().is_none() {
+                options.select(&mut choice, &sums)?;
+            }
+            options.decide(choice, sums)?
         }
-        // Of rows that could not be summed exactly.
-        RowSums::Factored(total, groups) => {
-            let choice = groups.map_or_else(none, |groups| choose_r_factors(groups, options))?;
-            let model = options.model_without_memory(choice.basis, total.model().channels);
-            let solution = total.solve(&model, choice.ridge)?;
-            let train = total.quality(&solution).ok_or(FitError::NoRows)?;
-            (choice, SolverKind::Tsqr, solution, total.ranges.clone(), train)
+        None if options.validates() || options.covariance == CovarianceRule::Groups => {
+            return Err(FitError::NoGroupSums);
         }
+        None => options.open(None),
     };
+    let model = options.model_without_memory(choice.basis, total.channels());
+    let SolvedSums { solution, quality, ranges, solver } = total.solve(&model, choice.ridge)?;
     let mut calibration = Calibration::from_solution(&solution, &ranges);
     calibration.axes = axes;
     let (covariance, not_grouped) = covariance(&solution, solver, &choice, options);
@@ -179,28 +146,7 @@ pub fn fit_sums(sums: RowSums<'_>, axes: Axes, options: &FitOptions<'_>) -> Resu
     let warnings = options.warn_of_groups(&choice, not_grouped)?.collect();
     let rows = solution.rows;
     let how = FitMethod::Polynomial { solution: Box::new(solution), solver, truncate: None };
-    Ok(Fit { warnings, ..Fit::new(calibration, choice, how, rows, train) })
-}
-
-fn choose_r_factors(
-    (by, groups): (GroupKind, FactoredGroups),
-    options: &FitOptions<'_>,
-) -> Result<ModelChoice, FitError> {
-    let mut choice = options.open(Some(by.into()));
-    let channels = groups.groups.first().map_or(0, |(_, rows)| rows.model().channels);
-    if options.basis().is_none() {
-        choice.take(factored::select(&groups, options.intercept, options.ridges())?);
-    }
-    let model = options.model_without_memory(choice.basis, channels);
-    if options.validation().is_some() {
-        let folds = options.folds(groups.groups.len());
-        let found = factored::cross_validate(&groups, &model, choice.ridge, folds)?;
-        choice.cross_validation = Some(found);
-    }
-    Ok(match choice.by_group {
-        true => options.decide_by_r_factors(choice, groups, &model),
-        false => choice,
-    })
+    Ok(Fit { warnings, ..Fit::new(calibration, choice, how, rows, quality) })
 }
 
 /// Refuses a log that has the rows of one before it.

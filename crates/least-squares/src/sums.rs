@@ -1,0 +1,309 @@
+//! What is kept of rows, all together and by group, whatever kind it is.
+//!
+//! | kind | rows | held out | why it is there |
+//! | --- | --- | --- | --- |
+//! | [`ExactSums`] | integers, or decimals of few digits | subtracted exactly | the same bits in any order |
+//! | [R factors](crate::factored) | any | the others are merged | sums of rounded products would cancel |
+//! | copies of rows | any, with a solver that clips them | fitted again | the clipped rows differ from fit to fit |
+//!
+//! Callers fit, hold groups out, choose a model and get a covariance by [`RowSums`] and [`GroupedSums`], and need not know
+//! which kind they have.
+
+use std::collections::HashSet;
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{ExactError, FitError};
+use crate::exact::ExactSums;
+use crate::factored::{FactoredGroups, FactoredRows};
+use crate::methods::Method;
+use crate::model::Model;
+use crate::passes::Workers;
+use crate::quality::AxisQuality;
+use crate::reading_ranges::ReadingRanges;
+use crate::solution::Solution;
+use crate::solver::SolverKind;
+use crate::uncertainty::Covariance;
+use crate::validation::cross_validation::{CrossValidation, cross_validate};
+use crate::validation::factored;
+use crate::validation::grouped::SumsByGroup;
+use crate::validation::selection::{self, Advice, Candidate, Selection};
+use shell_data::block::Block;
+use shell_data::wrench::PerAxis;
+
+/// What is kept of some rows, in memory and in a document.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "SumsDocument")]
+pub enum RowSums {
+    /// Exact sums: merged in any order they are the same, bit for bit.
+    #[serde(rename = "moments")]
+    Exact(ExactSums),
+    /// The R factor of rows that cannot be summed exactly: merged in another order it differs in its last digits.
+    #[serde(rename = "triangle")]
+    Factored(FactoredRows),
+}
+
+/// The fields of a document, one of which has them.
+#[derive(Deserialize)]
+struct SumsDocument {
+    moments: Option<ExactSums>,
+    triangle: Option<FactoredRows>,
+}
+
+impl TryFrom<SumsDocument> for RowSums {
+    type Error = &'static str;
+
+    fn try_from(SumsDocument { moments, triangle }: SumsDocument) -> Result<Self, Self::Error> {
+        match (moments, triangle) {
+            (Some(moments), None) => Ok(Self::Exact(moments)),
+            (None, Some(triangle)) => Ok(Self::Factored(triangle)),
+            (None, None) => Err("missing field `moments` or `triangle`"),
+            (Some(_), Some(_)) => Err("it has both `moments` and `triangle`"),
+        }
+    }
+}
+
+/// A solution of what is kept of some rows.
+#[derive(Clone, Debug)]
+pub struct SolvedSums {
+    /// The solution.
+    pub solution: Solution,
+    /// Errors on the same rows.
+    pub quality: PerAxis<AxisQuality>,
+    /// The ranges of the readings.
+    pub ranges: ReadingRanges,
+    /// The solver.
+    pub solver: SolverKind,
+}
+
+impl RowSums {
+    /// Number of rows.
+    pub fn rows(&self) -> u64 {
+        match self {
+            Self::Exact(sums) => sums.rows(),
+            Self::Factored(rows) => rows.rows(),
+        }
+    }
+
+    /// Number of channels.
+    pub fn channels(&self) -> usize {
+        match self {
+            Self::Exact(sums) => sums.channels(),
+            Self::Factored(rows) => rows.model().channels,
+        }
+    }
+
+    /// Whether they are of the features of a model.
+    pub fn suit(&self, model: &Model) -> bool {
+        let basis = match self {
+            Self::Exact(sums) => sums.basis(),
+            Self::Factored(rows) => rows.model().basis,
+        };
+        (self.channels(), basis) == (model.channels, model.basis)
+    }
+
+    /// The field of a document that has them.
+    pub fn field(&self) -> &'static str {
+        match self {
+            Self::Exact(_) => "moments",
+            Self::Factored(_) => "triangle",
+        }
+    }
+
+    /// What they are called.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Exact(_) => "exact sums",
+            Self::Factored(_) => "R factors",
+        }
+    }
+
+    /// Adds the rows of `other`, of the same features.
+    ///
+    /// # Errors
+    /// [`ExactError`] if both together cannot be summed exactly.
+    ///
+    /// # Panics
+    /// If `other` is of another [kind](Self::kind), or of other features.
+    pub fn merge(&mut self, other: &Self) -> Result<(), ExactError> {
+        match (&mut *self, other) {
+            (Self::Exact(own), Self::Exact(other)) => own.merge(other)?,
+            (Self::Factored(own), Self::Factored(other)) => own.merge(other),
+            (own, other) => panic!("{} cannot be added to {}", other.kind(), own.kind()),
+        }
+        Ok(())
+    }
+
+    /// Fits `model` with λ = `ridge`.
+    ///
+    /// # Errors
+    /// [`FitError`] if the rows do not determine the coefficients, or lack features of the model.
+    pub fn solve(&self, model: &Model, ridge: f64) -> Result<SolvedSums, FitError> {
+        match self {
+            Self::Exact(sums) => {
+                let fit = sums.solve(model, ridge)?;
+                let (quality, ranges) = (fit.quality(sums), sums.reading_ranges());
+                Ok(SolvedSums {
+                    solution: fit.solution,
+                    quality,
+                    ranges,
+                    solver: SolverKind::Exact,
+                })
+            }
+            Self::Factored(rows) => {
+                let solution = rows.solve(model, ridge)?;
+                let quality = rows.quality(&solution).ok_or(FitError::NoRows)?;
+                let ranges = rows.ranges.clone();
+                Ok(SolvedSums { solution, quality, ranges, solver: SolverKind::Tsqr })
+            }
+        }
+    }
+}
+
+/// What is kept of rows by group.
+#[derive(Clone, Debug)]
+pub enum GroupedSums {
+    /// Exact sums.
+    Exact(SumsByGroup),
+    /// R factors.
+    Factored(FactoredGroups),
+    /// The rows with their labels, for Huber's estimator: what a row counts depends on the fit, so sums of rows that were
+    /// clipped by one fit say nothing of a fit without a group.
+    Rows(Block),
+}
+
+impl GroupedSums {
+    /// Number of groups that are kept apart.
+    pub fn groups(&self) -> usize {
+        match self {
+            Self::Exact(sums) => sums.groups.len(),
+            Self::Factored(rows) => rows.groups.len(),
+            Self::Rows(block) => {
+                let with_rows = block.groups.iter().filter(|(_, rows)| *rows > 0);
+                with_rows.map(|(label, _)| label).collect::<HashSet<_>>().len()
+            }
+        }
+    }
+
+    /// Number of groups that there are: more than are kept apart where sets of them were summed.
+    pub fn group_count(&self) -> usize {
+        match self {
+            Self::Exact(sums) => sums.group_count,
+            _ => self.groups(),
+        }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> u64 {
+        match self {
+            Self::Exact(sums) => sums.total().map_or(0, ExactSums::rows),
+            Self::Factored(rows) => rows.groups.iter().map(|(_, rows)| rows.rows()).sum(),
+            Self::Rows(block) => block.rows as u64,
+        }
+    }
+
+    /// Number of channels; 0 without groups.
+    pub fn channels(&self) -> usize {
+        match self {
+            Self::Exact(sums) => sums.total().map_or(0, ExactSums::channels),
+            Self::Factored(rows) => {
+                rows.groups.first().map_or(0, |(_, rows)| rows.model().channels)
+            }
+            Self::Rows(block) => block.readings.len() - block.memory_columns,
+        }
+    }
+
+    /// The exact sums, if that is what was kept.
+    pub fn exact(&self) -> Option<&SumsByGroup> {
+        match self {
+            Self::Exact(sums) => Some(sums),
+            Self::Factored(_) | Self::Rows(_) => None,
+        }
+    }
+
+    /// Whether rows themselves were kept.
+    pub fn are_rows(&self) -> bool {
+        matches!(self, Self::Rows(_))
+    }
+
+    /// The errors of `model` with λ = `ridge` on each group, or each of so many folds of groups, of fits without it.
+    ///
+    /// # Errors
+    /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit; [`FitError::NoGroupSums`] where
+    /// rows themselves were kept.
+    pub fn cross_validate(
+        &self,
+        model: &Model,
+        ridge: f64,
+        folds: Option<usize>,
+    ) -> Result<CrossValidation, FitError> {
+        match self {
+            Self::Exact(sums) => cross_validate(sums, model, ridge, folds),
+            Self::Factored(rows) => factored::cross_validate(rows, model, ridge, folds),
+            Self::Rows(_) => Err(FitError::NoGroupSums),
+        }
+    }
+
+    /// Compares all families of features that were kept by their errors on folds of groups, each with `ridges` and, where
+    /// the largest is best, larger ones. R factors give no advice: the errors on each fold are too dear to find twice.
+    ///
+    /// # Errors
+    /// [`FitError`] if there are too few groups, or no model can be fitted; [`FitError::NoGroupSums`] where rows themselves
+    /// were kept.
+    pub fn select(
+        &self,
+        intercept: bool,
+        ridges: &[f64],
+    ) -> Result<(Selection, Option<Advice>), FitError> {
+        match self {
+            Self::Exact(sums) => {
+                let tried = selection::select(sums, intercept, ridges)?;
+                let advice = Advice::new(&tried, None);
+                Ok((tried.selection, Some(advice)))
+            }
+            Self::Factored(rows) => Ok((factored::select(rows, intercept, ridges)?, None)),
+            Self::Rows(_) => Err(FitError::NoGroupSums),
+        }
+    }
+
+    /// What to say of `model` beside the smaller ones that were kept; `None` if there are none, it cannot be fitted without
+    /// one of the folds, or finding out would take as long as the fit.
+    ///
+    /// # Errors
+    /// As [`select`](Self::select).
+    pub fn advice(&self, model: &Model, ridge: f64) -> Result<Option<Advice>, FitError> {
+        let Self::Exact(sums) = self else { return Ok(None) };
+        let tried = selection::select(sums, model.intercept, &[ridge])?;
+        let candidates = &tried.selection.candidates;
+        let is_given =
+            |candidate: &Candidate| candidate.basis == model.basis && candidate.errors.is_some();
+        let given = candidates.iter().position(is_given).filter(|_| candidates.len() > 1);
+        Ok(given.map(|given| Advice::new(&tried, Some(given))))
+    }
+
+    /// The covariance of a solution by `method` of all these rows, errors being alike within groups. `ridge` is what was
+    /// asked for. Groups that are stretches of time are held out together as `stretches` says; exact sums hold each out
+    /// alone.
+    ///
+    /// # Errors
+    /// [`FitError`] if there are too few groups, or without one of them the model cannot be fitted.
+    pub fn covariance(
+        &self,
+        solution: &Solution,
+        (method, ridge): (Method, f64),
+        stretches: Option<&[Range<usize>]>,
+        workers: Workers<'_>,
+    ) -> Result<Covariance, FitError> {
+        match self {
+            Self::Exact(sums) => {
+                let are_stretches = stretches.is_some();
+                Covariance::from_groups(sums, &solution.model, ridge, are_stretches, workers)
+            }
+            Self::Factored(rows) => {
+                Covariance::from_factored(rows, stretches, solution, (method, ridge), workers)
+            }
+            Self::Rows(block) => Covariance::from_clipped_groups(block, solution, ridge, workers),
+        }
+    }
+}
