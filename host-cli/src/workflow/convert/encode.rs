@@ -1,4 +1,4 @@
-//! Converted frames as what is written of them, on any thread and then in order.
+//! Encoding of converted frames, on any thread, and their output in order.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -17,16 +17,16 @@ use crate::workflow::WorkflowError;
 const WRENCH_TOPIC: &str = "/wrench";
 const DETAILS_TOPIC: &str = "/wrench/details";
 
-/// How many rows are written together where a table has parts.
+/// Number of rows per part of a table that has parts.
 const PART_ROWS: usize = 1 << 16;
 
-/// What makes bytes of frames, on any thread.
+/// Encodes frames, on any thread.
 pub(super) struct Encoder<'a> {
     pub(super) table: WrenchTable,
     pub(super) format: &'a OutputFormat,
 }
 
-/// Some frames, as they are written.
+/// Encoded frames.
 pub(super) enum EncodedFrames {
     Text(Vec<u8>),
     Columns(Vec<Cells<'static>>),
@@ -54,7 +54,7 @@ impl Encoder<'_> {
 
     fn chunk(&self, frames: &ConvertedFrames, frame_id: &str) -> Result<McapChunk, WorkflowError> {
         let numbers = self.table.numbers(frames);
-        // The names as they stand in every message, after the brace or comma.
+        // The names as written in every message, after the brace or comma.
         let key = |(name, _): (String, bool)| Ok(format!("{}:", serde_json::to_string(&name)?));
         let keys: Vec<String> = self.details().map(key).collect::<io::Result<_>>()?;
         let readings = frames.readings.iter().map(Vec::as_slice);
@@ -62,7 +62,7 @@ impl Encoder<'_> {
         let (of_numbers, of_texts) = keys.split_at(columns.len());
         let details: Vec<(&String, &[f64])> = of_numbers.iter().zip(columns).collect();
         let texts: Vec<_> = of_texts.iter().zip(&frames.texts).collect();
-        // Two messages with their heads; numbers have up to 24 digits.
+        // Two messages with their headers; numbers have up to 24 digits.
         let names: usize = details.iter().map(|(name, _)| name.len() + 25).sum();
         let mut chunk = McapChunk::with_capacity(frames.len() * (160 + frame_id.len() + names));
         let mut digits = zmij::Buffer::new();
@@ -81,7 +81,7 @@ impl Encoder<'_> {
                 json.push(b'{');
                 for (name, values) in &details {
                     json.extend_from_slice(name.as_bytes());
-                    // Compared where it stands: a call for two bytes takes longer than writing them.
+                    // Compared inline: a call for two bytes takes longer than writing them.
                     json.extend_from_slice(match digits.format(values[row]).as_bytes() {
                         [whole @ .., b'.', b'0'] => whole,
                         number => number,
@@ -90,7 +90,7 @@ impl Encoder<'_> {
                 }
                 for (name, values) in &texts {
                     json.extend_from_slice(name.as_bytes());
-                    // A text is always JSON.
+                    // A text can always be written as JSON.
                     json.extend(serde_json::to_vec(&values[row]).unwrap_or_default());
                     json.push(b',');
                 }
@@ -102,14 +102,14 @@ impl Encoder<'_> {
         Ok(chunk)
     }
 
-    /// What goes with a wrench, and whether it is text: the readings, and the columns but for time and wrench, which are
-    /// in messages of their own.
+    /// The details of a wrench, and whether each is text: the readings, and the columns other than time and
+    /// wrench, which go into the wrench message.
     fn details(&self) -> impl Iterator<Item = (String, bool)> {
         let readings = self.table.readings.iter().map(|name| (name.clone(), false));
         readings.chain(self.table.names().into_iter().skip(7))
     }
 
-    /// The JSON schema of what goes with a wrench.
+    /// The JSON schema of the details of a wrench.
     fn details_schema(&self) -> String {
         let details = self.details().chain([("flags".to_owned(), true)]);
         let kind = |is_text| if is_text { "string" } else { "number" };
@@ -124,9 +124,9 @@ impl Encoder<'_> {
     }
 }
 
-/// A time as whole nanoseconds, by its decimal digits: those are what is meant.
+/// A time as whole nanoseconds, from its decimal digits, which are the intended value.
 fn nanoseconds(time_s: f64) -> Option<u64> {
-    // The stamp of a message has 31 bits of seconds.
+    // The time stamp of a message has 31 bits of seconds.
     if !(0.0..2_147_483_648.0).contains(&time_s) {
         return None;
     }
@@ -140,14 +140,14 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
     Some(exact.unwrap_or((time_s * 1e9).round() as u64))
 }
 
-/// Where encoded frames go, in order.
+/// The output of encoded frames, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    /// With the rows that are not written yet.
+    /// The writer, and the rows that are still to be written.
     Parquet(ParquetWriter<&'a mut dyn Write>, Columns),
-    /// A table that begins with the number of rows, with all of them and what writes it.
+    /// A table that begins with the number of rows: the output, all rows, and the function that writes them.
     Whole(&'a mut dyn Write, Columns, WriteWhole),
-    /// With the frame whose mount is still to be written.
+    /// The writer, and the frame of reference whose mount is still to be written.
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
 }
 
@@ -156,7 +156,7 @@ type Columns = Vec<(String, Cells<'static>)>;
 type WriteWhole = fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>;
 
 impl<'a> EncodedOutput<'a> {
-    /// Writes what comes before the first frame.
+    /// Writes the part before the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
         let column = |(name, is_text)| match is_text {
             true => (name, Cells::Text(Cow::default())),
@@ -184,7 +184,7 @@ impl<'a> EncodedOutput<'a> {
         })
     }
 
-    /// Writes so many frames.
+    /// Writes `count` frames.
     pub(super) fn write(&mut self, count: usize, encoded: EncodedFrames) -> io::Result<()> {
         match (self, encoded) {
             (Self::Text(out), EncodedFrames::Text(text)) => out.write_all(&text),
@@ -196,7 +196,7 @@ impl<'a> EncodedOutput<'a> {
                 }
                 writer.write(&chunk)
             }
-            // An empty piece may lack columns.
+            // An empty block may lack columns.
             (_, EncodedFrames::Columns(_)) if count == 0 => Ok(()),
             (Self::Whole(_, rows, _), EncodedFrames::Columns(next)) => {
                 rows.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
@@ -214,7 +214,7 @@ impl<'a> EncodedOutput<'a> {
         }
     }
 
-    /// Writes what is left, and the end.
+    /// Writes the remaining rows and the end of the file.
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
             Self::Text(_) => Ok(()),
@@ -231,7 +231,7 @@ impl<'a> EncodedOutput<'a> {
     }
 }
 
-/// The static transform of the wrench's frame from this time on; empty if its mount is unknown.
+/// The static transform of the wrench's frame of reference from this time on; empty if its mount is unknown.
 fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
     let mut chunk = McapChunk::default();
     if let Some(mount) = &frame.mount {
@@ -243,7 +243,7 @@ fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
     chunk
 }
 
-/// Adds the rows that follow to a column of the same kind.
+/// Appends the following rows to a column of the same kind.
 fn append(column: &mut Cells<'static>, next: Cells<'static>) {
     match (column, next) {
         (Cells::Full(column), Cells::Full(next)) => column.to_mut().extend(next.iter()),
