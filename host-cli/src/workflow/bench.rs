@@ -129,7 +129,8 @@ pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<Mod
 /// The problem that all solvers get: in the basis that the exact solver chooses, so that coefficients are
 /// comparable.
 ///
-/// # Errors [`FitError`] if the rows do not determine the coefficients.
+/// # Errors
+/// [`FitError`] if the rows do not determine the coefficients.
 pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
     let first = blocks.first().map_or(&[][..], |block| &block.readings);
     let problem =
@@ -143,7 +144,8 @@ pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
 
 /// Solves from readings to coefficients; this is the timed part.
 ///
-/// # Errors As [`solver::fit`].
+/// # Errors
+/// As [`solver::fit`].
 pub fn solve(
     blocks: &[Block],
     kind: SolverKind,

@@ -21,7 +21,8 @@ const LOADED: f64 = 0.05;
 /// The uncertainty of a single frame, by source. A log of the `unloaded` sensor gives repeatability and
 /// drift; `reference` is the standard uncertainty of the reference, N and N·m.
 ///
-/// # Errors [`WorkflowError`] if the log of the unloaded sensor cannot be used.
+/// # Errors
+/// [`WorkflowError`] if the log of the unloaded sensor cannot be used.
 pub fn budget(
     file: &CalibrationFile,
     unloaded: Option<&Log>,

@@ -31,7 +31,8 @@ pub struct CheckedWeights {
 /// `named`, otherwise those of the calibration and those that a weight loads. If the table has a line without
 /// a load, its wrench is the zero.
 ///
-/// # Errors [`WorkflowError`].
+/// # Errors
+/// [`WorkflowError`].
 pub fn check_weights(
     file: &CalibrationFile,
     logs: &[Log],

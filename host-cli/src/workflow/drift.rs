@@ -45,7 +45,8 @@ pub struct DriftSummary {
 /// the channels and, with a calibration, for the wrench. `temperature` is the column of the temperature if it
 /// is not [`TEMPERATURE`].
 ///
-/// # Errors [`WorkflowError`].
+/// # Errors
+/// [`WorkflowError`].
 pub fn drift(
     log: &Log,
     calibration: Option<&Calibration>,

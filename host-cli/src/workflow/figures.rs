@@ -31,7 +31,8 @@ impl FigureFolder<'_> {
     /// Writes drag and lift over time, and the telemetry of some strides, of a trial with the trace of its
     /// whole log: `STEM.drag.svg`, `STEM.telemetry.svg`.
     ///
-    /// # Errors [`OutputError`] if a file cannot be written.
+    /// # Errors
+    /// [`OutputError`] if a file cannot be written.
     pub fn write_trial(
         &self,
         stem: &str,
@@ -52,7 +53,8 @@ impl FigureFolder<'_> {
 
     /// Writes the figures over all trials: `boxes.svg`, `phase.svg`.
     ///
-    /// # Errors [`OutputError`] if a file cannot be written.
+    /// # Errors
+    /// [`OutputError`] if a file cannot be written.
     pub fn write_batch(
         &self,
         conditions: &[ConditionRow],

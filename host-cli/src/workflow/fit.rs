@@ -30,7 +30,8 @@ impl FitData {
     /// Reads the rows of logs, and the labels needed for their groups: also for the test logs if
     /// `labels_tests`.
     ///
-    /// # Errors [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
+    /// # Errors
+    /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
     pub fn read(
         train: &[Log],
         test: &[Log],
@@ -61,7 +62,8 @@ impl FitData {
 
     /// Reads the rows of logs to test on; the training rows have already been read.
     ///
-    /// # Errors As [`FitData::read`].
+    /// # Errors
+    /// As [`FitData::read`].
     pub fn read_tests(
         &mut self,
         test: &[Log],
@@ -84,7 +86,8 @@ impl FitData {
 
     /// Fits a calibration to the rows, which move into the fit, and examines both.
     ///
-    /// # Errors As [`calibration::fit()`].
+    /// # Errors
+    /// As [`calibration::fit()`].
     pub fn fit(&mut self, options: &FitOptions<'_>) -> Result<Fit, FitError> {
         let faults = |data: &Dataset, of: fn(String) -> Fault| {
             let found = doctor::check_rows(data, &self.channel_names);
@@ -120,7 +123,8 @@ pub struct FittedLogs {
 impl FittedLogs {
     /// Describes a fit to the rows of training logs, tested on those of others.
     ///
-    /// # Errors [`WorkflowError`] if a companion file of a log cannot be read.
+    /// # Errors
+    /// [`WorkflowError`] if a companion file of a log cannot be read.
     pub fn new(
         fit: Fit,
         (train, test): (&[Log], &[Log]),
@@ -137,7 +141,8 @@ impl FittedLogs {
 
     /// The report, as the content of an HTML file.
     ///
-    /// # Errors [`FitError`] if the errors of groups cannot be found.
+    /// # Errors
+    /// [`FitError`] if the errors of groups cannot be found.
     pub fn report(&self, name: &str, command: &str) -> Result<String, FitError> {
         let (fit, file, outliers) = (&self.fit, &self.file, self.outlier_table());
         CalibrationReport { fit, file, name, command, outliers }.html()
@@ -235,7 +240,8 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
 
 /// The files that a fit to `data` was made from.
 ///
-/// # Errors [`WorkflowError`] if a companion file of a log cannot be read.
+/// # Errors
+/// [`WorkflowError`] if a companion file of a log cannot be read.
 fn sources(
     (train, test): (&[Log], &[Log]),
     data: &FitData,
@@ -249,7 +255,8 @@ fn sources(
 
 /// Logs of one role, with their companion files, and the number of their rows that were used.
 ///
-/// # Errors [`WorkflowError`] if a companion file of a log cannot be read.
+/// # Errors
+/// [`WorkflowError`] if a companion file of a log cannot be read.
 pub fn log_sources(
     role: Role,
     logs: &[Log],

@@ -148,7 +148,8 @@ impl ErrorLimits {
 
     /// The axes of `logs` to compare with those of a calibration; the logs keep only these.
     ///
-    /// # Errors [`WorkflowError`] if a requested comparison is impossible, or no axes are left.
+    /// # Errors
+    /// [`WorkflowError`] if a requested comparison is impossible, or no axes are left.
     pub fn compared(&self, calibrated: Axes, logs: &mut [Log]) -> Result<Axes, WorkflowError> {
         let measured: Vec<Axes> = logs.iter().map(Log::axes).collect();
         let axes = self.comparable(calibrated, &measured)?;

@@ -50,7 +50,8 @@ pub struct HungReference {
 impl HungReference {
     /// Reads logs and assigns to their rows the wrench of the hung load, corrected by their readings.
     ///
-    /// # Errors [`WorkflowError`] if a log cannot be read, rows cannot be matched with loads, or these do not
+    /// # Errors
+    /// [`WorkflowError`] if a log cannot be read, rows cannot be matched with loads, or these do not
     /// determine a model of the sensors.
     pub fn read(
         logs: &[Log],

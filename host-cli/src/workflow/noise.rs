@@ -49,7 +49,8 @@ pub struct Scatter {
 /// Measures the scatter of the frames of a log, in one pass and constant memory. `window` is the unloaded
 /// stretch of time; `None` for the whole log.
 ///
-/// # Errors [`WorkflowError`].
+/// # Errors
+/// [`WorkflowError`].
 pub fn noise(
     log: &Log,
     calibration: &Calibration,

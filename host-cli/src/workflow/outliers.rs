@@ -90,7 +90,8 @@ impl NamedOutliers {
 
     /// Writes the rows with the reason why each was left out.
     ///
-    /// # Errors [`csv::Error`] if `output` fails.
+    /// # Errors
+    /// [`csv::Error`] if `output` fails.
     pub fn write(&self, output: &mut dyn Write) -> csv::Result<()> {
         let mut table = csv::Writer::from_writer(output);
         table.write_record(HEADER.split(','))?;

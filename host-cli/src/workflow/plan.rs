@@ -21,7 +21,8 @@ pub struct RecordedSession {
 impl RecordedSession {
     /// Reads logs, and fits a physics model to them if they determine one.
     ///
-    /// # Errors [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
+    /// # Errors
+    /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
     pub fn read(logs: &[Log], read: &ReadOptions<'_>) -> Result<Self, WorkflowError> {
         let data = labelled(logs, read)?;
         let workers = Workers::new(read.threads);
@@ -61,7 +62,8 @@ fn training_rows(data: &Dataset) -> TrainingRows {
 
 /// The means of the poses of a session, from which it is replayed.
 ///
-/// # Errors [`WorkflowError`] as [`RecordedSession::read`], and if readings or wrench are not finite.
+/// # Errors
+/// [`WorkflowError`] as [`RecordedSession::read`], and if readings or wrench are not finite.
 pub fn observations(
     logs: &[Log],
     read: &ReadOptions<'_>,

@@ -46,7 +46,8 @@ pub fn logs(batch: &Batch) -> Vec<Input> {
 /// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration.
 /// Only logs whose diagnostics report such frames are read again; the first frames of each are named.
 ///
-/// # Errors [`LogError`] if one of these logs can no longer be read.
+/// # Errors
+/// [`LogError`] if one of these logs can no longer be read.
 pub fn doubtful(
     batch: &Batch,
     mapping: &Mapping,

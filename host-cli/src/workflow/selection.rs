@@ -52,7 +52,8 @@ impl TimeWindow {
 /// Reads a log as [`Log::read`] does, for a calibration. If it has memory terms, `work` gets the blocks with
 /// these, in order; otherwise on any thread.
 ///
-/// # Errors As [`Log::read`]; `wanted` has to have the time if the calibration needs it.
+/// # Errors
+/// As [`Log::read`]; `wanted` has to have the time if the calibration needs it.
 pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     log: &Log,
     (wanted, read): (&Wanted, &ReadOptions<'_>),

@@ -68,7 +68,8 @@ pub const MANIFEST: &str = "manifest.csv";
 /// the paper's conditions, their true values, and the manifest for `shellcal batch`. `base` sets everything
 /// but seed and condition; seeds count up from its seed.
 ///
-/// # Errors [`WorkflowError`] if the settings do not define a trial or a file cannot be written.
+/// # Errors
+/// [`WorkflowError`] if the settings do not define a trial or a file cannot be written.
 pub fn write_set(
     outputs: &Outputs,
     directory: &Path,

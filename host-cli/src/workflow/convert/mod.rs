@@ -46,7 +46,8 @@ use writer::Writer;
 
 /// Half-width of an interval of this level, in standard errors.
 ///
-/// # Errors [`WorkflowError::NoCovariance`] or [`WorkflowError::NoIntervals`].
+/// # Errors
+/// [`WorkflowError::NoCovariance`] or [`WorkflowError::NoIntervals`].
 pub fn interval_factors(
     calibration: &Calibration,
     level: f64,
@@ -65,7 +66,8 @@ pub fn interval_factors(
 
 /// Converts a log and writes the result to `out` according to `plan`; `trace` also receives the wrench.
 ///
-/// # Errors [`WorkflowError`]; the output up to then is not usable.
+/// # Errors
+/// [`WorkflowError`]; the output up to then is not usable.
 pub fn convert(
     conversion: &Conversion<'_>,
     plan: &OutputPlan,

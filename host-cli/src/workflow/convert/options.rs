@@ -180,7 +180,8 @@ pub const DEFAULT_FRAME_ID: &str = "shell";
 impl OutputFormat {
     /// Derives the format from the name of a file; devices and pipes, which have no extension, get CSV.
     ///
-    /// # Errors [`WorkflowError::Refused`].
+    /// # Errors
+    /// [`WorkflowError::Refused`].
     pub fn from_path(path: &Path, frame: &RecordingFrame) -> Result<Self, WorkflowError> {
         let extension = path.extension().map(|it| it.to_string_lossy().to_lowercase());
         Ok(match extension.as_deref() {

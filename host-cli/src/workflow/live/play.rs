@@ -24,7 +24,8 @@ const JUMP_S: f64 = 1.0;
 /// when they are due, and pauses while `is_held`. If the log has readings and a wrench, it plays the readings
 /// if `readings` is set.
 ///
-/// # Errors [`WorkflowError`] if the log cannot be read, or has neither eight channels nor a wrench.
+/// # Errors
+/// [`WorkflowError`] if the log cannot be read, or has neither eight channels nor a wrench.
 pub fn play(
     log: &Log,
     read: &ReadOptions<'_>,

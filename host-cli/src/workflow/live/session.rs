@@ -77,7 +77,8 @@ impl LogSeries {
 
     /// Creates the next log.
     ///
-    /// # Errors [`OutputError`] if it cannot be created.
+    /// # Errors
+    /// [`OutputError`] if it cannot be created.
     pub fn begin(&mut self) -> Result<Box<dyn LogSink>, OutputError> {
         let log = (self.maker)(self.written.len())?;
         self.written.push(log.path().display().to_string());
@@ -176,7 +177,8 @@ impl LiveSession {
     /// Takes the frames that arrived until `elapsed` after the start. Returns true if the view has to end
     /// because its source is gone for good; after a played log, the last picture stays.
     ///
-    /// # Errors [`ForceError`] if the requested low-pass is impossible at the rate of the frames.
+    /// # Errors
+    /// [`ForceError`] if the requested low-pass is impossible at the rate of the frames.
     pub fn advance(&mut self, elapsed: Duration, is_source_over: bool) -> Result<bool, ForceError> {
         let frames: Vec<BoardFrame> = self.feed.state().frames.drain(..).collect();
         let news = self.rows(&frames)?;

@@ -44,7 +44,8 @@ const PLAUSIBLE: std::ops::Range<f64> = 0.4..2.5;
 /// their frame, otherwise from orientations, which contain no inertia. Angular velocity is read from its
 /// columns, or derived from orientations.
 ///
-/// # Errors [`WorkflowError`].
+/// # Errors
+/// [`WorkflowError`].
 pub fn read_motion(
     log: &Log,
     columns: &MotionColumns,
@@ -145,7 +146,8 @@ fn unit_in_run(
 
 /// The lag of a motion relative to a log of readings; `None` if it is not clear.
 ///
-/// # Errors [`LogError`].
+/// # Errors
+/// [`LogError`].
 pub fn find_motion_lag(
     log: &Log,
     calibration: &Calibration,
