@@ -1,7 +1,8 @@
 //! Calibration and trial processing for an optical 6-axis force/torque shell.
 //!
-//! [`workflow`] joins the crates into what a command does: log files become data sets, pure crates compute, documents
-//! and tables are written. The binary parses arguments, calls a workflow, and prints.
+//! [`workflow`] joins the crates into the tasks of the commands: it reads log files into data sets, calls the
+//! pure crates for the computation, and writes documents and tables. The binary parses arguments, calls a
+//! workflow, and prints.
 //!
 //! From a training log to the wrench of a frame:
 //!
@@ -26,7 +27,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-/// The program with its version, as files name who made them.
+/// Name and version of the program, recorded in the files that it writes.
 pub const PROGRAM: &str = concat!("shellcal ", env!("CARGO_PKG_VERSION"));
 
 pub mod workflow;

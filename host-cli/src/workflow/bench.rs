@@ -1,14 +1,14 @@
-//! Every solver on the same rows: run time against error.
+//! Benchmark of every solver on the same rows: run time against error.
 //!
-//! Errors are relative to an answer in extended precision: Householder QR in double-double,
-//! [`SolverKind::WideTsqr`], which shares no step with the solvers it judges but the features, and
-//! whose own error is κ²·2⁻¹⁰⁴ at most, far below what an `f64` can show for every condition
-//! number κ that a calibration can have; certified problems bear this out. Where that would take
-//! minutes it is refined QR, which stops when its own gradient in double-double says so.
+//! Errors are relative to a solution in extended precision: Householder QR in double-double,
+//! [`SolverKind::WideTsqr`]. Apart from the features, it shares no step with the solvers under test. Its own
+//! error is at most κ²·2⁻¹⁰⁴, far below the resolution of an `f64` for every condition number κ that a
+//! calibration can have; certified problems confirm this. If it would take minutes, the reference is refined
+//! QR instead, which stops when its gradient in double-double has converged.
 //!
-//! Rows are held in memory, so that reading them is not timed, and one thread works on them.
-//! Ridge by cross-validation and Huber's estimator answer other questions than least squares, so
-//! they have a run time here and no error.
+//! Rows are held in memory, so that reading them is not timed, and processed on one thread. Ridge by
+//! cross-validation and Huber's estimator solve other problems than least squares, so they have a run time
+//! here but no error.
 
 use std::time::Instant;
 
@@ -21,12 +21,11 @@ use calibration::{Basis, FitError, Model};
 use shell_data::block::Block;
 use shell_data::statistics::upper_median;
 
-/// The smallest error that an `f64` shows: smaller ones count as this.
+/// The smallest error that an `f64` can show: smaller ones count as this.
 pub const SMALLEST_ERROR: f64 = f64::EPSILON / 2.0;
-/// Elements of a triangular factorisation, rows × columns², beyond which the reference is refined
-/// QR.
+/// Work of a triangular factorisation, rows × columns², above which the reference is refined QR.
 const MOST_WIDE_WORK: f64 = 5e9;
-/// Repetitions stop after this time or this number, whichever comes first; there is one at least.
+/// Repetitions stop after this time or this number, whichever comes first, but run at least once.
 const BUDGET_S: f64 = 1.0;
 const MOST_REPETITIONS: usize = 9;
 
@@ -35,36 +34,36 @@ const MOST_REPETITIONS: usize = 9;
 pub struct ModelBench {
     /// The model, `cubic + offset`.
     pub model: String,
-    /// Coefficients of each axis.
+    /// Number of coefficients of each axis.
     pub features: usize,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
-    /// Condition number of the features, columns scaled to norm one.
+    /// Condition number of the features, with columns scaled to norm one.
     pub condition: f64,
     /// The solver that errors are relative to.
     pub reference: &'static str,
-    /// One per solver.
+    /// One measurement per solver.
     pub solvers: Vec<Measurement>,
 }
 
-/// One solver on one model.
+/// The measurement of one solver on one model.
 #[derive(Clone, Debug)]
 pub struct Measurement {
-    /// Its name.
+    /// Name of the solver.
     pub solver: &'static str,
-    /// Median of the repetitions, s, from readings to coefficients; NaN where it was left out.
+    /// Median of the repetitions, s, from readings to coefficients; NaN if it was left out.
     pub seconds: f64,
     /// The largest relative error of a coefficient.
     pub coefficient_error: Option<f64>,
-    /// The largest error of a predicted row, as a share of the RMS of its axis.
+    /// The largest error of a predicted row, relative to the RMS of its axis.
     pub prediction_error: Option<f64>,
-    /// Whether no other solver is both faster and, in its coefficients, more accurate.
+    /// True if no other solver is both faster and more accurate in its coefficients.
     pub on_front: bool,
-    /// Why there is no answer.
+    /// The reason for having no solution.
     pub refused: Option<String>,
 }
 
-/// Runs every solver of `kinds` on every model, one after another as they are asked for.
+/// Runs every solver of `kinds` on every model, lazily.
 pub fn walk<'a>(
     blocks: &'a [Block],
     bases: &'a [Basis],
@@ -78,7 +77,7 @@ pub fn walk<'a>(
     })
 }
 
-/// A table in Markdown: a line for each solver, time and error of each model.
+/// A table in Markdown: a line for each solver, with time and error for each model.
 pub fn markdown(benches: &[ModelBench]) -> String {
     let mut table = "| solver |".to_owned();
     benches
@@ -127,8 +126,8 @@ pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<Mod
     })
 }
 
-/// The problem that is put to all solvers: in the basis that the exact one chooses, so that their
-/// coefficients can be compared.
+/// The problem that all solvers get: in the basis that the exact solver chooses, so that coefficients are
+/// comparable.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients.
@@ -143,7 +142,7 @@ pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
     }
 }
 
-/// From readings to coefficients: what is timed.
+/// Solves from readings to coefficients; this is the timed part.
 ///
 /// # Errors
 /// As [`solver::fit`].
@@ -212,7 +211,7 @@ fn coefficient_error(found: &Mat<f64>, truth: &Mat<f64>) -> f64 {
 
 /// The largest of `|X·ΔC|` over the rows, each axis in units of its RMS.
 fn prediction_error(blocks: &[Block], features: &Features, difference: &Mat<f64>) -> f64 {
-    /// Rows at a time.
+    /// Rows per block.
     const ROWS: usize = 512;
     let mut largest = [0.0_f64; 6];
     let mut squares = [0.0_f64; 6];
@@ -248,7 +247,7 @@ fn mark_front(solvers: &mut [Measurement]) {
         .for_each(|m| m.on_front = point(m).is_some_and(|own| is_on_front(own, &points)));
 }
 
-/// Whether no other of these points of time and error beats one in one without losing in the other.
+/// True if none of these points of time and error is better in one and no worse in the other.
 fn is_on_front((seconds, error): (f64, f64), points: &[(f64, f64)]) -> bool {
     let beats = |&(s, e): &(f64, f64)| (s < seconds && e <= error) || (s <= seconds && e < error);
     !points.iter().any(beats)
@@ -302,10 +301,10 @@ mod tests {
                 assert!(["ridge-gcv", "huber"].contains(&m.solver));
                 continue;
             };
-            // Well-conditioned features; small coefficients lose a few digits more.
+            // Well-conditioned features; small coefficients lose a few more digits.
             assert!(coefficients < 1e-9 && prediction < 1e-12, "{m:?}");
             if ["exact", "refined-tsqr", "wide-gram", "wide-tsqr"].contains(&m.solver) {
-                // Rounded in the last place, one way or the other.
+                // Rounding in the last place, either way.
                 assert!(coefficients <= 2.0 * f64::EPSILON, "{m:?}");
             }
         }

@@ -1,4 +1,4 @@
-//! Why a task over logs could not be done.
+//! Errors of tasks over logs.
 
 use std::io;
 use std::path::PathBuf;
@@ -16,77 +16,77 @@ use shell_data::hint::Hint;
 use simulation::SimulationError;
 use trial::{NoWindow, TrialError};
 
-/// What to do where a log has no rows in a stretch of time.
+/// Hint for a log without rows in a time range.
 pub(super) const TIMES: &str = "`shellcal info` tells the times of a log";
 
-/// Why a task over logs could not be done.
+/// The reason why a task over logs failed.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorkflowError {
     /// A log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// The rows do not determine a calibration, or nothing of what was asked of them.
+    /// The rows do not determine a calibration, or nothing that was asked of them.
     #[error(transparent)]
     Fit(#[from] FitError),
     /// Partial fits that cannot be merged.
     #[error(transparent)]
     Merge(MergeError),
-    /// There was nothing to work on.
+    /// No logs were given.
     #[error("no logs were given")]
     NoLogs,
-    /// A calibration that cannot be brought up to date, or loads that do not serve for it.
+    /// A calibration that cannot be updated, or loads that do not serve for it.
     #[error(transparent)]
     Recalibration(#[from] RecalibrationError),
-    /// The log at `path` gives no forces as asked.
+    /// The log at `path` does not give forces with the requested options.
     #[error("`{path}`: {error}")]
     Forces { path: String, error: ForceError },
-    /// Standard errors were asked for by name, and cannot be given.
+    /// Standard errors were explicitly requested, but are not available.
     #[error("the calibration carries no covariance, from which standard errors and intervals come")]
     NoCovariance,
-    /// An interval was asked for that the calibration's groups cannot tell.
+    /// An interval was requested that the calibration's groups cannot support.
     #[error(transparent)]
     NoIntervals(#[from] NoIntervals),
     /// The result cannot be written.
     #[error("cannot write the result")]
     Output(#[from] io::Error),
-    /// A file of it cannot be written.
+    /// An output file cannot be written.
     #[error(transparent)]
     File(#[from] OutputError),
-    /// Settings that make no synthetic trial.
+    /// Settings that do not define a synthetic trial.
     #[error(transparent)]
     Settings(#[from] SimulationError),
-    /// The poses do not tell what a sensor carries.
+    /// The poses do not determine the payload of a sensor.
     #[error(transparent)]
     Payload(#[from] PayloadError),
-    /// Two logs, the files of the reference and of the board, do not match, or not clearly.
+    /// A log of the reference and one of the board do not match, or not clearly.
     #[error("cannot align `{}` with `{}`", board.display(), reference.display())]
     Align { reference: PathBuf, board: PathBuf, source: AlignError },
     /// A trial cannot be evaluated on its log.
     #[error(transparent)]
     Trial(#[from] TrialError),
-    /// The window of a trial was to be found, and cannot be.
+    /// The window of a trial was to be found, but cannot be.
     #[error("no window found")]
     Window(#[from] NoWindow),
-    /// The window was to be found in forces, and the log gives none.
+    /// The window was to be found in forces, but the log gives none.
     #[error("no window found: there are no forces to find it in")]
     NoForces,
     /// The window was to be found in forces, which need a calibration.
     #[error("without a calibration there is no drag to find the window in")]
     NoCalibration,
-    /// A log, a table or an option does not serve for what was asked: what nobody has to tell from other errors.
-    /// `hint` is the next step, where one is known.
+    /// A log, a table or an option does not serve the request. Callers have no need to tell these errors
+    /// apart. `hint` is the next step, if one is known.
     #[error("{message}")]
     Refused { message: String, hint: Option<String> },
 }
 
 impl WorkflowError {
-    /// What is wrong, with the next step where one is known.
+    /// An error with this message, and the next step if one is known.
     pub(super) fn refused<'a>(message: impl ToString, hint: impl Into<Option<&'a str>>) -> Self {
         Self::Refused { message: message.to_string(), hint: hint.into().map(str::to_owned) }
     }
 
-    /// Whether two logs could be read and compared, but their match is not to be trusted.
+    /// True if two logs could be read and compared, but their match is not trustworthy.
     pub fn is_refusal(&self) -> bool {
         matches!(self, Self::Align { source, .. } if source.is_refusal())
     }
@@ -127,7 +127,7 @@ impl Hint for WorkflowError {
 }
 
 impl From<MergeError> for WorkflowError {
-    /// Sums that are not exact are an error of the fit, which has a hint of its own.
+    /// Converts the error; sums that are not exact become an error of the fit, which has a hint for them.
     fn from(error: MergeError) -> Self {
         match error {
             MergeError::NotExact(error) => FitError::NotExact(error).into(),

@@ -1,4 +1,4 @@
-//! From logs to the rows of a fit, and from a fit to its calibration file.
+//! Reading logs into the rows of a fit, and writing a fit to its calibration file.
 
 use super::outliers::NamedOutliers;
 use super::remark::{Remark, about_fit};
@@ -22,12 +22,13 @@ pub struct FitData {
     pub train: Dataset,
     /// Test rows.
     pub test: Dataset,
-    /// Names of the channels, where they have any.
+    /// Names of the channels, if they have any.
     pub channel_names: Vec<String>,
 }
 
 impl FitData {
-    /// Reads the rows of logs, and what is asked for of their groups: of the test logs' if `labels_tests`.
+    /// Reads the rows of logs, and the labels needed for their groups: also for the test logs if
+    /// `labels_tests`.
     ///
     /// # Errors
     /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
@@ -59,7 +60,7 @@ impl FitData {
         Ok(read)
     }
 
-    /// Reads the rows of logs to test on, beside training rows that have been read.
+    /// Reads the rows of logs to test on; the training rows have already been read.
     ///
     /// # Errors
     /// As [`FitData::read`].
@@ -83,7 +84,7 @@ impl FitData {
         Ok(())
     }
 
-    /// Fits a calibration to the rows, which are in the fit then and no longer here, and examines both.
+    /// Fits a calibration to the rows, which move into the fit, and examines both.
     ///
     /// # Errors
     /// As [`calibration::fit()`].
@@ -104,25 +105,26 @@ impl FitData {
     }
 }
 
-/// A fit to logs with its calibration file, and suspicious rows by file and line: all that is written and said of it.
+/// A fit to logs with its calibration file and its suspicious rows by file and line: everything to write and
+/// print.
 #[derive(Debug)]
 pub struct FittedLogs {
     /// The fit.
     pub fit: Fit,
     /// Its calibration file.
     pub file: CalibrationFile,
-    /// Outliers that were used, where some were looked for.
+    /// Outliers that were used, if the fit looked for some.
     pub used: Option<NamedOutliers>,
-    /// Rows that were left out.
+    /// Outliers that were left out.
     pub dropped: NamedOutliers,
     outliers: OutlierRule,
 }
 
 impl FittedLogs {
-    /// A fit to the rows of training logs, tested on those of others.
+    /// Describes a fit to the rows of training logs, tested on those of others.
     ///
     /// # Errors
-    /// [`WorkflowError`] if a file beside a log cannot be read.
+    /// [`WorkflowError`] if a companion file of a log cannot be read.
     pub fn new(
         fit: Fit,
         (train, test): (&[Log], &[Log]),
@@ -146,7 +148,7 @@ impl FittedLogs {
         CalibrationReport { fit, file, name, command, outliers }.html()
     }
 
-    /// Outliers for a report: those that were left out, or were named.
+    /// Outliers for a report: those that were left out or listed.
     fn outlier_table(&self) -> Option<OutlierTable> {
         let dropped = self.dropped.rows(true);
         match self.outliers {
@@ -158,7 +160,7 @@ impl FittedLogs {
         }
     }
 
-    /// How the fit was made, and what is wrong with it.
+    /// How the fit was made, and its faults.
     pub fn remarks(&self) -> Vec<Remark> {
         let mut remarks = about_fit(&self.fit);
         remarks.extend(self.used.iter().flat_map(NamedOutliers::remarks));
@@ -170,7 +172,7 @@ fn rows_wanted() -> Wanted {
     Wanted { readings: true, wrench: true, ..Wanted::default() }
 }
 
-/// What has to be read of `logs` for their groups, and of their clocks if rows are worked on `in_time`.
+/// The columns to read of `logs` for their groups, and for their clocks if rows are processed `in_time`.
 fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted, WorkflowError> {
     let are_given = !logs.is_empty() && logs.iter().all(Log::has_groups);
     let is_given = are_given || logs.len() > 1;
@@ -202,9 +204,9 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     Ok(data.fit(options)?)
 }
 
-/// The calibration file of a fit. Its solver and how well it went are set in `origin`.
+/// The calibration file of a fit. `origin` receives its solver and its quality.
 pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
-    // The R² of rows that the fit has all but seen is no result, nor is that of none within its range.
+    // R² is not a result if the fit has in effect seen the rows, or if no row is within its range.
     let is_no_result = fit.leaks.in_test().is_some() || fit.test().is_out_of_range();
     let as_a_result = |of: AxisQuality| match is_no_result {
         true => AxisQuality { r_squared: None, ..of },
@@ -236,10 +238,10 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
     }
 }
 
-/// The files that a fit to `data` has been made from.
+/// The files that a fit to `data` was made from.
 ///
 /// # Errors
-/// [`WorkflowError`] if a file beside a log cannot be read.
+/// [`WorkflowError`] if a companion file of a log cannot be read.
 fn sources(
     (train, test): (&[Log], &[Log]),
     data: &FitData,
@@ -251,10 +253,10 @@ fn sources(
     Ok(files)
 }
 
-/// Logs of one role, with the files beside them, and how many of their rows were used.
+/// Logs of one role, with their companion files, and the number of their rows that were used.
 ///
 /// # Errors
-/// [`WorkflowError`] if a file beside a log cannot be read.
+/// [`WorkflowError`] if a companion file of a log cannot be read.
 pub fn log_sources(
     role: Role,
     logs: &[Log],

@@ -1,7 +1,7 @@
-//! How much the readings and the wrench of an unloaded sensor scatter.
+//! Noise of the readings and the wrench of an unloaded sensor.
 //!
-//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
-//! forces are those of the [pipeline](forces) without a low-pass, which would hide the noise.
+//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The forces
+//! come from the [pipeline](forces) without a low-pass, which would hide the noise.
 
 use super::selection::{RowFilter, TimeWindow, read_with_memory};
 use super::{WorkflowError, check_channels, error::TIMES};
@@ -17,37 +17,37 @@ use shell_data::wrench::{AxisValues, PerAxis};
 pub struct NoiseSummary {
     /// Rows in the log.
     pub rows: u64,
-    /// Those whose readings equal those of the row before.
+    /// Duplicates: rows whose readings equal the previous row's.
     pub repeated_rows: u64,
-    /// Rows that were wrong and left out.
+    /// Invalid rows that were left out.
     pub skipped_rows: u64,
     /// Frames used.
     pub frames: u64,
-    /// Which rows these were.
+    /// The rows that were used.
     pub rows_used: RowFilter,
-    /// The wrench, N and N·m.
+    /// Noise of the wrench, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: AxisValues<Scatter>,
-    /// The readings of each channel, counts.
+    /// Noise of the readings of each channel, counts.
     pub channels: Vec<Scatter>,
-    /// How the zero has moved between the first rest and the last; of a log with time, at rest twice.
+    /// Change of the zero between the first rest and the last; only for a log with time and two rests.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero: Option<ZeroMove>,
 }
 
-/// How a quantity scatters, in its own unit.
+/// Scatter of a quantity, in its own unit.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Scatter {
     /// The mean.
     pub mean: f64,
-    /// Root of the mean square distance from the mean.
+    /// RMS deviation from the mean.
     pub rms: f64,
-    /// Largest less smallest.
+    /// Largest minus smallest value.
     pub peak_to_peak: f64,
 }
 
-/// Measures the scatter of the frames of a log, in one pass and constant memory. `window` is the stretch of time that
-/// is unloaded; `None` for all of the log.
+/// Measures the scatter of the frames of a log, in one pass and constant memory. `window` is the unloaded
+/// stretch of time; `None` for the whole log.
 ///
 /// # Errors
 /// [`WorkflowError`].
@@ -163,7 +163,7 @@ mod tests {
             let mut merged = ColumnStatistics::new(a);
             merged.merge(&ColumnStatistics::new(b));
             let (merged, whole) = (merged.scatter(), ColumnStatistics::new(&values).scatter());
-            // 80 sums of 1e3 each round by less than 80 · 80 · 1e3 · 1e-16.
+            // 80 sums of 1e3, each rounded by less than 80 · 80 · 1e3 · 1e-16.
             prop_assert!((merged.mean - whole.mean).abs() < 1e-9);
             prop_assert!((merged.rms - whole.rms).abs() < 1e-9);
             prop_assert_eq!(merged.peak_to_peak, whole.peak_to_peak);

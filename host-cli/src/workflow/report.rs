@@ -1,4 +1,4 @@
-//! What a report says of its inputs: files with checksums, the settings.
+//! Inputs of a report: files with checksums, and the settings.
 
 use std::io;
 use std::path::Path;
@@ -11,7 +11,7 @@ use report::{Input, OutlierRow, OutlierTable};
 use shell_data::block::Block;
 use trial::{Diagnostic, Instrument, Profile, TrialOptions, TrialResult};
 
-/// Rows of one log that are named.
+/// Maximum number of rows of one log that are named.
 const NAMED: usize = 20;
 
 /// A file with its checksum.
@@ -33,7 +33,7 @@ pub fn logs(batch: &Batch) -> Vec<Input> {
     let mut inputs: Vec<Input> = Vec::new();
     for trial in &batch.trials {
         let path = trial.path.display().to_string();
-        // Several trials can be of one log.
+        // Several trials may use the same log.
         if !inputs.iter().any(|input| input.path == path) {
             let bytes = std::fs::metadata(&trial.path).map_or(0, |metadata| metadata.len());
             let checksum = trial.evaluated.checksum.clone().unwrap_or_default();
@@ -43,11 +43,11 @@ pub fn logs(batch: &Batch) -> Vec<Input> {
     inputs
 }
 
-/// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration. Only
-/// logs that have some, as their diagnostics say, are read again; of each, the first are named.
+/// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration.
+/// Only logs whose diagnostics report such frames are read again; the first frames of each are named.
 ///
 /// # Errors
-/// [`LogError`] if one of those can no longer be read.
+/// [`LogError`] if one of these logs can no longer be read.
 pub fn doubtful(
     batch: &Batch,
     mapping: &Mapping,
@@ -106,7 +106,7 @@ pub fn doubtful(
     Ok(Some(all))
 }
 
-/// How trials were evaluated: name and value.
+/// Settings of the evaluation of trials: name and value.
 pub fn settings(options: &TrialOptions, profile: &Profile, seed: u64) -> Vec<(String, String)> {
     let low_pass = options.forces.low_pass;
     let low_pass =

@@ -1,17 +1,17 @@
-//! Which rows of a log are used, for all jobs alike.
+//! Selection of the rows of a log, for all tasks alike.
 
 use calibration::Calibration;
 use log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 
-/// Which rows of a log are used.
+/// The rows of a log that are used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RowFilter {
     /// Every row.
     All,
-    /// Rows whose readings differ from those of the row before: each frame once, where a log runs
-    /// faster than its sensor.
+    /// Rows whose readings differ from those of the previous row: each frame once if a log runs faster than
+    /// its sensor.
     Fresh,
 }
 
@@ -25,7 +25,7 @@ pub struct TimeWindow {
 }
 
 impl RowFilter {
-    /// Leaves in `block` the rows that are used.
+    /// Keeps the used rows of `block`.
     pub fn select(self, block: &mut Block) {
         if self == RowFilter::Fresh {
             *block = block.kept(&block.fresh_rows());
@@ -33,8 +33,8 @@ impl RowFilter {
     }
 }
 
-/// For every row of a block, whether it is a frame: where repeats of the row before are stale, by the
-/// kind of log or because only fresh rows are used, a repeat is not used.
+/// For every row of a block: true if it is a frame. Duplicates of the previous row are not used if they are
+/// stale by the kind of log, or if only fresh rows are used.
 pub(super) fn fresh_rows(log: &Log, used: RowFilter, block: &Block) -> Vec<bool> {
     match log.repeats_are_stale() || used == RowFilter::Fresh {
         true => block.fresh_rows(),
@@ -43,13 +43,13 @@ pub(super) fn fresh_rows(log: &Log, used: RowFilter, block: &Block) -> Vec<bool>
 }
 
 impl TimeWindow {
-    /// Whether an instant lies within.
+    /// True if a time lies within.
     pub fn contains(&self, time_s: f64) -> bool {
         self.start_s <= time_s && time_s <= self.end_s
     }
 }
 
-/// Reads a log as [`Log::read`] does, for a calibration: where that has memory terms, `work` gets the blocks with
+/// Reads a log as [`Log::read`] does, for a calibration. If it has memory terms, `work` gets the blocks with
 /// these, in order; otherwise on any thread.
 ///
 /// # Errors
@@ -70,10 +70,10 @@ pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     })
 }
 
-/// Why a reading of a log ends before its end: an error, or `None` where enough is known.
+/// Reason to stop reading before the end of a log: an error, or `None` if enough is known.
 pub(super) type Stop = Option<LogError>;
 
-/// Passes on the error of a reading, which may have ended before the end of the log.
+/// The error of a read, if it has one; a read may stop early without an error.
 pub(super) fn passed<T>(read: Result<T, Stop>) -> Result<(), LogError> {
     read.map_or_else(|stop| stop.map_or(Ok(()), Err), |_| Ok(()))
 }

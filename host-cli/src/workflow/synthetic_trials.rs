@@ -1,4 +1,4 @@
-//! Trials of the virtual robot as files: a log, its truth, and a set with a manifest.
+//! Files of trials of the virtual robot: a log, its true values, and a set with a manifest.
 
 use std::io::Write;
 use std::path::Path;
@@ -20,7 +20,7 @@ pub fn write_log(
     layout: TrialLayout,
 ) -> Result<u64, WorkflowError> {
     let mut rows = 0;
-    // A row at a time is a system call too many for what may be a pipe.
+    // Writing row by row would cost too many system calls if the output is a pipe.
     let mut text = Vec::new();
     match layout {
         TrialLayout::WithoutTelemetry => {
@@ -43,7 +43,7 @@ pub fn write_log(
     Ok(rows)
 }
 
-/// A truth as the content of its file.
+/// True values as the content of their file.
 pub fn truth_json(truth: &Truth) -> Vec<u8> {
     let mut text = serde_json::to_vec_pretty(truth).expect("numbers and names");
     text.push(b'\n');
@@ -53,9 +53,9 @@ pub fn truth_json(truth: &Truth) -> Vec<u8> {
 /// One trial of a set.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct SetTrial {
-    /// The log, beside the manifest.
+    /// The log, relative to the manifest.
     pub file: String,
-    /// Its truth, beside the manifest.
+    /// The true values, relative to the manifest.
     pub truth_file: String,
     /// Rows of the log.
     pub rows: u64,
@@ -64,12 +64,12 @@ pub struct SetTrial {
 /// The name of a set's manifest.
 pub const MANIFEST: &str = "manifest.csv";
 
-/// Writes the example set into `directory`, which is made if it is not there: `per_condition` trials
-/// of each of the paper's conditions, their truth, and the manifest that `shellcal batch` takes.
-/// `base` says all but seed and condition; seeds count up from its own.
+/// Writes the example set into `directory`, which is created if necessary: `per_condition` trials of each of
+/// the paper's conditions, their true values, and the manifest for `shellcal batch`. `base` sets everything
+/// but seed and condition; seeds count up from its seed.
 ///
 /// # Errors
-/// [`WorkflowError`] if the settings make no trial or a file cannot be written.
+/// [`WorkflowError`] if the settings do not define a trial or a file cannot be written.
 pub fn write_set(
     outputs: &Outputs,
     directory: &Path,

@@ -1,7 +1,7 @@
-//! Settings that belong to a set of data: `shellcal.toml` beside it, or the file of `--config`.
+//! Settings that belong to a set of data: `shellcal.toml` in the same directory, or the file of `--config`.
 //!
-//! Each key is the long name of an option, and stands in for it in every command that has it, unless the
-//! command line says otherwise.
+//! Each key is the long name of an option. It sets that option in every command that has it, unless the
+//! command line sets it.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -15,10 +15,10 @@ use toml::{Spanned, Value};
 use crate::files::{InputPath, innermost, read_text};
 use crate::printer::{GLOBAL, Printer};
 
-/// Its name beside the data.
+/// Name of the settings file in the directory of the data.
 const FILE: &str = "shellcal.toml";
 
-/// Where settings come from.
+/// Source of the settings.
 #[derive(Clone, Debug, clap::Args)]
 pub(crate) struct ConfigArgs {
     /// Take settings from this file, not from `shellcal.toml` beside the data
@@ -30,7 +30,8 @@ pub(crate) struct ConfigArgs {
     no_config: bool,
 }
 
-/// Keys by the heading of their options in the help of commands: options of the same name are others elsewhere.
+/// Keys by the help heading of their options: an option with the same name may mean something else in another
+/// command.
 const KEYS: [(Option<&str>, &[&str]); 4] = [
     (
         Some("Reading logs"),
@@ -53,26 +54,26 @@ const KEYS: [(Option<&str>, &[&str]); 4] = [
     (None, &["profile", "reference"]),
 ];
 
-/// Options that say the same thing: if the command line has one, no other is taken from the file.
+/// Mutually exclusive options: if the command line has one, none of its group is taken from the file.
 const ALTERNATIVES: [&[&str]; 2] = [&["tare", "tare-time", "no-tare"], &["lowpass", "no-lowpass"]];
 
-/// The settings of a file, by key: the line, and the option as on a command line.
+/// The settings of a file, by key: the line, and the option as it would be written on a command line.
 type Settings = BTreeMap<String, (usize, OsString)>;
 
 /// The command line with the settings of its data added.
 #[derive(Debug)]
 pub(crate) struct Configured {
     pub(crate) matches: ArgMatches,
-    /// The file that settings were taken from.
+    /// The file that provided settings, if any.
     pub(crate) file: Option<PathBuf>,
-    /// What was taken from it, and from which line.
+    /// The settings that were taken from it, with their lines.
     lines: BTreeMap<&'static str, usize>,
 }
 
-/// Adds the settings of a file to what the command line says.
+/// Adds the settings of a file to the command line.
 ///
 /// # Errors
-/// A file that cannot be read, a key or a value that cannot be.
+/// A file that cannot be read, or an invalid key or value.
 pub(crate) fn configure(
     mut arguments: Vec<OsString>,
     command: &mut Command,
@@ -87,7 +88,7 @@ pub(crate) fn configure(
     let settings = path.as_deref().map(read).transpose()?.unwrap_or_default();
     let (of_command, given) = innermost(command, &matches);
     let mut lines = BTreeMap::new();
-    // Before the end of options, if there is one.
+    // Insert before the end of options, if it is marked.
     let end = arguments.iter().position(|argument| argument == "--").unwrap_or(arguments.len());
     for (key, _) in options_of_keys(of_command) {
         let Some((line, argument)) = settings.get(key) else { continue };
@@ -113,7 +114,7 @@ pub(crate) fn configure(
 }
 
 impl Configured {
-    /// Says where each setting comes from, if that is wanted.
+    /// Prints the source of each setting, if that is wanted.
     pub(crate) fn explain(&self, command: &Command, printer: &Printer) {
         let (of_command, given) = innermost(command, &self.matches);
         for (key, option) in options_of_keys(of_command) {
@@ -130,7 +131,7 @@ impl Configured {
     }
 }
 
-/// The keys that a command has an option for, in their order.
+/// The keys that are options of a command, in order.
 fn options_of_keys(command: &Command) -> impl Iterator<Item = (&'static str, &Arg)> {
     let keys =
         KEYS.into_iter().flat_map(|(heading, keys)| keys.iter().map(move |key| (heading, *key)));
@@ -148,14 +149,14 @@ fn is_on_command_line(matches: &ArgMatches, option: &Arg) -> bool {
     matches.value_source(option.get_id().as_str()) == Some(ValueSource::CommandLine)
 }
 
-/// The file beside what a command reads.
+/// The settings file in the directory of the data that a command reads.
 fn beside_data(command: &Command, matches: &ArgMatches) -> anyhow::Result<Option<PathBuf>> {
     let (of_command, given) = innermost(command, matches);
     let mut found: Vec<PathBuf> = Vec::new();
     for positional in of_command.get_positionals() {
         for path in given.get_raw(positional.get_id().as_str()).into_iter().flatten() {
             let beside = Path::new(path).with_file_name(FILE);
-            // Whatever has the name: what is no file is refused when it is read.
+            // Accept any entry with this name; one that is not a file is refused when it is read.
             if beside.symlink_metadata().is_ok() && !found.contains(&beside) {
                 found.push(beside);
             }
@@ -200,7 +201,7 @@ fn read(path: &Path) -> anyhow::Result<Settings> {
                     wrong(line, format!("`{key}` is neither a text, a number nor a list of them"))
                 })?;
                 argument.push("=");
-                // A profile lies beside the file, as its name there says.
+                // The path of a profile is relative to the settings file.
                 argument.push(match key == "profile" {
                     true => path.with_file_name("").join(plain).into_os_string(),
                     false => plain.into(),
@@ -212,7 +213,7 @@ fn read(path: &Path) -> anyhow::Result<Settings> {
     Ok(settings)
 }
 
-/// A value as it stands on a command line.
+/// A value as written on a command line.
 fn plain(value: &Value) -> Option<String> {
     match value {
         Value::String(text) => Some(text.clone()),

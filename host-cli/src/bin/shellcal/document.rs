@@ -1,15 +1,15 @@
-//! Documents in JSON, whose fields are listed once: where they are filled in.
+//! Documents in JSON. Their fields are listed only once: where they are filled in.
 
-/// A value that is written as a JSON object of these fields, in their order.
+/// A value that is written as a JSON object with these fields, in order.
 ///
-/// `name?: value` takes an `Option` and leaves the field out where that is `None`; `..name: value` stands for the
-/// fields of another document; `name` alone is filled with the variable of that name, and `of.{a, b}` stands for the
-/// fields `a: of.a, b: of.b`.
+/// `name?: value` takes an `Option` and omits the field if it is `None`; `..name: value` inserts the fields
+/// of another document; `name` alone is filled with the variable of that name, and `of.{a, b}` is short for
+/// the fields `a: of.a, b: of.b`.
 macro_rules! document {
     ($($fields:tt)+) => { document_of!([] [] [] $($fields)+) };
 }
 
-/// Takes one field after the other to the type parameters, the fields and the values of a type of its own.
+/// Moves one field after the other into the type parameters, fields and values of an anonymous type.
 macro_rules! document_of {
     ([$($name:ident)+] [$($field:tt)+] [$($value:tt)+]) => {{
         #[expect(non_camel_case_types, reason = "the type of each field has its name")]

@@ -1,7 +1,7 @@
-//! The files on the command line, and what is done with them.
+//! Files on the command line.
 //!
-//! What an argument is for is in its type, so that no command has to remember to say it: before one
-//! runs, all that are given are collected, and no output may be an input or another output.
+//! The type of an argument states its role. Before a command runs, all paths are collected by role, and no
+//! output may be an input or another output; no command has to check this itself.
 
 use std::ffi::OsString;
 use std::ops::Deref;
@@ -14,15 +14,15 @@ use frame_stream::Destination;
 use output_file::{OutputError, Outputs};
 use serde::{Serialize, Serializer};
 
-/// A file that is read, or `-` for the standard input where a command can.
+/// A file to read, or `-` for the standard input if the command allows it.
 #[derive(Clone, Debug)]
 pub(crate) struct InputPath(PathBuf);
 
-/// A file that is written, or `-` for the standard output where a command can.
+/// A file to write, or `-` for the standard output if the command allows it.
 #[derive(Clone, Debug)]
 pub(crate) struct OutputPath(PathBuf);
 
-/// A folder that files are written into, or a link that is made.
+/// A directory to write files into, or a link to create.
 #[derive(Clone, Debug)]
 pub(crate) struct OutputLocation(PathBuf);
 
@@ -43,7 +43,8 @@ macro_rules! path {
         }
 
         impl Serialize for $name {
-            /// JSON cannot hold names that are not Unicode: they get replacement characters.
+            /// JSON cannot represent file names that are not Unicode: invalid parts become replacement
+            /// characters.
             fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
                 serializer.serialize_str(&self.0.to_string_lossy())
             }
@@ -59,22 +60,22 @@ macro_rules! path {
 
 path!(InputPath, OutputPath, OutputLocation);
 
-/// Whether a name stands for the standard input or output.
+/// True if a name stands for the standard input or output.
 pub(crate) fn is_standard(path: &Path) -> bool {
     path.as_os_str() == "-"
 }
 
-/// Makes a folder, if it is not there.
+/// Creates a directory, unless it exists.
 pub(crate) fn create_folder(path: &Path) -> anyhow::Result<()> {
     std::fs::create_dir_all(path).with_context(|| format!("cannot create `{}`", path.display()))
 }
 
-/// The text of a file.
+/// Reads the text of a file.
 pub(crate) fn read_text(path: &Path) -> anyhow::Result<String> {
     input::read_text(path).with_context(|| format!("cannot read `{}`", path.display()))
 }
 
-/// The subcommand that is called, and what it was given.
+/// The selected subcommand and its arguments.
 pub(crate) fn innermost<'a>(
     mut command: &'a clap::Command,
     mut matches: &'a ArgMatches,
@@ -86,7 +87,7 @@ pub(crate) fn innermost<'a>(
     (command, matches)
 }
 
-/// Tells `outputs` of all files that the command line names.
+/// Registers all files of the command line in `outputs`.
 ///
 /// # Errors
 /// [`OutputError`] if an output is an input or another output.
@@ -108,8 +109,8 @@ pub(crate) fn collect(mut matches: &ArgMatches, outputs: &Outputs) -> Result<(),
     }
 }
 
-/// What to say of a value that was meant for an option before it and was taken for a file, as in `--interval 95`:
-/// the values of such options are joined to them, since they can be left out.
+/// Message for a value that was meant for the option before it and was taken for a file, as in `--interval
+/// 95`. These options need `=` before their value, since it is optional.
 pub(crate) fn misplaced_value(
     command: &clap::Command,
     matches: &ArgMatches,
@@ -133,7 +134,7 @@ pub(crate) fn misplaced_value(
     })
 }
 
-/// The values of a type that were given, of all arguments of one command.
+/// All values of a type among the arguments of one command.
 fn values<T: Clone + Send + Sync + 'static>(matches: &ArgMatches) -> impl Iterator<Item = &T> {
     let of_argument = |id: &clap::Id| matches.try_get_many::<T>(id.as_str()).ok().flatten();
     matches.ids().filter_map(of_argument).flatten()
@@ -147,7 +148,7 @@ mod tests {
 
     use crate::Args;
 
-    /// A path without a role would be left out of the collection.
+    /// A path without a role would not be collected.
     #[test]
     fn every_path_on_the_command_line_says_what_it_is_for() {
         fn look_at(command: &Command, found: &mut usize) {

@@ -37,8 +37,8 @@ struct Args {
     command: cmd::Command,
 }
 
-/// Whether help and errors of the command line itself are coloured: they are printed while it is still being
-/// read.
+/// Colour choice for help and for errors of the command line, which are printed while it is still being
+/// parsed.
 fn color_of(arguments: impl Iterator<Item = OsString>) -> ColorChoice {
     let arguments: Vec<OsString> = arguments.take_while(|argument| argument != "--").collect();
     let value = |at: usize| match arguments[at].to_str()?.strip_prefix("--color")? {
@@ -52,7 +52,7 @@ fn color_of(arguments: impl Iterator<Item = OsString>) -> ColorChoice {
     }
 }
 
-/// What is said to who has said nothing.
+/// Text for a call without arguments.
 const GREETING: &str = "\
 From recordings of an optical force/torque shell to forces and moments:
 
@@ -86,12 +86,12 @@ fn main() -> ExitCode {
     }
 }
 
-/// Ends the program where the command line cannot be.
+/// Builds the arguments from the matches; ends the program if they are invalid.
 fn parsed(command: &mut clap::Command, matches: &ArgMatches) -> Args {
     Args::from_arg_matches(matches).unwrap_or_else(|error| refuse(&error.format(command)))
 }
 
-/// Prints help, or what is wrong with the command line, and ends the program. Arguments may hold anything.
+/// Prints help, or the error in the command line, and ends the program. Arguments may contain any bytes.
 fn refuse(error: &clap::Error) -> ! {
     if let Some(ContextValue::String(name)) = error.get(ContextKind::InvalidSubcommand)
         && let Some((name, instead)) = cmd::MOVED.iter().find(|(old, _)| old == name)
@@ -103,7 +103,7 @@ fn refuse(error: &clap::Error) -> ! {
     let steers =
         |word: OsString| matches!(escape::terminal(&word.to_string_lossy()), Cow::Owned(_));
     if error.use_stderr() && std::env::args_os().any(steers) {
-        // Without colours, which are escapes, too.
+        // Without colours, which are escape sequences, too.
         let text = error.render().to_string();
         let lines: Vec<_> = text.lines().map(escape::terminal).collect();
         let _ = writeln!(io::stderr(), "{}", lines.join("\n"));
@@ -118,7 +118,7 @@ fn refuse(error: &clap::Error) -> ! {
     }
 }
 
-/// Runs a command, with the settings of its data.
+/// Runs a command with the settings of its data.
 fn run(
     command: &mut clap::Command,
     config: &config::ConfigArgs,
@@ -160,8 +160,8 @@ mod tests {
         super::Args::command().debug_assert();
     }
 
-    /// A command or an option that is added has to be worth another that goes. Options that commands share are
-    /// declared once, with one text, and count once.
+    /// A new command or option has to be worth removing another. Options shared by commands are declared
+    /// once, with one text, and count once.
     #[test]
     fn commands_and_options_are_few() {
         fn options(command: &clap::Command, found: &mut BTreeSet<(String, String)>) {

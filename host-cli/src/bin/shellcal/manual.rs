@@ -1,5 +1,5 @@
-//! The manual of a release, and what shells need to complete command lines: written by a test, since the program itself
-//! needs neither, and asked by the programs that they are for.
+//! The manual of a release, and the completion scripts for shells. A test writes them, since the program
+//! itself needs neither, and tests them with the programs that use them.
 
 use std::any::TypeId;
 use std::fs;
@@ -22,7 +22,7 @@ const SCRIPTS: [(Shell, &str); 5] = [
     (Shell::Elvish, "shellcal.elv"),
 ];
 
-/// What a shell needs to complete command lines.
+/// The completion script for a shell.
 fn completions(shell: Shell) -> String {
     let mut command = Args::command();
     command.build();
@@ -31,7 +31,7 @@ fn completions(shell: Shell) -> String {
     String::from_utf8(script).unwrap()
 }
 
-/// Adds the kinds of files that arguments name, which are in their types.
+/// Adds the kinds of files that arguments name, derived from their types.
 fn with_hints(command: clap::Command) -> clap::Command {
     let hint = |argument: Arg| {
         let kind = argument.get_value_parser().type_id();
@@ -46,7 +46,7 @@ fn with_hints(command: clap::Command) -> clap::Command {
     command.mut_args(hint).mut_subcommands(with_hints)
 }
 
-/// Writes the page of a command and those of its subcommands; says how many.
+/// Writes the pages of a command and its subcommands; returns their number.
 fn write_pages(folder: &Path, command: clap::Command) -> usize {
     let is_page = |command: &&clap::Command| !command.is_hide_set() && command.get_name() != "help";
     let subcommands: Vec<_> = command.get_subcommands().filter(is_page).cloned().collect();
@@ -57,13 +57,14 @@ fn write_pages(folder: &Path, command: clap::Command) -> usize {
     1 + subcommands.into_iter().map(|command| write_pages(folder, command)).sum::<usize>()
 }
 
-/// Writes a file into a folder that may not be there.
+/// Writes a file, and creates its directory if necessary.
 fn write(path: &Path, bytes: &[u8]) {
     fs::create_dir_all(path.parent().unwrap()).unwrap();
     fs::write(path, bytes).unwrap();
 }
 
-/// Completions by bash of the last word of a command line; `compopt` works at a prompt only.
+/// Completions by bash of the last word of a command line. `compopt` works only at a prompt, so it is
+/// stubbed.
 fn completed_by_bash(script: &Path, line: &[&str]) -> Vec<String> {
     let words: Vec<String> = line.iter().map(|word| format!("'{word}'")).collect();
     let ask = format!(
@@ -99,7 +100,7 @@ fn bash_completes_commands_options_choices_and_files() {
     assert_eq!(complete(&["shellcal", "synth", "tri"]), ["trial", "trials"]);
 }
 
-/// `cargo xtask manual` names the folder of a release in `SHELLCAL_MANUAL`.
+/// `cargo xtask manual` sets `SHELLCAL_MANUAL` to the directory of a release.
 #[test]
 fn the_manual_is_written_with_a_script_for_every_shell() {
     let dir = tempfile::tempdir().unwrap();
@@ -138,7 +139,7 @@ fn the_pages_of_the_manual_render_without_warnings() {
     }
 }
 
-/// Command lines after a Tab at a prompt of zsh: one zsh drives another.
+/// A script for zsh that drives a second zsh and prints its command lines after a Tab at the prompt.
 const DRIVE_ZSH: &str = r#"
 zmodload zsh/zpty
 zpty -b prompt 'zsh -f -i'
@@ -201,7 +202,7 @@ fn fish_completes_commands_options_choices_and_files() {
             .output()
             .unwrap();
         let text = String::from_utf8(output.stdout).unwrap();
-        // A completion and, after a tab, what it is.
+        // Each line is a completion and, after a tab, its description.
         text.lines().map(|line| line.split('\t').next().unwrap().to_owned()).collect::<Vec<_>>()
     };
     assert_eq!(complete("shellcal conv"), ["convert"]);

@@ -1,4 +1,4 @@
-//! The only place that writes to the terminal: results to stdout, talk to stderr.
+//! All output to the terminal: results to stdout, messages to stderr.
 
 use std::error::Error;
 use std::io::{self, IsTerminal, Write};
@@ -24,28 +24,28 @@ use shellcal::workflow::remark::Remark;
 use crate::files::{OutputPath, is_standard};
 use crate::tables::{self, TableForm};
 
-/// How a command that could run has ended, and the exit code for it. [`Printer::judge`] and [`Printer::decide`] make
-/// one, before anything is printed: a reader that goes away changes nothing.
+/// Outcome of a command that could run, and its exit code. [`Printer::judge`] and [`Printer::decide`] make
+/// one before anything is printed, so a reader that goes away changes nothing.
 #[must_use]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Outcome {
     /// Done.
     Done = 0,
-    /// Ran, but a check that the user asked for has failed.
+    /// The command ran, but a check that the user requested has failed.
     CheckFailed = 1,
 }
 
-/// A command without checks.
+/// For commands without checks.
 impl From<()> for Outcome {
     fn from((): ()) -> Self {
         Self::Done
     }
 }
 
-/// What help calls the options of every command, which stand at its end.
+/// Help heading of the options of every command, which come last.
 pub(crate) const GLOBAL: &str = "Every command";
 
-/// How much is said, and in which form.
+/// Amount and form of the output.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct OutputArgs {
     /// Print one JSON document instead of tables
@@ -68,26 +68,26 @@ pub(crate) struct OutputArgs {
     #[arg(long = "as", global = true, help_heading = GLOBAL, value_name = "FORM", value_enum, default_value_t = TableForm::Text, conflicts_with = "json", hide_possible_values = true)]
     form: TableForm,
 
-    /// Whether to colour what goes to a terminal: auto, always or never; `NO_COLOR` counts as never
+    /// When to colour terminal output: auto, always or never; `NO_COLOR` counts as never
     #[arg(long, global = true, help_heading = GLOBAL, value_name = "WHEN", value_enum, default_value_t = ColorChoice::Auto, hide_possible_values = true)]
     color: ColorChoice,
 }
 
-/// A column of a table: its name, and what it shows of a record.
+/// A column of a table: its name, and the function that formats a record.
 pub(crate) type TableColumn<'a, T> = (&'a str, &'a dyn Fn(&T) -> String);
 
-/// How often progress is told.
+/// Interval of progress updates.
 const REDRAWN: Duration = Duration::from_millis(200);
 
-/// Where a command's results and remarks go.
+/// Output of a command's results and remarks.
 #[derive(Clone, Debug)]
 pub(crate) struct Printer {
     options: OutputArgs,
-    /// Whether a table was printed.
+    /// True if a table was printed.
     has_table: Arc<AtomicBool>,
-    /// Whether the standard output has taken all that was printed.
+    /// The first error of the standard output, if any.
     printed: Arc<Mutex<io::Result<()>>>,
-    /// Whether a check has failed.
+    /// True if a check has failed.
     has_failed: Arc<AtomicBool>,
     /// The files that the command reads and writes.
     pub(crate) files: Arc<Outputs>,
@@ -100,12 +100,13 @@ impl Printer {
         Self { options, has_table, printed, has_failed, files: Arc::default() }
     }
 
-    /// Whether the user asked for one JSON document in place of tables.
+    /// True if the user requested one JSON document instead of tables.
     pub(crate) fn json(&self) -> bool {
         self.options.json
     }
 
-    /// Whether a stream is coloured, which the environment has `usual`ly: no-color.org, a terminal or not.
+    /// True if a stream is coloured; `usual` is the choice by the environment: no-color.org, and whether it
+    /// is a terminal.
     fn is_painted(&self, usual: bool) -> bool {
         match self.options.color {
             ColorChoice::Always => true,
@@ -114,24 +115,24 @@ impl Printer {
         }
     }
 
-    /// Whether what goes to the standard output is coloured.
+    /// True if the standard output is coloured.
     pub(crate) fn is_colored(&self) -> bool {
         self.is_painted(console::colors_enabled())
     }
 
-    /// Decides by a gate how the command ends, and says what fails.
+    /// Decides the outcome by a gate, and prints its failures.
     pub(crate) fn judge(&self, gate: &Gate) -> Outcome {
         gate.failures().iter().for_each(|failure| self.warning(failure.to_string()));
         self.decide(gate.passes())
     }
 
-    /// Decides how the command ends.
+    /// Decides the outcome of the command.
     pub(crate) fn decide(&self, passes: bool) -> Outcome {
         self.has_failed.store(!passes, Ordering::Relaxed);
         self.decided()
     }
 
-    /// The decision, also where the command could not print its result.
+    /// The decided outcome, also if the command could not print its result.
     pub(crate) fn decided(&self) -> Outcome {
         match self.has_failed.load(Ordering::Relaxed) {
             true => Outcome::CheckFailed,
@@ -139,15 +140,14 @@ impl Printer {
         }
     }
 
-    /// Prints the result of a command as one JSON document, every figure at full precision.
+    /// Prints the result of a command as one JSON document, with all numbers at full precision.
     pub(crate) fn document(&self, value: &impl Serialize) -> anyhow::Result<()> {
         let text = serde_json::to_string_pretty(value).expect("every document has keys of text");
         self.print(&escape::json(&(text + "\n")));
         self.printed()
     }
 
-    /// Prints the result of a command that is done: as one JSON document where that was asked for, otherwise as
-    /// `print` shows it.
+    /// Prints the final result of a command: as one JSON document if requested, otherwise with `print`.
     pub(crate) fn finish(
         &self,
         value: &impl Serialize,
@@ -165,8 +165,8 @@ impl Printer {
         Ok(path.map(|path| self.files.create(path)).transpose()?)
     }
 
-    /// Creates the output file at `path`. Without one, or at `-`, it is the standard output, which `--json` has for
-    /// its document.
+    /// Creates the output file at `path`. Without a path, or with `-`, it is the standard output, which
+    /// `--json` reserves for its document.
     pub(crate) fn create_or_stdout(&self, path: Option<&OutputPath>) -> anyhow::Result<AtomicFile> {
         if let Some(path) = path.filter(|path| !is_standard(path)) {
             return Ok(self.files.create(path)?);
@@ -178,7 +178,8 @@ impl Printer {
         Ok(AtomicFile::stdout())
     }
 
-    /// Prints what would be a file of its own, as it stands, at one go; nothing, once the standard output has failed.
+    /// Prints the content of a file verbatim, in one write; prints nothing once the standard output has
+    /// failed.
     pub(crate) fn print(&self, content: &str) {
         let mut printed = lock(&self.printed);
         if printed.is_ok() {
@@ -186,23 +187,23 @@ impl Printer {
         }
     }
 
-    /// Whether all that was printed has arrived.
+    /// The error if some output could not be written.
     pub(crate) fn printed(&self) -> anyhow::Result<()> {
         Ok(std::mem::replace(&mut *lock(&self.printed), Ok(()))?)
     }
 
-    /// Prints one line of a result that people read.
+    /// Prints one line of a result for people.
     pub(crate) fn line(&self, text: impl AsRef<str>) {
         self.tinted("", None, text.as_ref())
     }
 
-    /// The same with a word before it that is coloured.
+    /// Prints one line of a result, with a coloured word before it.
     pub(crate) fn tinted(&self, word: &str, color: Option<Color>, text: &str) {
         let text = escape::terminal(text);
         match self.options.form {
             TableForm::Csv => self.note(format!("{word}{text}")),
             TableForm::Markdown if text.is_empty() => {}
-            // Each line a paragraph of its own.
+            // In Markdown, each line is a paragraph.
             TableForm::Markdown => self.print(&format!("{word}{text}\n\n")),
             TableForm::Text => {
                 let word = painted(word, color, self.is_colored());
@@ -215,7 +216,7 @@ impl Printer {
     pub(crate) fn table(&self, header: &[&str], rows: impl IntoIterator<Item = Vec<String>>) {
         let form = self.options.form;
         let mut text = String::new();
-        // Of several tables every one stands on its own.
+        // CSV tables are separated by an empty line.
         if form == TableForm::Csv && self.has_table.swap(true, Ordering::Relaxed) {
             text.push('\n');
         }
@@ -248,7 +249,7 @@ impl Printer {
         }
     }
 
-    /// Notes and warnings.
+    /// Prints notes and warnings.
     pub(crate) fn remarks(&self, remarks: impl IntoIterator<Item = Remark>) {
         for remark in remarks {
             match remark {
@@ -258,24 +259,24 @@ impl Printer {
         }
     }
 
-    /// Whether more is to be said.
+    /// True with `--verbose`.
     pub(crate) fn is_verbose(&self) -> bool {
         self.options.verbose
     }
 
-    /// Writes a note about how the work is done to stderr, with `--verbose` only.
+    /// Writes a note about the inner workings to stderr, with `--verbose` only.
     pub(crate) fn detail(&self, text: impl AsRef<str>) {
         if self.options.verbose {
             self.talk("", None, text.as_ref());
         }
     }
 
-    /// Warns on stderr, even when quiet: the user must not miss it.
+    /// Warns on stderr, even with `--quiet`: the user must not miss it.
     pub(crate) fn warning(&self, text: impl AsRef<str>) {
         self.talk("warning: ", Some(Color::Yellow), text.as_ref());
     }
 
-    /// Reports what could not be done among other things that could.
+    /// Reports a failure of one item; others may have succeeded.
     pub(crate) fn failure(&self, text: impl AsRef<str>) {
         self.talk("error: ", Some(Color::Red), text.as_ref());
     }
@@ -288,13 +289,13 @@ impl Printer {
         }
     }
 
-    /// A progress bar over `bytes` on stderr, which goes when it is dropped; draws nothing when quiet or not on a
-    /// terminal.
+    /// A progress bar over `bytes` on stderr, removed when it is dropped. Draws nothing with `--quiet` or
+    /// without a terminal.
     pub(crate) fn progress(&self, label: &str, bytes: u64) -> ProgressBar {
         self.bar(label, bytes, "{msg} {wide_bar} {bytes}/{total_bytes} {eta}")
     }
 
-    /// Does work that reads a log, with a progress bar over its bytes.
+    /// Runs work that reads a log, with a progress bar over its bytes.
     pub(crate) fn scan<T>(
         &self,
         log: &Log,
@@ -306,7 +307,7 @@ impl Printer {
         work(ReadOptions { progress: Some(&progress), ..read })
     }
 
-    /// The same over things that are counted.
+    /// A progress bar over items.
     pub(crate) fn count(&self, label: &str, total: u64) -> ProgressBar {
         self.bar(label, total, "{msg} {wide_bar} {human_pos}/{human_len} {eta}")
     }
@@ -325,7 +326,7 @@ impl Printer {
         bar
     }
 
-    /// A line on stderr that says how it goes; draws nothing when quiet or not on a terminal.
+    /// A status line on stderr; draws nothing with `--quiet` or without a terminal.
     pub(crate) fn status(&self) -> ProgressBar {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::hidden());
         if !self.options.quiet && io::stderr().is_terminal() {
@@ -335,14 +336,14 @@ impl Printer {
         bar
     }
 
-    /// A closed stderr leaves nobody to tell.
+    /// Writes a message to stderr. Errors are ignored: with stderr closed, there is nowhere to report them.
     fn talk(&self, word: &str, color: Option<Color>, text: &str) {
         let word = painted(word, color, self.is_painted(console::colors_enabled_stderr()));
         let _ = writeln!(io::stderr().lock(), "{word}{}", escape::terminal(text));
     }
 }
 
-/// A word in bold and in a colour.
+/// A word in bold and coloured.
 fn painted(word: &str, color: Option<Color>, is_on: bool) -> StyledObject<&str> {
     let style = color.map_or_else(Style::new, |color| Style::new().bold().fg(color));
     style.force_styling(is_on).apply_to(word)
@@ -352,7 +353,7 @@ fn style(template: &str) -> ProgressStyle {
     ProgressStyle::with_template(template).expect("a template that parses")
 }
 
-/// Tells the progress of a bar as lines, such as `progress: 3/25`, until it is finished.
+/// Prints the progress of a bar as lines, such as `progress: 3/25`, until it is finished.
 fn tell(bar: &WeakProgressBar, total: u64) {
     while let Some(bar) = bar.upgrade().filter(|bar| !bar.is_finished()) {
         let _ = writeln!(io::stderr().lock(), "progress: {}/{total}", bar.position());
@@ -361,7 +362,7 @@ fn tell(bar: &WeakProgressBar, total: u64) {
     }
 }
 
-/// The next step after `error`, where one is known.
+/// The next step after `error`, if one is known.
 fn for_error(error: &anyhow::Error) -> Option<String> {
     error.chain().find_map(|cause| {
         let setup = cause.downcast_ref().and_then(SetupError::hint).map(str::to_owned);
@@ -387,7 +388,7 @@ fn hint<E: Error + Hint + 'static>(cause: &(dyn Error + 'static)) -> Option<Stri
     cause.downcast_ref::<E>().and_then(Hint::hint)
 }
 
-/// Whether the reader of our output has gone away, which is not an error.
+/// True if the reader of the standard output has gone away, which is not an error.
 pub(crate) fn is_closed_pipe(error: &anyhow::Error) -> bool {
     error
         .chain()

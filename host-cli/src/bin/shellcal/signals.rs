@@ -1,17 +1,17 @@
-//! What happens when somebody ends the program: Ctrl-C, TERM, HUP.
+//! Handling of signals that end the program: Ctrl-C, TERM, HUP.
 //!
-//! A command that runs until then asks for a flag. All others end as they would without this, but for
-//! their temporary files, which are removed first.
+//! A command that runs until it is stopped requests a flag. All others end as they would without this module,
+//! except that their temporary files are removed first.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Once, OnceLock};
 
 use anyhow::Context;
 
-/// Set by a signal, once somebody has asked for it.
+/// The flag set by a signal, once a command has requested it.
 static STOP: OnceLock<Arc<AtomicBool>> = OnceLock::new();
 
-/// Listens from now on. A program that could not would leave temporary files and nothing worse.
+/// Starts listening. If this fails, the only harm is that temporary files may be left.
 pub(crate) fn listen() {
     static BEGUN: Once = Once::new();
     BEGUN.call_once(|| {
@@ -19,16 +19,16 @@ pub(crate) fn listen() {
     });
 }
 
-/// A flag that a signal sets, in place of ending the program.
+/// A flag that a signal sets, instead of ending the program.
 pub(crate) fn stop_flag() -> anyhow::Result<Arc<AtomicBool>> {
     let flag = Arc::clone(STOP.get_or_init(Arc::default));
     listen();
-    // Whoever wants to be stopped can be, even where a shell has it started in the background.
+    // A command that waits to be stopped must hear signals even if a shell started it in the background.
     platform::listen(true).context("cannot listen for Ctrl-C")?;
     Ok(flag)
 }
 
-/// Whether the program goes on.
+/// Handles a signal; returns true if the program goes on.
 fn is_heard() -> bool {
     match STOP.get() {
         Some(flag) => {
@@ -51,8 +51,8 @@ mod platform {
     use signal_hook::iterator::Signals;
     use signal_hook::low_level::emulate_default_handler;
 
-    /// Listens for signals that end the program as things are, or for those that are ignored and still meant for a
-    /// command that waits for them.
+    /// Listens for signals that end the program by default, or for ignored ones that still stop a command
+    /// that waits for them.
     pub(super) fn listen(are_ignored: bool) -> io::Result<()> {
         let wanted: &[c_int] = match are_ignored {
             true => &[SIGINT, SIGTERM],
@@ -75,8 +75,8 @@ mod platform {
         thread::Builder::new().name("signals".to_owned()).spawn(wait).map(drop)
     }
 
-    /// The signals that whoever started us wants to be ignored: `nohup`, a background job.
-    /// Where the system does not say, none.
+    /// The signals that the parent process set to be ignored, as `nohup` or a background job does; empty if
+    /// the system does not tell.
     fn ignored() -> u64 {
         let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
         let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -88,7 +88,7 @@ mod platform {
 mod platform {
     use std::io;
 
-    /// What a program returns that was ended by Ctrl-C.
+    /// Exit code of a program ended by Ctrl-C.
     const ENDED: i32 = 130;
 
     /// Signals are never ignored here.

@@ -5,11 +5,11 @@ use comfy_table::{CellAlignment, ContentArrangement, LineStyle, Table, TableStyl
 use shell_data::escape::csv_field;
 use shell_data::wrench::Axis;
 
-/// As papers set them: a rule below the header and no other lines.
+/// The style of scientific papers: a rule below the header and no other lines.
 const PLAIN: TableStyle =
     TableStyle::new().header_separator(LineStyle::none().fill('─').junction('─'));
 
-/// How tables are printed.
+/// Format of tables.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum TableForm {
     /// Aligned, to read
@@ -21,7 +21,7 @@ pub(crate) enum TableForm {
     Csv,
 }
 
-/// How many decimals forces in N and moments in N·m are shown with.
+/// Number of decimals for forces in N and moments in N·m.
 pub(crate) fn decimals(axis: Axis) -> usize {
     if axis.is_moment() { 6 } else { 4 }
 }
@@ -31,7 +31,7 @@ pub(crate) fn axis_row(axis: Axis, values: [f64; 3]) -> Vec<String> {
     number_row(format!("{} ({})", axis.name(), axis.unit()), values, decimals(axis))
 }
 
-/// A row with a label, then values with so many decimals.
+/// A row with a label and values with this number of decimals.
 pub(crate) fn number_row(label: String, values: [f64; 3], decimals: usize) -> Vec<String> {
     [label].into_iter().chain(values.map(|value| fixed(value, decimals))).collect()
 }
@@ -67,7 +67,8 @@ fn text(header: &[&str], rows: &[Vec<String>]) -> Vec<String> {
     table.lines().map(|line| line.trim_end().to_owned()).collect()
 }
 
-/// Header and rows, each cell as `cell` writes it. A row that ends early has empty cells, as in the form to read.
+/// Header and rows, each cell formatted by `cell`. Short rows are filled with empty cells, as in the text
+/// form.
 fn whole(
     header: &[&str],
     rows: &[Vec<String>],
@@ -81,20 +82,20 @@ fn whole(
     std::iter::once(header).chain(rows.iter().map(row).collect::<Vec<_>>())
 }
 
-/// A number of things, as `1 file` or `2 files`.
+/// A number of items, as `1 file` or `2 files`.
 pub(crate) fn counted(count: usize, what: &str) -> String {
     format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
-/// What stands in a cell without a value.
+/// Content of a cell without a value.
 pub(crate) const NOTHING: &str = "–";
 
-/// A figure, or a dash where there is none.
+/// A number, or a dash for `None`.
 pub(crate) fn or_dash(value: Option<f64>, decimals: usize) -> String {
     shown(value, |value| format!("{value:.decimals$}"))
 }
 
-/// The `text` of a value, or a dash where there is none.
+/// The `text` of a value, or a dash for `None`.
 pub(crate) fn shown<T>(value: Option<T>, text: impl FnOnce(T) -> String) -> String {
     value.map_or_else(|| NOTHING.to_owned(), text)
 }
@@ -108,7 +109,7 @@ mod tests {
         let rows = [vec!["a|b".to_owned(), "1,5".to_owned()], vec!["\"c\"".to_owned()]];
         let expected = ["| name | x |", "| :-- | --: |", "| a\\|b | 1,5 |", "| \"c\" |  |"];
         assert_eq!(lines(TableForm::Markdown, &["name", "x"], &rows), expected);
-        // By an independent reader of RFC 4180.
+        // Checked with an independent reader of RFC 4180.
         let text = lines(TableForm::Csv, &["name", "x"], &rows).join("\n");
         let mut reader = csv::Reader::from_reader(text.as_bytes());
         let read: Vec<Vec<String>> = reader

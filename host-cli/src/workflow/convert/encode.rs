@@ -1,4 +1,4 @@
-//! Converted frames as what is written of them, on any thread and then in order.
+//! Encoding of converted frames, on any thread, and their output in order.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -17,16 +17,16 @@ use crate::workflow::WorkflowError;
 const WRENCH_TOPIC: &str = "/wrench";
 const DETAILS_TOPIC: &str = "/wrench/details";
 
-/// How many rows are written together where a table has parts.
+/// Number of rows per part of a table that has parts.
 const PART_ROWS: usize = 1 << 16;
 
-/// What makes bytes of frames, on any thread.
+/// Encodes frames, on any thread.
 pub(super) struct Encoder<'a> {
     pub(super) table: WrenchTable,
     pub(super) format: &'a OutputFormat,
 }
 
-/// Some frames, as they are written.
+/// Encoded frames.
 pub(super) enum EncodedFrames {
     Text(Vec<u8>),
     Columns(Vec<Cells<'static>>),
@@ -93,7 +93,7 @@ impl Encoder<'_> {
 
 /// A time as whole nanoseconds, exact in its decimal digits. 0 becomes 1 ns: ROS reads a stamp of 0 as "no time".
 fn nanoseconds(time_s: f64) -> Option<u64> {
-    // The stamp of a message has 31 bits of seconds.
+    // The time stamp of a message has 31 bits of seconds.
     if !(0.0..2_147_483_648.0).contains(&time_s) {
         return None;
     }
@@ -107,14 +107,14 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
     Some(exact.unwrap_or((time_s * 1e9).round() as u64).max(1))
 }
 
-/// Where encoded frames go, in order.
+/// The output of encoded frames, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    /// With the rows that are not written yet.
+    /// The writer, and the rows that are still to be written.
     Parquet(ParquetWriter<&'a mut dyn Write>, Columns),
-    /// A table that begins with the number of rows, with all of them and what writes it.
+    /// A table that begins with the number of rows: the output, all rows, and the function that writes them.
     Whole(&'a mut dyn Write, Columns, WriteWhole),
-    /// With the frame whose mount is still to be written.
+    /// The writer, and the frame of reference whose mount is still to be written.
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
 }
 
@@ -123,7 +123,7 @@ type Columns = Vec<(String, Cells<'static>)>;
 type WriteWhole = fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>;
 
 impl<'a> EncodedOutput<'a> {
-    /// Writes what comes before the first frame.
+    /// Writes the part before the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
         let column = |(name, is_text)| match is_text {
             true => (name, Cells::Text(Cow::default())),
@@ -150,7 +150,7 @@ impl<'a> EncodedOutput<'a> {
         })
     }
 
-    /// Writes so many frames.
+    /// Writes `count` frames.
     pub(super) fn write(&mut self, count: usize, encoded: EncodedFrames) -> io::Result<()> {
         match (self, encoded) {
             (Self::Text(out), EncodedFrames::Text(text)) => out.write_all(&text),
@@ -162,7 +162,7 @@ impl<'a> EncodedOutput<'a> {
                 }
                 writer.write(&chunk)
             }
-            // An empty piece may lack columns.
+            // An empty block may lack columns.
             (_, EncodedFrames::Columns(_)) if count == 0 => Ok(()),
             (Self::Whole(_, rows, _), EncodedFrames::Columns(next)) => {
                 rows.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
@@ -180,7 +180,7 @@ impl<'a> EncodedOutput<'a> {
         }
     }
 
-    /// Writes what is left, and the end.
+    /// Writes the remaining rows and the end of the file.
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
             Self::Text(_) => Ok(()),
@@ -197,7 +197,7 @@ impl<'a> EncodedOutput<'a> {
     }
 }
 
-/// The static transform of the wrench's frame from this time on; empty if its mount is unknown.
+/// The static transform of the wrench's frame of reference from this time on; empty if its mount is unknown.
 fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
     let mut chunk = McapChunk::default();
     if let Some(mount) = &frame.mount {
@@ -209,7 +209,7 @@ fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
     chunk
 }
 
-/// Adds the rows that follow to a column of the same kind.
+/// Appends the following rows to a column of the same kind.
 fn append(column: &mut Cells<'static>, next: Cells<'static>) {
     match (column, next) {
         (Cells::Full(column), Cells::Full(next)) => column.to_mut().extend(next.iter()),

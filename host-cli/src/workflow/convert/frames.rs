@@ -1,4 +1,4 @@
-//! Some frames of a log, converted.
+//! Conversion of frames of a log.
 
 use super::options::ConvertOptions;
 use crate::workflow::selection::RowFilter;
@@ -9,7 +9,7 @@ use shell_data::Converter;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// Consecutive frames, column by column. Columns that were not asked for are empty.
+/// Consecutive frames, column by column. Columns that were not requested are empty.
 #[derive(Debug, Default)]
 pub(super) struct ConvertedFrames {
     pub(super) time_s: Vec<f64>,
@@ -17,52 +17,51 @@ pub(super) struct ConvertedFrames {
     pub(super) standard_errors: PerAxis<Vec<f64>>,
     /// One column for each channel.
     pub(super) readings: Vec<Vec<f64>>,
-    /// The log's columns that are carried along.
+    /// The log's numeric columns that are carried along.
     pub(super) kept: Vec<Vec<f64>>,
-    /// Those of them that are text.
+    /// The log's text columns that are carried along.
     pub(super) texts: Vec<Vec<String>>,
-    /// The channels outside the range of the training data, those at an end of the converter or on a plateau of their
-    /// curve, and those that the model left out (empty where it leaves none out): bit `i` for channel `i` from 0, all
-    /// from 63 up sharing the last bit.
+    /// Three kinds of flags for the channels of a frame: outside the range of the training data; at an end of
+    /// the converter's range or on a plateau of their curve; left out by the model (empty if it leaves none
+    /// out). Bit `i` is channel `i` from 0; channels from 63 up share the last bit.
     pub(super) flags: [Vec<u64>; 3],
 }
 
-/// Consecutive rows of a log, and the frames that are written of them.
+/// Consecutive rows of a log, and the frames to be written.
 #[derive(Debug, Default)]
 pub(super) struct ConvertedRows {
     /// Time of every row, s.
     pub(super) time_s: Vec<f64>,
     /// The wrench of every row, tared.
     pub(super) wrench: PerAxis<Vec<f64>>,
-    /// Whether a row is written.
+    /// True for each row that is written.
     pub(super) written: Vec<bool>,
-    /// What is written; without wrenches if those are to be filtered.
+    /// The frames to be written, without wrenches if they are still to be filtered.
     pub(super) frames: ConvertedFrames,
-    /// Rows whose load is not known.
+    /// Number of rows whose load is not known.
     pub(super) without_motion: u64,
-    /// What the zero is watched in, if it is: the times (s) and readings of fresh frames.
+    /// Times (s) and readings of the fresh frames in which the zero is watched, if it is.
     pub(super) watched: Option<WatchedFrames>,
 }
 
 type WatchedFrames = (Vec<f64>, Vec<Vec<f64>>);
 
-/// What turns readings into frames.
+/// Converts readings to frames.
 pub(super) struct FrameConverter<'a> {
     pub(super) calibration: &'a Calibration,
     pub(super) pipeline: &'a ForcePipeline,
-    /// What is taken off besides the load at each row.
+    /// The wrench to subtract at each row besides the load.
     pub(super) zero: PerAxis<f64>,
     pub(super) options: &'a ConvertOptions,
-    /// The lag of the reference, where the time stamps of forces make up for it.
+    /// The lag of the reference, if the time stamps of forces compensate for it.
     pub(super) stamp_lag: Option<ReferenceLag>,
-    /// Whether frames keep their readings.
+    /// True if frames keep their readings.
     pub(super) keeps_readings: bool,
-    /// Whether rows that repeat a frame are frames, where the zero is watched; else `None`.
+    /// `Some` if the zero is watched; true if repeated rows count as frames for it.
     pub(super) watch: Option<bool>,
 }
 
 impl ConvertedFrames {
-    /// Number of frames.
     pub(super) fn len(&self) -> usize {
         self.flags[0].len()
     }
@@ -78,7 +77,7 @@ impl FrameConverter<'_> {
 
     /// Converts the rows that are used.
     fn convert_used(&self, block: &mut Block) -> ConvertedRows {
-        // Of rows that are all used, those that repeat a frame may be none.
+        // If all rows are used, duplicates of the previous frame may still have to be skipped for the zero.
         let is_fresh = (self.options.rows == RowFilter::All && self.watch == Some(false))
             .then(|| block.fresh_rows());
         self.options.rows.select(block);
@@ -90,7 +89,7 @@ impl FrameConverter<'_> {
         ConvertedRows { frames, without_motion, watched, ..ConvertedRows::default() }
     }
 
-    /// Converts every row, which the filter has to see, but each frame once.
+    /// Passes every row to the filter, but converts each frame only once.
     fn convert_all(&self, block: &mut Block) -> ConvertedRows {
         let fresh = block.fresh_rows();
         let time_s = block.time_s.clone();
@@ -116,7 +115,8 @@ impl FrameConverter<'_> {
         ConvertedRows { time_s, wrench, written, frames, without_motion, watched }
     }
 
-    /// The rows of a block that the zero is watched in, if it is: those for which `is_fresh` is true, or all.
+    /// The rows of a block in which the zero is watched, if it is: those for which `is_fresh` is true, or
+    /// all.
     fn watched(&self, block: &Block, is_fresh: Option<&[bool]>) -> Option<WatchedFrames> {
         self.watch?;
         let fresh = is_fresh.map(|fresh| block.kept(fresh));
@@ -124,13 +124,13 @@ impl FrameConverter<'_> {
         Some((rows.time_s.clone(), rows.channels().to_vec()))
     }
 
-    /// Takes off what the sensor carries; returns the number of rows where that is not known.
+    /// Subtracts the carried load; returns the number of rows at which it is not known.
     fn take_off_load(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) -> u64 {
         let load = self.options.load.as_ref();
         load.map_or(0, |load| load.subtract(times_s, &self.zero, wrench))
     }
 
-    /// The times of forces by those of their rows, s.
+    /// The times of forces for the times of their rows, s.
     fn moved(&self, mut times_s: Vec<f64>) -> Vec<f64> {
         if let Some(lag) = self.stamp_lag {
             times_s.iter_mut().for_each(|time_s| *time_s = lag.moved_s(*time_s));
@@ -138,7 +138,7 @@ impl FrameConverter<'_> {
         times_s
     }
 
-    /// All but the wrenches.
+    /// The frames without their wrenches.
     fn frames(&self, block: &mut Block) -> ConvertedFrames {
         let Self { calibration, pipeline, options, .. } = self;
         let repeated = |(text, rows): &(String, usize)| std::iter::repeat_n(text.clone(), *rows);
@@ -156,7 +156,7 @@ impl FrameConverter<'_> {
             let errors = &mut frames.standard_errors;
             options.frame.iter().for_each(|change| change.apply_to_errors(errors));
         }
-        // Flagged frames are counted, whether or not the flags are written.
+        // Flagged frames are counted even if the flags are not written.
         let mut saturated = match options.converter {
             Some(converter) => saturated_at(block.channels(), converter),
             None => vec![0; block.rows],
@@ -171,7 +171,7 @@ impl FrameConverter<'_> {
     }
 }
 
-/// For every row, the channels at either end of what the converter can give.
+/// The channels at either end of the converter's range, for every row.
 fn saturated_at(readings: &[Vec<f64>], converter: Converter) -> Vec<u64> {
     let mut flags = vec![0; readings.first().map_or(0, Vec::len)];
     for (channel, column) in readings.iter().enumerate() {

@@ -1,13 +1,13 @@
-//! From a log of readings to a log of wrenches.
+//! Conversion of a log of readings to a log of wrenches.
 //!
 //! ```text
 //! survey   the first rows   tare and clock of the force pipeline
 //! convert  every block      wrench − tare, standard errors, flags ─▶ low-pass ─▶ file
 //! ```
 //!
-//! Both read the log as a stream; the survey stops where tare and clock are known. The low-pass holds
-//! back as many rows as it needs to see ahead, and the others of their block, whatever the length of the log. It sees
-//! every row, also where only fresh ones are written: which rows are written does not change the forces.
+//! Both read the log as a stream; the survey stops once tare and clock are known. The low-pass holds back as
+//! many rows as it looks ahead, plus the rest of their block, for any length of the log. It sees every row
+//! even if only fresh ones are written: the choice of rows does not change the forces.
 
 mod encode;
 mod frames;
@@ -44,7 +44,7 @@ use shell_data::wrench::{Axis, PerAxis};
 use table::WrenchTable;
 use writer::Writer;
 
-/// How many standard errors an interval of this level reaches either way.
+/// Half-width of an interval of this level, in standard errors.
 ///
 /// # Errors
 /// [`WorkflowError::NoCovariance`] or [`WorkflowError::NoIntervals`].
@@ -64,10 +64,10 @@ pub fn interval_factors(
     }
 }
 
-/// Converts a log and writes the result to `out`, as `plan` says; `trace` is given the wrench as well.
+/// Converts a log and writes the result to `out` according to `plan`; `trace` also receives the wrench.
 ///
 /// # Errors
-/// [`WorkflowError`]; what has been written to `out` until then is not of use.
+/// [`WorkflowError`]; the output up to then is not usable.
 pub fn convert(
     conversion: &Conversion<'_>,
     plan: &OutputPlan,
@@ -78,7 +78,7 @@ pub fn convert(
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
     let is_whole = options.columns.time && options.columns.axes.are_all();
-    // Beside the wrenches, such a recording has the readings.
+    // A recording contains the readings as well as the wrenches.
     let keeps_readings = matches!(plan.format, OutputFormat::Mcap(_));
     if keeps_readings && !is_whole {
         return Err(WorkflowError::refused(
@@ -102,7 +102,8 @@ pub fn convert(
     }
     let (mut pipeline, zero) = survey(conversion)?;
     let lag = calibration.lag.filter(|lag| lag.time_base == TimeBase::Rows || log.has_time());
-    // Readings keep their time stamps, so forces beside them move instead; so they do where no stamp is.
+    // Readings keep their time stamps, so forces in the same table move instead, as they do if no stamp is
+    // written.
     let moves_stamps = lag.is_some_and(|lag| lag.time_base == TimeBase::Seconds) && !keeps_readings;
     pipeline.lag = lag.filter(|_| !moves_stamps);
     let stamp_lag = lag.filter(|_| moves_stamps);
@@ -153,7 +154,7 @@ pub fn convert(
         calibration,
         |block| {
             let rows = converter.convert(block);
-            // What is not filtered is encoded by the workers.
+            // Frames that need no filter are encoded by the workers.
             let encoded = (!pipeline.looks_around()).then(|| encoder.encode(&rows.frames));
             (rows, encoded)
         },
@@ -201,7 +202,7 @@ pub fn convert(
     })
 }
 
-/// What was done about the lag of the reference.
+/// The correction for the lag of the reference.
 fn clock(
     calibration: &Calibration,
     made_up_for: Option<ReferenceLag>,
@@ -215,8 +216,8 @@ fn clock(
     calibration.lag.map(|lag| LagMadeUp { lag, how })
 }
 
-/// Reads as much of the log as tare and clock need. Also returns what is to be taken off besides the load at
-/// each row: the sensor's zero, or, of tared wrenches, the load that the tare has taken off already.
+/// Reads as much of the log as tare and clock need. Also returns the wrench to subtract at each row besides
+/// the load: the sensor's zero or, for tared wrenches, the load that the tare has already subtracted.
 fn survey(conversion: &Conversion<'_>) -> Result<(ForcePipeline, PerAxis<f64>), WorkflowError> {
     let Conversion { log, calibration, options, read } = conversion;
     let path = || log.path().display().to_string();

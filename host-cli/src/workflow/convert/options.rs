@@ -1,4 +1,4 @@
-//! What is converted, how, and to which columns of which kind of file.
+//! Options of a conversion: processing, columns, and the format of the output.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -12,25 +12,26 @@ use log_file::{Log, ReadOptions};
 use shell_data::Converter;
 use shell_data::wrench::Axes;
 
-/// What is done to the readings of a log.
+/// Processing of the readings of a log.
 #[derive(Clone, Debug)]
 pub struct ConvertOptions {
-    /// Which rows are written.
+    /// The rows that are written.
     pub rows: RowFilter,
     /// How readings become forces.
     pub forces: ForceOptions,
-    /// What the sensor carries, which is taken off before tare and low-pass.
+    /// The load that the sensor carries, subtracted before tare and low-pass.
     pub load: Option<CarriedLoad>,
-    /// Changes of the frame of reference, one after the other.
+    /// Changes of the frame of reference, applied in order.
     pub frame: Vec<FrameChange>,
-    /// What is written of every frame.
+    /// The columns written for every frame.
     pub columns: TableColumns,
-    /// The ends of the converter, at which a reading is saturated. `None` to leave saturation unflagged.
+    /// The ends of the converter's range, at which a reading is saturated. `None` to leave saturation
+    /// unflagged.
     pub converter: Option<Converter>,
 }
 
 impl ConvertOptions {
-    /// Everything that log and calibration have to give, as `shellcal convert` does by default.
+    /// Options for all columns that log and calibration provide, the default of `shellcal convert`.
     pub fn new(log: &Log, calibration: &Calibration) -> Self {
         Self {
             rows: if log.repeats_are_stale() { RowFilter::Fresh } else { RowFilter::All },
@@ -49,48 +50,48 @@ impl ConvertOptions {
     }
 }
 
-/// A log, and what turns it into wrenches.
+/// A log, and everything needed to convert it to wrenches.
 #[derive(Clone, Copy)]
 pub struct Conversion<'a> {
     /// The log.
     pub log: &'a Log,
     /// The calibration of its sensor.
     pub calibration: &'a Calibration,
-    /// What is done.
+    /// The processing.
     pub options: &'a ConvertOptions,
     /// How the log is read.
     pub read: ReadOptions<'a>,
 }
 
-/// What is written of every frame, in this order.
+/// The columns written for every frame, in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TableColumns {
     /// Time in s.
     pub time: bool,
     /// The axes of the wrench, N and N·m.
     pub axes: Axes,
-    /// The standard error of each axis written, N and N·m: that of the frame before filtering.
+    /// The standard error of each axis written, N and N·m, of the frame before filtering.
     pub standard_errors: bool,
-    /// The prediction interval of each axis written, N and N·m: the level, between 0 and 1. About
-    /// the wrench as written, as wide as that of the frame before filtering.
+    /// Level of the prediction interval of each axis written (N and N·m), between 0 and 1. The interval is
+    /// centred on the wrench as written and has the width for the frame before filtering.
     pub interval: Option<f64>,
-    /// Which channels cannot be trusted: `s3:range` outside the calibrated range, `s3:saturated` at
-    /// an end of the converter or on a plateau of its curve, `s3:left-out` not used by the model; empty
-    /// when all is well.
+    /// Channels that cannot be trusted: `s3:range` outside the calibrated range, `s3:saturated` at an end of
+    /// the converter or on a plateau of its curve, `s3:left-out` not used by the model; empty if there are
+    /// none.
     pub flags: bool,
 }
 
 impl TableColumns {
-    /// Whether standard errors are needed.
+    /// True if standard errors are needed.
     pub(super) fn need_errors(&self) -> bool {
         self.standard_errors || self.interval.is_some()
     }
 }
 
-/// A kind of file.
+/// Format of an output file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum OutputFormat {
-    /// Text.
+    /// CSV text.
     #[default]
     Csv,
     /// Parquet.
@@ -103,23 +104,23 @@ pub enum OutputFormat {
     Mcap(RecordingFrame),
 }
 
-/// The frame of reference that wrenches are in.
+/// The frame of reference of the wrenches.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFrame {
     /// Its name.
     pub id: String,
-    /// What it is fixed to, if that is to be said.
+    /// The frame that it is fixed to, if it is to be written.
     pub mount: Option<FrameMount>,
 }
 
-/// Where a frame of reference is in another.
+/// Position and orientation of a frame of reference in another.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameMount {
-    /// The other.
+    /// Name of the other frame.
     pub parent: String,
-    /// x, y, z, m.
+    /// Position x, y, z, m.
     pub position_m: [f64; 3],
-    /// Roll, pitch and yaw about the fixed axes x, y, z in this order, rad, as ROS has them.
+    /// Roll, pitch and yaw about the fixed axes x, y, z in this order, rad, as in ROS.
     pub angles_rad: [f64; 3],
 }
 
@@ -162,22 +163,22 @@ impl FromStr for FrameMount {
     }
 }
 
-/// What is written besides wrenches, and as what.
+/// The output besides wrenches, and its format.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OutputPlan {
-    /// The kind of file.
+    /// Format of the file.
     pub format: OutputFormat,
-    /// Columns of numbers of the log, by position from 0, that are carried along.
+    /// Numeric columns of the log to carry along, by position from 0.
     pub keep: Vec<usize>,
-    /// Columns of text likewise, each once.
+    /// Text columns to carry along, each once.
     pub keep_texts: Vec<usize>,
 }
 
-/// The frame of reference that is named unless another is.
+/// The default name of the frame of reference.
 pub const DEFAULT_FRAME_ID: &str = "shell";
 
 impl OutputFormat {
-    /// What the name of a file says; devices and pipes, which have no such name, get CSV.
+    /// Derives the format from the name of a file; devices and pipes, which have no extension, get CSV.
     ///
     /// # Errors
     /// [`WorkflowError::Refused`].
@@ -199,7 +200,7 @@ impl OutputFormat {
     }
 }
 
-/// What the table of a log is called: `run3.txt.gz` becomes `run3.wrench.csv`.
+/// The name of the table for a log: `run3.txt.gz` becomes `run3.wrench.csv`.
 pub fn table_name(log: &Path) -> String {
     let name = log.file_name().unwrap_or_default().to_string_lossy();
     let name = name.strip_suffix(".gz").unwrap_or(&name);

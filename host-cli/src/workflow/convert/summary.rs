@@ -20,19 +20,19 @@ use shell_data::wrench::{AxisValues, PerAxis};
 pub struct ConvertSummary {
     /// Rows in the log.
     pub rows: u64,
-    /// Rows whose readings equal the row before.
+    /// Duplicates: rows whose readings equal the previous row's.
     pub repeated_rows: u64,
-    /// Rows that were wrong and left out.
+    /// Invalid rows that were left out.
     pub skipped_rows: u64,
     /// Frames written.
     pub frames: u64,
-    /// Which rows these were.
+    /// The rows that were used.
     pub rows_used: RowFilter,
-    /// The frames of the tare.
+    /// The tare, with its frames.
     pub tare: Option<TareResult>,
     /// The filter, and the rate of its grid.
     pub low_pass: Option<AppliedLowPass>,
-    /// How the frames written follow one another, where they were filtered.
+    /// The sampling of the frames written, if they were filtered.
     pub sampling: Option<Rate>,
     /// Correction of the lag of the calibration's reference, if it has one.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -47,11 +47,11 @@ pub struct ConvertSummary {
     /// Smallest, mean and largest value of each axis, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: AxisValues<AxisSummary>,
-    /// How the zero has moved between the first rest and the last, before any tare: of a log with time, at
-    /// rest twice, without a load that is taken off.
+    /// Change of the zero between the first rest and the last, before any tare. Only for a log with time, two
+    /// rests, and no load to subtract.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero: Option<ZeroMove>,
-    /// The rest after the carried load was taken off, where there is one.
+    /// The remainder after the carried load was subtracted, if there is a load.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadSummary>,
 }
@@ -102,7 +102,7 @@ impl ConvertSummary {
         remarks
     }
 
-    /// Doubt about the tare, by the training data of the calibration.
+    /// A doubt about the tare, based on the training data of the calibration.
     pub fn tare_doubt(&self, path: &Path, trained: Option<&Diagnostics>) -> Option<String> {
         let trained = trained?;
         let doubt = self.tare.as_ref()?.doubt(&trained.train, trained.excitation.as_ref()?)?;
@@ -127,7 +127,7 @@ impl ConvertSummary {
     }
 }
 
-/// The lag of a calibration's reference, and how forces make up for it.
+/// The lag of a calibration's reference, and its correction in the forces.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct LagMadeUp {
     /// The lag.
@@ -137,15 +137,15 @@ pub struct LagMadeUp {
     pub how: LagRule,
 }
 
-/// How forces make up for the lag of the reference.
+/// Kinds of correction for the lag of the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LagRule {
     /// The time stamps move.
     Stamps,
-    /// Forces are interpolated between rows; stamps stay those of the readings.
+    /// Forces are interpolated between rows; time stamps stay with the readings.
     BetweenRows,
-    /// None: the log has no time.
+    /// No correction: the log has no time.
     NotMadeUp,
 }
 
@@ -173,29 +173,29 @@ impl fmt::Display for LagMadeUp {
     }
 }
 
-/// A time without what rounding has left beyond a microsecond, s.
+/// A time rounded to a microsecond, s.
 fn short(time_s: f64) -> f64 {
     (time_s * 1e6).round() / 1e6
 }
 
-/// The rest after a load was taken off.
+/// The remainder after a load was subtracted.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LoadSummary {
-    /// True if inertia was taken off, too.
+    /// True if inertia was subtracted, too.
     pub has_inertia: bool,
-    /// The force of turning by 1 rad/s, N, where that is not taken off; it grows with the square.
+    /// The force of turning by 1 rad/s, N, if it is not subtracted; it grows with the square of the rate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turning_n: Option<f64>,
-    /// Factor on the accelerations, where their unit was not that of the poses.
+    /// Factor on the accelerations, if their unit was not that of the poses.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rescaled: Option<f64>,
-    /// How late the clock of the motion was found to be, taken or not.
+    /// The lag found for the clock of the motion, whether or not it was applied.
     pub lag: Option<Lag>,
     /// The part of that lag that was applied, s.
     pub lag_taken_s: Option<f64>,
-    /// Rows so far from any sample of the motion that the load there is not known.
+    /// Number of rows so far from any sample of the motion that their load is not known.
     pub rows_without_motion: u64,
-    /// Standard deviation of the wrench that is left, N and N·m.
+    /// Standard deviation of the remaining wrench, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub standard_deviation: AxisValues<f64>,
 }
@@ -219,15 +219,15 @@ pub struct AxisSummary {
 #[derive(Default)]
 pub(super) struct Totals {
     pub(super) frames: u64,
-    /// Frames with flags of each kind.
+    /// Number of frames with flags of each kind.
     pub(super) flagged: [u64; 3],
     pub(super) axes: PerAxis<Option<(f64, f64, f64)>>,
-    /// Wanted where a load was taken off.
+    /// `Some` if a load was subtracted.
     pub(super) scatter: Option<PerAxis<RunningVariance>>,
 }
 
 impl Totals {
-    /// Adds the wrenches of some frames; the number of the first that is not finite is an error.
+    /// Adds the wrenches of some frames. The error is the index of the first frame that is not finite.
     pub(super) fn add(&mut self, wrench: &PerAxis<Vec<f64>>) -> Result<(), u64> {
         for (total, column) in self.axes.iter_mut().zip(wrench).filter(|(_, of)| !of.is_empty()) {
             let (min, sum, max) = total.get_or_insert((f64::INFINITY, 0.0, -f64::INFINITY));
@@ -248,14 +248,14 @@ impl Totals {
         Ok(())
     }
 
-    /// Counts the frames of which a channel is flagged.
+    /// Counts the frames with a flagged channel.
     pub(super) fn count(&mut self, frames: &ConvertedFrames) {
         for (count, flags) in self.flagged.iter_mut().zip(&frames.flags) {
             *count += flags.iter().filter(|channels| **channels != 0).count() as u64;
         }
     }
 
-    /// Zero where it was not wanted.
+    /// The standard deviation; zero if it was not requested.
     pub(super) fn standard_deviation(&self) -> PerAxis<f64> {
         self.scatter.unwrap_or_default().map(|scatter| match scatter.count {
             0 => 0.0,

@@ -1,4 +1,4 @@
-//! What passes between the thread that records and the one that shows.
+//! Data passed between the recording thread and the displaying thread.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -7,36 +7,36 @@ use board_link::recording::BoardFrame;
 use board_link::{RecordCommand, RecordingProgress, Watcher};
 use shell_data::lock::lock;
 
-/// Frames that wait to be shown, at most: half a minute at 1 kHz.
+/// Capacity of the queue of frames: half a minute at 1 kHz.
 const WAITING: usize = 32_768;
 
-/// The way between two threads. Clones are ends of the same; [`board_link::record`] takes one as its watcher.
+/// The channel between two threads. Clones share it; [`board_link::record`] takes one as its watcher.
 #[derive(Clone, Debug, Default)]
 pub struct Feed(Arc<Mutex<FeedState>>);
 
-/// What has passed, and has not been looked at yet.
+/// Data that was passed and not processed yet.
 #[derive(Debug, Default)]
 pub struct FeedState {
-    /// The frames that wait to be shown.
+    /// Frames that wait to be displayed.
     pub frames: VecDeque<BoardFrame>,
-    /// Frames that were not shown because nobody fetched them.
+    /// Number of frames that were never displayed because the queue was full.
     pub left_out: u64,
-    /// How the recording goes.
+    /// Progress of the recording.
     pub progress: Option<RecordingProgress>,
-    /// What is to happen to the log.
+    /// Commands for the log.
     pub commands: VecDeque<RecordCommand>,
-    /// Whether a log that is played is held.
+    /// True while playback of a log is paused.
     pub is_held: bool,
 }
 
 impl Feed {
-    /// What has passed, which no other thread touches meanwhile.
+    /// Locks the state for this thread.
     pub fn state(&self) -> MutexGuard<'_, FeedState> {
-        // A thread that has ended badly has left the state whole: nothing in here can fail half way.
+        // A thread that panicked has left the state whole: no operation here can fail half-way.
         lock(&self.0)
     }
 
-    /// Asks for something to happen to the log.
+    /// Adds a command for the log.
     pub fn ask(&self, command: RecordCommand) {
         self.state().commands.push_back(command);
     }

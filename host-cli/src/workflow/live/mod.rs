@@ -2,12 +2,12 @@
 //!
 //! ```text
 //! port ─ record() ─▶ log, if there is one
-//!            └─▶ Feed ─▶ LiveSession ─▶ whoever shows it
+//!            └─▶ Feed ─▶ LiveSession ─▶ screen or web page
 //! log ── play() ──▲
 //! ```
 //!
-//! The thread that records hands frames over and never waits for who shows them: where that is too slow,
-//! frames are left out of the view, and counted, never of the log.
+//! The recording thread hands frames over and never waits for the display. If the display is too slow, frames
+//! are left out of the view, and counted, but never left out of the log.
 
 mod feed;
 mod play;

@@ -1,4 +1,4 @@
-//! A log, played as if it were recorded now.
+//! Playback of a log as if it were being recorded now.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -11,21 +11,21 @@ use crate::workflow::WorkflowError;
 use crate::workflow::selection::passed;
 use board_link::recording::{BoardFrame, Measured};
 
-/// How often the clock is looked at.
+/// How often the clock is checked.
 const TICK: Duration = Duration::from_millis(10);
 
-/// A longer time between two looks, when the computer was asleep, is not caught up on.
+/// A longer time between two checks, as after the computer was asleep, is not caught up on.
 const LONGEST: Duration = Duration::from_secs(1);
 
-/// What is not waited for between two rows, s of the log.
+/// A longer step between two rows is skipped instead of waited for, s of the log.
 const JUMP_S: f64 = 1.0;
 
-/// Plays a log at `speed` times its own pace, until its end or until `stop` is set: hands its frames to `see`
-/// when they are due, and holds it while `is_held`. Where it has readings and a wrench, the readings are played if
-/// `readings` are wanted.
+/// Plays a log at `speed` times its own pace, until its end or until `stop` is set. Hands its frames to `see`
+/// when they are due, and pauses while `is_held`. If the log has readings and a wrench, it plays the readings
+/// if `readings` is set.
 ///
 /// # Errors
-/// [`WorkflowError`] if it cannot be read, or has neither eight channels nor a wrench.
+/// [`WorkflowError`] if the log cannot be read, or has neither eight channels nor a wrench.
 pub fn play(
     log: &Log,
     read: &ReadOptions<'_>,
@@ -66,7 +66,7 @@ pub fn play(
     Ok(passed(log.read(&wanted, read, std::mem::take, play))?)
 }
 
-/// A row as a frame with this number.
+/// A row as a frame with this index.
 fn frame(block: &Block, row: usize, index: i64) -> BoardFrame {
     let measured = match block.readings.is_empty() {
         false => Measured::Readings(std::array::from_fn(|c| block.readings[c][row])),
@@ -82,11 +82,12 @@ fn frame(block: &Block, row: usize, index: i64) -> BoardFrame {
     BoardFrame { saturated, ..BoardFrame::new(time_us, index, measured) }
 }
 
-/// Which rows are due. Where the log jumps, by a pause in the recording or back, it goes on at once.
+/// Clock that decides which rows are due. If the log jumps, by a pause in the recording or backwards,
+/// playback continues at once.
 #[derive(Debug)]
 struct PlayClock {
     speed: f64,
-    /// A moment, and the time of the log then.
+    /// An instant, and the time of the log at it.
     set: Option<(Instant, f64)>,
     /// The time of the last row that was due.
     last_s: Option<f64>,
@@ -97,7 +98,7 @@ impl PlayClock {
         Self { speed, set: None, last_s: None }
     }
 
-    /// How many of the next rows, which have these times, are due. While it is held the clock stands still.
+    /// Number of the next rows, with times `next_s`, that are due. The clock stops while `is_held`.
     fn due(&mut self, now: Instant, next_s: &[f64], is_held: bool) -> usize {
         let Some(&first_s) = next_s.first() else { return 0 };
         let is_jump = |last_s: f64, time_s: f64| (time_s - last_s).abs() > JUMP_S;
@@ -114,7 +115,7 @@ impl PlayClock {
         self.set = Some((now, now_s));
         let mut due = 0;
         for &time_s in next_s.iter().take_while(|&&time_s| time_s <= now_s) {
-            // Of what is behind a jump the clock knows nothing yet.
+            // The clock is not set for the time after a jump yet.
             if due > 0 && self.last_s.is_some_and(|last_s| is_jump(last_s, time_s)) {
                 break;
             }

@@ -1,4 +1,4 @@
-//! A live view apart from where it is shown: frames come in, and what the user wants is done.
+//! A live view without its display: takes frames in, and carries out the user's actions.
 
 use std::time::Duration;
 
@@ -13,34 +13,34 @@ use shell_data::block::FrameLabel;
 
 use super::Feed;
 
-/// Time from picture to picture: thirty a second.
+/// Time between two pictures: thirty a second.
 pub const PERIOD: Duration = Duration::from_micros(33_333);
 
-/// What a user can do.
+/// An action of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LiveAction {
-    /// Takes what comes as the zero of what is shown.
+    /// Takes the current values as the zero of the display.
     Tare,
-    /// Shows it without that.
+    /// Removes that zero.
     Untare,
-    /// Lets the picture stand still, or go on.
+    /// Pauses or resumes the display.
     Pause,
-    /// A shorter span of time.
+    /// Shows a shorter time span.
     ZoomIn,
-    /// A longer one.
+    /// Shows a longer time span.
     ZoomOut,
     /// Marks the newest row.
     Mark,
-    /// Begins a log, or ends it.
+    /// Begins or ends a log.
     Record,
-    /// Goes on to the next planned load.
+    /// Skips to the next planned load.
     Skip,
-    /// Goes back to the one before.
+    /// Goes back to the previous planned load.
     Back,
 }
 
 impl LiveAction {
-    /// All, by the names that a page calls them.
+    /// All actions, by their names in the web page.
     pub const NAMED: [(&str, Self); 9] = [
         ("tare", Self::Tare),
         ("untare", Self::Untare),
@@ -53,13 +53,13 @@ impl LiveAction {
         ("back", Self::Back),
     ];
 
-    /// The action of a name, `None` if there is none.
+    /// The action with a name.
     pub fn named(name: &str) -> Option<Self> {
         Self::NAMED.into_iter().find_map(|(known, action)| (known == name).then_some(action))
     }
 }
 
-/// Makes the next log, after so many that were made.
+/// Creates the next log; its argument is the number of logs created so far.
 pub type LogMaker = Box<dyn Fn(usize) -> Result<Box<dyn LogSink>, OutputError>>;
 
 /// The logs that a view writes, one after the other.
@@ -70,15 +70,15 @@ pub struct LogSeries {
 }
 
 impl LogSeries {
-    /// None is written so far.
+    /// A series without any log so far.
     pub fn new(maker: LogMaker) -> Self {
         Self { maker, written: Vec::new(), is_on: false }
     }
 
-    /// Makes the next.
+    /// Creates the next log.
     ///
     /// # Errors
-    /// [`OutputError`] if it cannot be made.
+    /// [`OutputError`] if it cannot be created.
     pub fn begin(&mut self) -> Result<Box<dyn LogSink>, OutputError> {
         let log = (self.maker)(self.written.len())?;
         self.written.push(log.path().display().to_string());
@@ -91,31 +91,31 @@ impl LogSeries {
     }
 }
 
-/// A live view and what it is of.
+/// A live view and its source.
 pub struct LiveSession {
-    /// What is shown, as lines and numbers.
+    /// The content of the display, as lines and numbers.
     pub model: LiveModel,
     guide: Option<Guide>,
     forces: Option<RunningForces>,
     feed: Feed,
-    /// The logs that are written; `None` where nothing can be recorded.
+    /// The logs that are written; `None` if recording is not possible.
     logs: Option<LogSeries>,
-    /// What it is of.
+    /// Name of the source.
     pub name: String,
     elapsed: Duration,
-    /// Frames so far.
+    /// Number of frames so far.
     frames: u64,
-    /// Pictures that were drawn of them.
+    /// Number of pictures drawn.
     pub pictures: u64,
-    /// Whether the source has ended.
+    /// True if the source has ended.
     is_over: bool,
-    /// What has just been done.
+    /// Confirmation of the last action.
     pub message: String,
 }
 
 impl LiveSession {
-    /// Of a source of this name, with a guide if loads are planned, and forces if there is a calibration; `logs` is `None`
-    /// where nothing can be recorded.
+    /// A live view of the source `name`, with a guide if loads are planned, and forces if there is a
+    /// calibration. `logs` is `None` if recording is not possible.
     pub fn new(
         model: LiveModel,
         guide: Option<Guide>,
@@ -139,7 +139,7 @@ impl LiveSession {
         }
     }
 
-    /// All that a page is told, which draws it.
+    /// All data that a web page needs to draw the view.
     pub fn shown(&mut self) -> Value {
         self.pictures += 1;
         json!({
@@ -153,12 +153,12 @@ impl LiveSession {
         })
     }
 
-    /// The guide as it is shown.
+    /// The current view of the guide.
     pub fn guide(&self) -> Option<GuideView> {
         self.guide.as_ref().map(Guide::view)
     }
 
-    /// Has the rows of a load that was held labelled.
+    /// Labels the recorded rows of a load that was held.
     fn label(&mut self, held: FrameLabel) {
         let group = &held.group;
         let is_recorded = self.recording().is_some();
@@ -174,11 +174,11 @@ impl LiveSession {
         self.feed.ask(RecordCommand::Label(held));
     }
 
-    /// Takes the frames that have come, `elapsed` after the start. Whether the source has ended for good, which a log that
-    /// is played may do while its last picture stays.
+    /// Takes the frames that arrived until `elapsed` after the start. Returns true if the view has to end
+    /// because its source is gone for good; after a played log, the last picture stays.
     ///
     /// # Errors
-    /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
+    /// [`ForceError`] if the requested low-pass is impossible at the rate of the frames.
     pub fn advance(&mut self, elapsed: Duration, is_source_over: bool) -> Result<bool, ForceError> {
         let frames: Vec<BoardFrame> = self.feed.state().frames.drain(..).collect();
         let news = self.rows(&frames)?;
@@ -192,11 +192,11 @@ impl LiveSession {
         self.frames += frames.len() as u64;
         self.elapsed = elapsed;
         self.is_over = is_source_over && self.feed.state().frames.is_empty();
-        // A port that is gone for good has something to say, which a screen would hide.
+        // A port that is gone for good has an error to report, which a screen would hide.
         Ok(self.is_over && self.logs.is_some())
     }
 
-    /// Frames as rows to show. Those of a board that converts itself have their wrench.
+    /// Frames as rows to show. Frames of a board that converts on its own already have their wrench.
     fn rows(&mut self, frames: &[BoardFrame]) -> Result<Vec<LiveRow>, ForceError> {
         let mut rows: Vec<LiveRow> = frames.iter().map(row).collect();
         if let Some(running) = &mut self.forces
@@ -211,12 +211,12 @@ impl LiveSession {
         Ok(rows)
     }
 
-    /// The log that is being written.
+    /// Name of the log that is being written.
     pub fn recording(&self) -> Option<&str> {
         self.logs.as_ref().and_then(LogSeries::current)
     }
 
-    /// Does what the user wants.
+    /// Carries out an action of the user.
     pub fn obey(&mut self, action: LiveAction) {
         self.message = match action {
             LiveAction::Tare => {
@@ -285,7 +285,7 @@ impl LiveSession {
         }
     }
 
-    /// How it goes, in a line.
+    /// The state of the session, in a line.
     pub fn state(&self) -> String {
         if self.logs.is_none() {
             return match self.is_over {
@@ -308,7 +308,7 @@ impl LiveSession {
         }
     }
 
-    /// What is said at the end.
+    /// The final report.
     pub fn report(&self) -> Vec<String> {
         let Self { frames, pictures, elapsed, .. } = self;
         let seconds = elapsed.as_secs_f64();
@@ -343,8 +343,8 @@ fn row(frame: &BoardFrame) -> LiveRow {
     }
 }
 
-/// A guide through the loads of a table, in its order. What each is expected to tell is in its column `plan_gain_nats`,
-/// which `shellcal plan` writes; a table without it counts loads.
+/// A guide through the loads of a table, in its order. The expected information gain of each is in the column
+/// `plan_gain_nats`, which `shellcal plan` writes; a table without it counts loads.
 pub fn guide_through(table: &HungLoads) -> Guide {
     let gains: Vec<f64> = match table.column("plan_gain_nats") {
         Some(cells) => cells.map(|cell| cell.parse().unwrap_or(0.0)).collect(),
@@ -359,7 +359,7 @@ pub fn guide_through(table: &HungLoads) -> Guide {
     Guide::new(table.loads().iter().zip(gains).map(guided).collect())
 }
 
-/// A time as a clock shows it.
+/// A time as hours, minutes and seconds.
 pub fn clock(time: Duration) -> String {
     let seconds = time.as_secs();
     format!("{:02}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)

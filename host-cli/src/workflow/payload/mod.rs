@@ -1,4 +1,4 @@
-//! The payload of a sensor: fitted to poses at rest, and taken off a run.
+//! The payload of a sensor: fitted to poses at rest, and subtracted from a run.
 
 mod columns;
 mod orientation;
@@ -23,26 +23,26 @@ use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::statistics::upper_median;
 
-/// The most rows that the lag of two clocks is looked for in: minutes of a fast sensor.
+/// Maximum number of rows used to find the lag of two clocks: minutes of a fast sensor.
 const LAG_ROWS: usize = 200_000;
 
 /// The motion of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunMotion {
-    /// Apparent gravity at the payload's centre.
+    /// Apparent gravity at the centre of mass of the payload.
     pub motion: Motion,
     /// The kind of inertia that it includes.
     pub inertia: Inertia,
-    /// Factor on the accelerations, where their unit is not that of the poses.
+    /// Factor on the accelerations, if their unit is not that of the poses.
     pub rescaled: Option<f64>,
 }
 
-/// Range of the median apparent gravity of a run, as a share of gravity: an exchange of g and m/s² is a factor of 9.8.
+/// Plausible median apparent gravity of a run, relative to gravity; confusing g and m/s² is a factor of 9.8.
 const PLAUSIBLE: std::ops::Range<f64> = 0.4..2.5;
 
-/// Reads apparent gravity at the centre of a payload from a log: from accelerations, where the payload knows their
-/// frame, otherwise from orientations, which say nothing of inertia. Angular velocity is read from its columns, or found
-/// from orientations.
+/// Reads apparent gravity at the centre of a payload from a log: from accelerations if the payload knows
+/// their frame, otherwise from orientations, which contain no inertia. Angular velocity is read from its
+/// columns, or derived from orientations.
 ///
 /// # Errors
 /// [`WorkflowError`].
@@ -100,8 +100,8 @@ pub fn read_motion(
     Ok(RunMotion { motion, inertia, rescaled })
 }
 
-/// Finds the angular velocity in the sensor's frame, rad/s, at some rows: from a gyroscope, which is taken to stand in
-/// the frame of the accelerometer, or from rotations.
+/// Finds the angular velocity in the sensor's frame, rad/s, at some rows: from a gyroscope, which is assumed
+/// to be in the frame of the accelerometer, or from rotations.
 fn angular_velocity<'a>(
     found: &'a FoundColumns,
     others: &'a [Vec<f64>],
@@ -121,7 +121,7 @@ fn angular_velocity<'a>(
     }
 }
 
-/// Factor that brings accelerations of a run to the unit of the poses, found from their length.
+/// Factor that converts accelerations of a run to the unit of the poses, derived from their magnitude.
 fn unit_in_run(
     log: &Log,
     accelerometer: &Accelerometer,
@@ -144,7 +144,7 @@ fn unit_in_run(
     })
 }
 
-/// How late a motion is against a log of readings; `None` where that is not clear.
+/// The lag of a motion relative to a log of readings; `None` if it is not clear.
 ///
 /// # Errors
 /// [`LogError`].

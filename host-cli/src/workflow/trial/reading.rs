@@ -1,4 +1,4 @@
-//! A trial's rows from its log, in one pass.
+//! Reading the rows of a trial from its log, in one pass.
 
 use super::TrialJob;
 use crate::workflow::WorkflowError;
@@ -16,21 +16,21 @@ use trial::{
     used_telemetry,
 };
 
-/// Rows are looked for this far around the window at least, s.
+/// Minimum margin around the window in which rows are read, s.
 const MARGIN_S: f64 = 1.0;
 
-/// What was taken from a log.
+/// Data taken from a log.
 pub(super) struct RecordedTrial {
     pub(super) times: LogTimes,
     pub(super) summary: ReadSummary,
-    /// How the zero has moved, where the tare does not follow it.
+    /// Change of the zero, if the tare does not follow it.
     pub(super) zero: Option<ZeroMove>,
     rows: TrialRows,
     pipeline: Option<ForcePipeline>,
 }
 
 impl RecordedTrial {
-    /// Reads what a window (s) needs.
+    /// Reads the rows that a window (s) needs.
     pub(super) fn read(job: &TrialJob<'_>, window: (f64, f64)) -> Result<Self, WorkflowError> {
         let mut reading = Reading::new(job, window)?;
         let wanted = reading.wanted.clone();
@@ -46,7 +46,7 @@ impl RecordedTrial {
         let zero = reading.watch.as_ref().zip(calibration).and_then(|(watch, of)| watch.finish(of));
         let pipeline = reading.setup.map(|(calibration, setup)| setup.finish(calibration));
         let mut pipeline = pipeline.transpose().map_err(TrialError::from)?;
-        // Legs and power stay where they are in time; forces move to them.
+        // Legs and power keep their times; forces move to them.
         if let (Some(pipeline), Some(calibration)) = (&mut pipeline, calibration) {
             pipeline.lag = calibration.lag;
         }
@@ -69,19 +69,19 @@ impl RecordedTrial {
     }
 }
 
-/// What is taken from the log as it goes by.
+/// State while the log is read.
 struct Reading<'a> {
     enter_s: f64,
     exit_s: f64,
     wanted: Wanted,
-    /// The calibration and the search for tare and clock, where there are forces.
+    /// The calibration and the search for tare and clock, if there are forces.
     setup: Option<(&'a Calibration, PipelineSetup)>,
-    /// The memory terms of the calibration, which take every row from the first on.
+    /// The memory terms of the calibration, which need every row from the first one.
     memory: Option<MemoryState>,
-    /// Looks at the zero of the whole log: a drift can only be followed from rest to rest.
+    /// Watches the zero of the whole log: a drift can only be followed from rest to rest.
     watch: Option<ZeroWatch>,
     takes_all: bool,
-    /// The times between which rows are needed, s, once that is known.
+    /// The time range of the needed rows, s, once it is known.
     needed_s: Option<(f64, f64)>,
     sampling: Sampling,
     rows: u64,
@@ -128,7 +128,7 @@ impl<'a> Reading<'a> {
         })
     }
 
-    /// The times between which rows are needed, s: all, until the clock of the low-pass is known.
+    /// The time range of the needed rows, s: unbounded until the clock of the low-pass is known.
     fn needed_s(&mut self) -> Result<(f64, f64), TrialError> {
         let everything = (f64::NEG_INFINITY, f64::INFINITY);
         if let Some(needed) = self.needed_s {

@@ -1,4 +1,4 @@
-//! `shellcal align`: a reference's recording and a board log to one training log.
+//! `shellcal align`: alignment of a reference's recording and a board log into one training log.
 
 use alignment::{Aligned, ClockMap, LeftOut, Options};
 use anyhow::Context;
@@ -32,27 +32,27 @@ pub(crate) struct AlignArgs {
     #[command(flatten)]
     figure: FigureArgs,
 
-    /// Time that the board averages a frame over, in s: the reference is averaged likewise
+    /// Time that the board averages a frame over, in s; the reference is averaged likewise
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = number_in(0.0..=1.0, "expected a time from 0 to 1 s"))]
     averaging: f64,
 
-    /// Column of the reference with a signal whose edges the board has recorded as well, in `sync_s`: its name
-    /// or position; the clocks then follow from the edges
+    /// Column of the reference (name or position) with a signal whose edges the board also recorded, in
+    /// `sync_s`; the clocks then follow from the edges
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     sync: Option<ColumnRef>,
 
     #[command(flatten)]
     frames: FrameArgs,
 
-    /// What kind of file the reference is [default: recognised]
+    /// Format of the reference file [default: detected]
     #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS), help_heading = "Reading the reference")]
     reference_format: Option<LogFormat>,
 
-    /// The time column of the reference: its name or position
+    /// Time column of the reference: name or position
     #[arg(long, value_name = "COLUMN", value_parser = parse_column, help_heading = "Reading the reference")]
     reference_time: Option<ColumnRef>,
 
-    /// The unit of that column, whatever its name says
+    /// Unit of that column, overriding its name
     #[arg(long, value_name = "UNIT", value_parser = one_of(&TIME_UNITS), help_heading = "Reading the reference")]
     reference_time_unit: Option<TimeUnit>,
 
@@ -60,19 +60,19 @@ pub(crate) struct AlignArgs {
     mapping: MappingArgs,
 }
 
-/// Why there is nothing to draw.
+/// The reason for drawing no figure.
 const NO_PICTURE: &str = "the clocks are by edges, and the loads do not match: leave out `--plot`";
 
-/// Clocks by edges and by loads that are further apart than this, s, are worth a warning: a board that averages
-/// or filters is late by its loads, and not by its edges.
+/// Difference between the clocks by edges and by loads, s, above which a warning is due: averaging or
+/// filtering on the board delays its loads, but not its edges.
 const APART_S: f64 = 2e-3;
 
-/// A match that explains less than this share of the readings is worth a warning.
+/// Share of the readings explained by a match, below which a warning is due.
 const POOR: f64 = 0.9;
 
 impl AlignArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        // Each flag to the file that has such columns.
+        // Units of time and wrench apply to the reference, others to the board log.
         let all = self.mapping.mapping();
         let (of_time, of_wrench) = all.units.iter().cloned().partition(|(key, _)| key == "time");
         let reference = Mapping {
@@ -153,9 +153,9 @@ impl AlignArgs {
                 // t_reference = t_log + offset_s + skew · (t_log − pivot_s).
                 clock, rows,
                 skew_ppm: 1e6 * clock.skew,
-                // Edges of a sync signal, where the clock is by these.
+                // Edges of a sync signal, if the clock is based on them.
                 edges?: found.edges.as_ref(),
-                // Unless they do not match and the clock is by edges.
+                // Absent if the loads do not match and the clock is based on edges.
                 ..loads: quality.map(|quality| document! {
                     quality.{explained, spring_delay_s, search_explained},
                     residual_counts: &quality.residual_counts,
@@ -186,7 +186,7 @@ impl AlignArgs {
             None => format!("{} rows; the loads do not match by themselves", rows.written),
         };
         if self.output.is_none() {
-            // Standard output has the rows.
+            // Standard output has the rows, so print to stderr.
             for row in table {
                 printer.note(format!("{}: {} ± {}", row[0], row[1], row[2]));
             }
@@ -198,7 +198,7 @@ impl AlignArgs {
         Ok(())
     }
 
-    /// What the edges of a sync signal were, if one was named.
+    /// Reports the edges of a sync signal, if one was named.
     fn report_edges(&self, printer: &Printer, aligned: &Aligned) {
         let Some(column) = &self.sync else { return };
         let Some(edges) = &aligned.edges else {

@@ -1,4 +1,4 @@
-//! `shellcal board`: asks a board and tells it what to do; what becomes of the line to it.
+//! `shellcal board`: queries and commands for a board, and their effects on the connection.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -27,7 +27,7 @@ pub(crate) struct BoardArgs {
     #[arg(long, conflicts_with_all = ["port", "framing", "baud", "flow_control", "to"])]
     simulate: bool,
 
-    /// Serial number of the board, as `identify` prints it, where several hear
+    /// Serial number of the board, as printed by `identify`, if several boards can hear
     #[arg(long, value_name = "SERIAL", value_parser = parse_serial, conflicts_with = "simulate")]
     board: Option<BoardId>,
 
@@ -43,9 +43,9 @@ pub(crate) struct BoardArgs {
 
 #[derive(Debug, Subcommand)]
 enum BoardAction {
-    /// What the board is
+    /// Print what the board is
     Identify,
-    /// How the board does
+    /// Print the state of the board
     Status,
     /// Start streaming
     Start,
@@ -59,36 +59,37 @@ enum BoardAction {
     },
     /// Set how a reading is taken
     Sampling {
-        /// Conversions that are averaged for each lit and each dark value
+        /// Conversions to average for each lit and each dark value
         #[arg(long, value_name = "N", required_unless_present = "settling")]
         conversions: Option<u8>,
-        /// Wait after an emitter is switched, µs
+        /// Settling time after an emitter is switched, µs
         #[arg(long, value_name = "US")]
         settling: Option<u16>,
     },
     /// Stream readings or wrenches converted on the board
     Mode {
-        /// What to stream
+        /// Content of the stream
         #[arg(value_parser = one_of(&STREAMS))]
         stream: Stream,
     },
     /// Take the mean wrench of the next frames as zero
     Zero {
-        /// Frames to average; 0 takes the zero back
+        /// Frames to average; 0 removes the zero
         #[arg(long, value_name = "N", default_value_t = 50)]
         frames: u16,
     },
-    /// Light each emitter alone: it has to raise its own channel and no other; exit code 1 if not
+    /// Light each emitter alone; each must raise its own channel and no other. Exit code 1 otherwise
     SelfTest,
-    /// Set the line to another rate until the board's next reset; back to the old one if that is not heard
+    /// Set the baud rate until the board's next reset; it falls back to the old one if the new one is not
+    /// heard
     Baud {
         /// Bits per second: 9600 to 1000000, as the board's documentation lists them
         #[arg(value_name = "RATE", value_parser = clap::value_parser!(u32).range(50..))]
         rate: u32,
     },
-    /// Send the board into the bootloader of its chip, for `stm32flash` on the same wire
+    /// Start the bootloader of the board's chip, for `stm32flash` on the same wire
     Bootloader,
-    /// Upload a calibration, which the board keeps
+    /// Upload a calibration, which the board stores
     Upload {
         /// Calibration file of model `physics`, `cubic` or `linear`
         #[arg(value_name = "CAL")]
@@ -99,7 +100,7 @@ enum BoardAction {
     },
 }
 
-/// What a board streams.
+/// Content of a board's stream.
 const STREAMS: [(&str, &str, Stream); 2] =
     [("raw", "Readings", Stream::Raw), ("wrench", "Wrenches", Stream::Wrench)];
 
@@ -147,7 +148,7 @@ impl BoardArgs {
             BoardAction::Baud { rate } => self.set_baud(port, *rate, printer)?,
             BoardAction::Bootloader => start_bootloader(&mut self.client(port)?, port, printer)?,
             BoardAction::Upload { calibration, edited } => {
-                // Before the port is touched: a file that cannot be used changes nothing.
+                // Read the file before opening the port: an unusable file changes nothing.
                 let calibration = for_board(&edited.read(calibration)?.calibration)?;
                 let crc = self.client(port)?.upload(&calibration)?;
                 printer.note(format!("the board has kept the calibration, CRC-32 {crc:#010x}"));
@@ -163,19 +164,19 @@ impl BoardArgs {
         Ok(())
     }
 
-    /// Sets board and port to a rate, and makes sure that both have it.
+    /// Sets board and port to a baud rate, and verifies it.
     fn set_baud(&self, port: &str, new: u32, printer: &Printer) -> anyhow::Result<()> {
         let mut client = self.client(port)?;
         let is_tcp = self.serial.port(port).is_tcp();
         anyhow::ensure!(!is_tcp, "`{port}` is a connection over TCP, which has no rate");
         let board = client.identify()?.id();
         match client.order(Command::SetBaud { baud: new }) {
-            // If only the answer was lost, the board has the rate.
+            // If only the answer was lost, the board has the new rate.
             Ok(()) | Err(LinkError::NoAnswer { .. }) => {}
             Err(error) => return Err(error.into()),
         }
         let changed = Instant::now();
-        // Two programs cannot have a port at once.
+        // Two programs cannot open a port at once.
         drop(client);
         let status = |baud| Ok(self.connect(port, baud, Some(board))?.status()?);
         let heard: anyhow::Result<_> = status(new);
@@ -214,7 +215,7 @@ impl BoardArgs {
     }
 }
 
-/// Lights the emitters one by one and says what they do.
+/// Lights the emitters one by one and reports the responses.
 fn self_test(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<Outcome> {
     let (mut faults, mut rises) = (Vec::new(), Vec::new());
     for emitter in 0..CHANNELS {
@@ -308,7 +309,7 @@ fn print_status(client: &mut BoardClient, printer: &Printer) -> anyhow::Result<O
     Ok(Outcome::Done)
 }
 
-/// A serial number of 12 bytes.
+/// Parses a serial number of 12 bytes.
 fn parse_serial(text: &str) -> Result<BoardId, &'static str> {
     let is_serial = text.len() == 24 && text.bytes().all(|digit| digit.is_ascii_hexdigit());
     let number = u128::from_str_radix(text, 16).ok().filter(|_| is_serial);
@@ -321,14 +322,14 @@ const RATE: [&str; 2] = ["a number of frames per second", "a rate from 0.001 to 
 
 type BoardClient = Client<Box<dyn Connection>>;
 
-/// How long a board gives a new rate to prove itself, with what a frame under way takes.
+/// Time that a board allows for proving a new rate, plus the time of a frame under way.
 const TRIAL: Duration = Duration::from_millis(3_500);
 
-/// Sends the board into the bootloader of its chip.
+/// Starts the bootloader of the board's chip.
 fn start_bootloader(client: &mut BoardClient, port: &str, printer: &Printer) -> anyhow::Result<()> {
     let started = client.order(Command::Bootloader);
     if let Err(LinkError::NoAnswer { .. }) = started {
-        // It does not hear the command when that is sent again.
+        // The command cannot be heard again after the first time.
         printer.note("the board may be in its bootloader: perhaps only its answer was lost");
     }
     started?;

@@ -1,4 +1,4 @@
-//! `shellcal check`: a calibration held against known weights on the sensor.
+//! `shellcal check`: a calibration compared with known weights on the sensor.
 
 use calibration::quality::significant;
 use report::CheckedLoad;
@@ -17,12 +17,11 @@ use crate::printer::{Outcome, Printer, TableColumn};
   shellcal check calibration.json weight.csv morning.csv
   shellcal check calibration.json weight.csv morning.csv --quiet || echo calibrate again")]
 pub(crate) struct CheckArgs {
-    /// The calibration
     #[arg(value_name = "CAL.json")]
     calibration: InputPath,
 
-    /// The weights, one a line: mass or force, point and direction, with their errors. A line with the mass 0 is the
-    /// zero that is subtracted
+    /// Table of weights, one a line: mass or force, point and direction, with their errors. A line with the
+    /// mass 0 is the zero that is subtracted
     #[arg(value_name = "LOADS.csv")]
     loads: InputPath,
 

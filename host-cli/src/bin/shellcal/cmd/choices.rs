@@ -1,4 +1,4 @@
-//! Models, solvers and the like as values of options, by the names that the library gives them.
+//! Models, solvers and other named values of options.
 
 use std::ops::RangeBounds;
 
@@ -7,11 +7,10 @@ use calibration::fit::{CovarianceRule, ModelRule};
 use calibration::solver::SolverKind;
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 
-/// A name, or several with `|` between them, of which help has the first; what it says of that, if anything; and the
-/// value that they stand for.
+/// A name, or several separated by `|` (help shows the first); its help text, if any; and its value.
 type NamedChoice<T> = (&'static str, &'static str, T);
 
-/// Reads one of some names.
+/// Parser for one of several names.
 pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     choices: &[NamedChoice<T>],
 ) -> impl TypedValueParser<Value = T> + use<T> {
@@ -27,7 +26,7 @@ pub(crate) fn one_of<T: Copy + Send + Sync + 'static>(
     })
 }
 
-/// Reads a number of a range; what is expected is said of any other.
+/// Parser for a number in a range; `expected` is the message for any other.
 pub(super) fn number_in(
     range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
     expected: &'static str,
@@ -35,7 +34,7 @@ pub(super) fn number_in(
     number_within(range, [expected; 2])
 }
 
-/// As [`number_in`], with a message for text that is no number and another for numbers outside the range.
+/// As [`number_in`], with one message for text that is no number and another for numbers outside the range.
 pub(super) fn number_within(
     range: impl RangeBounds<f64> + Clone + Send + Sync + 'static,
     [no_number, outside]: [&'static str; 2],
@@ -46,13 +45,13 @@ pub(super) fn number_within(
     }
 }
 
-/// Exactly `N` finite numbers, separated by commas.
+/// Parses exactly `N` finite numbers, separated by commas.
 pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
     let number = |part: &str| part.trim().parse().ok().filter(|number: &f64| number.is_finite());
     text.split(',').map(number).collect::<Option<Vec<f64>>>()?.try_into().ok()
 }
 
-/// A solver that is offered; of any other the one to take in its place is said.
+/// Parser for a solver that is offered; the message for another names a replacement.
 pub(super) fn solver() -> impl TypedValueParser<Value = SolverKind> {
     let names = SolverKind::ALL.map(|solver| {
         let name = PossibleValue::new(solver.name()).help(solver.description());
@@ -70,7 +69,7 @@ pub(super) fn solver() -> impl TypedValueParser<Value = SolverKind> {
     })
 }
 
-/// A family of features, the physics model, or the best of them.
+/// Parser for a family of features, the physics model, or `auto`.
 pub(super) fn model() -> impl TypedValueParser<Value = ModelRule> {
     let bases = Basis::ALL.map(|of| (of.name(), of.description(), ModelRule::Given(of)));
     let physics = "A monotone response of each sensor to a displacement, inverted: for few poses";
@@ -80,7 +79,7 @@ pub(super) fn model() -> impl TypedValueParser<Value = ModelRule> {
     one_of(&[&bases[..], &others].concat())
 }
 
-/// What the covariance of the coefficients is found from.
+/// Sources of the covariance of the coefficients.
 pub(super) const COVARIANCES: [NamedChoice<CovarianceRule>; 4] = [
     ("auto", BY_GROUPS_OR_ROWS, CovarianceRule::Auto),
     ("groups", BY_GROUPS, CovarianceRule::Groups),

@@ -1,4 +1,4 @@
-//! `shellcal compare`: which of two calibrations errs less.
+//! `shellcal compare`: the errors of two calibrations on the same logs.
 
 use calibration::fit::{Better, PairedErrors, Workers, paired_errors};
 use calibration::quality::significant;
@@ -19,15 +19,15 @@ use crate::printer::{Outcome, Printer, TableColumn};
   shellcal compare monday.json tuesday.json --test poses.csv
   shellcal compare cubic.json physics.json --test test-*.csv --json")]
 pub(crate) struct CompareArgs {
-    /// One calibration
+    /// First calibration
     #[arg(value_name = "A.json")]
     first: InputPath,
 
-    /// Another
+    /// Second calibration
     #[arg(value_name = "B.json")]
     second: InputPath,
 
-    /// Logs with readings and a measured wrench that neither was fitted to
+    /// Logs with readings and a measured wrench that neither calibration was fitted to
     #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
     test: Vec<InputPath>,
 
@@ -94,7 +94,7 @@ impl CompareArgs {
                 let of = &found.axes[axis.index()];
                 document! {
                     axis: axis.column(),
-                    // Of both, N or N·m, and the first less the second.
+                    // RMS of both, N or N·m, and the first minus the second.
                     of.{rms, difference},
                     // The 95 % interval of the difference.
                     interval_95: of.interval(),

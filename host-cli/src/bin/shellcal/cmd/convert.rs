@@ -1,4 +1,4 @@
-//! `shellcal convert`: from logs of readings to tables of wrenches.
+//! `shellcal convert`: conversion of logs of readings to tables of wrenches.
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ pub(crate) struct ConvertArgs {
     #[command(flatten)]
     edited: EditedArg,
 
-    /// Logs, of any format that is read; `-` for standard input
+    /// Logs in any supported format; `-` for standard input
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
 
@@ -54,32 +54,30 @@ pub(crate) struct ConvertArgs {
     #[arg(long, value_name = "DIR")]
     output_dir: Option<OutputLocation>,
 
-    /// Carry other columns of the log along, by name or position, or `all` that are not time, readings or a
-    /// group: numbers, and texts without blanks around them; a column with an empty field is text
+    /// Carry other columns of the log along: names or positions, or `all` except time, readings and group.
+    /// Numbers, or texts without surrounding blanks; a column with an empty field is text
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     keep: Option<ColumnList>,
 
-    /// Give wrenches in another frame: its origin in m and turns in degrees about its own x, then y, then z (ATI's tool
-    /// transform), or the old axes that are its x, y and z; several are applied one after the other
+    /// Give wrenches in another frame: its origin in m and rotations in degrees about its own x, then y, then
+    /// z (ATI's tool transform), or the old axes that become its x, y and z; several are applied in order
     #[arg(long, value_name = "X,Y,Z,RX,RY,RZ|AXES", value_parser = frame_change, allow_hyphen_values = true)]
     frame: Vec<FrameChange>,
 
-    /// The frame of reference that recordings in MCAP name
+    /// Name of the frame of reference in MCAP recordings
     #[arg(long, value_name = "NAME", default_value = DEFAULT_FRAME_ID)]
     frame_id: String,
 
-    /// What that frame is fixed to, and where it is there in m and rad, which recordings in MCAP say on
-    /// `/tf_static`
+    /// Parent of that frame, and its pose there in m and rad, published on `/tf_static` in MCAP recordings
     #[arg(long, value_name = "NAME[:X,Y,Z,ROLL,PITCH,YAW]")]
     mount: Option<FrameMount>,
 
-    /// What to write, of t, fx, fy, fz, mx, my, mz, se (standard errors), flags [default: all there
-    /// is]
+    /// Columns to write, of t, fx, fy, fz, mx, my, mz, se (standard errors), flags [default: all available]
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = COLUMNS)]
     columns: Option<Vec<String>>,
 
-    /// Add both ends of the interval that holds so many percent of the true values [default level:
-    /// 95]. With a low-pass it is as wide as before it, which is more than needed
+    /// Add both ends of the prediction interval that contains this percentage of true values [default level:
+    /// 95]. With a low-pass the width is that before filtering, which is conservative
     #[arg(long, value_name = "PERCENT", num_args = 0..=1, require_equals = true, default_missing_value = "95",
         value_parser = level())]
     interval: Option<f64>,
@@ -90,13 +88,13 @@ pub(crate) struct ConvertArgs {
     #[command(flatten)]
     forces: ForceArgs,
 
-    /// Refuse a log whose tare is loaded or not quiet, judged by the training data of the calibration [default:
-    /// warn]
+    /// Refuse a log whose tare is loaded or not quiet, judged by the training data of the calibration
+    /// [default: warn]
     #[arg(long, help_heading = "Taring")]
     strict: bool,
 
-    /// Take off weight and, with accelerations, inertia of what the sensor carries, before tare and low-pass:
-    /// a file of `shellcal payload fit`
+    /// Subtract weight and, with accelerations, inertia of the sensor's payload, before tare and low-pass: a
+    /// file of `shellcal payload fit`
     #[arg(long, value_name = "PAYLOAD", help_heading = "Motion")]
     payload: Option<InputPath>,
 
@@ -106,7 +104,7 @@ pub(crate) struct ConvertArgs {
     #[command(flatten)]
     frames: FrameArgs,
 
-    /// The highest reading the converter can give, to flag saturation [default: the end of the smallest usual
+    /// Highest reading of the converter, to flag saturation [default: the end of the smallest usual
     /// converter, of 12 bits or more, that gives the calibration's readings]
     #[arg(long, value_name = "COUNTS")]
     full_scale: Option<f64>,
@@ -115,7 +113,7 @@ pub(crate) struct ConvertArgs {
     mapping: MappingArgs,
 }
 
-/// The columns that `--columns` can name.
+/// The columns for `--columns`.
 const COLUMNS: [&str; 9] = ["t", "fx", "fy", "fz", "mx", "my", "mz", "se", "flags"];
 
 impl ConvertArgs {
@@ -196,7 +194,7 @@ impl ConvertArgs {
         Ok(OutputFormat::from_path(path, &frame)?)
     }
 
-    /// The file that each log's table goes to, `None` for the standard output; every clash is found here, before any
+    /// The output file for each log, `None` for the standard output. Conflicts are found here, before any
     /// work.
     fn targets(&self, printer: &Printer) -> anyhow::Result<Vec<Option<PathBuf>>> {
         let count = self.logs.len();
@@ -217,7 +215,7 @@ impl ConvertArgs {
             !printer.json() || targets != [None],
             "`--json` needs `--output` or `--output-dir`: the table would go to the same place"
         );
-        // Those in a folder are not named on the command line.
+        // Files in a directory are not named on the command line.
         if self.output_dir.is_some() {
             targets.iter().flatten().try_for_each(|path| printer.files.announce(path))?;
         }
@@ -225,7 +223,7 @@ impl ConvertArgs {
         Ok(targets)
     }
 
-    /// The positions of the columns of text, and of numbers, that are carried along.
+    /// The positions of the text columns, and of the numeric columns, that are carried along.
     fn kept(&self, log: &Log) -> anyhow::Result<(Vec<usize>, Vec<usize>)> {
         let Some(columns) = &self.keep else { return Ok(Default::default()) };
         let is_all = matches!(columns.as_slice(), [ColumnRef::Name(name)] if name == "all");
@@ -247,7 +245,7 @@ impl ConvertArgs {
         Ok((of(texts), of(numbers)))
     }
 
-    /// Everything that log and calibration have to give, or what was asked for by name.
+    /// All columns that log and calibration provide, or those that were requested by name.
     fn columns(&self, all: TableColumns) -> TableColumns {
         match &self.columns {
             None => TableColumns { interval: self.interval, ..all },
@@ -261,14 +259,14 @@ impl ConvertArgs {
     }
 }
 
-/// A change of frame, with what is expected in the error.
+/// Parses a change of frame; the error names the expected form.
 fn frame_change(text: &str) -> Result<FrameChange, String> {
     text.parse().map_err(|error: NoFrameChange| {
         format!("{error}: expected {}", error.hint().unwrap_or_default())
     })
 }
 
-/// A percentage to a share.
+/// Parser for a percentage, converted to a share.
 fn level() -> impl TypedValueParser<Value = f64> {
     /// [`HIGHEST_LEVEL`] in percent.
     const HIGHEST: f64 = 100.0 * HIGHEST_LEVEL;

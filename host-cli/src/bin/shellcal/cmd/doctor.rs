@@ -1,4 +1,4 @@
-//! `shellcal doctor`: what is wrong, and what to do about it.
+//! `shellcal doctor`: faults and their remedies.
 
 use std::fs::File;
 use std::io::Read;
@@ -32,18 +32,18 @@ use crate::tables::counted;
   shellcal doctor /dev/ttyUSB0 --calibration calibration.json
   shellcal doctor calibration.json run3.csv --calibration calibration.json")]
 pub(crate) struct DoctorArgs {
-    /// Ports, logs and calibrations to look at
+    /// Ports, logs and calibrations to examine
     #[arg(value_name = "PORT|LOG|CAL")]
     names: Vec<InputPath>,
 
-    /// Calibration that boards and logs should fit
+    /// Calibration that boards and logs should match
     #[arg(long, value_name = "CAL")]
     calibration: Option<InputPath>,
 
     #[command(flatten)]
     companions: CompanionArgs,
 
-    /// For how long a board's stream is listened to
+    /// Duration of listening to a board's stream
     #[arg(long, value_name = "S", default_value = "2", value_parser = parse_duration)]
     listen: Duration,
 
@@ -54,7 +54,7 @@ pub(crate) struct DoctorArgs {
     mapping: MappingArgs,
 }
 
-/// What was found of one thing.
+/// Findings on one item.
 #[derive(Debug, Serialize)]
 struct Examination {
     name: String,
@@ -113,7 +113,7 @@ impl DoctorArgs {
         Ok(outcome)
     }
 
-    /// Findings about a port and, if it can be opened, those of `ask` about its board.
+    /// Findings on a port and, if it can be opened, those that `ask` has on its board.
     fn examine_port(
         &self,
         port: &str,
@@ -156,7 +156,7 @@ impl DoctorArgs {
         }))
     }
 
-    /// The ports of this computer, which are opened and not asked.
+    /// The ports of this computer, which are opened, but not queried.
     fn examine_ports(&self) -> anyhow::Result<Vec<Examination>> {
         let found = ports()?;
         if found.is_empty() {
@@ -187,10 +187,10 @@ impl Examination {
     }
 }
 
-/// Whether a file is a document in JSON, as calibrations are.
+/// True if a file is a JSON document, as calibrations are.
 fn is_document(path: &Path) -> anyhow::Result<bool> {
     let cannot = || format!("cannot read `{}`", path.display());
-    // Before it is opened: whoever opens a pipe waits for its writer.
+    // Check before opening: opening a pipe waits for its writer.
     let kind = std::fs::metadata(path).with_context(cannot)?.file_type();
     ensure!(kind.is_file() || kind.is_dir(), "{}: it is not a regular file", cannot());
     let mut head = Vec::new();
@@ -200,7 +200,7 @@ fn is_document(path: &Path) -> anyhow::Result<bool> {
     Ok(head.iter().find(|byte| !byte.is_ascii_whitespace()) == Some(&b'{'))
 }
 
-/// How many days ago a date was; `None` if it is no date.
+/// The age of a date in days; `None` if it is not a date.
 fn age(date: &str) -> Option<f64> {
     let now = seconds_of_iso(&outputs::date().ok()?)?;
     Some((now - seconds_of_iso(date)?) / 86_400.0)

@@ -26,7 +26,7 @@ use crate::printer::{Outcome, Printer};
   shellcal eval calibration.json test.csv
   shellcal eval calibration.json test-*.csv --max-rms 0.15 || echo too far off")]
 pub(crate) struct EvalArgs {
-    /// The calibration
+    /// Calibration file
     #[arg(value_name = "CAL.json")]
     calibration: InputPath,
 
@@ -46,7 +46,7 @@ pub(crate) struct EvalArgs {
     #[command(flatten)]
     axes: AxesArg,
 
-    /// Leave out rows that repeat the readings of the row before
+    /// Leave out duplicates: rows whose readings equal the previous row's
     #[arg(long = "skip-repeats", alias = "fresh")]
     fresh: bool,
 
@@ -60,19 +60,18 @@ pub(crate) struct EvalArgs {
 /// The axes of a gate.
 #[derive(Debug, clap::Args)]
 pub(super) struct AxesArg {
-    /// Compare these axes and no others, such as `fx,fz`; fail when one of them cannot be compared
+    /// Compare only these axes, such as `fx,fz`; fail if one of them cannot be compared
     #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = axis())]
     axes: Vec<Axis>,
 }
 
 impl AxesArg {
-    /// Those that were named.
     pub(super) fn named(&self) -> Option<Axes> {
         (!self.axes.is_empty()).then(|| self.axes.iter().copied().collect())
     }
 }
 
-/// An axis by its short name.
+/// Parser for an axis by its short name.
 fn axis() -> impl TypedValueParser<Value = Axis> {
     let names = ["fx", "fy", "fz", "mx", "my", "mz"];
     one_of(&Axis::ALL.map(|axis| (names[axis.index()], "", axis)))
@@ -144,7 +143,7 @@ impl EvalArgs {
             logs: reports.iter().map(|of| of.document(axes)).collect::<Vec<_>>(),
             all: all.document(axes),
             above_limit: above_limit.collect::<Vec<_>>(),
-            // Axes that were asked for and are not in all logs, or in too few rows.
+            // Axes that were requested, but are missing in some log or have too few rows.
             not_compared: gate.not_compared().columns(),
         };
         printer.finish(&document, |printer| {
@@ -154,7 +153,7 @@ impl EvalArgs {
         Ok(outcome)
     }
 
-    /// Whether a log is another calibration, as where two are to be compared.
+    /// Refuses a log that is another calibration, as given by a user who wants to compare two.
     fn check_logs(&self) -> anyhow::Result<()> {
         let is_calibration = |path: &&InputPath| {
             path.extension().is_some_and(|extension| extension == "json")
@@ -170,7 +169,7 @@ impl EvalArgs {
     }
 }
 
-/// Whether a log is one that the calibration was fitted to.
+/// True if the calibration was fitted to one of the logs.
 fn is_trained_on(rows: &Dataset, sources: &[SourceFile]) -> bool {
     let checksums = || rows.logs.iter().filter_map(|log| log.summary.checksum.as_ref());
     let is_of = |source: &SourceFile| {
@@ -180,7 +179,7 @@ fn is_trained_on(rows: &Dataset, sources: &[SourceFile]) -> bool {
     sources.iter().any(is_of)
 }
 
-/// Says what is not compared; what was asked for fails later.
+/// Notes axes that are not compared; requested axes fail later.
 fn note_axes(
     printer: &Printer,
     (logs, measured): (&[Log], &[Axes]),
@@ -211,7 +210,7 @@ impl LogEvaluation {
         Ok(Self { log, evaluation, quality })
     }
 
-    /// What `--json` prints.
+    /// The output of `--json`.
     fn document(&self, axes: Axes) -> impl Serialize {
         let of = &self.evaluation;
         document! {
@@ -241,17 +240,17 @@ const LIMIT: &str = "expected a finite number that is not negative";
 
 #[derive(Debug, clap::Args)]
 pub(super) struct RmsLimits {
-    /// Fail when the RMS error of Fx, Fy or Fz is above this many N, or one of them is not compared
+    /// Fail if the RMS error of Fx, Fy or Fz is above this many N, or one of them is not compared
     #[arg(long, value_name = "N", value_parser = number_in(0.0..=f64::MAX, LIMIT))]
     max_rms: Option<f64>,
 
-    /// Fail when the RMS error of Mx, My or Mz is above this many N·m, or one of them is not compared
+    /// Fail if the RMS error of Mx, My or Mz is above this many N·m, or one of them is not compared
     #[arg(long, value_name = "N·m", value_parser = number_in(0.0..=f64::MAX, LIMIT))]
     max_rms_moment: Option<f64>,
 }
 
 impl RmsLimits {
-    /// The limits, for these axes and no others.
+    /// The limits, for these axes only.
     pub(super) fn of(&self, axes: Option<Axes>) -> ErrorLimits {
         ErrorLimits { force_n: self.max_rms, moment_nm: self.max_rms_moment, axes }
     }

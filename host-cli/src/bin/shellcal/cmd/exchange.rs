@@ -1,4 +1,4 @@
-//! Calibrations from and for other programs: `shellcal import` and `export`.
+//! Exchange of calibrations with other programs: `shellcal import` and `export`.
 
 use std::ffi::OsStr;
 use std::path::Path;
@@ -20,7 +20,7 @@ use crate::printer::Printer;
   shellcal import N_matrix.mat -o calibration.json
   shellcal import N_matrix.csv -o calibration.json --serial shell-7")]
 pub(crate) struct ImportArgs {
-    /// The matrix
+    /// Matrix file
     #[arg(value_name = "FILE.csv|mat|cal")]
     matrix: InputPath,
 
@@ -28,15 +28,15 @@ pub(crate) struct ImportArgs {
     #[arg(long, short, value_name = "CAL.json")]
     output: OutputPath,
 
-    /// The variable of a MATLAB file [default: the only one, else N or C]
+    /// Variable in a MATLAB file [default: the only one, else N or C]
     #[arg(long, value_name = "NAME")]
     variable: Option<String>,
 
-    /// The unit of moments [default: what the header says, else mN·m]
+    /// Unit of moments [default: from the header, else mN·m]
     #[arg(long, value_name = "UNIT", value_parser = one_of(&MOMENT_UNITS))]
     moment_unit: Option<MomentUnit>,
 
-    /// The label of the sensor, for the calibration file
+    /// Serial number or label of the sensor, for the calibration file
     #[arg(long, value_name = "SERIAL")]
     serial: Option<String>,
 }
@@ -73,12 +73,12 @@ impl ImportArgs {
   shellcal export calibration.json shell_wrench.m      w = shell_wrench(readings)
   shellcal export calibration.json matrix.csv")]
 pub(crate) struct ExportArgs {
-    /// The calibration
+    /// Calibration file
     #[arg(value_name = "CAL")]
     calibration: InputPath,
 
-    /// A module of Python or a function of MATLAB, which stand for themselves; or the coefficients for raw
-    /// readings, moments in mN·m, as `fit --export-matrix` writes them
+    /// A self-contained Python module or MATLAB function; or the coefficients for raw readings, moments in
+    /// mN·m, as `fit --export-matrix` writes them
     #[arg(value_name = "FILE.py|m|csv")]
     output: OutputPath,
 
@@ -112,7 +112,7 @@ impl ExportArgs {
     }
 }
 
-/// The name of a file as that of a function.
+/// The name of a file as the name of a function.
 fn identifier(path: &Path) -> anyhow::Result<&str> {
     let stem = path.file_stem().and_then(OsStr::to_str).unwrap_or_default();
     let is_letter = |c: char| c.is_ascii_alphabetic();

@@ -1,5 +1,5 @@
-//! The flags of every command that applies a calibration: which frames of a log are used, and how
-//! readings become forces, also while they arrive.
+//! Options of every command that applies a calibration: the frames of a log to use, and the processing of
+//! readings to forces, also in live streams.
 
 use board_link::recording::LiveForces;
 use forces::{DEFAULT_TARE_FRAMES, ForceOptions, LowPass, RowRule, TareRule};
@@ -14,12 +14,12 @@ use crate::printer::Printer;
 const TARING: &str = "Taring";
 const FILTERING: &str = "Filtering";
 
-/// What is subtracted from forces as zero.
+/// The zero that is subtracted from forces.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct TareArgs {
-    /// Subtract the mean wrench of the first N frames [default: 50], where rows that repeat a frame do
-    /// not count; or, with `rests`, a zero that runs straight from one stretch at rest to the next, and while frames
-    /// arrive that of the last
+    /// Subtract the mean wrench of the first N frames [default: 50], not counting duplicate rows; or, with
+    /// `rests`, a zero interpolated linearly between stretches at rest (in live streams, the zero of the last
+    /// one)
     #[arg(long, value_name = "N|rests", group = "tares", value_parser = parse_tare)]
     tare: Option<TareRule>,
 
@@ -28,11 +28,11 @@ pub(crate) struct TareArgs {
     no_tare: bool,
 }
 
-/// The low-pass over forces.
+/// Low-pass filter of the forces.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct LowPassArgs {
-    /// Cutoff of the Butterworth low-pass, in Hz, which is causal while frames arrive [default: 10, where the rate
-    /// is above 20 Hz]
+    /// Cutoff of the Butterworth low-pass, in Hz; it is causal in live streams [default: 10, if the rate is
+    /// above 20 Hz]
     #[arg(long, value_name = "HZ")]
     lowpass: Option<f64>,
 
@@ -45,7 +45,7 @@ pub(crate) struct LowPassArgs {
     order: Option<usize>,
 }
 
-/// How readings become forces.
+/// Processing of readings to forces.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct ForceArgs {
     #[command(flatten, next_help_heading = TARING)]
@@ -58,7 +58,7 @@ pub(crate) struct ForceArgs {
     #[command(flatten, next_help_heading = FILTERING)]
     low_pass: LowPassArgs,
 
-    /// Filter forward only: forces lag behind, some 40 ms at 10 Hz [default: forward and backward,
+    /// Filter forward only: forces are delayed, by about 40 ms at 10 Hz [default: forward and backward,
     /// without delay, -6 dB at the cutoff]
     #[arg(long, help_heading = FILTERING)]
     causal: bool,
@@ -69,7 +69,7 @@ pub(crate) struct ForceArgs {
 }
 
 impl ForceArgs {
-    /// The options, by row as the lab's notebooks did or by time.
+    /// The options; `rule` selects processing by row, as in the lab's notebooks, or by time.
     pub(crate) fn options(&self, rule: RowRule) -> ForceOptions {
         let TareArgs { tare, no_tare } = self.zero;
         let LowPassArgs { lowpass, no_lowpass, order } = self.low_pass;
@@ -93,7 +93,7 @@ impl ForceArgs {
         if low_pass.zero_phase { options } else { options.with_delay(true) }
     }
 
-    /// The same, of a sensor whose zero is known: nothing is subtracted unless that is asked for.
+    /// The options for a sensor whose zero is known: nothing is subtracted unless requested.
     pub(crate) fn options_without_tare(&self, rule: RowRule) -> ForceOptions {
         let options = self.options(rule);
         match (self.zero.tare, self.tare_time) {
@@ -103,26 +103,26 @@ impl ForceArgs {
     }
 }
 
-/// How forces are made, for people.
+/// Description of the processing of forces.
 pub(crate) fn describe_forces(forces: &ForceOptions) -> String {
     let low_pass = forces.low_pass.map_or("none".to_owned(), |low_pass| low_pass.to_string());
     format!("forces: tare {}; low-pass {low_pass}", forces.tare)
 }
 
-/// Which rows of a log count as frames.
+/// Rows of a log that count as frames.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(crate) struct FrameArgs {
-    /// Use every row, also where telemetry repeats a frame until the sensor gives the next
+    /// Use every row, even if telemetry repeats a frame until the sensor gives the next one
     #[arg(long, conflicts_with = "fresh")]
     all_rows: bool,
 
-    /// Use only rows whose readings differ from those of the row before [default for telemetry]
+    /// Use only rows whose readings differ from the previous row's [default for telemetry]
     #[arg(long = "skip-repeats", alias = "fresh")]
     fresh: bool,
 }
 
 impl FrameArgs {
-    /// Whether anything was said of repeats.
+    /// True if an option on duplicates was given.
     pub(crate) fn is_given(&self) -> bool {
         self.all_rows || self.fresh
     }
@@ -137,7 +137,7 @@ impl FrameArgs {
     }
 }
 
-/// A number of frames, or `rests`.
+/// Parses a number of frames, or `rests`.
 pub(crate) fn parse_tare(text: &str) -> Result<TareRule, String> {
     match text.parse() {
         _ if text == "rests" => Ok(TareRule::Rests { causal: false }),
@@ -146,7 +146,7 @@ pub(crate) fn parse_tare(text: &str) -> Result<TareRule, String> {
     }
 }
 
-/// `START:END` in s; either may be left out.
+/// Parses `START:END` in s; either may be left out.
 pub(crate) fn parse_window(text: &str) -> Result<TimeWindow, String> {
     let expected = || "expected `START:END` in s".to_owned();
     let (start, end) = text.split_once(':').ok_or_else(expected)?;
@@ -162,10 +162,10 @@ pub(crate) fn parse_window(text: &str) -> Result<TimeWindow, String> {
     is_forward.then_some(window).ok_or_else(|| "it ends before it starts".to_owned())
 }
 
-/// How readings become forces
+/// Processing of readings to forces
 #[derive(Debug, clap::Args)]
 pub(crate) struct LiveForceArgs {
-    /// Calibration for forces beside the readings
+    /// Calibration, to add forces to the readings
     #[arg(long, value_name = "CAL")]
     calibration: Option<InputPath>,
 
@@ -180,7 +180,7 @@ pub(crate) struct LiveForceArgs {
 }
 
 impl LiveForceArgs {
-    /// Whether there are to be forces.
+    /// True if forces are requested.
     pub(crate) fn is_given(&self) -> bool {
         self.calibration.is_some()
     }

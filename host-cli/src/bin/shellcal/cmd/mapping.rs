@@ -1,5 +1,5 @@
-//! The flags of every command that reads logs or calibrations: what the columns of logs are, how they are read, and
-//! whether checksums are verified.
+//! Options of every command that reads logs or calibrations: the columns of logs, how they are read, and the
+//! verification of checksums.
 
 use std::io::BufRead;
 use std::path::Path;
@@ -16,24 +16,24 @@ use super::choices::one_of;
 use crate::files::InputPath;
 use crate::printer::Printer;
 
-/// What the columns of a log are, where their names do not say.
+/// Meanings of the columns of a log, if their names do not tell.
 #[derive(Clone, Debug, Default, clap::Args)]
 #[command(next_help_heading = "Reading logs")]
 pub(crate) struct MappingArgs {
-    /// What kind of file the logs are [default: recognised]
+    /// Format of the log files [default: detected]
     #[arg(long, value_name = "FORMAT", value_parser = one_of(&FORMATS))]
     pub(crate) format: Option<LogFormat>,
 
-    /// Which matrix of a MATLAB or HDF5 file, sheet of a workbook or topic of a recording to read
-    /// [default: the longest matrices, the first sheet, all topics]
+    /// Matrix of a MATLAB or HDF5 file, sheet of a workbook or topic of a recording to read [default: the
+    /// longest matrices, the first sheet, all topics]
     #[arg(long, value_name = "NAME")]
     pub(crate) table: Option<String>,
 
-    /// The line of a text that names the columns [default: found]
+    /// Number of the text line that names the columns [default: detected]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub(crate) header_line: Option<u64>,
 
-    /// Pass so many lines at the start of a text [default: found]
+    /// Skip this many lines at the start of a text [default: detected]
     #[arg(long, value_name = "N")]
     pub(crate) skip_lines: Option<u64>,
 
@@ -41,24 +41,25 @@ pub(crate) struct MappingArgs {
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     pub(crate) sensors: Option<ColumnList>,
 
-    /// The wrench columns: names or positions of all six in the order Fx to Mz, or of some, `fx=a,fz=b`, or
-    /// the name of a matrix
+    /// Wrench columns: names or positions of all six in the order Fx to Mz, or of some, `fx=a,fz=b`, or the
+    /// name of a matrix
     #[arg(long, value_name = "COLUMNS", value_parser = parse_wrench)]
     pub(crate) wrench: Option<WrenchColumns>,
 
-    /// The time column: its name or position
+    /// Time column: name or position
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     pub(crate) time: Option<ColumnRef>,
 
-    /// The unit of the time column, whatever its name says
+    /// Unit of the time column, overriding its name
     #[arg(long, value_name = "UNIT", value_parser = one_of(&TIME_UNITS))]
     pub(crate) time_unit: Option<TimeUnit>,
 
-    /// The column that names a row's group (pose, session, trial): its name or position
+    /// Column with a row's group (pose, session, trial): name or position
     #[arg(long, value_name = "COLUMN", value_parser = parse_column)]
     pub(crate) group: Option<ColumnRef>,
 
-    /// Read only rows with this value of a column: `name=A`, `name!=A`, `load<2`, `load>2`; several must all hold
+    /// Read only rows with this value of a column: `name=A`, `name!=A`, `load<2`, `load>2`; several must all
+    /// hold
     #[arg(long = "where", value_name = "COLUMN=VALUE", value_parser = parse_condition)]
     pub(crate) conditions: Vec<RowCondition>,
 
@@ -66,26 +67,26 @@ pub(crate) struct MappingArgs {
     #[arg(long, value_name = "GROUP")]
     pub(crate) exclude_group: Vec<String>,
 
-    /// The unit of the moment columns, whatever their names say
+    /// Unit of the moment columns, overriding their names
     #[arg(long, value_name = "UNIT", value_parser = one_of(&MOMENT_UNITS))]
     pub(crate) moment_unit: Option<MomentUnit>,
 
-    /// Units of columns, whatever the log says: `fx=lbf`, `force=kN,moment=N·mm`, `time=min`
+    /// Units of columns, overriding the log: `fx=lbf`, `force=kN,moment=N·mm`, `time=min`
     #[arg(long, value_name = "COLUMN=UNIT", value_parser = parse_units)]
     pub(crate) unit: Option<UnitList>,
 
-    /// Leave out rows that are wrong, and say how many: up to a tenth of a log, or `all`
+    /// Leave out invalid rows, and report their number: up to a tenth of a log, or `all`
     #[arg(long, value_name = "all", num_args = 0..=1, require_equals = true, default_missing_value = "few",
         value_parser = ["few", "all"], hide_possible_values = true)]
     pub(crate) skip_bad_rows: Option<String>,
 
-    /// How many threads to use [default: one per core]
+    /// Number of threads [default: one per core]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub(crate) threads: Option<u16>,
 }
 
 impl MappingArgs {
-    /// What the user says about the columns.
+    /// The user's specification of the columns.
     pub(crate) fn mapping(&self) -> Mapping {
         Mapping {
             table: self.table.clone(),
@@ -105,14 +106,14 @@ impl MappingArgs {
         }
     }
 
-    /// The columns that the user names, for logs that are read with this calibration, if any.
+    /// The specified columns for logs that are read with this calibration, if any.
     pub(crate) fn mapping_for(&self, calibration: Option<&CalibrationFile>) -> Mapping {
         let usual = calibration.and_then(|file| file.origin.columns.clone());
         Mapping { usual, ..self.mapping() }
     }
 
-    /// Opens logs that are read with a calibration, each with the file of its wrench where an option names such files.
-    /// Says which of their columns are those that the calibration remembers.
+    /// Opens logs that are read with a calibration, each with its wrench file if an option names such files.
+    /// Reports the columns that were recognised from the calibration.
     pub(crate) fn open(
         &self,
         logs: &[InputPath],
@@ -134,14 +135,13 @@ impl MappingArgs {
         Ok(logs)
     }
 
-    /// The columns of training logs that the user names, if any.
+    /// The columns of training logs that the user specified, if any.
     pub(crate) fn specified(&self, train: &[Log]) -> Option<ColumnNames> {
         let mapping = self.mapping();
         let names = train.first().map(|log| log.specified(&mapping));
         names.filter(|names| !names.is_empty())
     }
 
-    /// How to read.
     pub(crate) fn read_options(&self) -> ReadOptions<'static> {
         ReadOptions {
             threads: self.threads.map_or(0, usize::from),
@@ -152,7 +152,7 @@ impl MappingArgs {
     }
 }
 
-/// Files beside logs that have their wrench.
+/// Companion files of logs, which contain their wrench.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Reading logs")]
 pub(crate) struct CompanionArgs {
@@ -161,10 +161,10 @@ pub(crate) struct CompanionArgs {
     pub(crate) wrench_from: Vec<InputPath>,
 }
 
-/// `--edited`, of every command that uses a calibration or partial fits.
+/// `--edited`, for every command that uses a calibration or partial fits.
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct EditedArg {
-    /// Use a calibration or partial fit although it is not what `shellcal` wrote: its checksum is not verified
+    /// Accept a calibration or partial fit that was edited: its checksum is not verified
     #[arg(long)]
     edited: bool,
 }
@@ -180,14 +180,14 @@ impl EditedArg {
         if self.edited { PartialFit::read_edited(path) } else { PartialFit::read(path) }
     }
 
-    /// The partial fits of a stream.
+    /// The partial fits in a stream.
     pub(crate) fn partials<R: BufRead>(self, reader: R, name: &Path) -> PartialStream<R> {
         let partials = PartialStream::new(reader, name);
         if self.edited { partials.edited() } else { partials }
     }
 }
 
-/// What is to be known of a log that holds several sensors whose rows alternate.
+/// A remark on a log whose rows alternate between several sensors.
 pub(crate) fn interleaving(log: &Log) -> Option<String> {
     let found = log.interleaving()?;
     let (column, values) = (&found.column, found.values.join("`, `"));
@@ -198,7 +198,7 @@ pub(crate) fn interleaving(log: &Log) -> Option<String> {
     ))
 }
 
-/// Opens logs, each with the file of its wrench where `option` names such files.
+/// Opens logs, each with its wrench file if `option` names such files.
 pub(crate) fn open_logs(
     logs: &[InputPath],
     (option, wrenches): (&str, &[InputPath]),
@@ -218,16 +218,16 @@ pub(crate) fn open_logs(
     Ok(logs.iter().zip(wrenches).map(open).collect::<Result<_, _>>()?)
 }
 
-/// The share of wrong rows above which skipping them needs a word more.
+/// Share of invalid rows above which skipping them has to be requested for all.
 const MOST_BAD: f64 = 0.1;
 
 /// The columns of the wrench, by axis.
 type WrenchColumns = PerAxis<Option<ColumnRef>>;
 
-/// A list of columns, which is one value of an option.
+/// A list of columns, as one value of an option.
 pub(crate) type ColumnList = Vec<ColumnRef>;
 
-/// Units and what they are of, which is one value of an option.
+/// Units and the columns that they apply to, as one value of an option.
 type UnitList = Vec<(String, String)>;
 
 /// Units of moments.

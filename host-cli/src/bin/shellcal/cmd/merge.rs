@@ -1,4 +1,4 @@
-//! `shellcal merge`: from partial fits to a calibration.
+//! `shellcal merge`: a calibration from partial fits.
 
 use std::io;
 
@@ -27,23 +27,23 @@ pub(crate) struct MergeArgs {
     #[command(flatten)]
     written: CalibrationOutput,
 
-    /// Write what has been merged as one partial fit, and fit nothing (`-` for the standard output)
+    /// Write the merged sums as one partial fit, and fit nothing (`-` for the standard output)
     #[arg(long, value_name = "FILE.json",
         conflicts_with_all = ["output", "ridge", "model", "cv", "covariance"])]
     partial: Option<OutputPath>,
 
-    /// Leave out partial fits whose files have all been counted already, and say so: for queues that
+    /// Leave out partial fits whose files have all been counted already, and report them; for queues that
     /// deliver twice
     #[arg(long)]
     skip_counted: bool,
 
-    /// Features of the readings: those that were summed, some of them, or `auto` for the smallest
-    /// model among them that predicts new groups as well as the best [default: those that were summed]
+    /// Features of the readings: those that were summed, some of them, or `auto` for the smallest model among
+    /// them that predicts new groups as well as the best [default: those that were summed]
     #[arg(long, value_name = "MODEL", value_parser = choices::model())]
     model: Option<ModelRule>,
 
-    /// Find the errors on groups of rows that were held out, of partial fits with `--groups`; a number
-    /// K assigns the groups to K folds
+    /// Cross-validate over groups of rows, for partial fits with `--groups`; a number K assigns the groups to
+    /// K folds
     #[arg(long, value_name = "K", num_args = 0..=1, require_equals = true, default_missing_value = "auto",
         value_parser = parse_folds)]
     cv: Option<HeldOut>,
@@ -52,7 +52,7 @@ pub(crate) struct MergeArgs {
     #[arg(long, value_name = "LAMBDA", default_value_t = 0.0, hide_default_value = true)]
     ridge: f64,
 
-    /// Which rows have errors of their own, for the standard errors and intervals of `convert`
+    /// Rows with independent errors, for the standard errors and intervals of `convert`
     #[arg(long, value_name = "OF", value_parser = one_of(&COVARIANCES), default_value = "auto")]
     covariance: CovarianceRule,
 
@@ -60,7 +60,7 @@ pub(crate) struct MergeArgs {
     edited: EditedArg,
 }
 
-/// Each group alone, or so many folds of groups.
+/// Parses the number of folds of groups; `auto` holds out each group alone.
 fn parse_folds(text: &str) -> Result<HeldOut, &'static str> {
     match text.parse() {
         _ if text == "auto" => Ok(HeldOut::from(None)),
@@ -69,12 +69,12 @@ fn parse_folds(text: &str) -> Result<HeldOut, &'static str> {
     }
 }
 
-/// Partial fits put together.
+/// Merged partial fits.
 struct Merged {
     sum: PartialFit,
-    /// How many were read.
+    /// Number of partial fits that were read.
     read: usize,
-    /// How many of them were left out.
+    /// Number of them that were left out.
     skipped: usize,
 }
 
@@ -152,7 +152,7 @@ impl MergeArgs {
         Ok(Merged { sum, read, skipped })
     }
 
-    /// What could not be had of what was asked for.
+    /// Warns of requested results that could not be had.
     fn warn(&self, fitted: &Fit, is_exact: bool, printer: &Printer) {
         fitted.warnings.iter().for_each(|warning| printer.warning(warning.to_string()));
         if fitted.selection.is_some() {

@@ -1,4 +1,4 @@
-//! What commands write beside their results: figures, and who made it when.
+//! Outputs of commands besides results: figures, and the date and command line that made them.
 
 use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -15,14 +15,14 @@ use crate::printer::Printer;
 /// Permission to replace files, for commands that write them as data arrive.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct ReplacingArgs {
-    /// Replace files that are there
+    /// Replace existing files
     #[arg(long)]
     pub(super) overwrite: bool,
 }
 
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct FigureSize {
-    /// How wide the figure is: screen, or single or double for columns of a paper (89 and 183 mm, letters of 5
+    /// Width of the figure: screen, or single or double for columns of a paper (89 and 183 mm, letters of 5
     /// to 7 pt)
     #[arg(long, value_name = "WIDTH", value_parser = one_of(&SIZES), default_value = "screen", hide_possible_values = true)]
     pub(super) size: Size,
@@ -35,15 +35,15 @@ pub(super) struct CalibrationOutput {
     #[arg(long, short, value_name = "CAL.json")]
     pub(super) output: Option<OutputPath>,
 
-    /// The label of the sensor, for the calibration file
+    /// Serial number or label of the sensor, for the calibration file
     #[arg(long, value_name = "SERIAL")]
     pub(super) serial: Option<String>,
 }
 
-/// A figure beside the results of a command.
+/// A figure of the results of a command.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct FigureArgs {
-    /// Draw what was found, to .svg, .pdf or .png
+    /// Draw the results, to .svg, .pdf or .png
     #[arg(long, value_name = "FILE")]
     pub(super) plot: Option<OutputPath>,
 
@@ -52,7 +52,7 @@ pub(super) struct FigureArgs {
 }
 
 impl FigureArgs {
-    /// Opens its file, if it is to be drawn.
+    /// Opens the file of the figure, if it is requested.
     pub(super) fn create(&self, printer: &Printer) -> anyhow::Result<Option<FigureFile>> {
         self.plot.as_ref().map(|path| self.figure_size.open(path, printer)).transpose()
     }
@@ -79,7 +79,7 @@ const SIZES: [(&str, &str, Size); 3] = [
     ("double", "Two columns, 183 mm", Size::Double),
 ];
 
-/// The file of a figure, which is open before the work begins.
+/// The file of a figure, opened before the work begins.
 pub(super) struct FigureFile {
     file: AtomicFile,
     format: Format,
@@ -87,25 +87,25 @@ pub(super) struct FigureFile {
 }
 
 impl FigureFile {
-    /// Writes what `draw` makes for a width.
+    /// Writes the figure that `draw` makes for a width.
     pub(super) fn draw(self, draw: impl FnOnce(Size) -> Figure) -> anyhow::Result<()> {
         Ok(self.file.commit_with(&draw(self.size).render(self.format)?)?)
     }
 }
 
 impl FigureSize {
-    /// Opens the file of a figure; its name says the format.
+    /// Opens the file of a figure; its name determines the format.
     pub(super) fn open(self, path: &Path, printer: &Printer) -> anyhow::Result<FigureFile> {
         let format = Format::from_path(path)?;
         Ok(FigureFile { file: printer.files.create(path)?, format, size: self.size })
     }
 }
 
-/// The last second that RFC 3339 has four digits of a year for: 9999-12-31T23:59:59Z.
+/// The last second with a four-digit year, the limit of RFC 3339: 9999-12-31T23:59:59Z.
 const LAST_SECOND: u64 = 253_402_300_799;
 
-/// The time in UTC, RFC 3339 to the second; that of `SOURCE_DATE_EPOCH` where it is set, so that
-/// results can be made again byte for byte (reproducible-builds.org).
+/// The time in UTC, RFC 3339 to the second; the value of `SOURCE_DATE_EPOCH` if it is set, so that results
+/// can be reproduced byte for byte (reproducible-builds.org).
 pub(in crate::cmd) fn date() -> anyhow::Result<String> {
     let seconds = match std::env::var("SOURCE_DATE_EPOCH") {
         Ok(text) => {
@@ -122,7 +122,7 @@ pub(in crate::cmd) fn date() -> anyhow::Result<String> {
     Ok(iso_of_seconds(seconds))
 }
 
-/// The command line, quoted so that a shell takes it again.
+/// The command line, quoted for a shell.
 pub(in crate::cmd) fn command_line() -> String {
     let quoted = |word: String| {
         let is_plain = |c: char| c.is_alphanumeric() || "_-./:=,+@%".contains(c);

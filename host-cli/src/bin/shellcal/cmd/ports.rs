@@ -1,4 +1,5 @@
-//! Serial ports: a list of those of this computer, their names on the command line, and the options for opening one.
+//! Serial ports: a list of this computer's ports, their names on the command line, and the options for
+//! opening one.
 
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -28,7 +29,7 @@ pub(super) fn list(printer: &Printer) -> anyhow::Result<()> {
     })
 }
 
-/// Whether a name is a port's, existing or not.
+/// True if a name is the name of a port, existing or not.
 pub(super) fn is_port(path: &Path) -> bool {
     if let Ok(metadata) = std::fs::metadata(path) {
         return is_device(&metadata);
@@ -56,11 +57,11 @@ pub(crate) struct SerialArgs {
     #[arg(long, value_name = "BAUD", default_value_t = 57_600, value_parser = clap::value_parser!(u32).range(50..))]
     pub(crate) baud: u32,
 
-    /// The handshake that lets one end hold up the other
+    /// Handshake that lets one end pause the other
     #[arg(long, value_name = "KIND", value_parser = one_of(&FLOWS), default_value = "none")]
     pub(crate) flow_control: FlowControl,
 
-    /// How the base station frames bytes [default: recognised; for commands: cobs]
+    /// Framing of bytes by the base station [default: detected; for commands: cobs]
     #[arg(long, value_name = "FRAMING", value_parser = one_of(&PROTOCOLS))]
     pub(crate) framing: Option<Protocol>,
 
@@ -91,7 +92,7 @@ impl SerialArgs {
         PortOptions { port: port.to_owned(), baud: self.baud, flow_control: self.flow_control }
     }
 
-    /// How commands reach a board; `None` for the original board, which takes none from this program.
+    /// The uplink for commands to a board; `None` for the original board, which takes none from this program.
     pub(crate) fn uplink(&self) -> Option<Uplink> {
         let framing = self.framing.map_or(Some(Framing::Cobs), Protocol::framing)?;
         Some(Uplink { framing, to: self.address() })
@@ -126,7 +127,7 @@ pub(crate) struct SourceArgs {
     #[arg(long)]
     start: bool,
 
-    /// End after so many seconds
+    /// End after this many seconds
     #[arg(long, value_name = "S", value_parser = parse_duration)]
     pub(crate) duration: Option<Duration>,
 
@@ -146,8 +147,8 @@ impl SourceArgs {
     }
 }
 
-/// A number for the first command to a board. It differs from run to run, so that a late answer to another run is
-/// not taken for one of ours.
+/// The number of the first command to a board. It differs between runs, so that a late answer to another run
+/// is not taken for one to this run.
 pub(crate) fn first_number() -> u16 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     (now.as_millis() / 10) as u16

@@ -1,5 +1,5 @@
-//! How the errors of a calibration are printed, those on held-out groups, the choice of a model and the coverage of
-//! the training loads.
+//! Printing of the errors of a calibration, also on held-out groups, of the choice of a model, and of the
+//! coverage of the training loads.
 
 use calibration::Basis;
 use calibration::fit::ModelComparison;
@@ -15,7 +15,7 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash, shown};
 
-/// One row of the table: RMS, max and R² of every set side by side, and the unit.
+/// A row of the table: RMS, max and R² of every set side by side, and the unit.
 pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<String> {
     let figures: [fn(&AxisQuality) -> String; 3] = [
         |quality| significant(quality.rms, 4),
@@ -30,7 +30,7 @@ pub(super) fn table_row(axis: Axis, sets: &[&PerAxis<AxisQuality>]) -> Vec<Strin
     row
 }
 
-/// The table of errors on training and test rows.
+/// Prints the table of errors on training and test rows.
 pub(super) fn print_errors(printer: &Printer, of: &Diagnostics, axes: Axes) {
     let sets: Vec<&PerAxis<AxisQuality>> =
         [Some(&of.train), of.test.as_ref()].into_iter().flatten().collect();
@@ -45,12 +45,12 @@ pub(super) fn print_errors(printer: &Printer, of: &Diagnostics, axes: Axes) {
     printer.table(&header, rows)
 }
 
-/// R² down to the digit that tells it from 1.
+/// R² down to the digit that distinguishes it from 1.
 fn r_squared(value: f64) -> String {
     if value < 0.9999 { format!("{value:.4}") } else { format!("{value:.7}") }
 }
 
-/// The forces, and the moments, of some axes in their order, each as `text` has it, with the unit after them.
+/// The forces, then the moments, of some axes in their order, each formatted by `text`, followed by the unit.
 pub(super) fn by_unit(
     values: &[(Axis, f64)],
     text: impl Fn(Axis, f64) -> String,
@@ -105,7 +105,7 @@ pub(super) fn print_cross_validation(printer: &Printer, cv: &CrossValidation, ax
     }
 }
 
-/// The closing word on which model to take.
+/// Prints the closing advice on the choice of a model.
 pub(super) fn print_advice(
     printer: &Printer,
     advice: &Advice,
@@ -126,8 +126,8 @@ pub(super) fn print_advice(
     }
 }
 
-/// The models that were compared, each with its best ridge, and which was chosen; `physics` is what was held against
-/// the polynomial.
+/// Prints the models that were compared, each with its best ridge, and which was chosen. `physics` is its
+/// comparison with the polynomial.
 pub(super) fn print_selection(
     printer: &Printer,
     selection: &Selection,
@@ -173,7 +173,7 @@ pub(super) fn print_selection(
     ))
 }
 
-/// The candidate of each family with the smallest error; the chosen one of its family.
+/// The candidate of each family with the smallest error, or the chosen one for its family.
 fn best_of_each(selection: &Selection) -> Vec<&Candidate> {
     let chosen = &selection.candidates[selection.chosen];
     let score = |candidate: &Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);

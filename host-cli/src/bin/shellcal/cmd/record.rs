@@ -1,4 +1,4 @@
-//! `shellcal record`: from a port, or bytes recorded before, to a log.
+//! `shellcal record`: a log from a port, or from bytes recorded before.
 
 use board_link::recording::protocol_name;
 use board_link::{
@@ -25,12 +25,12 @@ pub(crate) struct RecordArgs {
     #[arg(value_name = "PORT", required_unless_present = "replay")]
     port: Option<String>,
 
-    /// Take bytes that `--raw` has written instead of those of a port
+    /// Read bytes written by `--raw` instead of a port
     #[arg(long, value_name = "RAW", conflicts_with_all = ["port", "duration", "reconnect", "start"])]
     replay: Option<InputPath>,
 
-    /// Log to write; where a base station hears several boards, that of the first of them, and beside it
-    /// one for each other, with the address in its name
+    /// Log to write; if a base station hears several boards, the log of the first, and one for each other
+    /// with the address in its name
     #[arg(long, short, value_name = "LOG", required_unless_present_any = ["raw", "stream"])]
     output: Option<OutputPath>,
 
@@ -47,8 +47,8 @@ pub(crate) struct RecordArgs {
     #[command(flatten)]
     stream: StreamToArgs,
 
-    /// Leave readings as they were sampled, the channels of a row one after the other within some ms,
-    /// instead of bringing them to one time
+    /// Leave readings as they were sampled, the channels of a row one after the other within some ms, instead
+    /// of interpolating them to one time
     #[arg(long)]
     as_sampled: bool,
 
@@ -114,7 +114,7 @@ impl RecordArgs {
         };
         let status = printer.status();
         let mut show = |progress: &RecordingProgress| {
-            // 80 of a terminal that does not tell.
+            // 80 columns if the terminal does not tell.
             let size = console::Term::stderr().size_checked();
             let width = size.map_or(80, |(_, columns)| usize::from(columns).max(1));
             status.set_message(describe(progress, width));
@@ -122,7 +122,7 @@ impl RecordArgs {
         };
         let recorded = record(&mut source, sinks, &options, &stop, &mut show);
         status.finish_and_clear();
-        // The log is told of whatever has become of the stream.
+        // Finish the stream first, so that the log is reported even if the stream failed.
         let streamed = stream::finish(printer, streamed.as_ref());
         let recorded = recorded?;
         if recorded.boards.len() > 1 && self.forces.is_given() {
@@ -135,7 +135,7 @@ impl RecordArgs {
     }
 }
 
-/// The line that is shown while it runs.
+/// The status line during recording.
 fn describe(progress: &RecordingProgress, width: usize) -> String {
     let RecordingProgress { elapsed, rate_hz, frames, bytes, ref losses, .. } = *progress;
     let time = clock(elapsed);
@@ -160,7 +160,7 @@ fn describe(progress: &RecordingProgress, width: usize) -> String {
     }
 }
 
-/// The newest wrench, its axes named.
+/// The newest wrench, with its axes named.
 fn forces_in_words(wrench: &[(Axis, f64)]) -> String {
     let text = |axis: Axis, value| {
         let decimals = if axis.is_moment() { 3 } else { 2 };

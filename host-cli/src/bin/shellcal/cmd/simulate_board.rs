@@ -1,4 +1,4 @@
-//! `shellcal board --simulate`: is a board, until Ctrl-C.
+//! `shellcal board --simulate`: a simulated board until Ctrl-C.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -27,9 +27,9 @@ use crate::signals;
 #[derive(Debug, clap::Args)]
 #[command(next_help_heading = "Simulated board")]
 pub(crate) struct SimulationArgs {
-    /// Load over time, on straight lines between rows and over and over: a log with time and wrench; or `-`: a line
-    /// on the standard input, FX,FY,FZ,MX,MY,MZ in N and N·m, is the load until the next
-    /// [default: 5 s of rest, then hands]
+    /// Load over time, interpolated linearly between rows and repeated: a log with time and wrench; or `-`: a
+    /// line on the standard input, FX,FY,FZ,MX,MY,MZ in N and N·m, is the load until the next [default: 5 s
+    /// of rest, then hands]
     #[arg(long, conflicts_with = "port", value_name = "LOG|-")]
     load: Option<InputPath>,
 
@@ -43,21 +43,20 @@ pub(crate) struct SimulationArgs {
     #[arg(long, conflicts_with = "port", value_name = "S,…", value_delimiter = ',', value_parser = number_in(0.0..=1e9, "a time in s after the board's start"))]
     sync: Vec<f64>,
 
-    /// Faults of the radio: shares of packets in `loss`, `duplication`, `reordering` (late by up to 80 ms) and
-    /// `bursts=SHARE:PACKETS` of losses, of bytes in `corruption`, and the `delay` of every packet in ms
+    /// Faults of the radio: shares of packets in `loss`, `duplication`, `reordering` (late by up to 80 ms)
+    /// and `bursts=SHARE:PACKETS` of losses, of bytes in `corruption`, and the `delay` of every packet in ms
     #[arg(long, conflicts_with = "port", value_name = "FAULT=VALUE,…", value_parser = parse_faults)]
     radio: Option<Faults>,
 
-    /// Be reached over TCP at this address, by one program at a time, as `tcp://HOST:PORT`; port 0 is one that
-    /// is free
+    /// Listen on TCP at this address, for one program at a time, as `tcp://HOST:PORT`; port 0 is a free one
     #[arg(long, conflicts_with_all = ["port", "symlink"], value_name = "HOST:PORT")]
     listen: Option<SocketAddr>,
 
-    /// Make a symbolic link to the port, for a name that does not change
+    /// Create a symbolic link to the port, as a fixed name
     #[arg(long, conflicts_with = "port", value_name = "PATH")]
     symlink: Option<OutputLocation>,
 
-    /// End after so many seconds
+    /// End after this many seconds
     #[arg(long, conflicts_with = "port", value_name = "S", value_parser = super::ports::parse_duration)]
     duration: Option<Duration>,
 
@@ -65,18 +64,18 @@ pub(crate) struct SimulationArgs {
     ending: EndingArgs,
 }
 
-/// For how long the radio holds packets back, at most, in µs.
+/// Maximum time that the radio holds packets back, µs.
 const HOLD_US: u64 = 80_000;
 
 impl SimulationArgs {
-    /// Whether an option of simulated boards alone is given.
+    /// True if an option that only simulated boards have was given.
     pub(crate) fn is_given(&self) -> bool {
         self.seeds.is_given() || self.noise.is_given() || self.ending.until_eof
     }
 
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let stop = signals::stop_flag()?;
-        // Set by lines of the standard input, which may end the board, too.
+        // Set by lines of the standard input, which may also end the board.
         let commanded = Arc::default();
         let load = match &self.load {
             Some(path) if is_standard(path) => Load::Commanded(Arc::clone(&commanded)),
@@ -137,7 +136,7 @@ fn on_a_pty(_: BoardSettings) -> anyhow::Result<SimulatedBoard> {
     )
 }
 
-/// The load in a log.
+/// Reads the load from a log.
 fn read_load(path: &Path) -> anyhow::Result<LoadTable> {
     let log = Log::open(path, &Mapping::default())?;
     log.require_axes(Axes::ALL)?;
@@ -158,13 +157,13 @@ fn read_load(path: &Path) -> anyhow::Result<LoadTable> {
     LoadTable::new(rows).with_context(|| format!("`{}` is no load", path.display()))
 }
 
-/// A symbolic link that is there as long as the board.
+/// A symbolic link that exists as long as the board.
 struct Symlink(PathBuf);
 
 impl Symlink {
     fn make(path: &Path, port: &str) -> anyhow::Result<Self> {
-        // One that leads nowhere is what a board leaves that was killed, and so is one to a port like ours:
-        // its number is given out again.
+        // Replace a dangling link, which a killed board leaves behind, and a link to a port like ours, whose
+        // number may have been reused.
         let leads_to_port = || {
             let (target, port) = (std::fs::read_link(path), Path::new(port));
             target.is_ok_and(|target| target.parent() == port.parent())
@@ -193,7 +192,7 @@ impl Drop for Symlink {
     }
 }
 
-/// `loss=0.02,bursts=0.002:10,delay=5`.
+/// Parses `loss=0.02,bursts=0.002:10,delay=5`.
 fn parse_faults(text: &str) -> Result<Faults, String> {
     let mut faults = Faults { hold_us: HOLD_US, ..Faults::default() };
     for part in text.split(',') {

@@ -1,5 +1,5 @@
-//! `shellcal stream`: frames to other programs, as they arrive; and what `record --stream` and `live --stream` have in
-//! common with it.
+//! `shellcal stream`: frames for other programs, as they arrive. Also has the code shared with `record
+//! --stream` and `live --stream`.
 
 use std::io::{self, BufRead, Read};
 use std::net::{IpAddr, SocketAddr};
@@ -44,7 +44,7 @@ pub(crate) struct StreamArgs {
     #[arg(long, short, value_name = "DEST", default_value = "-")]
     output: Vec<Destination>,
 
-    /// How rows are written [default: csv to a file `.csv`, json otherwise]
+    /// Encoding of rows [default: csv to a file `.csv`, json otherwise]
     #[arg(long, value_name = "ENCODING", value_parser = one_of(&ENCODINGS))]
     encoding: Option<StreamFormat>,
 
@@ -58,11 +58,12 @@ pub(crate) struct StreamArgs {
     #[command(flatten)]
     forces: LiveForceArgs,
 
-    /// Rows per second, where frames are more: filtered against aliasing, which delays them by some 1/HZ
+    /// Rows per second, if frames are more frequent: filtered against aliasing, which delays them by about
+    /// 1/HZ
     #[arg(long, value_name = "HZ", value_parser = number_in(LEAST_RATE_HZ..=f64::MAX, "a rate in Hz from 0.1, such as 50"))]
     rate: Option<f64>,
 
-    /// Bring the channels of a frame to one time, as `record` does; each frame waits for three after it
+    /// Interpolate the channels of a frame to one time, as `record` does; each frame waits for the next three
     #[arg(long)]
     one_time: bool,
 
@@ -75,8 +76,8 @@ pub(crate) struct StreamArgs {
     #[command(flatten)]
     playing: PlayingArgs,
 
-    /// Say at the end how late rows were: median and 99th percentile of the time from the board's clock to the
-    /// reader, beyond that of the fastest row of every ten seconds
+    /// Report the delay of rows at the end: median and 99th percentile of the time from the board's clock to
+    /// the reader, relative to the fastest row of every ten seconds
     #[arg(long)]
     latency: bool,
 
@@ -87,33 +88,33 @@ pub(crate) struct StreamArgs {
     mapping: MappingArgs,
 }
 
-/// The option of logs that are played.
+/// The option of commands that play logs.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct PlayingArgs {
-    /// How many times as fast a log is played
+    /// Playback speed, as a factor
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = number_within(0.001..=1000.0, SPEED))]
     pub(super) speed: f64,
 }
 
 const SPEED: [&str; 2] = ["a factor, such as 4", "a factor from 0.001 to 1000"];
 
-/// The option of recordings whose port may go away.
+/// The option of recordings whose port may disappear.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct WaitingArgs {
-    /// Wait for a port that goes away, and go on when it is back
+    /// Wait for a port that disappears, and continue when it is back
     #[arg(long)]
     pub(super) reconnect: bool,
 }
 
-/// The option of programs that serve others.
+/// The option of commands that serve other programs.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct EndingArgs {
-    /// End when the standard input ends, for a program that runs this one
+    /// End when the standard input ends; for use by another program
     #[arg(long)]
     pub(super) until_eof: bool,
 }
 
-/// How rows are written.
+/// Encodings of rows.
 const ENCODINGS: [(&str, &str, StreamFormat); 2] = [
     ("json", "An object of JSON a line", StreamFormat::JsonLines),
     ("csv", "Comma-separated values after a line with their names", StreamFormat::Csv),
@@ -196,11 +197,10 @@ impl StreamArgs {
     }
 }
 
-/// A factor on the pace of a log.
 /// The watcher of a recording, and the handle of its stream if there is one.
 type WatchedStream = (Option<Box<dyn Watcher>>, Option<StreamHandle>);
 
-/// Where rows go beside a log or a view, as JSON lines, or CSV to a file `.csv`
+/// Destination of rows in addition to a log or a view, as JSON lines, or CSV to a file `.csv`
 #[derive(Debug, clap::Args)]
 pub(crate) struct StreamToArgs {
     /// Pass rows on as they arrive, as `shellcal stream` does: to `udp:HOST:PORT`, `tcp:PORT`, `netft` or a file; may
@@ -214,7 +214,7 @@ impl StreamToArgs {
         !self.stream.is_empty()
     }
 
-    /// Lets the stream look on beside another watcher. Its end does not end the recording.
+    /// Adds the stream to another watcher. The end of the stream does not end the recording.
     pub(crate) fn watch(
         &self,
         printer: &Printer,
@@ -235,7 +235,7 @@ impl StreamToArgs {
     }
 }
 
-/// Opens all destinations, and says where readers can come to.
+/// Opens all destinations, and prints the addresses for readers.
 fn open(
     printer: &Printer,
     to: &[Destination],
@@ -286,7 +286,7 @@ fn serve_page(page: &NetFtPage) -> anyhow::Result<SocketAddr> {
 /// Commands that are obeyed within a second; those after them wait, and hold up who writes them.
 const MOST_COMMANDS: u32 = 100;
 
-/// Commands from the standard input, a line each. `at_end` is set when there are no more.
+/// Reads commands from the standard input, one per line. `at_end` is set when there are no more.
 pub(crate) fn commands(
     printer: &Printer,
     at_end: Option<Arc<AtomicBool>>,
@@ -307,11 +307,11 @@ pub(crate) fn commands(
     Ok(commands)
 }
 
-/// The most bytes of a line of the standard input.
+/// Maximum length of a line of the standard input, bytes.
 const LONGEST_LINE: u64 = 4096;
 
-/// Reads the standard input on a thread of this name. `take` says of each line whether it wants more, or what is wrong
-/// with it. `at_end` is set when there are no more.
+/// Reads the standard input on a thread with this name. For each line, `take` returns whether it wants more,
+/// or the error in it. `at_end` is set when there are no more.
 pub(crate) fn each_line(
     name: &str,
     printer: &Printer,
@@ -322,7 +322,7 @@ pub(crate) fn each_line(
     let listen = move || {
         let mut input = io::stdin().lock();
         let mut line = Vec::new();
-        // The rest of a line that is longer is taken for another.
+        // The rest of a longer line is taken for another line.
         while input.by_ref().take(LONGEST_LINE).read_until(b'\n', &mut line).is_ok_and(|n| n > 0) {
             match take(String::from_utf8_lossy(&line).trim_end_matches(['\r', '\n'])) {
                 Ok(true) => {}
@@ -338,7 +338,7 @@ pub(crate) fn each_line(
     thread::Builder::new().name(name.to_owned()).spawn(listen).map(drop)
 }
 
-/// Ends a stream, and says what came of it.
+/// Ends a stream, and reports its result.
 pub(crate) fn finish(
     printer: &Printer,
     handle: Option<&StreamHandle>,

@@ -1,4 +1,4 @@
-//! `shellcal synth`: recordings made from physics; `synth pair`, one session on two clocks.
+//! `shellcal synth`: recordings generated from physics; `synth pair` generates one session on two clocks.
 
 use std::io::Write;
 
@@ -36,7 +36,7 @@ enum KindArgs {
 
 #[derive(Clone, Debug, clap::Args)]
 struct RecordingArgs {
-    /// Rows to make (default: 77522 for train, 19932 for test, 5000 for zero)
+    /// Number of rows (default: 77522 for train, 19932 for test, 5000 for zero)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     rows: Option<u64>,
 
@@ -50,11 +50,11 @@ struct RecordingArgs {
     #[command(flatten)]
     noise: NoiseArgs,
 
-    /// Springs without creep and hysteresis: a calibration can follow them exactly
+    /// Springs without creep and hysteresis, which a calibration can follow exactly
     #[arg(long)]
     elastic: bool,
 
-    /// Columns and their names
+    /// Names and contents of the columns
     #[arg(long, value_parser = one_of(&LAYOUTS), default_value = "shellcal")]
     layout: SyntheticLayout,
 
@@ -73,7 +73,7 @@ pub(super) struct WrittenArg {
 /// Resolution of the board's converter.
 const ADC_BITS: u32 = 12;
 
-/// The reference of a pair starts as much earlier than the board and stops as much later, s.
+/// The reference of a pair starts this much earlier than the board and stops this much later, s.
 const MARGIN_S: f64 = 5.0;
 
 /// Layouts of recordings.
@@ -90,7 +90,7 @@ const LAYOUTS: [(&str, &str, SyntheticLayout); 3] = [
 impl SynthArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         match &self.kind {
-            // The paper's sizes; for noise, less than a minute.
+            // The sizes of the paper; for noise, less than a minute.
             KindArgs::Train(args) => args.run(RecordingKind::Training, 77_522, printer),
             KindArgs::Test(args) => args.run(RecordingKind::Test, 19_932, printer),
             KindArgs::Pair(args) => args.run(printer),
@@ -154,15 +154,15 @@ pub(crate) struct PairArgs {
     #[arg(value_name = "LOG")]
     log: OutputPath,
 
-    /// The reading of the reference's clock when the board's is 0
+    /// Reading of the reference's clock when the board's is 0
     #[arg(long, value_name = "S", default_value_t = 12.3456789, allow_negative_numbers = true)]
     offset: f64,
 
-    /// How much faster the reference's clock runs
+    /// Skew: how much faster the reference's clock runs
     #[arg(long, value_name = "PPM", default_value_t = 50.0, allow_negative_numbers = true)]
     skew: f64,
 
-    /// How long the board records
+    /// Duration of the board's recording
     #[arg(long, value_name = "S", default_value_t = 60.0)]
     duration: f64,
 
@@ -174,7 +174,7 @@ pub(crate) struct PairArgs {
     #[arg(long, value_name = "HZ", default_value_t = 1000.0)]
     rate: f64,
 
-    /// Share of the board's frames that get lost, from 0 to 1
+    /// Share of the board's frames that are lost, from 0 to 1
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     loss: f64,
 
@@ -188,7 +188,7 @@ pub(crate) struct PairArgs {
     #[command(flatten)]
     noise: NoiseArgs,
 
-    /// Write offset, skew and all else that is known, as JSON
+    /// Write offset, skew and all other true values, as JSON
     #[arg(long, value_name = "FILE")]
     truth: Option<OutputPath>,
 }
@@ -251,10 +251,10 @@ impl PairArgs {
     }
 }
 
-/// Rows that are made at most, some GB: a slip of the finger must not fill the disk.
+/// Maximum number of rows, some GB: a typing error must not fill the disk.
 const MOST_ROWS: f64 = 1e7;
 
-/// Checks a number of rows, which may be anything.
+/// Checks a number of rows, which may be any number.
 pub(super) fn check_rows(rows: f64) -> anyhow::Result<()> {
     anyhow::ensure!(
         rows <= MOST_ROWS,
@@ -263,14 +263,14 @@ pub(super) fn check_rows(rows: f64) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The unit that is simulated, and one of its recordings.
+/// The simulated unit, and one of its recordings.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct SeedArgs {
-    /// Which recording: its loads, noise, light, mounting and scatter [default: 1]
+    /// Seed of the recording: its loads, noise, light, mounting and scatter [default: 1]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..1 << 60))]
     seed: Option<u64>,
 
-    /// Which unit: its springs, reflectors and gains; 1 is that of the shipped data [default: 1]
+    /// Seed of the unit: its springs, reflectors and gains; 1 is the unit of the shipped data [default: 1]
     #[arg(long, value_name = "N")]
     unit_seed: Option<u64>,
 }

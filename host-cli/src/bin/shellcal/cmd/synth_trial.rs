@@ -1,4 +1,4 @@
-//! `shellcal synth trial` and `synth trials`: the virtual robot's runs through the channel.
+//! `shellcal synth trial` and `synth trials`: runs of the virtual robot through the channel.
 
 use shellcal::workflow::synthetic_trials::{MANIFEST, truth_json, write_log, write_set};
 use simulation::synthetic_log::TrialLayout;
@@ -9,24 +9,24 @@ use super::synth::{SeedArgs, WrittenArg};
 use crate::files::{OutputLocation, OutputPath};
 use crate::printer::Printer;
 
-/// One trial of a virtual robot in the channel, with known truth
+/// One trial of a virtual robot in the channel, with known true values
 ///
-/// Leg motion, drag and lift of the condition, the legs' shaking, battery and motors; telemetry at
-/// 1 kHz in the lab's format, with sensors fresh at 100 Hz. `synth train` makes the training log of
-/// the same unit.
+/// Leg motion, drag and lift of the condition, the legs' shaking, battery and motors; telemetry at 1 kHz in
+/// the lab's format, with fresh sensor readings at 100 Hz. `synth train` makes the training log of the same
+/// unit.
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Examples:
   shellcal synth trial --condition '3 cm' --output run.txt --truth run.truth.json
   shellcal synth trial --stride-frequency 1 --missing 0.1 --output run.txt")]
 pub(super) struct SynthTrialArgs {
-    /// What the robot runs through: the channel's largest deflection
+    /// Channel that the robot runs through, by its largest deflection
     #[arg(long, value_parser = one_of(&ChannelForces::PAPER.map(|of| (of.name, "", of))), value_name = "NAME", default_value = "3 cm")]
     condition: ChannelForces,
 
     #[command(flatten)]
     common: CommonArgs,
 
-    /// Share of the rows that are missing, from 0 to 1
+    /// Share of missing rows, from 0 to 1
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     missing: f64,
 
@@ -34,11 +34,11 @@ pub(super) struct SynthTrialArgs {
     #[arg(long, conflicts_with = "no_telemetry")]
     no_sensors: bool,
 
-    /// Leave out the telemetry: frames of the board alone, as CSV
+    /// Leave out the telemetry: only frames of the board, as CSV
     #[arg(long)]
     no_telemetry: bool,
 
-    /// Write the truth of every result, as JSON
+    /// Write the true value of every result, as JSON
     #[arg(long, value_name = "FILE")]
     truth: Option<OutputPath>,
 
@@ -46,7 +46,7 @@ pub(super) struct SynthTrialArgs {
     written: WrittenArg,
 }
 
-/// An example set: trials in all five conditions, their truth, and a manifest for `shellcal batch`
+/// An example set: trials in all five conditions, their true values, and a manifest for `shellcal batch`
 #[derive(Clone, Debug, clap::Args)]
 #[command(after_help = "Example:
   shellcal synth trials trials
@@ -54,7 +54,7 @@ pub(super) struct SynthTrialArgs {
   shellcal fit train.csv --output calibration.json
   shellcal batch trials/manifest.csv --calibration calibration.json")]
 pub(super) struct TrialsArgs {
-    /// Directory to write into; made if it is not there
+    /// Directory to write into; created if it does not exist
     #[arg(value_name = "DIR")]
     directory: OutputLocation,
 
@@ -124,7 +124,7 @@ impl TrialsArgs {
     pub(super) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let base = self.common.settings(ChannelForces::PAPER[0]);
         let count = self.per_condition * ChannelForces::PAPER.len() as u64;
-        /// Of a trial, about.
+        /// Approximate size of a trial.
         const BYTES: u64 = 1_000_000;
         let bar = printer.progress("making trials", count * BYTES);
         let trials = write_set(&printer.files, &self.directory, base, self.per_condition, |done| {

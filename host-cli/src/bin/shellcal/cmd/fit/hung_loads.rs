@@ -1,4 +1,4 @@
-//! What `shellcal fit --loads` prints of the loads.
+//! Output of `shellcal fit --loads` on the loads.
 
 use calibration::physics::uncertain_loads::{CorrectedLoad, LoadQuantity};
 use calibration::quality::significant;
@@ -8,23 +8,23 @@ use shellcal::workflow::hung_loads::HungReference;
 
 use crate::printer::{Printer, TableColumn};
 
-/// Scatter in stated errors from which those are said to be too small.
+/// Scatter in stated errors above which the stated errors are reported as too small.
 const TOO_SMALL: f64 = 1.5;
 
-/// What `--json` prints.
+/// The output of `--json`.
 pub(super) fn document(hung: &HungReference) -> impl Serialize {
     let load = |(load, found): (&HungLoad, &CorrectedLoad)| {
         document! {
             group: load.group.clone(),
             line: load.line,
             stated: load.to_string(),
-            // N and N·m, as it was found.
+            // The corrected wrench, N and N·m.
             wrench: found.wrench,
-            // Found less stated, with standard errors.
+            // Corrected minus stated value, with standard errors.
             force_correction_n: found.force_n,
             angle_correction_deg: <[f64; 2]>::from(found.angle_rad).map(f64::to_degrees),
             lever_correction_mm: found.lever_m.map(|metres| 1e3 * metres),
-            // What of the line is probably wrong.
+            // The part of the line that is probably wrong.
             suspicious: found.suspicious.map(name),
         }
     };
@@ -38,7 +38,7 @@ pub(super) fn document(hung: &HungReference) -> impl Serialize {
     document! {
         loads: hung.loads.iter().zip(loads).map(load).collect::<Vec<_>>(),
         mountings: hung.mountings.iter().zip(mountings).map(mounting).collect::<Vec<_>>(),
-        // Of sizes, directions and levers, in stated errors.
+        // Scatter of sizes, directions and levers, in stated errors.
         scatter_in_stated_errors: hung.corrected.scatter,
         loads_without_readings: &hung.unread,
         rows_without_load: hung.unloaded_rows,
@@ -53,7 +53,7 @@ fn name(quantity: LoadQuantity) -> &'static str {
     }
 }
 
-/// The table of corrections.
+/// Prints the table of corrections.
 pub(super) fn print(printer: &Printer, hung: &HungReference) {
     let degrees = |radians: f64| format!("{:.1}", radians.to_degrees());
     let columns: [TableColumn<'_, (&HungLoad, &CorrectedLoad)>; 6] = [
@@ -73,12 +73,12 @@ pub(super) fn print(printer: &Printer, hung: &HungReference) {
     }
 }
 
-/// An offset along x, y and z.
+/// An offset along x, y and z, in mm.
 fn millimetres(offset_m: [f64; 3]) -> String {
     offset_m.map(|metres| format!("{:+.1}", 1e3 * metres)).join(" ")
 }
 
-/// Says which lines of the table are probably wrong, and what errors are against.
+/// Warns of lines of the table that are probably wrong, and notes the loads that errors refer to.
 pub(super) fn tell(hung: &HungReference, printer: &Printer) {
     for (load, found) in hung.suspicious() {
         printer.warning(warning(load, found));

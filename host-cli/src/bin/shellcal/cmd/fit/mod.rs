@@ -1,4 +1,4 @@
-//! `shellcal fit`: from training logs to a calibration; with `--partial` to sums for `shellcal merge`, and no fit.
+//! `shellcal fit`: a calibration from training logs; with `--partial`, sums for `shellcal merge` and no fit.
 
 mod hung_loads;
 mod recalibration;
@@ -47,16 +47,16 @@ pub(crate) struct FitArgs {
     #[arg(long, short, value_name = "CAL.json")]
     output: Option<OutputPath>,
 
-    /// Write a report: errors by axis and by pose, which loads were calibrated, which model and why, and what
-    /// the calibration must not be used for
+    /// Write a report: errors by axis and by pose, the calibrated loads, the choice of the model, and the
+    /// limits of use of the calibration
     #[arg(long, value_name = "FILE.html")]
     report: Option<OutputPath>,
 
-    /// The model [default: auto; with `--partial`: cubic]
+    /// Model [default: auto; with `--partial`: cubic]
     #[arg(long, value_name = "MODEL", value_parser = choices::model(), help_heading = "Model")]
     model: Option<ModelRule>,
 
-    /// Fit no constant: offsets are then left to the tare
+    /// Fit no constant; offsets are left to the tare
     #[arg(long, help_heading = "Model")]
     no_intercept: bool,
 
@@ -65,29 +65,30 @@ pub(crate) struct FitArgs {
     #[arg(default_value_t = 0.0, hide_default_value = true)]
     ridge: f64,
 
-    /// How to solve the least-squares problem
+    /// Solver of the least-squares problem
     #[arg(long, value_name = "SOLVER", value_parser = choices::solver(), default_value = "exact",
         help_heading = "Model", hide_short_help = true)]
     solver: SolverKind,
 
-    /// With `--solver svd`: leave out directions that the data hardly excite, those whose singular
-    /// value is below this share of the largest, such as 1e-8
+    /// With `--solver svd`: leave out poorly excited directions, those whose singular value is below this
+    /// share of the largest, such as 1e-8
     #[arg(long, value_name = "SHARE", value_parser = number_in(0.0..1.0, "a share from 0 to 1, such as 1e-8"),
         help_heading = "Model", hide_short_help = true)]
     truncate: Option<f64>,
 
-    /// How many ms later than the readings the reference shows a load (rows, where logs have no time); `auto`
-    /// finds it [default: `auto` where the model is chosen, otherwise 0]
+    /// Delay of the reference relative to the readings in ms (in rows, if logs have no time); `auto` finds it
+    /// [default: `auto` if the model is chosen, otherwise 0]
     #[arg(long, value_name = "auto|MS", value_parser = parse_lag, allow_hyphen_values = true, help_heading = "Model")]
     lag: Option<SearchArg<f64>>,
 
-    /// Let each channel remember: terms `s - EMA(s)` with these time constants (rows, where logs have no time);
-    /// `auto` takes those that lower held-out errors [default: `auto` where the model is chosen, otherwise none]
+    /// Add memory to each channel: terms `s - EMA(s)` with these time constants (in rows, if logs have no
+    /// time); `auto` takes those that lower held-out errors [default: `auto` if the model is chosen,
+    /// otherwise none]
     #[arg(long, value_name = "auto|none|SECONDS,...", value_parser = parse_memory, help_heading = "Model")]
     memory_terms: Option<SearchArg<Vec<f64>>>,
 
-    /// Hold out these groups of rows, with any model: each group of the group column, each file, or each pose
-    /// of constant load that is found; a number K assigns the groups to K folds
+    /// Cross-validate over these groups of rows, with any model: the groups of the group column, files, or
+    /// automatically found poses of constant load; a number K assigns the groups to K folds
     #[arg(long, value_name = "file|column|plateau|K", num_args = 0..=1, require_equals = true,
         default_missing_value = "auto", value_parser = clap::value_parser!(HeldOut), help_heading = "Validation")]
     cv: Option<HeldOut>,
@@ -99,42 +100,42 @@ pub(crate) struct FitArgs {
     #[arg(long, help_heading = "Validation")]
     strict: bool,
 
-    /// What standard errors and intervals of `convert` come from
+    /// Basis of the standard errors and intervals of `convert`
     #[arg(long, value_name = "OF", value_parser = one_of(&COVARIANCES), default_value = "auto",
         help_heading = "Validation", hide_short_help = true)]
     covariance: CovarianceRule,
 
-    /// Leave out rows that repeat the readings of the row before
+    /// Leave out duplicates: rows whose readings equal the previous row's
     #[arg(long = "skip-repeats", alias = "fresh", help_heading = "Rows")]
     fresh: bool,
 
-    /// Suspicious rows [default: report]
+    /// Treatment of suspicious rows [default: report]
     #[arg(long, value_name = "WHAT", value_parser = one_of(&OUTLIERS), help_heading = "Rows")]
     outliers: Option<OutlierRule>,
 
-    /// Readings outside are wrong: leave out rows with any
+    /// Leave out rows with any reading outside this range
     #[arg(long, value_name = "LO:HI", value_parser = parse_range, allow_hyphen_values = true, help_heading = "Rows")]
     valid_range: Option<[f64; 2]>,
 
-    /// List the rows that `--outliers drop` and `--valid-range` leave out, and why (CSV)
+    /// List the rows left out by `--outliers drop` and `--valid-range`, with the reason (CSV)
     #[arg(long, value_name = "FILE.csv", help_heading = "Rows")]
     dropped: Option<OutputPath>,
 
-    /// Fit to the mean of each group of rows, each counted once: the group column, files, or poses that are
+    /// Fit to the mean of each group of rows, with equal weights: the group column, files, or poses that are
     /// found. Test logs are compared row by row
     #[arg(long, conflicts_with = "partial", help_heading = "Rows", hide_short_help = true)]
     means: bool,
 
-    /// Take the wrench from a table of the loads that were hung, one line for each pose: mass or force, point and
-    /// direction, with their errors. Loads are matched by the group column, otherwise in order by stretches of still
-    /// readings
+    /// Take the wrench from a table of the hung loads, one line for each pose: mass or force, point and
+    /// direction, with their errors. Loads are matched by the group column, otherwise in order by stretches
+    /// of still readings
     #[arg(long, value_name = "LOADS.csv",
         conflicts_with_all = ["wrench_from", "partial", "means", "outliers", "valid_range", "cv", "lag", "memory_terms"],
         help_heading = "Reading logs")]
     loads: Option<InputPath>,
 
-    /// Bring this calibration up to date by a few loads, after the sensor was mounted again or has aged: finds what
-    /// has changed of zeros, gains, lever and turn, and leaves all else as it is. The loads are held still
+    /// Update this calibration with a few loads, after the sensor was remounted or has aged: finds the
+    /// changes of zeros, gains, lever and rotation, and keeps everything else. Hold each load still
     #[arg(long, value_name = "CAL.json", help_heading = "Model",
         conflicts_with_all = ["test", "report", "plot", "model", "no_intercept", "ridge", "solver", "truncate", "lag",
             "memory_terms", "cv", "covariance", "strict", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range",
@@ -144,19 +145,18 @@ pub(crate) struct FitArgs {
     #[command(flatten)]
     companions: CompanionArgs,
 
-    /// The same for each log to test on
+    /// Take the wrench from these files, one for each log to test on
     #[arg(long, value_name = "FILE", num_args = 1.., requires = "test", help_heading = "Reading logs")]
     test_wrench_from: Vec<InputPath>,
 
-    /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON; `-` for the standard
-    /// output)
+    /// Sum the rows, write the sums for `shellcal merge`, and fit nothing (JSON; `-` for the standard output)
     #[arg(long, value_name = "FILE.json",
         conflicts_with_all = ["test", "output", "export_matrix", "plot", "report", "ridge", "truncate", "cv", "dropped", "valid_range", "strict", "max_rms", "max_rms_moment", "lag", "memory_terms"],
         help_heading = "Partial fits", hide_short_help = true)]
     partial: Option<OutputPath>,
 
-    /// With `--partial`: keep the sums of each group, so that `merge` can validate, choose a model and
-    /// find standard errors by group
+    /// With `--partial`: keep the sums of each group, so that `merge` can validate, choose a model and find
+    /// standard errors by group
     #[arg(long, value_parser = one_of(&GROUPS), value_name = "file|column", num_args = 0..=1, require_equals = true,
         default_missing_value = "auto", hide_possible_values = true, requires = "partial",
         help_heading = "Partial fits", hide_short_help = true)]
@@ -169,7 +169,7 @@ pub(crate) struct FitArgs {
     #[command(flatten, next_help_heading = "Other output")]
     figure: FigureArgs,
 
-    /// The label of the sensor, for the calibration file
+    /// Serial number or label of the sensor, for the calibration file
     #[arg(long, value_name = "SERIAL", help_heading = "Other output")]
     serial: Option<String>,
 
@@ -177,21 +177,21 @@ pub(crate) struct FitArgs {
     mapping: MappingArgs,
 }
 
-/// What the groups are that a partial fit keeps.
+/// Groups kept by a partial fit.
 const GROUPS: [(&str, &str, KeptGroups); 3] = [
     ("auto", "Those of the group column where there is one, files otherwise", KeptGroups::Auto),
     ("file", "Files", KeptGroups::By(GroupKind::File)),
     ("column", "Those of the group column", KeptGroups::By(GroupKind::Column)),
 ];
 
-/// A lag in ms or time constants in s, or rows: to be searched for, or given.
+/// A lag in ms or time constants in s, or both in rows: to be found, or given.
 #[derive(Clone, Debug)]
 enum SearchArg<T> {
     Auto,
     Given(T),
 }
 
-/// What is done about suspicious rows.
+/// Treatments of suspicious rows.
 const OUTLIERS: [(&str, &str, OutlierRule); 3] = [
     ("report", "Name them, with what they do to the fit, and use them", OutlierRule::Report),
     ("drop", "Leave them out, and list them in the file of `--dropped`", OutlierRule::Drop),
@@ -209,7 +209,8 @@ impl FitArgs {
         self.fit(printer)
     }
 
-    /// Asks for the errors on all rows that were not used: those that were held out, and those of the test logs.
+    /// Requires the errors on all rows that were not used for the fit: those held out, and those of the test
+    /// logs.
     fn ask_errors(&self, fitted: &Fit, gate: &mut Gate) {
         let (limits, axes) = (self.limits.of(None), fitted.calibration.axes);
         let train = format!("`{}`", self.train[0].display());
@@ -233,7 +234,7 @@ impl FitArgs {
     }
 }
 
-/// In ms, or rows.
+/// Parses a lag in ms, or rows.
 fn parse_lag(text: &str) -> Result<SearchArg<f64>, &'static str> {
     match text.parse() {
         _ if text == "auto" => Ok(SearchArg::Auto),
@@ -255,7 +256,7 @@ fn parse_memory(text: &str) -> Result<SearchArg<Vec<f64>>, &'static str> {
     }
 }
 
-/// `LO:HI`.
+/// Parses `LO:HI`.
 fn parse_range(text: &str) -> Result<[f64; 2], &'static str> {
     let ends =
         text.split_once(':').map(|(least, most)| (least.trim().parse(), most.trim().parse()));
@@ -284,7 +285,7 @@ impl FitArgs {
             }
         };
         let destination = printer.create_or_stdout(Some(path))?;
-        // Whether R factors are wanted wherever sums could be had.
+        // True if R factors are wanted even if the rows can be summed exactly.
         let r_factors = match self.solver {
             SolverKind::Exact => false,
             SolverKind::Tsqr => true,

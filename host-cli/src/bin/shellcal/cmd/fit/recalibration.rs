@@ -1,4 +1,4 @@
-//! `shellcal fit --from`: a calibration brought up to date by a few new loads.
+//! `shellcal fit --from`: update of a calibration with a few new loads.
 
 use std::path::Path;
 
@@ -17,7 +17,7 @@ use super::FitArgs;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer};
 
-/// What `--json` prints of a change, or of its standard errors.
+/// The output of `--json` for a change, or for its standard errors.
 fn change(of: &Change) -> impl Serialize {
     document! {
         zeros: of.channels.iter().map(|channel| channel.zero).collect::<Vec<_>>(),
@@ -72,19 +72,19 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
             text,
             loads: of.loads,
             rows: of.rows.rows(),
-            // What has changed: of `zeros`, `gains`, `lever` and `turn`.
+            // The parts that have changed: some of `zeros`, `gains`, `lever` and `turn`.
             changed: found.quantities.iter().map(|of| of.name()).collect::<Vec<_>>(),
-            // How much more probable that makes the loads, as a logarithm; and the root mean square of the differences
-            // before and after the change, in stated errors.
+            // Logarithm of the factor by which the change makes the loads more probable, and the RMS of the
+            // differences before and after the change, in stated errors.
             found.{ln_evidence, disagreement},
             change: change(&found.change),
             standard_errors: change(&found.standard_errors),
             contradicted: found.is_contradicted(),
             axes: axes.columns(),
-            // Root mean square errors on the new loads, N and N·m.
+            // RMS errors on the new loads, N and N·m.
             rms_before: axes.of(&found.before),
             rms_after: axes.of(&found.after),
-            // Of loads that were held out.
+            // RMS errors on held-out loads.
             rms_held_out?: found.held_out.map(|of| axes.of(&of.map(|axis| axis.rms))),
         });
     }
@@ -109,7 +109,7 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
     Ok(())
 }
 
-/// What has been found, in words.
+/// The findings in words.
 fn lines(name: &str, of: &Recalibrated) -> Vec<String> {
     let (found, loads) = (&of.found, of.loads);
     let [before, after] = found.disagreement.map(|x| significant(x, 2));

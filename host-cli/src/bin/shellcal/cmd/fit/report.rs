@@ -1,4 +1,4 @@
-//! What `shellcal fit` prints.
+//! Output of `shellcal fit`.
 
 use calibration::Kind;
 use calibration::dynamics::{Dynamics, NotSearched};
@@ -22,21 +22,21 @@ use super::super::quality::{
 use super::hung_loads;
 use crate::printer::Printer;
 
-/// What `--json` prints of a verdict.
+/// The output of `--json` for a verdict.
 fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
     let (axes, unseen) = (verdict.axes, verdict.unseen.as_ref());
     let interval = verdict.interval.as_ref().ok();
     let test = verdict.examination().and_then(|of| of.test);
     document! {
-        // The same in words.
+        // The verdict in words.
         text: verdict.screen("").lines(),
-        // Whether errors are known, and all that was looked at has passed.
+        // True if errors are known and all checks have passed.
         ok: verdict.is_ok(),
-        // Why not, most important first.
+        // Reasons why not, most important first.
         reasons: verdict.reasons(),
-        // What is wrong with test or training rows.
+        // Faults of test or training rows.
         faults: verdict.examination().map(|of| of.faults.clone()).unwrap_or_default(),
-        // How many times the promised error that on the test is, on the axis where it is largest for that.
+        // Ratio of the error on the test to the promised error, on the axis with the largest ratio.
         test_ratio?: test.map(|of| document! {
             axis: of.axis.column(),
             of.{ratio},
@@ -44,25 +44,25 @@ fn verdict(verdict: &Verdict<'_>) -> impl Serialize + use<> {
         }),
         // Errors on rows that were not used, N and N·m.
         unseen_rms?: unseen.map(|of| axes.of(&of.rms)),
-        // How many times as large they may be in a new file, from the scatter between files.
+        // Factor of a possible increase in a new file, from the scatter between files.
         unseen_spread?: unseen.and_then(|of| of.spread).map(|spread| axes.of(&spread)),
-        // The same over the range of the training loads.
+        // Errors on rows that were not used, relative to the range of the training loads.
         unseen_share_of_range?: unseen.map(|of| axes.of(&of.share_of_range)),
         unseen_rows?: unseen.map(|of| match of.on {
             UnseenRows::HeldOut { are_shuffled: false, .. } => "held_out",
             UnseenRows::HeldOut { are_shuffled: true, .. } => "held_out_of_shuffled_rows",
             UnseenRows::Test(_) => "test",
         }),
-        // Half the width of what holds 95 % of single frames, N and N·m.
+        // Half-width of the interval that contains 95 % of single frames, N and N·m.
         interval_95?: interval.map(|of| axes.of(&of.half_width)),
-        // The share of held-out rows within it, where they were counted.
+        // Share of held-out rows within this interval, if they were counted.
         interval_95_held?: interval.and_then(|of| of.held).map(|held| axes.of(&held)),
         // Axes whose error is about as large as the loads.
         useless_axes: verdict.useless.columns(),
     }
 }
 
-/// What `--json` says of lag and memory: what was found, or why nothing was searched for.
+/// The output of `--json` on lag and memory: the findings, or the reason for not searching.
 fn dynamics(asked: &Outcome<Dynamics, NotSearched>, axes: Axes) -> Option<impl Serialize> {
     let found = asked.found();
     let memory = found.and_then(|found| found.memory.as_ref());
@@ -70,11 +70,11 @@ fn dynamics(asked: &Outcome<Dynamics, NotSearched>, axes: Axes) -> Option<impl S
         not_searched?: asked.reason().map(ToString::to_string),
         // `s` or `rows`.
         time_base?: found.map(|found| found.time_base.unit()),
-        // Of the reference, in units of the time base; 0 for none.
+        // Lag of the reference, in units of the time base; 0 for none.
         lag: found.and_then(|found| found.lag).map_or(0.0, |lag| lag.by),
         lag_standard_error?: found.and_then(|found| found.lag_standard_error),
         time_constants: memory.map_or(&[][..], |memory| &memory.time_constants),
-        // Errors of the family that was searched on, N and N·m.
+        // Errors of the family used for the search, N and N·m.
         held_out_rms?: found.and_then(|found| found.gain).map(|gain| document! {
             folds: gain.folds,
             plain: axes.of(&gain.plain),
@@ -85,21 +85,21 @@ fn dynamics(asked: &Outcome<Dynamics, NotSearched>, axes: Axes) -> Option<impl S
     (!matches!(asked, Outcome::NotAsked)).then_some(answer)
 }
 
-/// What held-out errors say to do, for `--json`.
+/// The advice from held-out errors, for `--json`.
 fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
     document! {
         advice.{folds, ridge_is_at_limit},
         best: Among(axes, &advice.best),
         cautious: Among(axes, &advice.cautious),
-        // Natural logarithm of the error of the cautious choice relative to that of the best, and its standard error;
-        // zeros where they are one.
+        // Natural logarithm of the error of the cautious choice relative to the error of the best, and its
+        // standard error; zeros if they are the same.
         log_ratio: advice.caution.map(|of| log_ratio(of.all)).unwrap_or_default(),
-        // Whether another model predicts new groups better than the one that was fitted.
+        // True if another model predicts new groups better than the fitted one.
         another_is_better: advice.another_is_better(),
     }
 }
 
-/// What standard errors come from, and the covariance of the errors of a row, for `--json`.
+/// The basis of standard errors, and the covariance of the errors of a row, for `--json`.
 fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
     let groups = match &covariance.coefficients {
         CoefficientCovariance::Groups { groups, .. } => Some(*groups),
@@ -109,23 +109,23 @@ fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
     let half_width =
         |factors: PerAxis<f64>| axes.of(&std::array::from_fn(|axis| factors[axis] * sd[axis]));
     document! {
-        // Groups of rows; absent where rows are taken as independent.
+        // Number of groups of rows; absent if rows are taken as independent.
         groups?: groups,
         degrees_of_freedom: covariance.degrees_of_freedom,
         // In products of N and N·m.
         residual: axes.of(&covariance.residual.map(|row| axes.of(&row))),
-        // Half the width of a 95 % prediction interval, coefficients taken as certain, N and N·m; `null` where
-        // groups are too few to tell.
+        // Half-width of a 95 % prediction interval, for exactly known coefficients, N and N·m; `null` if
+        // there are too few groups.
         interval_95: factors.map(half_width),
     }
 }
 
-/// The physics model beside the polynomial, where they were compared.
+/// The comparison of the physics model with the polynomial, if there was one.
 fn compared(fitted: &Fit) -> Option<&ModelComparison> {
     fitted.comparison.found()
 }
 
-/// What `--json` prints of a comparison of physics and a polynomial.
+/// The output of `--json` for a comparison of physics and a polynomial.
 fn comparison(found: &ModelComparison) -> impl Serialize + use<> {
     let of = &found.comparison;
     document! {
@@ -134,10 +134,10 @@ fn comparison(found: &ModelComparison) -> impl Serialize + use<> {
         // On the same held-out rows, N and N·m.
         physics_rms: of.rms[0],
         polynomial_rms: of.rms[1],
-        // Natural logarithm of the error of physics relative to that of the polynomial, in the mean over all axes,
-        // and its standard error.
+        // Natural logarithm of the error of physics relative to the error of the polynomial, averaged over
+        // all axes, and its standard error.
         log_ratio: log_ratio(of.all),
-        // The same for each axis.
+        // The logarithm for each axis.
         axes: of.axes.map(log_ratio),
         physics_is_better: found.physics_is_better(),
     }
@@ -148,7 +148,8 @@ fn log_ratio(ratio: FoldMean) -> [f64; 2] {
     [ratio.value, ratio.standard_error]
 }
 
-/// The ridge, and what it penalises: with an intercept readings are centred before powers are taken.
+/// The ridge, and the features that it penalises: with an intercept, readings are centred before powers are
+/// taken.
 fn ridge(ridge: f64, intercept: bool) -> String {
     let powers = if intercept { "centred" } else { "raw" };
     match ridge > 0.0 {
@@ -157,7 +158,7 @@ fn ridge(ridge: f64, intercept: bool) -> String {
     }
 }
 
-/// What was fitted: the figures of all fits, and those of a polynomial or of the physics model.
+/// Reports a fit: the figures common to all fits, and those of a polynomial or of the physics model.
 pub(super) fn report(
     printer: &Printer,
     logs: &FittedLogs,
@@ -179,7 +180,7 @@ pub(super) fn report(
         let of_polynomial = polynomial.map(|(solver, model)| {
             document! {
                 solver,
-                // The share of test rows that were recorded at plateaus of the training data.
+                // Share of test rows that were recorded at plateaus of the training data.
                 test_share_on_training_plateaus?: fitted.leaks.test,
                 features: model.term_count(),
                 diagnostics.{rank, condition},
@@ -191,7 +192,7 @@ pub(super) fn report(
         });
         let tried = |of: &FactorTrial| {
             document! {
-                // Mean gain of the log density of a held-out fold over the best of fewer.
+                // Mean gain in the log density of a held-out fold over the best with fewer factors.
                 of.{factors, gain, standard_error},
             }
         };
@@ -205,16 +206,16 @@ pub(super) fn report(
                 // Factors that the sensors share.
                 factors: model.factor_count(),
                 factors_tried: choice.factor_trials.iter().map(tried).collect::<Vec<_>>(),
-                // What the model's standard errors are multiplied by, from held-out groups.
+                // Factors on the model's standard errors, from held-out groups.
                 standard_error_scale: &physics.error_scale,
-                // Median over the groups of the size of their mean error, N and N·m.
+                // Median over the groups of the magnitude of their mean error, N and N·m.
                 median_of_groups?: validation.map(PhysicsValidation::median),
-                // Share of held-out rows within their 95 % intervals, each group with the same weight.
+                // Share of held-out rows within their 95 % intervals, with equal weight for each group.
                 coverage_95?: coverage.map(|of| of.map(|(share, _)| share)),
-                // Root mean square of held-out errors in their standard errors.
+                // RMS of held-out errors, in their standard errors.
                 held_out_in_standard_errors?: validation.map(PhysicsValidation::scores),
                 intervals: Among(axes, &physics.intervals),
-                // What was hung, and what the readings say it was.
+                // The hung loads, as stated and as corrected.
                 hung?: hung.map(hung_loads::document),
             }
         });
@@ -295,7 +296,7 @@ pub(super) fn report(
     if let Some(hung) = hung {
         hung_loads::print(printer, hung);
     }
-    // How wide the intervals of `convert` are.
+    // Width of the intervals of `convert`.
     let intervals = physics.and_then(|(_, physics)| physics.intervals.as_ref());
     if let Some(Ok(factors)) = intervals.map(|of| of.factors(COVERAGE_LEVEL)) {
         let factors = in_line(axes, &factors, false);

@@ -1,4 +1,4 @@
-//! The fit, with all arguments checked and all files open before the work begins.
+//! The fit: all arguments are checked and all files are opened before the work begins.
 
 use std::sync::OnceLock;
 use std::time::Instant;
@@ -28,7 +28,7 @@ use super::{FitArgs, SearchArg, hung_loads};
 use crate::printer::{Outcome, Printer};
 
 impl FitArgs {
-    /// Fits, writes all files, and says what was found.
+    /// Fits, writes all files, and reports the results.
     pub(super) fn fit(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let start = Instant::now();
         self.check()?;
@@ -95,7 +95,7 @@ impl FitArgs {
         Ok(outcome)
     }
 
-    /// What every fit says: whether to use it, a row for each axis, and a few lines.
+    /// Prints the summary of every fit: whether to use it, a row for each axis, and a few lines.
     fn print_screen(&self, fitted: &Fit, printer: &Printer) {
         let written = [&self.output, &self.report, &self.export_matrix, &self.dropped];
         let figure = self.figure.plot.as_ref();
@@ -154,7 +154,7 @@ impl FitArgs {
         let fitted = data.fit(&options).map_err(|error| {
             let (is_about_rows, error) = (error.is_about_rows(), anyhow::Error::new(error));
             match is_about_rows {
-                // Those of the training logs.
+                // The error is about rows of the training logs.
                 true => error.context(quoted(self.train.iter().map(|it| it.display()), ", ")),
                 false => error,
             }
@@ -163,7 +163,7 @@ impl FitArgs {
         Ok((data, hung, fitted))
     }
 
-    /// Says what is to be known of a fit beside its figures: notes on how it was made with `--verbose`.
+    /// Prints remarks on a fit; notes on how it was made only with `--verbose`.
     fn tell(&self, fitted: &FittedLogs, printer: &Printer) {
         if let Some(path) = &self.dropped {
             printer.remarks(fitted.dropped.remarks());
@@ -188,7 +188,7 @@ impl FitArgs {
         self.outliers.unwrap_or(OutlierRule::Report)
     }
 
-    /// Whether the arguments go together.
+    /// Checks that the arguments go together.
     fn check(&self) -> anyhow::Result<()> {
         let is_physics = self.model() == ModelRule::Physics;
         anyhow::ensure!(
@@ -214,7 +214,7 @@ impl FitArgs {
         Ok(())
     }
 
-    /// What a calibration file says of where it comes from.
+    /// Origin of the calibration, for its file.
     pub(super) fn origin(&self, train: &[Log]) -> anyhow::Result<Origin> {
         Ok(Origin {
             made_by: shellcal::PROGRAM.to_owned(),
@@ -225,7 +225,7 @@ impl FitArgs {
         })
     }
 
-    /// Whether rows that are left out are listed.
+    /// Checks that rows are left out if they are to be listed.
     pub(super) fn check_dropped(&self) -> anyhow::Result<()> {
         let drops = self.outliers == Some(OutlierRule::Drop) || self.valid_range.is_some();
         anyhow::ensure!(
@@ -246,7 +246,7 @@ impl FitArgs {
         self.model.unwrap_or(ModelRule::Auto)
     }
 
-    /// What was asked for that polynomials alone have.
+    /// The first requested option that only polynomials support.
     fn polynomials_only(&self) -> Option<&'static str> {
         let asked = [
             (self.export_matrix.is_some(), "--export-matrix"),
@@ -257,7 +257,7 @@ impl FitArgs {
         asked.into_iter().find_map(|(given, option)| given.then_some(option))
     }
 
-    /// What is done about lag and memory.
+    /// Treatment of lag and memory.
     fn dynamics(&self, has_time: bool) -> DynamicsRule<'_> {
         let default = match self.means {
             true => DynamicsRule::NOTHING,
@@ -270,7 +270,7 @@ impl FitArgs {
                 Some(SearchArg::Given(by)) => Some(if has_time { by / 1e3 } else { by }),
             },
             memory: match &self.memory_terms {
-                // A matrix has none.
+                // A matrix has no memory terms.
                 None if self.export_matrix.is_some() => Some(&[]),
                 None => default.memory,
                 Some(SearchArg::Auto) => None,
@@ -288,7 +288,8 @@ impl FitArgs {
             solver: self.solver,
             truncate: self.truncate,
             cross_validation: self.cv.or(self.loads.as_ref().map(|_| HeldOut::Column)),
-            // A covariance is of use in a calibration file, and for the verdict on a model that is judged.
+            // A covariance is needed only for a calibration file, and for the verdict on a cross-validated
+            // model.
             covariance: match self.covariance {
                 CovarianceRule::Auto | CovarianceRule::Rows if !self.keeps() && !self.judges() => {
                     CovarianceRule::Nothing
@@ -306,12 +307,12 @@ impl FitArgs {
         }
     }
 
-    /// Whether errors on held-out groups are found.
+    /// True if errors on held-out groups are found.
     fn judges(&self) -> bool {
         self.cv.is_some() || self.model() == ModelRule::Auto
     }
 
-    /// Whether what is found is kept, and not only printed.
+    /// True if the results are written to a file.
     pub(super) fn keeps(&self) -> bool {
         self.output.is_some() || self.report.is_some()
     }

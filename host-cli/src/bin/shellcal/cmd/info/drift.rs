@@ -1,4 +1,4 @@
-//! `shellcal info --drift`: how the zero of an unloaded sensor moves.
+//! `shellcal info --drift`: the drift of the zero of an unloaded sensor.
 
 use calibration_file::CalibrationFile;
 use figures::{Chart, ChartMark, Figure, PlotAxis, Series, Size, Spacing, trace_figure};
@@ -35,7 +35,7 @@ impl InfoArgs {
         let documents = drifts.iter().map(|(log, summary)| {
             document! {
                 log,
-                // Whether a tare at the start holds to the end.
+                // True if a tare at the start holds to the end.
                 tare_holds: moved(summary).is_none(),
                 ..summary: summary,
             }
@@ -46,7 +46,7 @@ impl InfoArgs {
     }
 }
 
-/// The quantities, each with its name, its unit and how many decimals it is shown with.
+/// The quantities, each with its name, its unit and its number of decimals.
 fn quantities(summary: &DriftSummary) -> Vec<(String, &'static str, usize, &Drift)> {
     let axes = summary
         .axes
@@ -57,7 +57,7 @@ fn quantities(summary: &DriftSummary) -> Vec<(String, &'static str, usize, &Drif
     axes.chain(channels.map(|(i, drift)| (format!("s{}", i + 1), "counts", 2, drift))).collect()
 }
 
-/// What has moved most beyond its limit: among the axes, or among the channels without a calibration.
+/// The quantity that exceeds its limit most: among the axes or, without a calibration, among the channels.
 fn moved(summary: &DriftSummary) -> Option<(usize, ZeroChange)> {
     let judged = summary.axes.as_ref().map_or(summary.channels.len(), Vec::len);
     let all = quantities(summary);
@@ -92,7 +92,7 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) {
     printer.table(&header, rows);
     match summary.temperature {
         Some([low, high]) if has_trend => {
-            // Whether time or temperature follows the zeros better.
+            // Find out whether time or temperature explains the zeros better.
             let drifts = quantities.iter().map(|(.., drift)| drift);
             let pairs = drifts.filter_map(|drift| Some((drift.per_s, drift.per_degree?)));
             let better = pairs.clone().filter(|(time, of)| of.residual_rms < time.residual_rms);

@@ -1,4 +1,4 @@
-//! `shellcal info`: what a log is, before anything is computed from it; how a sensor at rest behaves in it.
+//! `shellcal info`: description of a log before any computation with it, and of a sensor at rest in it.
 
 mod drift;
 mod noise;
@@ -35,7 +35,7 @@ pub(crate) struct InfoArgs {
     #[arg(required_unless_present = "robot", value_name = "FILE")]
     files: Vec<InputPath>,
 
-    /// Print the built-in robot profile, with the source of every constant: a start for the `--profile` of
+    /// Print the built-in robot profile, with the source of every constant; a template for the `--profile` of
     /// another robot
     #[arg(long, conflicts_with_all = ["files", "at_rest"])]
     robot: bool,
@@ -45,16 +45,16 @@ pub(crate) struct InfoArgs {
     #[arg(long, value_name = "START:END", num_args = 0..=1, require_equals = true, value_parser = parse_window, requires = "calibration", help_heading = AT_REST)]
     noise: Option<Option<TimeWindow>>,
 
-    /// Tell how the zero of an unloaded sensor moves from one stretch at rest to the next, and whether a tare
-    /// at the start holds to the end
+    /// Report the drift of the zero of an unloaded sensor between stretches at rest, and whether a tare at
+    /// the start holds to the end
     #[arg(long, help_heading = AT_REST)]
     drift: bool,
 
-    /// Calibration file, for forces and moments beside the readings
+    /// Calibration file, to report forces and moments as well as readings
     #[arg(long, short, value_name = "CAL", requires = "at_rest", help_heading = AT_REST)]
     calibration: Option<InputPath>,
 
-    /// The column of temperature: its name or position [default: `temperature_c`, if there is one]
+    /// Temperature column: name or position [default: `temperature_c`, if there is one]
     #[arg(long, value_name = "COLUMN", value_parser = parse_column, requires = "drift", help_heading = AT_REST)]
     temperature: Option<ColumnRef>,
 
@@ -74,21 +74,21 @@ pub(crate) struct InfoArgs {
 /// Heading in help.
 const AT_REST: &str = "A sensor at rest";
 
-/// Of more files than this only the overview is printed.
+/// Number of files above which only the overview is printed.
 const FILES_IN_FULL: usize = 5;
 
-/// The table with a line for each log.
+/// Columns of the overview, which has a line for each log.
 const OVERVIEW: [&str; 8] =
     ["file", "rows", "bad", "seconds", "Hz", "gaps", "columns with a note", "outliers"];
 
-/// The table of a log with a line for each column.
+/// Columns of the table of a log, which has a line for each column.
 const COLUMNS: [&str; 7] = ["column", "taken for", "min", "mean", "max", "sd", "note"];
 
 impl InfoArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         if self.robot {
             let profile = Profile::velociroach();
-            // As it is, not line by line: it is a file.
+            // Print the profile verbatim instead of line by line: it is a file.
             return printer.finish(&profile, |printer| printer.print(VELOCIROACH));
         }
         let is_at_rest = self.noise.is_some() || self.drift;
@@ -109,7 +109,7 @@ impl InfoArgs {
         }
     }
 
-    /// Says what each log is.
+    /// Describes each log.
     fn describe(&self, printer: &Printer) -> anyhow::Result<()> {
         let mapping = self.mapping.mapping();
         let (mut documents, mut overview, mut texts) = (Vec::new(), Vec::new(), Vec::new());
@@ -161,7 +161,7 @@ struct ScannedLog<'a> {
     outliers: Option<NamedOutliers>,
 }
 
-/// A column, and its values if they are readings or loads.
+/// A column, with a summary of its values if they are readings or loads.
 struct ColumnInfo<'a> {
     number: usize,
     column: &'a Column,
@@ -183,7 +183,7 @@ impl<'a> ScannedLog<'a> {
                 Ok::<(), LogError>(())
             })
         })?;
-        // Without a calibration there is nothing to judge rows by, and nothing to say.
+        // If no fit is possible, rows cannot be judged, and no message is needed.
         let outliers = log.has_wrench().then(|| outliers(log, args).ok()).flatten();
         outliers.iter().for_each(|found| printer.remarks(found.remarks()));
         Ok(Self { log, summary, skipped_rows: read.skipped_rows, outliers })
@@ -200,13 +200,13 @@ impl<'a> ScannedLog<'a> {
         })
     }
 
-    /// Rows with the readings of the row before, and new frames per second, of a log with readings.
+    /// The number of duplicate rows, and new frames per second, of a log with readings.
     fn repeats(&self) -> Option<(u64, Option<f64>)> {
         let summary = &self.summary;
         (self.log.channels() > 0).then(|| (summary.repeated_rows, summary.fresh_rate_hz()))
     }
 
-    /// What `--json` prints.
+    /// The output of `--json`.
     fn document(&self) -> impl Serialize + use<> {
         let (log, format) = (self.log, self.log.format());
         let format = FORMATS.iter().find(|(.., known)| *known == format);
@@ -229,7 +229,7 @@ impl<'a> ScannedLog<'a> {
         }
     }
 
-    /// Its line of the overview.
+    /// The line in the overview.
     fn overview(&self) -> Vec<String> {
         let timing = &self.summary.timing;
         let gaps = timing.start_s.map(|_| timing.gaps().count + timing.backward_steps);
@@ -281,7 +281,7 @@ impl<'a> ScannedLog<'a> {
     }
 }
 
-/// Loads whose unit is a guess, because nothing says it.
+/// Names the loads whose unit is a guess, because neither name nor file states it.
 fn line_of_units(log: &Log) -> Option<String> {
     let is_guessed = |column: &&Column| {
         matches!(column.meaning, Meaning::Load(..)) && column.unit == StatedUnit::None
@@ -300,7 +300,7 @@ fn line_of_units(log: &Log) -> Option<String> {
     Some(format!("  units     no unit, taken as {taken}: {}", names.join(", ")))
 }
 
-/// What `--json` prints of the times of rows.
+/// The output of `--json` on the times of rows.
 fn timing(timing: &LogTiming) -> Option<impl Serialize + use<>> {
     let (gaps, longest) = (timing.gaps(), timing.longest);
     timing.start_s.map(|start_s| {
@@ -358,7 +358,7 @@ impl ColumnInfo<'_> {
         matches!(self.column.meaning, Meaning::Sensor(_))
     }
 
-    /// What `--json` prints.
+    /// The output of `--json`.
     fn document(&self) -> impl Serialize + use<> {
         let limits = |of: &ColumnSummary| {
             let [at_0, at_4095, at_65535] = of.rows_at_ends().map(|(_, rows)| rows);
@@ -368,7 +368,7 @@ impl ColumnInfo<'_> {
                 rows_at_65535: at_65535,
                 rows_at_max: of.rows_at_max,
                 pinned_at_max: of.is_pinned_at_max(),
-                // How many values there are, where the channel is almost constant.
+                // Number of distinct values, if the channel is almost constant.
                 quiet_values?: of.quiet_values(),
             }
         };
@@ -389,7 +389,7 @@ impl ColumnInfo<'_> {
         }
     }
 
-    /// Its line of the table, if it is taken for something.
+    /// The line in the table of columns, if the column has a meaning.
     fn row(&self) -> Option<Vec<String>> {
         let meaning = self.column.in_words()?;
         let mut cells = vec![format!("{} {}", self.number, self.column.name), meaning];

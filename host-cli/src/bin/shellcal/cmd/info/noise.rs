@@ -1,4 +1,4 @@
-//! `shellcal info --noise`: how much an unloaded sensor scatters.
+//! `shellcal info --noise`: the scatter of an unloaded sensor.
 
 use std::path::Path;
 

@@ -1,5 +1,6 @@
-//! The cells of a terminal's screen: each picture is drawn anew, and its lines that have changed are written; and dots
-//! and lines in cells, in Braille, eight dots to a cell, or in ASCII where that cannot be shown.
+//! The cells of a terminal's screen: each picture is drawn from scratch, and only changed lines are written.
+//! Dots and lines are drawn in Braille, eight dots to a cell, or in ASCII if the terminal cannot show
+//! Braille.
 
 use std::io::{self, Write};
 
@@ -34,7 +35,7 @@ pub(super) struct CellGrid {
 }
 
 impl CellGrid {
-    /// Blank, of so many columns and rows.
+    /// A blank grid with these columns and rows.
     pub(super) fn new(size: (u16, u16)) -> Self {
         let blank = Cell { character: Some(' '), marks: String::new(), style: ContentStyle::new() };
         Self { size, cells: vec![blank; usize::from(size.0) * usize::from(size.1)] }
@@ -45,7 +46,7 @@ impl CellGrid {
         self.size
     }
 
-    /// Draws a character of one column; beyond the edges nothing is drawn.
+    /// Draws a character of width one; clipped at the edges.
     pub(super) fn put_char(
         &mut self,
         at: (u16, u16),
@@ -57,7 +58,7 @@ impl CellGrid {
         }
     }
 
-    /// Draws a text in a line as far as there is room.
+    /// Draws a text in a line, clipped at the edge.
     pub(super) fn put_text(&mut self, (mut x, y): (u16, u16), text: &str, style: ContentStyle) {
         for character in text.chars() {
             let columns = character.width().unwrap_or(0) as u16;
@@ -82,7 +83,7 @@ impl CellGrid {
         self.index(at).and_then(|index| self.cells.get_mut(index))
     }
 
-    /// Whether nothing was drawn in a cell.
+    /// True if a cell is blank.
     pub(super) fn is_blank(&self, at: (u16, u16)) -> bool {
         let cell = self.index(at).and_then(|index| self.cells.get(index));
         cell.is_some_and(|cell| cell.character == Some(' '))
@@ -97,7 +98,7 @@ impl CellGrid {
         self.cells.chunks(usize::from(self.size.0).max(1))
     }
 
-    /// Writes the lines that differ from those of the grid of the same size that a terminal shows.
+    /// Writes the lines that differ from `shown`, the grid of the same size that the terminal displays.
     pub(super) fn write_over(&self, shown: &Self, terminal: &mut impl Write) -> io::Result<()> {
         for ((y, line), before) in (0..).zip(self.lines()).zip(shown.lines()) {
             if line == before {
@@ -125,7 +126,7 @@ fn text_of(cells: &[Cell]) -> String {
 #[derive(Debug)]
 pub(super) struct CharacterCanvas {
     columns: usize,
-    /// Which dots of each cell are set, by the bits of Unicode's Braille patterns.
+    /// The dots set in each cell, as the bits of Unicode's Braille patterns.
     cells: Vec<u8>,
 }
 
@@ -137,12 +138,12 @@ pub(super) const ACROSS: usize = 2;
 pub(super) const DOWN: usize = 4;
 
 impl CharacterCanvas {
-    /// Empty, of so many cells.
+    /// An empty canvas with these columns and rows of cells.
     pub(super) fn new(columns: usize, rows: usize) -> Self {
         Self { columns, cells: vec![0; columns * rows] }
     }
 
-    /// Sets a dot, counted from the left and from above; those beyond the edge are left out.
+    /// Sets a dot, counted from the upper left; dots beyond the edge are dropped.
     pub(super) fn dot(&mut self, x: i64, y: i64) {
         let (Ok(x), Ok(y)) = (usize::try_from(x), usize::try_from(y)) else { return };
         if x >= self.columns * ACROSS {
@@ -154,12 +155,12 @@ impl CharacterCanvas {
         }
     }
 
-    /// Sets the dots between two.
+    /// Sets the dots on a line between two dots.
     pub(super) fn line(&mut self, from: (i64, i64), to: (i64, i64)) {
         let (dx, dy) = (to.0 - from.0, to.1 - from.1);
         let steps = dx.abs().max(dy.abs()).max(1);
         for step in 0..=steps {
-            // To the nearest dot.
+            // Round to the nearest dot.
             let part = |length: i64| (2 * length * step + steps * length.signum()) / (2 * steps);
             self.dot(from.0 + part(dx), from.1 + part(dy));
         }

@@ -1,4 +1,4 @@
-//! The planned load that is next, above the traces: in large type where there is room.
+//! Display of the next planned load, above the traces: in large type if there is room.
 
 use crossterm::style::{Attribute, Color};
 use font8x8::legacy::{BASIC_LEGACY, LATIN_LEGACY};
@@ -10,15 +10,15 @@ use super::screen::{LiveScreen, decimals};
 /// Dots of a letter, across and down.
 const LETTER: usize = 8;
 
-/// Screens of fewer rows have no room for large type, which takes up to so many lines.
+/// Minimum number of rows of a screen for large type, and maximum number of lines of large type.
 const LEAST_ROWS: u16 = 20;
 const MOST_LINES: usize = 2;
 
-/// Characters of the bar that shows how long a load was held.
+/// Length in characters of the bar that shows how long a load was held.
 const BAR: usize = 10;
 
 impl LiveScreen<'_> {
-    /// Draws the next load at the top of `area`; how many rows it took.
+    /// Draws the next load at the top of `area`; returns the number of rows used.
     pub(super) fn draw_guide(&self, grid: &mut CellGrid, area: Area) -> u16 {
         let Some(guide) = self.guide else { return 0 };
         let text = match guide.phase {
@@ -38,7 +38,8 @@ impl LiveScreen<'_> {
         used + 1
     }
 
-    /// Which load it is, what to do, how long it was held, the load that is measured now, and the remaining share of the gain.
+    /// The line with the number of the load, the instruction, the time held, the load measured now, and the
+    /// remaining share of the gain.
     fn guide_line(&self, guide: &GuideView) -> String {
         let GuideView { number, count, recorded, ref group, phase, held, .. } = *guide;
         if phase == GuidePhase::Done {
@@ -64,7 +65,7 @@ impl LiveScreen<'_> {
         format!("{number}/{count} `{group}`: {what}{now}  {recorded} done, {percent:.0} % left")
     }
 
-    /// Lines of letters of eight by eight dots, broken between words; how many rows they took.
+    /// Draws lines of letters of eight by eight dots, broken between words; returns the number of rows used.
     fn draw_large(&self, grid: &mut CellGrid, area: Area, text: &str) -> u16 {
         let (columns, rows) = (LETTER / ACROSS, (LETTER / DOWN) as u16);
         let lines = broken(text, usize::from(area.width) / columns);
@@ -95,7 +96,7 @@ fn dots(letter: char) -> [u8; LETTER] {
     }
 }
 
-/// A text in lines of at most so many letters; what goes beyond the last is cut off.
+/// Breaks a text into lines of at most `width` letters; text beyond the last line is cut off.
 fn broken(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {

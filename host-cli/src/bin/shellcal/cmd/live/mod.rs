@@ -1,4 +1,4 @@
-//! `shellcal live`: forces as they come, in the terminal or in a browser.
+//! `shellcal live`: forces as they arrive, in the terminal or in a browser.
 
 mod cells;
 mod guide_screen;
@@ -59,27 +59,28 @@ pub(crate) struct LiveArgs {
     #[command(flatten)]
     stream: StreamToArgs,
 
-    /// Record from the start; `r` ends it, and begins a next log with a number in its name
+    /// Record from the start; `r` ends the log, and begins the next with a number in its name
     #[arg(long, short, value_name = "LOG")]
     output: Option<OutputPath>,
 
     #[command(flatten)]
     replacing: ReplacingArgs,
 
-    /// Guide through the loads of a table, as `shellcal plan --output` writes it: the next load in large type, whether
-    /// it is held still; rows of a load that was held for 2 s get its label in a column `group` of the log
+    /// Guide through the loads of a table written by `shellcal plan --output`: shows the next load in large
+    /// type, and whether it is held still; rows of a load that was held for 2 s get its label in a column
+    /// `group` of the log
     #[arg(long, value_name = "PLAN.csv")]
     plan: Option<InputPath>,
 
-    /// Span of time that is shown, s
+    /// Time span shown, s
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     window: f64,
 
     #[command(flatten)]
     playing: PlayingArgs,
 
-    /// Show it in a browser, not in the terminal, at the address that is printed; at 127.0.0.1 unless told
-    /// otherwise, on a free port where that is 0
+    /// Show the view in a browser instead of the terminal, at the printed address [default: 127.0.0.1 and a
+    /// free port]; port 0 is a free one
     #[arg(long, value_name = "IP:PORT", num_args = 0..=1)]
     #[arg(require_equals = true, default_missing_value = view::LOOPBACK)]
     serve: Option<SocketAddr>,
@@ -112,7 +113,7 @@ impl LiveArgs {
         let mut logs = is_port.then(|| LogSeries::new(Box::new(next_log)));
         let table = self.plan.as_ref().map(read_table).transpose()?;
         let guide = table.as_ref().map(guide_through);
-        // What cannot work is said before the screen is taken.
+        // Report errors before taking the screen.
         let (forces_of_stream, from_log) = (forces.clone(), !is_port);
         let stream =
             StreamOptions { forces: forces_of_stream, from_log, ..StreamOptions::default() };
@@ -133,12 +134,12 @@ impl LiveArgs {
         let end = Arc::clone(&done);
         let run = move || {
             let ended = frames(&end);
-            // A source that fails ends the view, which would hide why.
+            // If the source fails, end the view: it would hide the error.
             end.fetch_or(ended.is_err(), Ordering::Relaxed);
             ended
         };
         let source = thread::Builder::new().name("source".to_owned()).spawn(run)?;
-        // Without a calibration a wrench is the board's or the log's own.
+        // Without a calibration, the wrench comes from the board or the log itself.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(ranges, self.window, axes);
         let mut session = LiveSession::new(model, guide, running, feed, logs, name);
@@ -166,7 +167,7 @@ impl LiveArgs {
         ended.and(streamed.map(drop))
     }
 
-    /// Records a board, whatever the view does.
+    /// Records a board, independently of the view.
     fn record(
         &self,
         port: &str,
@@ -176,7 +177,7 @@ impl LiveArgs {
         feed: Feed,
     ) -> anyhow::Result<FrameSource> {
         let labels = self.plan.is_some();
-        // The view ends by itself, and ends this.
+        // The view ends by itself, and ends the recording.
         let options = RecordOptions { forces, labels, duration: None, ..self.source.options()? };
         let mut source = Source::port(self.source.serial.port(port), true)?;
         Ok(Box::new(move |done| {
@@ -187,7 +188,7 @@ impl LiveArgs {
         }))
     }
 
-    /// Plays a log; which axes it has.
+    /// Plays a log; also returns its axes.
     fn play(
         &self,
         mut watcher: Option<Box<dyn Watcher>>,
@@ -205,7 +206,7 @@ impl LiveArgs {
     }
 }
 
-/// Says where to look, and what others who can may do.
+/// Prints the address, and a warning of what others who can reach it may do.
 fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
     if !at.ip().is_loopback() {
         printer.warning(
@@ -219,17 +220,17 @@ fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<
     })
 }
 
-/// What gives frames until the flag is set.
+/// Function that produces frames until the flag is set.
 type FrameSource = Box<dyn FnOnce(&AtomicBool) -> anyhow::Result<()> + Send>;
 
-/// Makes `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that is not there; `path` is that of the first, if it
-/// has a name.
+/// Creates `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that does not exist; `path` is the first
+/// name, if there is one.
 fn next_log(
     path: Option<&Path>,
     overwrite: bool,
     made: usize,
 ) -> Result<Box<dyn LogSink>, OutputError> {
-    // A name that was given is meant; one that was made must not be in the way.
+    // The name that the user gave may be refused or replaced; a generated one must not collide.
     if let Some(path) = path.filter(|_| made == 0) {
         return Ok(Box::new(AppendWriter::create(path, overwrite)?));
     }

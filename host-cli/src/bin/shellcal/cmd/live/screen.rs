@@ -6,29 +6,29 @@ use shell_data::escape::is_invisible;
 
 use super::cells::{ACROSS, Area, CellGrid, CharacterCanvas, DOWN};
 
-/// All that is shown.
+/// The content of the screen.
 #[derive(Debug)]
 pub(super) struct LiveScreen<'a> {
     pub(super) model: &'a LiveModel,
     /// The next planned load.
     pub(super) guide: Option<&'a GuideView>,
-    /// What it is of: the port, the log.
+    /// Name of the source: the port or the log.
     pub(super) source: &'a str,
     /// Protocol, rate, losses.
     pub(super) state: &'a str,
-    /// The log that is being written.
+    /// Name of the log that is being written.
     pub(super) recording: Option<&'a str>,
-    /// What has just been done.
+    /// Confirmation of the last action.
     pub(super) message: &'a str,
-    /// Where Braille cannot be shown.
+    /// True if the terminal cannot show Braille.
     pub(super) ascii: bool,
     pub(super) color: bool,
 }
 
-/// Smaller screens hold nothing of use.
+/// Minimum size of the screen.
 const LEAST: (u16, u16) = (60, 14);
 
-/// Names are not cut shorter than this.
+/// Minimum length to which names are cut.
 const LEAST_NAME: usize = 8;
 
 /// Columns of the labels of traces.
@@ -59,7 +59,7 @@ impl LiveScreen<'_> {
         self.put(grid, 0, height - 1, keys, self.style(None, Some(Attribute::Dim)));
     }
 
-    /// The state and the flags are always there whole; names have what room they leave.
+    /// Draws the header. State and flags are always shown in full; names get the remaining room.
     fn draw_header(&self, grid: &mut CellGrid, width: u16) {
         let mut flags = String::new();
         if self.model.is_paused() {
@@ -72,7 +72,7 @@ impl LiveScreen<'_> {
         let room = usize::from(width).saturating_sub(taken);
         let source_length = self.source.chars().count();
         if let Some(log) = self.recording {
-            // The log that is written has what the source does not need, and at least half of the room.
+            // The name of the log gets the room that the source does not need, at least half.
             let room_of_log = (room - source_length.min(room / 2)).max(LEAST_NAME);
             flags += &format!(" REC {}", end_of(log, room_of_log, self.ascii));
         }
@@ -96,7 +96,7 @@ impl LiveScreen<'_> {
             self.put(grid, 2, middle, "nothing has arrived so far", ContentStyle::new());
             return;
         }
-        // A line for the axis of time.
+        // One line is for the time axis.
         let rows = ((area.height - 1) / traces.len() as u16).max(1);
         for (position, trace) in (0..).zip(&traces) {
             let area = Area { y: area.y + position * rows, height: rows, ..area };
@@ -138,7 +138,7 @@ impl LiveScreen<'_> {
         for (x, ends) in (0..).zip(&trace.columns) {
             if let Some([least, greatest]) = ends {
                 let (mut top, mut bottom) = (dot(*greatest), dot(*least));
-                // Joined to the column before, so that steep parts do not fall to pieces.
+                // Join to the column before, so that steep parts stay connected.
                 if let Some((top_before, bottom_before)) = before {
                     top = top.min(bottom_before + 1).max(0);
                     bottom = bottom.max(top_before - 1);
@@ -154,7 +154,8 @@ impl LiveScreen<'_> {
         self.draw_canvas(grid, (area.x + LABEL, area.y), (&canvas, style), zero_line);
     }
 
-    /// Draws what is on a canvas, and where that is empty, dimmed, what is `behind` it at a column and a row.
+    /// Draws the dots of a canvas; in its empty cells it draws, dimmed, the character that `behind` returns
+    /// for the column and row.
     pub(super) fn draw_canvas(
         &self,
         grid: &mut CellGrid,
@@ -204,7 +205,8 @@ impl LiveScreen<'_> {
         let left = Area { width: half - 1, ..rest };
         let right = Area { x: rest.x + half, width: half, ..rest };
         let [fx, fy, fz] = force;
-        // From above with x up and y to the left, and from the right with z up and x to the right.
+        // The first view is from above, with x up and y to the left; the second from the right, with z up and
+        // x to the right.
         self.draw_arrow(grid, left, ("top", "x", "y", true), (-fy, fx), reach);
         self.draw_arrow(grid, right, ("side", "z", "x", false), (fx, fz), reach);
     }
@@ -222,7 +224,7 @@ impl LiveScreen<'_> {
         let start = area.x + label.chars().count() as u16;
         let width = area.x + area.width - start;
         let (low, high) = match view.range {
-            // Some room on either side, to see by how far it is left.
+            // Leave some room on either side, to show by how much a reading is out of range.
             Some((low, high)) => {
                 let room = 0.2 * (high - low).max(1.0);
                 (low - room, high + room)
@@ -258,7 +260,7 @@ impl LiveScreen<'_> {
         let (columns, rows) = (usize::from(area.width), usize::from(area.height));
         let mut canvas = CharacterCanvas::new(columns, rows);
         let centre = ((columns * ACROSS / 2) as i64, (rows * DOWN / 2) as i64);
-        // A cell is twice as high as wide, and has as many dots more, so that dots are square.
+        // Dots are square: a cell is twice as high as wide, and has twice as many dots down as across.
         let radius = centre.0.min(centre.1) as f64 - 1.0;
         let tip = (
             centre.0 + (right / reach * radius).round() as i64,
@@ -284,7 +286,7 @@ impl LiveScreen<'_> {
     }
 
     pub(super) fn put(&self, grid: &mut CellGrid, x: u16, y: u16, text: &str, style: ContentStyle) {
-        // What names and errors hold must not steer the terminal.
+        // Names and errors must not contain control sequences for the terminal.
         let text: String = text.chars().filter(|&c| !is_invisible(c)).collect();
         let text = match self.ascii {
             true => text.replace('±', "+-").replace('…', "..").replace('·', "."),
@@ -306,7 +308,7 @@ impl LiveScreen<'_> {
     }
 }
 
-/// A name that is as long as there is room; of a path that is longer, the end is what tells it from others.
+/// A name cut to the available room; the end of a long path is kept, since it distinguishes paths.
 fn end_of(name: &str, room: usize, ascii: bool) -> String {
     let length = name.chars().count();
     if length <= room {
@@ -322,12 +324,12 @@ fn colour(position: usize) -> Color {
     [DarkRed, DarkGreen, DarkBlue, DarkMagenta, DarkYellow, DarkCyan][position % 6]
 }
 
-/// Decimals that tell values apart on a scale of this length.
+/// Number of decimals that distinguishes values on a scale of this length.
 pub(super) fn decimals(length: f64) -> usize {
     (2.0 - length.log10().floor()).clamp(0.0, 6.0) as usize
 }
 
-/// A round number with no more digits than it has.
+/// A round number without trailing zeros.
 fn short(value: f64) -> String {
     let text = format!("{value:.6}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
@@ -341,7 +343,8 @@ mod tests {
     use live_view::{GuidePhase, LiveRow};
     use shell_data::wrench::Axes;
 
-    /// A push to the right and a stroke upwards, with a channel out of its range, one saturated, and a mark.
+    /// A model with a push to the right and a stroke upwards, one channel out of range, one saturated, and a
+    /// mark.
     fn model(forces: bool) -> LiveModel {
         let ranges = Some(vec![ReadingRange { min: 1000.0, max: 3000.0 }; 8]);
         let mut model = LiveModel::new(ranges, 10.0, Axes::ALL);
@@ -453,7 +456,7 @@ mod tests {
         assert!(screen(&model, (40, 10), false, true).contains("60 x 14"));
     }
 
-    /// Only the names are cut, and their ends are left.
+    /// Only the names are cut, and their ends are kept.
     #[test]
     fn long_paths_do_not_hide_the_state() {
         let model = model(false);

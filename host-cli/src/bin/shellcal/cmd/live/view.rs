@@ -1,4 +1,5 @@
-//! A live view in the terminal, which draws and obeys keys; and in browsers, which are sent a page and pictures.
+//! The live view in the terminal, which draws and takes keys, and in browsers, which receive a page and
+//! pictures.
 
 use std::io::{self, Write};
 use std::net::{IpAddr, SocketAddr, UdpSocket};
@@ -18,13 +19,13 @@ use shellcal::workflow::live::{LiveAction, LiveSession, PERIOD};
 use super::cells::CellGrid;
 use super::screen::LiveScreen;
 
-/// Takes the frames that have arrived, and says whether the view goes on.
+/// Takes the frames that have arrived; returns true if the view goes on.
 pub(super) type Advance<'a> = &'a dyn Fn(&mut LiveSession) -> anyhow::Result<bool>;
 
-/// The screen of a terminal that does not tell its size, as VT100 had it.
+/// Size of the VT100, for a terminal that does not tell its size.
 const UNKNOWN_SIZE: (u16, u16) = (80, 24);
 
-/// Whether the locale can show more than ASCII.
+/// True if the locale can show more than ASCII.
 pub(super) fn is_utf8() -> bool {
     let set = |name: &str| std::env::var(name).ok().filter(|value| !value.is_empty());
     let locale = ["LC_ALL", "LC_CTYPE", "LANG"].into_iter().find_map(set);
@@ -32,7 +33,7 @@ pub(super) fn is_utf8() -> bool {
         || locale.is_some_and(|locale| locale.to_lowercase().replace('-', "").contains("utf8"))
 }
 
-/// The terminal while it is drawn on; dropped, it is as it was.
+/// The terminal during drawing; restored when dropped.
 struct RawTerminal {
     shown: CellGrid,
 }
@@ -44,9 +45,9 @@ impl RawTerminal {
         Ok(Self { shown: CellGrid::new((0, 0)) })
     }
 
-    /// Draws the screen, and writes the lines that have changed in one piece.
+    /// Draws the screen, and writes the changed lines in one piece.
     fn show(&mut self, screen: &LiveScreen<'_>) -> io::Result<()> {
-        // A console on a serial port says that it has no columns and no rows.
+        // A console on a serial port reports zero columns and rows.
         let size = match terminal::size()? {
             (0, _) | (_, 0) => UNKNOWN_SIZE,
             size => size,
@@ -68,13 +69,13 @@ impl RawTerminal {
 
 impl Drop for RawTerminal {
     fn drop(&mut self) {
-        // Nobody is left to tell.
+        // Errors are ignored: there is nowhere to report them.
         let _ = execute!(io::stdout(), LeaveAlternateScreen, cursor::Show);
         let _ = disable_raw_mode();
     }
 }
 
-/// Shows what comes until a key, a signal or the end of the source ends it.
+/// Runs the view until a key, a signal or the end of the source ends it.
 pub(super) fn run(
     session: &mut LiveSession,
     ascii: bool,
@@ -98,7 +99,7 @@ pub(super) fn run(
         stage.show(&screen)?;
         session.pictures += 1;
         due = (due + PERIOD).max(Instant::now());
-        // Keys are obeyed at once, and seen in the next picture.
+        // Keys take effect at once, and show in the next picture.
         while event::poll(due.saturating_duration_since(Instant::now()))? {
             let Event::Key(key) = event::read()? else { continue };
             if key.kind == KeyEventKind::Release {
@@ -136,10 +137,10 @@ const VIEW: &str = include_str!("../../../../../assets/live/view.html");
 const SCRIPT: &str = include_str!("../../../../../assets/live/live.js");
 const CONNECT: &str = include_str!("../../../../../assets/live/connect.js");
 
-/// Where there is no other word: this machine alone, on a port that is free.
+/// Default address: this machine only, on a free port.
 pub(super) const LOOPBACK: &str = "127.0.0.1:0";
 
-/// A server for browsers, and the address to open.
+/// Starts a server for browsers; also returns the address to open.
 pub(super) fn serve(at: SocketAddr) -> anyhow::Result<(Server, String)> {
     let (token, nonce) = (random()?, random()?);
     let page = PAGE.replace("{style}", STYLE).replace("{view}", VIEW);
@@ -155,7 +156,7 @@ pub(super) fn serve(at: SocketAddr) -> anyhow::Result<(Server, String)> {
     Ok((server, format!("http://{address}/?token={token}")))
 }
 
-/// Shows what comes until a signal or the end of the source ends it.
+/// Runs the view in a browser until a signal or the end of the source ends it.
 pub(super) fn run_in_browser(
     session: &mut LiveSession,
     server: Server,
@@ -176,17 +177,17 @@ pub(super) fn run_in_browser(
     Ok(())
 }
 
-/// 128 random bits, in hexadecimal digits.
+/// 128 random bits, as hexadecimal digits.
 fn random() -> anyhow::Result<String> {
     let mut bytes = [0; 16];
     getrandom::fill(&mut bytes).context("the system gives no random bytes")?;
     Ok(format!("{:032x}", u128::from_le_bytes(bytes)))
 }
 
-/// An address that others may reach this machine by: the one that it would send from. Nothing is sent.
+/// The address by which others may reach this machine: the one that it would send from. No packet is sent.
 fn own_address() -> Option<IpAddr> {
     let socket = UdpSocket::bind("0.0.0.0:0").ok()?;
-    // An address for documentation (RFC 5737), which is on no network.
+    // An address for documentation (RFC 5737), which belongs to no network.
     socket.connect("192.0.2.1:9").ok()?;
     Some(socket.local_addr().ok()?.ip()).filter(|address| !address.is_unspecified())
 }

@@ -1,4 +1,4 @@
-//! The flags that say how a sensor lay and moved, and what it carries.
+//! Options for the orientation and motion of a sensor, and for its payload.
 
 use calibration::Calibration;
 use calibration_file::payload_file::PayloadFile;
@@ -17,16 +17,16 @@ use crate::cmd::quality::by_unit;
 use crate::files::InputPath;
 use crate::printer::Printer;
 
-/// Which columns say how a sensor lies and moves.
+/// Columns with the orientation and motion of a sensor.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Motion")]
 pub(in crate::cmd) struct MotionColumnArgs {
-    /// Columns of orientation: 3 of gravity in the sensor's frame, 4 of a quaternion (x y z w) or 9 of a rotation
-    /// matrix, row by row, to a frame whose z is up [default: by their names]
+    /// Columns of orientation: 3 of gravity in the sensor's frame, 4 of a quaternion (x y z w) or 9 of a
+    /// rotation matrix, row by row, to a frame whose z is up [default: by their names]
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     orientation: Option<ColumnList>,
 
-    /// What the columns of orientation are [default: by their names and number]
+    /// Kind of the columns of orientation [default: by their names and number]
     #[arg(long, value_name = "KIND", value_parser = orientation())]
     orientation_as: Option<Orientation>,
 
@@ -42,12 +42,12 @@ pub(in crate::cmd) struct MotionColumnArgs {
     #[arg(long, value_name = "COLUMNS", value_parser = parse_columns)]
     angular_velocity: Option<ColumnList>,
 
-    /// Gravity, m/s², where columns do not say it [default: that of the payload file, else 9.80665]
+    /// Gravity, m/s², if columns do not contain it [default: from the payload file, else 9.80665]
     #[arg(long, value_name = "M/S²", value_parser = number_in(0.1..=30.0, "expected m/s², from 0.1 to 30"))]
     gravity: Option<f64>,
 }
 
-/// A kind of orientation by its name.
+/// Parser for a kind of orientation by its name.
 fn orientation() -> impl TypedValueParser<Value = Orientation> {
     one_of(&[
         ("gravity", "gravity in the sensor's frame", Orientation::Gravity),
@@ -60,15 +60,15 @@ fn orientation() -> impl TypedValueParser<Value = Orientation> {
     ])
 }
 
-/// How a sensor moved in a run.
+/// Motion of a sensor in a run.
 #[derive(Clone, Debug, clap::Args)]
 #[command(next_help_heading = "Motion")]
 pub(in crate::cmd) struct MotionArgs {
-    /// The log of orientations or accelerations [default: columns of the log itself]
+    /// Log of orientations or accelerations [default: columns of the log itself]
     #[arg(long, value_name = "LOG")]
     motion: Option<InputPath>,
 
-    /// How much later the clock of `--motion` is, s [default: found from forces and accelerations]
+    /// Lag of the clock of `--motion`, s [default: found from forces and accelerations]
     #[arg(long, value_name = "SECONDS", requires = "motion", allow_negative_numbers = true)]
     motion_lag: Option<f64>,
 
@@ -77,7 +77,7 @@ pub(in crate::cmd) struct MotionArgs {
 }
 
 impl MotionColumnArgs {
-    /// `gravity_m_s2` is what is taken unless the user says otherwise.
+    /// The columns; `gravity_m_s2` is used unless the user gives a value.
     pub(super) fn columns(&self, gravity_m_s2: f64) -> MotionColumns {
         MotionColumns {
             orientation: self.orientation.clone(),
@@ -91,14 +91,14 @@ impl MotionColumnArgs {
 }
 
 impl MotionArgs {
-    /// Whether anything is said of a motion.
+    /// True if an option on motion was given.
     pub(in crate::cmd) fn is_given(&self) -> bool {
         let of = &self.columns;
         let columns = [&of.orientation, &of.accelerations, &of.angular_velocity];
         self.motion.is_some() || columns.iter().any(|of| of.is_some())
     }
 
-    /// What the sensor carried while `log` was recorded.
+    /// The load that the sensor carried while `log` was recorded.
     pub(in crate::cmd) fn load(
         &self,
         file: &PayloadFile,
@@ -114,7 +114,7 @@ impl MotionArgs {
             let RunMotion { motion, inertia, rescaled } = read_motion(log, &columns, body, read)?;
             return Ok(CarriedLoad { payload, motion, inertia, rescaled, lag: None });
         };
-        // What is said of the log's columns does not hold for another file, but for the clock.
+        // Options for the log's columns do not apply to another file, except for the clock.
         let other = Log::open(path, &Mapping { time_unit, ..Mapping::default() })?;
         let RunMotion { motion, inertia, rescaled } = read_motion(&other, &columns, body, read)?;
         let lag = match self.motion_lag {
@@ -126,7 +126,7 @@ impl MotionArgs {
         Ok(CarriedLoad { payload, motion: motion.earlier_by(lag_s), inertia, rescaled, lag })
     }
 
-    /// Says what was taken off.
+    /// Reports the load that was subtracted.
     pub(in crate::cmd) fn report(&self, printer: &Printer, log: &Log, summary: &ConvertSummary) {
         let Some(load) = &summary.load else { return };
         let path = log.path().display();

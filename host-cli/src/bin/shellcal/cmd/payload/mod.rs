@@ -1,4 +1,4 @@
-//! `shellcal payload`: what a sensor carries.
+//! `shellcal payload`: the payload of a sensor.
 
 pub(in crate::cmd) mod load;
 
@@ -34,12 +34,12 @@ pub(crate) struct PayloadArgs {
 enum PayloadAction {
     /// Find mass, centre of mass and the sensor's zero from poses at rest
     ///
-    /// A log of wrenches with the orientation of each row (`gx gy gz` of gravity in the sensor's frame,
+    /// Needs a log of wrenches with the orientation of each row (`gx gy gz` of gravity in the sensor's frame,
     /// `r11` … `r33`, `qx qy qz qw`), accelerations (`ax ay az`), or both: then the frame, scale and offsets
     /// of the accelerometer are found, too. Every row is a pose, or every label of the group column.
     Fit(PayloadFitArgs),
 
-    /// Take weight and inertia of a payload off a log of wrenches
+    /// Subtract weight and inertia of a payload from a log of wrenches
     ///
     /// For a log of readings see `shellcal convert --payload`.
     Subtract(SubtractArgs),
@@ -54,9 +54,9 @@ impl PayloadArgs {
     }
 }
 
-/// More rows than this that no label puts together are hardly poses.
+/// Number of rows without labels above which they are unlikely to be poses.
 const MANY_POSES: usize = 500;
-/// A spread of directions below this many times the least leaves errors large, whatever they are.
+/// Spread of directions below which errors are large in any case: this many times the minimum.
 const POOR_SPREAD: f64 = 100.0 * LEAST_SPREAD;
 
 #[derive(Debug, clap::Args)]
@@ -68,7 +68,7 @@ pub(crate) struct PayloadFitArgs {
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
 
-    /// Write what was found (JSON)
+    /// Write the payload (JSON)
     #[arg(long, short, value_name = "PAYLOAD.json")]
     output: Option<OutputPath>,
 
@@ -105,7 +105,7 @@ impl PayloadFitArgs {
     }
 }
 
-/// The ten numbers with their standard errors.
+/// Prints the ten parameters with their standard errors.
 fn print(printer: &Printer, fit: &PayloadFit) {
     let (payload, errors) = (&fit.payload, &fit.standard_errors);
     let row = |name: String, value: f64, error: f64, decimals: usize| {
@@ -130,7 +130,7 @@ fn print(printer: &Printer, fit: &PayloadFit) {
     ))
 }
 
-/// How it was found, and where that may not suffice.
+/// Prints how the payload was found, and possible shortcomings.
 fn say(printer: &Printer, found: &FittedPayload) {
     let FittedPayload { fit, accelerometer, gravity_from, is_grouped, skipped_rows, .. } = found;
     let (forces, weight_n) = (found.forces_left, fit.payload.mass_kg * fit.gravity_m_s2);
@@ -203,12 +203,11 @@ pub(crate) struct SubtractArgs {
     #[arg(value_name = "PAYLOAD")]
     payload: InputPath,
 
-    /// A log of time and wrench
+    /// Log of time and wrench
     #[arg(value_name = "LOG")]
     log: InputPath,
 
-    /// Write the wrench that is left: .csv, .parquet, .mat, .npy or .mcap [default:
-    /// standard output, as CSV]
+    /// Write the remaining wrench: .csv, .parquet, .mat, .npy or .mcap [default: standard output, as CSV]
     #[arg(long, short, value_name = "FILE")]
     output: Option<OutputPath>,
 
@@ -260,7 +259,7 @@ impl SubtractArgs {
     }
 }
 
-/// A log of wrenches as one of readings, and the calibration that makes the one of the other.
+/// A log of wrenches as a log of readings, and the calibration that converts these back to wrenches.
 fn wrench_log(path: &InputPath, mapping: Mapping) -> anyhow::Result<(Log, Calibration)> {
     let log = Log::open(path, &mapping)?;
     log.require(&Wanted { time: true, wrench: true, ..Wanted::default() })?;

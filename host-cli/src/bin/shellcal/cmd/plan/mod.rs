@@ -1,4 +1,4 @@
-//! `shellcal plan`: which load to hang next.
+//! `shellcal plan`: the next loads to hang.
 
 mod report;
 
@@ -21,10 +21,10 @@ use crate::printer::Printer;
 /// Headings in help.
 const RIG: &str = "What the rig can do";
 
-/// Loads of a plan that is given no end.
+/// Number of loads of a plan without a limit.
 const USUAL_COUNT: usize = 16;
 
-/// Loads of a plan that ends where an error is reached: nobody hangs more.
+/// Maximum number of loads of a plan with an error limit: nobody hangs more.
 const MOST_COUNT: usize = 200;
 
 #[derive(Debug, clap::Args)]
@@ -38,7 +38,7 @@ pub(crate) struct PlanArgs {
     #[arg(value_name = "LOG|CAL.json")]
     recorded: Vec<InputPath>,
 
-    /// A table with one line for each load that can be hung: mass or force, point, direction, or the wrench
+    /// Table with one line for each load that can be hung: mass or force, point, direction, or the wrench
     #[arg(long, value_name = "LOADS.csv", conflicts_with_all = ["masses", "points", "directions", "wrench_box"], help_heading = RIG)]
     rig: Option<InputPath>,
 
@@ -46,24 +46,25 @@ pub(crate) struct PlanArgs {
     #[arg(long, value_name = "MASSES", value_delimiter = ',', value_parser = parse_mass, requires = "directions", help_heading = RIG)]
     masses: Vec<f64>,
 
-    /// A point where they can be hung, in mm from the sensor's origin, such as 30,0,40; may be given again
+    /// Point where they can be hung, in mm from the sensor's origin, such as 30,0,40; can be repeated
     #[arg(long = "point", value_name = "X,Y,Z", value_parser = parse_point, allow_hyphen_values = true, requires = "masses", help_heading = RIG)]
     points: Vec<[f64; 3]>,
 
-    /// Directions in which they can pull: down, up, +x … -z, or azimuth and elevation in degrees, such as 30:-45
+    /// Directions in which they can pull: down, up, +x … -z, or azimuth and elevation in degrees, such as
+    /// 30:-45
     #[arg(long, value_name = "DIRECTIONS", value_delimiter = ',', value_parser = parse_direction, allow_hyphen_values = true, requires = "masses", help_heading = RIG)]
     directions: Vec<String>,
 
-    /// Ranges of the axes, for a rig that presses any wrench: fx=-5..5,fz=-10..0,my=-0.2..0.2 (N and N·m)
+    /// Ranges of the axes, for a rig that can apply any wrench: fx=-5..5,fz=-10..0,my=-0.2..0.2 (N and N·m)
     #[arg(long = "box", value_name = "RANGES", value_parser = WrenchBox::parse, conflicts_with = "masses", help_heading = RIG)]
     wrench_box: Option<WrenchBox>,
 
-    /// How many loads to plan [default: 16; with `--until` as many as it takes, at most 200]
+    /// Number of loads to plan [default: 16; with `--until` as many as necessary, at most 200]
     #[arg(long, short = 'n', value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20_000))]
     count: Option<u32>,
 
-    /// Stop when the predicted error of every force, or of every moment, is this small: 0.5N, 0.02Nm, or both with a
-    /// comma
+    /// Stop when the predicted error of every force, or of every moment, is this small: 0.5N, 0.02Nm, or both
+    /// with a comma
     #[arg(long, value_name = "ERROR", value_parser = parse_limits)]
     until: Option<PlanLimits>,
 
@@ -78,13 +79,13 @@ pub(crate) struct PlanArgs {
     mapping: MappingArgs,
 }
 
-/// When a plan is long enough: the error of forces in N and of moments in N·m.
+/// Error limits that end a plan: of forces in N and of moments in N·m.
 type PlanLimits = [Option<f64>; 2];
 
-/// Loads in their order, and what was known before.
+/// Loads in their order, and the knowledge before them.
 struct LoadPlan {
     table: HungLoads,
-    /// Poses that were recorded.
+    /// Number of recorded poses.
     recorded: usize,
     criterion: &'static str,
     before: PredictedError,
@@ -144,7 +145,6 @@ impl PlanArgs {
         Ok(LoadPlan { table, recorded, criterion, before, order, limits, couplings })
     }
 
-    /// The session so far.
     fn session(&self) -> anyhow::Result<RecordedSession> {
         let without_loads = |sensors| RecordedSession { loads: Vec::new(), sensors };
         match self.recorded.as_slice() {
@@ -183,7 +183,7 @@ fn parse_limits(text: &str) -> Result<PlanLimits, String> {
 }
 
 impl PlanArgs {
-    /// The loads that it can do.
+    /// The loads that the rig can do.
     fn table(&self) -> anyhow::Result<HungLoads> {
         if let Some(path) = &self.rig {
             return read_table(path);

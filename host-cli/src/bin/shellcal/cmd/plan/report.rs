@@ -1,4 +1,4 @@
-//! What is said of a plan: table, JSON, CSV, figure.
+//! Output of a plan: table, JSON, CSV, figure.
 
 use calibration::load_plan::{Coupling, PlannedLoad, PredictedError};
 use calibration::quality::significant;
@@ -10,7 +10,7 @@ use super::LoadPlan;
 use crate::printer::Printer;
 use crate::tables::counted;
 
-/// What `--json` prints of an error: in N and N·m, or relative to one pose.
+/// The output of `--json` for an error: in N and N·m, or relative to one pose.
 fn error(of: PredictedError) -> impl Serialize {
     let (wrench, relative) = match of {
         PredictedError::Wrench(errors) => (Some(errors), None),
@@ -20,7 +20,7 @@ fn error(of: PredictedError) -> impl Serialize {
 }
 
 impl LoadPlan {
-    /// What `--json` prints.
+    /// The output of `--json`.
     pub(super) fn document(&self) -> impl Serialize {
         let loads = self.table.loads();
         let load = |(step, planned): (usize, &PlannedLoad)| {
@@ -46,13 +46,13 @@ impl LoadPlan {
             recorded_poses: self.recorded,
             error_before: error(self.before),
             loads: (1..).zip(&self.order).map(load).collect::<Vec<_>>(),
-            // Whether `--until` is reached; `null` without it.
+            // True if `--until` is reached; `null` without it.
             reached: self.limits.map(|_| self.is_reached()),
             couplings: self.couplings.iter().map(coupling).collect::<Vec<_>>(),
         }
     }
 
-    /// Whether the error after all loads is within the limits.
+    /// True if the error after all loads is within the limits.
     fn is_reached(&self) -> bool {
         let [force_n, moment_nm] = self.limits.unwrap_or_default();
         self.error_after().is_within(force_n, moment_nm)
@@ -63,7 +63,7 @@ impl LoadPlan {
         self.order.last().map_or(self.before, |last| last.error)
     }
 
-    /// The loads in their order, with what is expected of them.
+    /// The loads in their order, with their expected effects.
     pub(super) fn csv(&self) -> String {
         let lines: Vec<usize> = self.order.iter().map(|planned| planned.candidate).collect();
         let column = |name: &str, of: &dyn Fn(&PlannedLoad) -> String| {
@@ -114,7 +114,7 @@ impl LoadPlan {
         }
     }
 
-    /// How far the plan goes, and which axes it tells apart.
+    /// Conclusions on the end of the plan, and on the axes that it separates.
     fn conclusions(&self) -> Vec<String> {
         let mut said = Vec::new();
         let size = |error: PredictedError| {
@@ -212,7 +212,7 @@ pub(super) fn chart(title: &str, quantity: &str, spacing: Spacing, series: Vec<S
     }
 }
 
-/// The largest force and moment, or the one number.
+/// The largest force and moment, or the single relative error.
 fn errors_of(error: PredictedError) -> Vec<String> {
     match error {
         PredictedError::Wrench(errors) => {

@@ -21,19 +21,19 @@ pub(crate) struct SimulateArgs {
           allow_hyphen_values = true, default_value = "1cm,2cm,3cm")]
     pub(super) deflection: Vec<f64>,
 
-    /// Semi-axis of the body along its way
+    /// Semi-axis of the body along its path
     #[arg(long, value_name = "LENGTH", default_value = "9cm", value_parser = length)]
     rx: f64,
 
-    /// Semi-axis of the body across its way
+    /// Semi-axis of the body across its path
     #[arg(long, value_name = "LENGTH", default_value = "5cm", value_parser = length)]
     ry: f64,
 
-    /// A beam from base to tip
+    /// Length of a beam from base to tip
     #[arg(long, value_name = "LENGTH", default_value = "27mm", value_parser = length)]
     beam_length: f64,
 
-    /// A beam's bending side
+    /// Thickness of a beam in the bending direction
     #[arg(long, value_name = "LENGTH", default_value = "0.12mm", value_parser = length)]
     thickness: f64,
 
@@ -49,16 +49,16 @@ pub(crate) struct SimulateArgs {
     #[arg(long, value_enum, default_value_t)]
     pub(super) beam: BeamKind,
 
-    /// From one of the eleven beams of a row to the next [default: 28 cm / 11]
+    /// Distance between the eleven beams of a row [default: 28 cm / 11]
     #[arg(long, value_name = "LENGTH", value_parser = length)]
     spacing: Option<f64>,
 
-    /// Every combination of values: NAME=FROM:TO:COUNT or NAME=VALUE,VALUE; of rx, ry, width,
-    /// beam-length, beam-width, thickness, modulus, friction, spacing, off-centre, yaw
+    /// Every combination of values: NAME=FROM:TO:COUNT or NAME=VALUE,VALUE; of rx, ry, width, beam-length,
+    /// beam-width, thickness, modulus, friction, spacing, off-centre, yaw
     #[arg(long, value_name = "NAME=VALUES", value_parser = grid_axis, conflicts_with = "plot")]
     pub(super) grid: Vec<GridAxis>,
 
-    /// Write drag, side force, moment and contacts at every mm of the way, as CSV; with `--grid`, the
+    /// Write drag, side force, moment and contacts at every mm of the path, as CSV; with `--grid`, the
     /// figures of every combination
     #[arg(long, short, value_name = "FILE")]
     pub(super) output: Option<OutputPath>,
@@ -72,14 +72,14 @@ impl SimulateArgs {
     pub(super) fn setups(&self) -> Vec<Setup> {
         let base = self.setup();
         let of_deflection = |depth_m: &f64| {
-            // Doubled first: decimal widths then come out as they are written.
+            // Double before subtracting, so that decimal widths come out as written.
             let width_m = 2.0 * base.ellipse.semi_width_m - 2.0 * depth_m;
             Setup { channel: Channel { width_m, ..base.channel }, ..base }
         };
         self.deflection.iter().map(of_deflection).collect()
     }
 
-    /// The set-up but for the channel's width, by default that of the paper.
+    /// The set-up without the channel's width, by default that of the paper.
     pub(super) fn setup(&self) -> Setup {
         let usual = Setup::default();
         let pitch_m = self.spacing.unwrap_or(usual.channel.pitch_m);
@@ -122,7 +122,7 @@ impl BeamKind {
 /// Values of one list or range at most, so that a slip of a digit does not fill the memory.
 const MOST_VALUES: f64 = 1e6;
 
-/// Reads a quantity: a number with one of the units of its dimension, or SI without one.
+/// Parses a quantity: a number with one of the units of its dimension, or in SI units without one.
 fn quantity(text: &str, dimension: Dimension) -> Result<f64, String> {
     let text = text.trim();
     let unit = dimension_units(dimension)
@@ -144,7 +144,7 @@ fn quantity(text: &str, dimension: Dimension) -> Result<f64, String> {
     value.ok().filter(|value| value.is_finite()).ok_or_else(|| format!("expected {wanted}"))
 }
 
-/// Units with their powers of ten, `None` for degrees; longer names first where one ends with another.
+/// Units with their powers of ten, `None` for degrees. If one name ends with another, the longer comes first.
 fn dimension_units(dimension: Dimension) -> &'static [(&'static str, Option<i32>)] {
     match dimension {
         Dimension::Length => &[
@@ -160,12 +160,12 @@ fn dimension_units(dimension: Dimension) -> &'static [(&'static str, Option<i32>
     }
 }
 
-/// A length.
+/// Parses a length.
 fn length(text: &str) -> Result<f64, String> {
     quantity(text, Dimension::Length)
 }
 
-/// `NAME=FROM:TO:COUNT` or `NAME=VALUE,VALUE,…`.
+/// Parses `NAME=FROM:TO:COUNT` or `NAME=VALUE,VALUE,…`.
 fn grid_axis(text: &str) -> Result<GridAxis, String> {
     let (parameter, values) = named(text)?;
     let of = |text| quantity(text, parameter.dimension);
@@ -197,10 +197,10 @@ fn named(text: &str) -> Result<(Parameter, &str), String> {
     Ok((known, value))
 }
 
-/// A length in cm, without digits that rounding made.
+/// A length in cm, without rounding errors in its digits.
 pub(super) fn cm(length_m: f64) -> String {
     let rounded = (length_m * 1e8).round() / 1e6;
-    // Not −0.
+    // Avoid −0.
     format!("{}", rounded + 0.0)
 }
 

@@ -11,7 +11,7 @@ use super::args::SimulateArgs;
 use crate::printer::Printer;
 use crate::tables::or_dash;
 
-/// Combinations at most.
+/// Maximum number of combinations.
 const MOST_CELLS: f64 = 1e8;
 
 impl SimulateArgs {
@@ -55,7 +55,7 @@ impl SimulateArgs {
         Ok(())
     }
 
-    /// The channels' widths are an axis too, unless one was asked for.
+    /// The axes of the grid. The channels' widths are an axis, too, unless the user gave one.
     fn axes(&self) -> (beam_channel::Setup, Vec<GridAxis>) {
         let setups = self.setups();
         let mut axes = self.grid.clone();
@@ -67,7 +67,7 @@ impl SimulateArgs {
     }
 }
 
-/// Mean, minimum and peak of the drag in N, and the energy in J, as far as there are any.
+/// Mean, minimum and peak of the drag in N, and the energy in J, if available.
 fn figures(cell: &GridCell) -> [Option<f64>; 4] {
     let summary = cell.outcome.as_ref().ok();
     let figures =
@@ -90,13 +90,13 @@ fn table_row(cell: &GridCell) -> Vec<String> {
     row
 }
 
-/// A value without the digits that arithmetic made: twelve places.
+/// A value rounded to twelve digits, to remove rounding errors.
 fn rounded(value: f64) -> String {
     let text = format!("{value:.11e}");
     text.parse::<f64>().map_or(text, |value| value.to_string())
 }
 
-/// What `--json` says of a combination.
+/// The output of `--json` for a combination.
 fn report<'a>(names: &'a [String], cell: GridCell) -> impl Serialize + use<'a> {
     document! {
         parameters: names.iter().zip(cell.values).collect::<BTreeMap<_, _>>(),

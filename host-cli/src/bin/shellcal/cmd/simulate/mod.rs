@@ -18,13 +18,13 @@ use simulation::channel_study::{ChannelSummary, Course, Parameter};
 
 use crate::printer::Printer;
 
-/// Room on either side of the contacts that a sweep shows, in m.
+/// Margin on either side of the contacts in a sweep, m.
 const MARGIN_M: f64 = 0.01;
 
-/// From one position of a sweep to the next, in m.
+/// Distance between positions of a sweep, m.
 const STEP_M: f64 = 0.001;
 
-/// Positions of a sweep at most.
+/// Maximum number of positions of a sweep.
 const MOST_POSITIONS: f64 = 1e9;
 
 impl SimulateArgs {
@@ -73,13 +73,13 @@ impl SimulateArgs {
         printer.finish(&document, |printer| report::print_channels(printer, &summaries))
     }
 
-    /// The positions of the sweep, the same for all channels.
+    /// The positions of the sweep, common to all channels.
     fn course(&self, models: &[Model]) -> anyhow::Result<Course> {
         let channel = self.setup().channel;
         let row = [0.0, channel.pitch_m * f64::from(channel.beams - 1)];
         let extents = models.iter().filter_map(Model::extent_m);
         let [first, last] = extents.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or(row);
-        // Whole steps, so that positions are round figures.
+        // Round to whole steps, so that positions are round numbers.
         let from = ((first - MARGIN_M) / STEP_M).floor() * STEP_M;
         let to = ((last + MARGIN_M) / STEP_M).ceil() * STEP_M;
         let positions = (to - from) / STEP_M;
@@ -91,7 +91,7 @@ impl SimulateArgs {
     }
 }
 
-/// The model of a channel; an error says of which.
+/// The model of a channel; an error names the channel.
 fn model(setup: &Setup) -> anyhow::Result<Model> {
     Model::new(setup).with_context(|| format!("a channel {} cm wide", cm(setup.channel.width_m)))
 }

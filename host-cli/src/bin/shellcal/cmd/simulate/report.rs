@@ -6,7 +6,7 @@ use super::args::cm;
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{NOTHING, or_dash};
 
-/// "5–6", and both walls where they differ.
+/// A range such as "5–6", for both walls if they differ.
 fn contacts(least: Option<[u32; 2]>, greatest: Option<[u32; 2]>) -> String {
     let (Some(least), Some(greatest)) = (least, greatest) else { return NOTHING.to_owned() };
     let wall = |i: usize| match (least[i], greatest[i]) {
@@ -34,7 +34,7 @@ pub(super) fn warn(printer: &Printer, summary: &ChannelSummary) {
     for remark in remarks {
         printer.warning(format!("channel of {} cm: {remark}", cm(width_m)));
     }
-    // Half the width of the body, and what is left on either side of it.
+    // Half the width of the body, and the gap on either side of it.
     let (half_m, gap_m) = (deflection_m + width_m / 2.0, -deflection_m);
     if gap_m > half_m {
         printer.warning(format!(

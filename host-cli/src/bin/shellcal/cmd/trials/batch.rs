@@ -1,4 +1,4 @@
-//! `shellcal batch`: all trials of a manifest, and where their tables and figures go.
+//! `shellcal batch`: all trials of a manifest, with tables and figures as files.
 
 use std::path::{Path, PathBuf};
 
@@ -29,7 +29,7 @@ A manifest is CSV with the columns file, condition, t_enter_s, t_exit_s and, if 
 velocity_m_s, mass_kg, channel_length_m, notes, exclude; or TOML with the same keys in [[trial]]
 tables. Times are in s on the log's clock, or `auto`. Files are relative to the manifest.")]
 pub(crate) struct BatchArgs {
-    /// Which trials there are: CSV or `.toml`
+    /// Table of trials: CSV or `.toml`
     #[arg(value_name = "MANIFEST")]
     manifest: InputPath,
 
@@ -37,7 +37,7 @@ pub(crate) struct BatchArgs {
     compared: ReferenceArg,
 
     /// Evaluate one of N equal shares of the trials, and write `trials/part-K-of-N` and `strides/part-K-of-N`
-    /// into the directories of `--csv` and `--parquet`: all shares together are the results of the whole
+    /// into the directories of `--csv` and `--parquet`; together, all shares give the results of the whole
     #[arg(long, value_name = "K/N", value_parser = parse_shard)]
     shard: Option<Shard>,
 
@@ -62,7 +62,7 @@ impl BatchArgs {
         };
         let batch = equipment.evaluate(printer, (path, &manifest), options, keep);
         let conditions = match self.shard {
-            // Statistics are of all trials.
+            // Statistics need all trials.
             Some(_) => Vec::new(),
             None => batch.statistics(self.compared.reference.as_deref(), BOOTSTRAP_SEED),
         };
@@ -76,7 +76,7 @@ impl BatchArgs {
                 printer.warning(note);
             }
         }
-        // What is likely wrong with the manifest.
+        // Probable mistakes in the manifest.
         let path = path.display();
         let suspicious = manifest.suspicious().into_iter();
         let warnings: Vec<_> = suspicious.map(|problem| format!("{path}:{problem}")).collect();
@@ -126,7 +126,7 @@ impl BatchArgs {
                 trials: trials.collect::<Vec<_>>(),
                 failures: &batch.failures,
                 excluded: batch.excluded,
-                // The name of the share, if not all trials were to be evaluated.
+                // Name of the share, unless all trials were evaluated.
                 shard?: self.shard.map(Shard::stem),
                 warnings, conditions,
             });
@@ -148,10 +148,10 @@ fn parse_shard(text: &str) -> Result<Shard, String> {
     parts.ok_or_else(|| format!("a share of at most {most}, from 1, such as `3/100`"))
 }
 
-/// The tables of a batch, which are also the names of their files. A share of the trials has no conditions.
+/// The tables of a batch, by the names of their files. A share of the trials has no conditions.
 const TABLES: [&str; 3] = ["trials", "strides", "conditions"];
 
-/// The files of the tables in a directory: `trials.csv`, or `trials/part-00003-of-00100.csv` of a share.
+/// The files of the tables in a directory: `trials.csv`, or `trials/part-00003-of-00100.csv` for a share.
 fn table_files(directory: &Path, shard: Option<Shard>, extension: &str) -> Vec<PathBuf> {
     let Some(shard) = shard else {
         return TABLES.map(|table| directory.join(format!("{table}.{extension}"))).to_vec();
@@ -172,11 +172,11 @@ struct ResultArgs {
     #[arg(long, value_name = "DIR")]
     parquet: Option<OutputLocation>,
 
-    /// Write what happened in each window, row by row, into a directory: `LOG.LINE.csv`
+    /// Write the time series in each window, row by row, into a directory: `LOG.LINE.csv`
     #[arg(long, value_name = "DIR")]
     traces: Option<OutputLocation>,
 
-    /// Draw every figure into a directory: `boxes`, `phase`, and of each trial `LOG.LINE.drag` and
+    /// Draw every figure into a directory: `boxes`, `phase`, and for each trial `LOG.LINE.drag` and
     /// `LOG.LINE.telemetry`
     #[arg(long, value_name = "DIR")]
     figures: Option<OutputLocation>,
@@ -184,7 +184,7 @@ struct ResultArgs {
     #[command(flatten)]
     figure_size: FigureSize,
 
-    /// The formats of figures
+    /// Formats of figures
     #[arg(long, value_name = "FORMATS", value_parser = one_of(&FORMATS), value_delimiter = ',', default_values = ["svg", "png"], requires = "figures")]
     figure_format: Vec<Format>,
 }
@@ -197,7 +197,7 @@ const FORMATS: [(&str, &str, Format); 3] = [
 ];
 
 impl ResultArgs {
-    /// Makes the directories and finds out whether tables can be written, before any work.
+    /// Creates the directories and checks that tables can be written, before any work.
     fn prepare(&self, printer: &Printer, shard: Option<Shard>) -> anyhow::Result<()> {
         self.traces.iter().try_for_each(|directory| create_folder(directory))?;
         for (directory, extension) in [(&self.csv, "csv"), (&self.parquet, "parquet")] {
@@ -210,7 +210,7 @@ impl ResultArgs {
         Ok(())
     }
 
-    /// The directory of figures, made if it is not there.
+    /// The directory of figures, created if it does not exist.
     fn figure_folder<'a>(
         &'a self,
         printer: &'a Printer,
@@ -221,7 +221,7 @@ impl ResultArgs {
         Ok(Some(FigureFolder { outputs, directory, formats, size }))
     }
 
-    /// What has to be kept of a log for the outputs.
+    /// The extent of the trace that the outputs need.
     fn trace_extent(&self) -> TraceExtent {
         match &self.traces {
             _ if self.figures.is_some() => TraceExtent::Log,
@@ -230,7 +230,7 @@ impl ResultArgs {
         }
     }
 
-    /// Writes figures and trace of a trial, and lets the trace go.
+    /// Writes figures and trace of a trial, and drops the trace.
     fn write_trial(
         &self,
         printer: &Printer,

@@ -1,4 +1,5 @@
-//! The flags of every command that evaluates trials, a manifest from its file, and the evaluation of all of its trials.
+//! Options of every command that evaluates trials, reading of manifests, and the evaluation of all their
+//! trials.
 
 use std::path::Path;
 
@@ -18,10 +19,10 @@ use crate::cmd::mapping::{EditedArg, MappingArgs};
 use crate::files::{InputPath, read_text};
 use crate::printer::Printer;
 
-/// The condition of comparisons.
+/// The reference condition of comparisons.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct ReferenceArg {
-    /// The condition that the others are compared with
+    /// Reference condition, which the others are compared with
     #[arg(long, value_name = "NAME")]
     pub(super) reference: Option<String>,
 }
@@ -29,18 +30,18 @@ pub(super) struct ReferenceArg {
 /// The title of a figure or a report.
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct TitleArg {
-    /// Title [default: the file's name, or what is drawn]
+    /// Title [default: the file's name, or the subject]
     #[arg(long, value_name = "TEXT")]
     pub(super) title: Option<String>,
 }
 
-/// The seed of bootstraps: the same in every run, so that intervals can be made again.
+/// The seed of bootstraps, the same in every run, so that intervals are reproducible.
 pub(super) const BOOTSTRAP_SEED: u64 = 1;
 
 /// How trials are evaluated.
 #[derive(Debug, clap::Args)]
 pub(crate) struct EvaluationArgs {
-    /// Calibration file; without one there are energies but no forces
+    /// Calibration file; without one, there are energies but no forces
     #[arg(long, short, value_name = "CAL")]
     pub(super) calibration: Option<InputPath>,
 
@@ -51,15 +52,15 @@ pub(crate) struct EvaluationArgs {
     #[arg(long, value_name = "FILE")]
     profile: Option<InputPath>,
 
-    /// Evaluate rows as the lab's notebooks did: each is a sample, the filter steps once a row and
-    /// lags behind, the tare is taken over rows, and energy is summed up row by row
+    /// Evaluate by row, as the lab's notebooks did: each row is a sample, the filter advances once per row
+    /// and has a delay, the tare is over rows, and energy is summed row by row
     #[arg(long)]
     by_row: bool,
 
     #[command(flatten)]
     forces: ForceArgs,
 
-    /// The highest reading the converter can give, to tell saturation [default: as `convert`]
+    /// Highest reading of the converter, to detect saturation [default: as `convert`]
     #[arg(long, value_name = "COUNTS")]
     full_scale: Option<f64>,
 
@@ -67,7 +68,7 @@ pub(crate) struct EvaluationArgs {
     pub(super) mapping: MappingArgs,
 }
 
-/// What trials are evaluated with, and how.
+/// Inputs and options of the evaluation of trials.
 pub(super) struct Equipment {
     pub(super) profile: Profile,
     pub(super) calibration: Option<CalibrationFile>,
@@ -101,7 +102,7 @@ impl EvaluationArgs {
         Ok(Equipment { profile, calibration, mapping, options, read })
     }
 
-    /// The files that results depend on beside manifest and logs, and what they are.
+    /// The files that results depend on besides manifest and logs, with their roles.
     pub(super) fn files_by_role(&self) -> impl Iterator<Item = (&'static str, &Path)> {
         let calibration = self.calibration.iter().map(|path| ("calibration", path.as_path()));
         calibration.chain(self.profile.iter().map(|path| ("profile", path.as_path())))
@@ -114,19 +115,19 @@ impl Equipment {
         Instrument { profile: &self.profile, calibration }
     }
 
-    /// The evaluation of a log.
+    /// The evaluation job of a log.
     pub(super) fn job<'a>(&'a self, log: &'a Log) -> TrialJob<'a> {
         TrialJob { log, instrument: self.instrument(), options: self.options, read: self.read }
     }
 
-    /// Says how forces are made, where there are any.
+    /// Notes how forces are made, if there are any.
     pub(super) fn note_forces(&self, printer: &Printer) {
         if self.calibration.is_some() {
             printer.note(describe_forces(&self.options.forces));
         }
     }
 
-    /// How all trials of a manifest are evaluated.
+    /// Options of the evaluation of all trials of a manifest.
     pub(super) fn batch_options(&self) -> BatchOptions<'_> {
         BatchOptions {
             trial: self.options,
@@ -153,7 +154,7 @@ impl Equipment {
         batch::run(manifest, folder(path), self.instrument(), &options, keep)
     }
 
-    /// What to know about forces over a stride, where the low-pass leaves little of them.
+    /// A warning about forces over a stride, if the low-pass suppresses most of them.
     pub(super) fn slow_filter(&self, batch: &Batch) -> Option<String> {
         let rows = batch.trials.iter().map(|trial| &trial.evaluated.result.row);
         let strides_hz = rows.filter_map(|row| row.stride_frequency_hz).fold(0.0, f64::max);
@@ -167,7 +168,7 @@ impl Equipment {
     }
 }
 
-/// Reads a manifest, and sees to it that no output replaces its logs.
+/// Reads a manifest, and protects its logs from being replaced by outputs.
 pub(super) fn read(path: &Path, printer: &Printer) -> anyhow::Result<Manifest> {
     let manifest = parse(path)?;
     for entry in manifest.rows.iter().flatten() {
@@ -176,7 +177,7 @@ pub(super) fn read(path: &Path, printer: &Printer) -> anyhow::Result<Manifest> {
     Ok(manifest)
 }
 
-/// A manifest from its file: CSV or `.toml`.
+/// Reads a manifest from its file: CSV or `.toml`.
 pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
     let shown = path.display();
     let text = read_text(path)?;
@@ -184,13 +185,13 @@ pub(super) fn parse(path: &Path) -> anyhow::Result<Manifest> {
     Manifest::parse(&text, is_toml).map_err(|problem| anyhow::anyhow!("{shown}:{problem}"))
 }
 
-/// Whether the trials of a manifest have the condition that others are to be compared with.
+/// Checks that the trials of a manifest include the reference condition, if there is one.
 pub(super) fn check_reference(manifest: &Manifest, reference: Option<&str>) -> anyhow::Result<()> {
     let entries = manifest.rows.iter().flatten().filter(|entry| !entry.exclude);
     require_condition("trial", entries.map(|entry| &*entry.trial.condition), reference)
 }
 
-/// Whether one of the `conditions` is the `reference`, if there is to be one.
+/// Checks that one of the `conditions` is the `reference`, if there is one.
 pub(super) fn require_condition<'a>(
     what: &str,
     conditions: impl Iterator<Item = &'a str>,
@@ -205,18 +206,18 @@ pub(super) fn require_condition<'a>(
     bail!("no {what} has the condition `{reference}` of `--reference`{hint}")
 }
 
-/// The folder that the logs of a manifest are relative to.
+/// The directory that the logs of a manifest are relative to.
 pub(super) fn folder(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }
 
-/// The name that files about a trial start with: that of its log, and its line in the manifest.
+/// The name prefix of files about a trial: the stem of its log, and its line in the manifest.
 pub(super) fn stem(position: CellPosition, result: &TrialResult) -> String {
     let stem = Path::new(&result.row.file).file_stem().unwrap_or_default().to_string_lossy();
     format!("{stem}.{}", position.line)
 }
 
-/// Tells which trials could not be evaluated: the files of these, and why.
+/// Reports the trials that could not be evaluated; returns their files and the reasons.
 pub(super) fn tell_failures(
     printer: &Printer,
     path: &Path,
@@ -224,7 +225,7 @@ pub(super) fn tell_failures(
 ) -> Vec<(String, String)> {
     let of = |FailedRow { position, file, message }: &FailedRow| {
         let path = path.display();
-        // Reading errors name the file themselves.
+        // Reading errors already name the file.
         let named = if message.contains(file) { String::new() } else { format!("`{file}`: ") };
         printer.failure(format!("{path}:{position}: {named}{message}"));
         (file.clone(), format!("{path}:{position}: {message}"))

@@ -30,7 +30,7 @@ pub(crate) struct PlotArgs {
 
 #[derive(Debug, Subcommand)]
 enum PlotKind {
-    /// Drag and lift against time, with entering, leaving and fully-inside times shaded
+    /// Drag and lift against time, with shaded times of entering, leaving and fully inside
     Drag(OneArgs),
     /// Fx, Fy, Fz, leg angles and power against time
     Telemetry(OneArgs),
@@ -49,8 +49,8 @@ struct OneArgs {
     #[command(flatten)]
     times: WindowTimes,
 
-    /// Show what lies between two times, in s on the log's clock [default: the whole log, or of
-    /// telemetry ten strides]
+    /// Show the range between two times, in s on the log's clock [default: the whole log; for telemetry, ten
+    /// strides]
     #[arg(long, value_name = "START:END", value_parser = parse_window)]
     between: Option<TimeWindow>,
 
@@ -60,7 +60,7 @@ struct OneArgs {
 
 #[derive(Debug, clap::Args)]
 struct ManyArgs {
-    /// Which trials there are: CSV or `.toml`
+    /// Table of trials: CSV or `.toml`
     #[arg(value_name = "MANIFEST")]
     manifest: InputPath,
 
@@ -154,7 +154,7 @@ impl ManyArgs {
             anyhow::ensure!(!phases.is_empty(), "no trial has strides with forces to draw");
             phase_figure(size, &title("Drag and lift over a stride"), &phases)
         } else {
-            // Intervals are not drawn: any seed will do.
+            // Intervals are not drawn, so any seed will do.
             let conditions = batch.statistics(None, 1);
             anyhow::ensure!(!conditions.is_empty(), "no trial could be evaluated");
             box_figure(size, &title("Energies and specific resistance"), &conditions)

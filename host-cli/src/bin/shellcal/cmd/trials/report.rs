@@ -1,4 +1,5 @@
-//! `shellcal report`: a batch of trials as one HTML file, or a calibration on one page to print.
+//! `shellcal report`: a batch of trials as one HTML file, or a certificate of a calibration on one page to
+//! print.
 
 use std::path::Path;
 
@@ -27,7 +28,7 @@ use crate::printer::{Outcome, Printer};
   shellcal report manifest.csv --calibration calibration.json --reference free --output beams.html
   shellcal report calibration.json --certificate --unloaded rest.csv --output certificate.html")]
 pub(crate) struct ReportArgs {
-    /// Which trials there are: CSV or `.toml`; with `--certificate`: a calibration
+    /// Table of trials: CSV or `.toml`; with `--certificate`: a calibration
     #[arg(value_name = "MANIFEST")]
     manifest: InputPath,
 
@@ -45,19 +46,19 @@ pub(crate) struct ReportArgs {
     #[arg(long, conflicts_with_all = ["reference", "calibration", "profile", "by_row"], help_heading = "Certificate")]
     certificate: bool,
 
-    /// A log of the unloaded sensor: repeatability, and drift of the zero
+    /// Log of the unloaded sensor, for repeatability and drift of the zero
     #[arg(long, value_name = "LOG", requires = "certificate", help_heading = "Certificate")]
     unloaded: Option<InputPath>,
 
-    /// The standard uncertainty of the reference sensor or the weights, in N and N·m
+    /// Standard uncertainty of the reference sensor or the weights, in N and N·m
     #[arg(long, value_name = "N,N·m", num_args = 1, value_parser = parse_errors, requires = "certificate", help_heading = "Certificate")]
     reference_error: Option<[f64; 2]>,
 
-    /// Known weights that were hung on the calibrated sensor, as `check` takes them
+    /// Table of known weights that were hung on the calibrated sensor, as for `check`
     #[arg(long, value_name = "LOADS.csv", requires_all = ["certificate", "weights_log"], help_heading = "Certificate")]
     weights: Option<InputPath>,
 
-    /// The logs of these weights
+    /// Logs of these weights
     #[arg(long, value_name = "LOG", num_args = 1.., requires = "weights", help_heading = "Certificate")]
     weights_log: Vec<InputPath>,
 
@@ -133,7 +134,7 @@ impl ReportArgs {
         Ok(outcome)
     }
 
-    /// Certifies a calibration.
+    /// Writes the certificate of a calibration.
     fn certify(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let (path, args, output) = (&self.manifest, &self.evaluation, &self.output);
         let out = printer.files.create(output)?;

@@ -8,7 +8,7 @@ use trial::{
 use crate::printer::{Printer, TableColumn};
 use crate::tables::{or_dash, shown};
 
-/// One row a trial.
+/// Prints one row per trial.
 pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) {
     let columns: [TableColumn<'_, &TrialRow>; 11] = [
         ("trial", &|row| row.file.clone()),
@@ -28,7 +28,7 @@ pub(super) fn trials(printer: &Printer, results: &[&TrialResult]) {
     printer.records(&columns, results.iter().map(|result| &result.row))
 }
 
-/// One row a stride.
+/// Prints one row per stride.
 pub(super) fn strides(printer: &Printer, strides: &[StrideRow]) {
     let columns: [TableColumn<'_, &StrideRow>; 8] = [
         ("stride", &|row| row.stride.to_string()),
@@ -45,7 +45,7 @@ pub(super) fn strides(printer: &Printer, strides: &[StrideRow]) {
     printer.records(&columns, strides)
 }
 
-/// One table a quantity, per trial and per stride.
+/// Prints one table per quantity, per trial and per stride.
 pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) {
     for quantity in Quantity::COMPARED {
         for per in Per::ALL {
@@ -71,7 +71,7 @@ pub(super) fn conditions(printer: &Printer, rows: &[ConditionRow]) {
 /// The numbers of a condition.
 pub(super) type ConditionNumbers<'a> = (&'a str, &'a Statistics, Option<&'a MeanDifference>);
 
-/// The numbers of some conditions, times `factor`.
+/// Prints the numbers of some conditions, times `factor`.
 pub(super) fn statistics(printer: &Printer, rows: &[ConditionNumbers<'_>], factor: f64) {
     let decimals = decimals(rows.iter().map(|(_, s, _)| factor * s.mean));
     let value = |value: Option<f64>| or_dash(value.map(|value| factor * value), decimals);
@@ -92,19 +92,19 @@ pub(super) fn statistics(printer: &Printer, rows: &[ConditionNumbers<'_>], facto
         (&name, &|(.., difference)| value(difference.map(|of| of.mean))),
         ("95 % CI", &|(.., difference)| interval(difference.and_then(|of| of.mean_95))),
     ];
-    // The last two are for a reference.
+    // The last two columns need a reference.
     let shown = if reference.is_some() { columns.len() } else { columns.len() - 2 };
     printer.records(&columns[..shown], rows)
 }
 
-/// Three digits or so of the largest of some values.
+/// Number of decimals that gives the largest value about three digits.
 fn decimals(values: impl Iterator<Item = f64>) -> usize {
     let largest = values.fold(0.0, |largest: f64, value| largest.max(value.abs()));
     (1..=6).find(|&decimals| largest * 10_f64.powi(decimals) >= 1000.0).unwrap_or(6) as usize
 }
 
-/// Says what to know about the results on stderr: diagnostics of a kind once, for the first trial that
-/// has it, and in how many others it is the same. `positions` are where the trials are said.
+/// Prints diagnostics of the results on stderr: each kind once, for the first trial that has it, with the
+/// number of other trials that have it. The results come with the positions of the trials.
 pub(super) fn diagnostics(printer: &Printer, results: &[(String, &TrialResult)]) {
     let trials = results.iter().map(|(position, result)| (position.as_str(), *result));
     for (severity, text) in TrialResult::diagnostics_of_each_kind(trials) {

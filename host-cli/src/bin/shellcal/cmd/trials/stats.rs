@@ -16,15 +16,15 @@ pub(crate) struct StatsArgs {
     #[arg(value_name = "TABLE")]
     table: InputPath,
 
-    /// The column of conditions [default: the first]
+    /// Column of conditions [default: the first]
     #[arg(long, value_name = "COLUMN")]
     by: Option<String>,
 
-    /// The columns of values [default: all that hold numbers alone]
+    /// Columns of values [default: all numeric columns]
     #[arg(long, value_name = "COLUMNS", value_delimiter = ',')]
     of: Option<Vec<String>>,
 
-    /// The column that says which rows are of one trial, and so resemble each other
+    /// Column that assigns rows to trials; rows of one trial resemble each other
     #[arg(long, value_name = "COLUMN")]
     trial: Option<String>,
 
@@ -32,7 +32,7 @@ pub(crate) struct StatsArgs {
     compared: ReferenceArg,
 }
 
-/// Conditions of a table at most: each takes memory for its samples.
+/// Maximum number of conditions of a table: each takes memory for its samples.
 const MOST_CONDITIONS: usize = 10_000;
 
 impl StatsArgs {

@@ -29,15 +29,15 @@ pub(crate) struct TrialArgs {
     #[command(flatten)]
     times: WindowTimes,
 
-    /// Only propose when the robot enters the channel and leaves it: onset and end of sustained drag
+    /// Only propose when the robot enters and leaves the channel: onset and end of sustained drag
     #[arg(long, conflicts_with_all = ["enter", "trace"])]
     find_window: bool,
 
-    /// Write what happened in the window, row by row, as CSV
+    /// Write the time series in the window, row by row, as CSV
     #[arg(long, value_name = "FILE")]
     trace: Option<OutputPath>,
 
-    /// Let the trace run over the whole log
+    /// Extend the trace over the whole log
     #[arg(long, requires = "trace")]
     whole_log: bool,
 
@@ -48,14 +48,14 @@ pub(crate) struct TrialArgs {
     pub(super) evaluation: EvaluationArgs,
 }
 
-/// When the robot is in the channel.
+/// Times of the robot in the channel.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct WindowTimes {
-    /// When the robot enters the channel, on the log's clock [default: found in the drag]
+    /// Time of entering the channel, on the log's clock [default: found in the drag]
     #[arg(long, value_name = "S", requires = "exit", allow_negative_numbers = true)]
     enter: Option<f64>,
 
-    /// When it leaves
+    /// Time of leaving the channel
     #[arg(long, value_name = "S", requires = "enter", allow_negative_numbers = true)]
     exit: Option<f64>,
 }

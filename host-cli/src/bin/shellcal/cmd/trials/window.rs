@@ -1,4 +1,4 @@
-//! `shellcal trial --find-window`: when the robot was in the channel.
+//! `shellcal trial --find-window`: the time of the robot in the channel.
 
 use figures::trial::window_figure;
 use log_file::Log;
@@ -8,14 +8,14 @@ use trial::{GOOD_CONFIDENCE, NoWindow, Proposal, TraceExtent};
 use super::trial::TrialArgs;
 use crate::printer::{Outcome, Printer, TableColumn};
 
-/// The window of a log, or why there is none.
+/// The window of a log, or the reason why there is none.
 type LogWindow = (String, Result<Proposal, NoWindow>);
 
 impl TrialArgs {
     /// Proposes a window for each log.
     pub(super) fn propose(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let mut equipment = self.evaluation.equipment(TraceExtent::Log)?;
-        // As windows are looked for, whatever was asked.
+        // Windows are found without a delay, whatever the options.
         equipment.options.forces = equipment.options.forces.with_delay(false);
         anyhow::ensure!(
             equipment.calibration.is_some(),
@@ -37,9 +37,9 @@ impl TrialArgs {
             document! {
                 log,
                 ..proposal: proposal.as_ref().ok(),
-                // True where it can be used without a look at it.
+                // True if it can be used without inspection.
                 good: proposal.as_ref().is_ok_and(Proposal::is_good),
-                // Why no window was found.
+                // The reason why no window was found.
                 reason: proposal.as_ref().err().map(NoWindow::to_string),
             }
         });
