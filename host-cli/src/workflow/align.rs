@@ -1,8 +1,8 @@
-//! From a reference's recording and a board log to one training log.
+//! Aligns a reference recording with a board log and joins the two into one training log.
 //!
-//! The columns needed of both are held in memory: the offset may be anything, so that no row can be
-//! let go before the match is found. That is 8 bytes per value, 56 per row of the reference (64 with a sync
-//! signal) and 72 per frame of eight readings.
+//! The required columns of both logs are held in memory, because the offset may have any size and no row
+//! can be dropped before the match is found. Memory: 8 bytes per value, 56 bytes per reference row (64 with
+//! a sync signal), 72 bytes per frame of eight readings.
 
 use std::io::{self, Write};
 
@@ -11,15 +11,15 @@ use alignment::{Aligned, Edges, Options, Recording, rising_edges};
 use log_file::{ColumnRef, Log, ReadOptions, ReadSummary, Wanted};
 use shell_data::wrench::{Axes, Axis};
 
-/// The column of a board's log that has the times of edges, s.
+/// Column of a board log with the times of signal edges, s.
 const EDGE_TIMES: &str = "sync_s";
 
-/// Reads both logs and lines them up; also returns what the files of the reference and of the board were. `sync` is the
-/// column of the reference that has a signal whose edges the board has recorded as well.
+/// Reads both logs and aligns them; also returns the source files of the reference and of the board. `sync`
+/// is the reference column with a signal whose edges the board recorded too.
 ///
 /// # Errors
-/// [`WorkflowError`] if a log cannot be read, lacks time, wrench or readings, or if there is no
-/// clear match.
+/// [`WorkflowError`] if a log cannot be read, if it lacks time, wrench or readings, or if there is no clear
+/// match.
 pub fn align_logs(
     reference: &Log,
     board: &Log,
@@ -29,7 +29,7 @@ pub fn align_logs(
 ) -> Result<(Aligned, [ReadSummary; 2]), WorkflowError> {
     let mut wrench = Wanted { time: true, wrench: true, ..Wanted::default() };
     let mut readings = Wanted { time: true, readings: true, ..Wanted::default() };
-    // Both are looked at before the first is read.
+    // Check both logs before reading either.
     reference.require(&wrench)?;
     reference.require_axes(Axes::ALL)?;
     board.require(&readings)?;
@@ -55,19 +55,19 @@ pub fn align_logs(
     Ok((aligned, [reference_summary, board_summary]))
 }
 
-/// How many rows of a training log were written, and how many were not.
+/// Row counts of a written training log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct WrittenRows {
-    /// Written.
+    /// Rows written.
     pub written: usize,
-    /// Left out because the reference was not recording, or had a gap, around that time.
+    /// Rows left out because the reference was not recording, or had a gap, around that time.
     pub uncovered: usize,
 }
 
 /// Writes the training log: `t_s` (the board's clock), `s1` …, `fx_n` … `mz_nm`.
 ///
 /// # Errors
-/// Whatever `out` says.
+/// [`io::Error`] if `out` fails.
 pub fn write_training(aligned: &Aligned, out: &mut impl Write) -> io::Result<WrittenRows> {
     write!(out, "t_s")?;
     for channel in 1..=aligned.channels() {
@@ -83,7 +83,7 @@ pub fn write_training(aligned: &Aligned, out: &mut impl Write) -> io::Result<Wri
         write!(out, "{time_s}")?;
         readings.iter().try_for_each(|reading| write!(out, ",{reading}"))?;
         for (axis, value) in Axis::ALL.into_iter().zip(wrench) {
-            // A thousandth of what reference sensors resolve. Adding zero takes off a minus.
+            // Resolution: a thousandth of what reference sensors resolve. Adding zero turns −0 into 0.
             match axis.is_moment() {
                 true => write!(out, ",{:.8}", value + 0.0)?,
                 false => write!(out, ",{:.6}", value + 0.0)?,

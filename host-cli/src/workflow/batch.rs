@@ -1,4 +1,5 @@
-//! All trials of a manifest: in parallel, in order, and none held up by another that is bad.
+//! Evaluates all trials of a manifest in parallel and returns them in order. A bad trial does not stop the
+//! others.
 
 use std::collections::HashMap;
 use std::convert::Infallible;
@@ -17,58 +18,58 @@ use trial::{
     ValueSample,
 };
 
-/// How a batch is run.
+/// Options of a batch run.
 #[derive(Clone, Copy)]
 pub struct BatchOptions<'a> {
     /// How trials are evaluated.
     pub trial: TrialOptions,
-    /// What the columns of the logs are.
+    /// Column mapping of the logs.
     pub mapping: &'a Mapping,
-    /// How logs are read; `threads` is how many trials are evaluated at a time.
+    /// Options for reading logs; `threads` is the number of trials evaluated at a time.
     pub read: ReadOptions<'a>,
-    /// The share of the rows that is evaluated, if not all are. What is wrong between rows is found in all.
+    /// Share of the rows to evaluate; `None` for all. Checks between rows always cover all rows.
     pub shard: Option<Shard>,
-    /// Told how many trials are done.
+    /// Called with the number of finished trials.
     pub progress: Option<&'a (dyn Fn(usize) + Sync)>,
 }
 
-/// What came of a manifest.
+/// Results of a manifest.
 #[derive(Clone, Debug, Default)]
 pub struct Batch {
-    /// The trials that could be evaluated, in the order of the manifest.
+    /// Evaluated trials, in the order of the manifest.
     pub trials: Vec<BatchTrial>,
-    /// The rows that could not.
+    /// Rows that could not be evaluated.
     pub failures: Vec<FailedRow>,
-    /// How many rows were to be left out.
+    /// Number of rows that the manifest excludes.
     pub excluded: usize,
 }
 
-/// A trial and its row in the manifest.
+/// A trial with its row in the manifest.
 #[derive(Clone, Debug)]
 pub struct BatchTrial {
-    /// Where the row is.
+    /// Position of the row.
     pub position: CellPosition,
-    /// The log.
+    /// Path of the log.
     pub path: PathBuf,
-    /// Its results, and what the log was.
+    /// Results, and the checksum of the log.
     pub evaluated: Evaluated,
 }
 
 /// A row that could not be evaluated.
 #[derive(Clone, Debug, Serialize)]
 pub struct FailedRow {
-    /// Where in the manifest.
+    /// Position in the manifest.
     #[serde(flatten)]
     pub position: CellPosition,
-    /// The log, as the manifest names it; empty if it does not.
+    /// Name of the log in the manifest; empty if the row names none.
     pub file: String,
-    /// Why.
+    /// Error message.
     pub message: String,
 }
 
-/// Evaluates the trials of `manifest`, whose files are relative to `folder`. `keep` is given each
-/// result on the thread that has found it, to write what is too large to be held, and may take its
-/// trace; the results are in the order of the manifest, whatever the number of threads.
+/// Evaluates the trials of `manifest`, whose files are relative to `folder`. `keep` gets each result on the
+/// thread that computed it, so that it can write data too large to hold, and may take the trace. Results
+/// are in the order of the manifest, whatever the number of threads.
 pub fn run(
     manifest: &Manifest,
     folder: &Path,
@@ -133,7 +134,7 @@ fn evaluate_entry(
     Ok(BatchTrial { position: entry.position, path, evaluated })
 }
 
-/// The cell of a row that an error is about.
+/// Cell that an error refers to.
 fn faulty_cell(entry: &Entry, error: &WorkflowError) -> CellPosition {
     match error {
         WorkflowError::Trial(TrialError::OutsideLog { enter, first, .. }) if enter >= first => {
@@ -149,7 +150,7 @@ fn faulty_cell(entry: &Entry, error: &WorkflowError) -> CellPosition {
 }
 
 impl Batch {
-    /// The conditions, in the order in which the manifest names them first.
+    /// Conditions, in order of first appearance in the manifest.
     pub fn conditions(&self) -> Vec<&str> {
         let mut conditions: Vec<&str> = Vec::new();
         for row in self.trials.iter().map(|trial| &trial.evaluated.result.row) {
@@ -160,8 +161,8 @@ impl Batch {
         conditions
     }
 
-    /// Statistics of every quantity in every condition, per trial and per stride; differences are
-    /// from `reference`.
+    /// Statistics of every quantity in every condition, per trial and per stride, with differences from
+    /// `reference`.
     pub fn statistics(&self, reference: Option<&str>, seed: u64) -> Vec<ConditionRow> {
         let conditions = self.conditions();
         let mut rows = Vec::new();
@@ -183,8 +184,7 @@ impl Batch {
         rows
     }
 
-    /// Drag and lift over the phase of the leg in every condition that has them: of those trials of
-    /// which it was kept.
+    /// Drag and lift over the leg phase for each condition, from the trials that kept a phase profile.
     pub fn phases(&self) -> Vec<(String, PhaseProfile)> {
         let results = || self.trials.iter().map(|trial| &trial.evaluated.result);
         let of = |condition: &str| {
@@ -196,7 +196,7 @@ impl Batch {
         self.conditions().into_iter().filter_map(of).collect()
     }
 
-    /// The values of a quantity in a condition; strides of a trial belong together.
+    /// Values of a quantity in a condition; the strides of one trial form a group.
     pub fn sample(&self, condition: &str, per: Per, quantity: Quantity) -> ValueSample {
         let results = self.trials.iter().map(|trial| &trial.evaluated.result);
         let mut sample = ValueSample::default();
@@ -208,7 +208,7 @@ impl Batch {
                     sample.add_cluster(strides.filter_map(|stride| quantity.of(&stride.measures)));
                 }
             }
-            // A stride's drag energy is over its own length: its share of the trial's error is by its mean.
+            // The drag energy of a stride covers its own length: the trial's relative error scales it.
             match result.row.shared_error(quantity) {
                 Some((parts, degrees)) => {
                     let scale = match (per, quantity.of(&result.row.measures)) {

@@ -1,14 +1,14 @@
-//! Every solver on the same rows: run time against error.
+//! Benchmarks every solver on the same rows: run time against error.
 //!
-//! Errors are relative to an answer in extended precision: Householder QR in double-double,
-//! [`SolverKind::WideTsqr`], which shares no step with the solvers it judges but the features, and
-//! whose own error is κ²·2⁻¹⁰⁴ at most, far below what an `f64` can show for every condition
-//! number κ that a calibration can have; certified problems bear this out. Where that would take
-//! minutes it is refined QR, which stops when its own gradient in double-double says so.
+//! Errors are relative to a reference solution in extended precision: Householder QR in double-double,
+//! [`SolverKind::WideTsqr`]. It shares no step but the features with the solvers under test. Its error is
+//! at most κ²·2⁻¹⁰⁴, far below `f64` resolution for any condition number κ that a calibration can have;
+//! certified problems confirm this. Where that reference would take minutes, refined QR replaces it; it
+//! stops when its own gradient in double-double is small enough.
 //!
-//! Rows are held in memory, so that reading them is not timed, and one thread works on them.
-//! Ridge by cross-validation and Huber's estimator answer other questions than least squares, so
-//! they have a run time here and no error.
+//! Rows are held in memory, so that the timing excludes reading, and one thread works on them.
+//! Ridge with cross-validation and Huber's estimator solve other problems than least squares, so only their
+//! run time is reported.
 
 use std::time::Instant;
 
@@ -21,50 +21,49 @@ use calibration::{Basis, FitError, Model};
 use shell_data::block::Block;
 use shell_data::statistics::upper_median;
 
-/// The smallest error that an `f64` shows: smaller ones count as this.
+/// Smallest error that an `f64` can show; smaller errors count as this.
 pub const SMALLEST_ERROR: f64 = f64::EPSILON / 2.0;
-/// Elements of a triangular factorisation, rows × columns², beyond which the reference is refined
-/// QR.
+/// Elements of a triangular factorisation, rows × columns², beyond which the reference is refined QR.
 const MOST_WIDE_WORK: f64 = 5e9;
-/// Repetitions stop after this time or this number, whichever comes first; there is one at least.
+/// Repetitions stop after this time or this number, whichever comes first, but not before the first.
 const BUDGET_S: f64 = 1.0;
 const MOST_REPETITIONS: usize = 9;
 
 /// All solvers on one model.
 #[derive(Clone, Debug)]
 pub struct ModelBench {
-    /// The model, `cubic + offset`.
+    /// Name of the model, such as `cubic + offset`.
     pub model: String,
-    /// Coefficients of each axis.
+    /// Number of coefficients of each axis.
     pub features: usize,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
-    /// Condition number of the features, columns scaled to norm one.
+    /// Condition number of the features, with columns scaled to unit norm.
     pub condition: f64,
-    /// The solver that errors are relative to.
+    /// Solver that errors are relative to.
     pub reference: &'static str,
-    /// One per solver.
+    /// One measurement per solver.
     pub solvers: Vec<Measurement>,
 }
 
 /// One solver on one model.
 #[derive(Clone, Debug)]
 pub struct Measurement {
-    /// Its name.
+    /// Name of the solver.
     pub solver: &'static str,
-    /// Median of the repetitions, s, from readings to coefficients; NaN where it was left out.
+    /// Median time of the repetitions, s, from readings to coefficients; NaN if the solver did not run.
     pub seconds: f64,
-    /// The largest relative error of a coefficient.
+    /// Largest relative error of a coefficient.
     pub coefficient_error: Option<f64>,
-    /// The largest error of a predicted row, as a share of the RMS of its axis.
+    /// Largest error of a predicted row, as a share of the RMS of its axis.
     pub prediction_error: Option<f64>,
-    /// Whether no other solver is both faster and, in its coefficients, more accurate.
+    /// True if no other solver is both faster and more accurate in its coefficients.
     pub on_front: bool,
-    /// Why there is no answer.
+    /// Why the solver gave no solution.
     pub refused: Option<String>,
 }
 
-/// Runs every solver of `kinds` on every model, one after another as they are asked for.
+/// Runs every solver of `kinds` on each model lazily, one model per step of the iterator.
 pub fn walk<'a>(
     blocks: &'a [Block],
     bases: &'a [Basis],
@@ -78,7 +77,7 @@ pub fn walk<'a>(
     })
 }
 
-/// A table in Markdown: a line for each solver, time and error of each model.
+/// Markdown table with a line per solver, and time and error per model.
 pub fn markdown(benches: &[ModelBench]) -> String {
     let mut table = "| solver |".to_owned();
     benches
@@ -127,8 +126,8 @@ pub fn bench(blocks: &[Block], model: Model, kinds: &[SolverKind]) -> Result<Mod
     })
 }
 
-/// The problem that is put to all solvers: in the basis that the exact one chooses, so that their
-/// coefficients can be compared.
+/// Fit problem for all solvers, in the basis that the exact solver chooses, so that coefficients can be
+/// compared.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients.
@@ -143,7 +142,7 @@ pub fn problem(blocks: &[Block], model: Model) -> Result<FitProblem, FitError> {
     }
 }
 
-/// From readings to coefficients: what is timed.
+/// Solves from readings to coefficients: the timed part.
 ///
 /// # Errors
 /// As [`solver::fit`].
@@ -210,9 +209,9 @@ fn coefficient_error(found: &Mat<f64>, truth: &Mat<f64>) -> f64 {
     relative.fold(SMALLEST_ERROR, f64::max)
 }
 
-/// The largest of `|X·ΔC|` over the rows, each axis in units of its RMS.
+/// Largest `|X·ΔC|` over the rows, each axis in units of its RMS.
 fn prediction_error(blocks: &[Block], features: &Features, difference: &Mat<f64>) -> f64 {
-    /// Rows at a time.
+    /// Rows per chunk.
     const ROWS: usize = 512;
     let mut largest = [0.0_f64; 6];
     let mut squares = [0.0_f64; 6];
@@ -248,7 +247,8 @@ fn mark_front(solvers: &mut [Measurement]) {
         .for_each(|m| m.on_front = point(m).is_some_and(|own| is_on_front(own, &points)));
 }
 
-/// Whether no other of these points of time and error beats one in one without losing in the other.
+/// True if the point is on the Pareto front: no other point is better in one of time and error and at least
+/// equal in the other.
 fn is_on_front((seconds, error): (f64, f64), points: &[(f64, f64)]) -> bool {
     let beats = |&(s, e): &(f64, f64)| (s < seconds && e <= error) || (s <= seconds && e < error);
     !points.iter().any(beats)
@@ -302,10 +302,10 @@ mod tests {
                 assert!(["ridge-gcv", "huber"].contains(&m.solver));
                 continue;
             };
-            // Well-conditioned features; small coefficients lose a few digits more.
+            // Features are well conditioned; small coefficients lose a few more digits.
             assert!(coefficients < 1e-9 && prediction < 1e-12, "{m:?}");
             if ["exact", "refined-tsqr", "wide-gram", "wide-tsqr"].contains(&m.solver) {
-                // Rounded in the last place, one way or the other.
+                // Rounding in the last place, in either direction.
                 assert!(coefficients <= 2.0 * f64::EPSILON, "{m:?}");
             }
         }

@@ -1,4 +1,4 @@
-//! What a certificate says of a calibration: its uncertainty budget, from the calibration file and from logs of the
+//! Uncertainty budget of a calibration certificate, from the calibration file and from logs of the
 //! calibrated sensor.
 
 use super::WorkflowError;
@@ -14,11 +14,12 @@ use log_file::{Log, ReadOptions};
 use report::Contribution;
 use shell_data::wrench::{Axis, AxisValues, PerAxis};
 
-/// A log whose forces scatter by so much of the calibrated loads is not of an unloaded sensor: noise is a hundredth.
+/// Scatter of the forces, as a share of the calibrated loads, above which a log is not of an unloaded
+/// sensor. Noise is about a hundredth.
 const LOADED: f64 = 0.05;
 
-/// The uncertainty of a single frame, by what makes it. A log of the `unloaded` sensor tells repeatability and drift;
-/// `reference` is the standard uncertainty of the reference, N and N·m.
+/// Uncertainty budget of a single frame, by source. A log of the `unloaded` sensor gives repeatability and
+/// drift; `reference` is the standard uncertainty of the reference, N and N·m.
 ///
 /// # Errors
 /// [`WorkflowError`] if the log of the unloaded sensor cannot be used.
@@ -53,7 +54,7 @@ pub fn budget(
                 ));
             }
             let scatter = measured("repeatability", basis, Some(standard));
-            // Errors of means of many rows do not hold that of one row.
+            // Errors of means over many rows do not include the error of a single row.
             let is_part = !axes.iter().any(|axis| is_more(&axis));
             let degrees_of_freedom = Some(frames.saturating_sub(1).max(1) as f64);
             budget.push(Contribution { is_part, degrees_of_freedom, ..scatter });
@@ -75,15 +76,15 @@ pub fn budget(
     Ok(budget)
 }
 
-/// An uncertainty that was measured (type A) and is not part of another line.
+/// A measured (type A) uncertainty that is not part of another line.
 fn measured(source: &'static str, basis: String, standard: Option<PerAxis<f64>>) -> Contribution {
     let degrees_of_freedom = None;
     Contribution { source, evaluation: "A", basis, standard, degrees_of_freedom, is_part: false }
 }
 
-/// Errors on loads that were not used, or the best that the file knows.
+/// Model error: held-out errors, or the best that the file has.
 fn of_model(file: &CalibrationFile) -> Contribution {
-    // A root mean square over groups: one is an observation, however many rows it has.
+    // RMS over groups: each group is one observation, however many rows it has.
     let mut degrees_of_freedom = None;
     let rows = match &file.origin.diagnostics {
         Some(Diagnostics { cross_validation: Some(of), .. }) => {
@@ -130,7 +131,7 @@ fn by_axis<T>(values: &AxisValues<T>, of: impl Fn(&T) -> f64) -> PerAxis<f64> {
     all
 }
 
-/// What is to be said of the intervals of converted frames.
+/// Describes the intervals of converted frames.
 pub fn intervals(file: &CalibrationFile) -> String {
     match interval_factors(&file.calibration, COVERAGE_LEVEL).is_ok() {
         true => "`shellcal convert` gives the 95 % interval of each frame, which is narrower or wider than this with \

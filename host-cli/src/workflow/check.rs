@@ -1,4 +1,4 @@
-//! Known weights on a sensor that was calibrated: does it still say what hangs there?
+//! Checks a calibrated sensor against known weights.
 
 use super::convert::interval_factors;
 use super::gates::{Gate, GateFailure};
@@ -14,22 +14,22 @@ use report::CheckedLoad;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// How many times wider than a 95 % interval a difference may be: three standard errors, which one morning in twenty
-/// exceeds on one of a dozen numbers.
+/// Allowed difference, as a multiple of a 95 % interval: three standard errors. With a dozen numbers per
+/// check, one check in twenty exceeds it by chance.
 const MARGIN: f64 = 1.53;
 
-/// Weights beside what the sensor says of them.
+/// Known weights compared with the sensor's output.
 #[derive(Clone, Debug)]
 pub struct CheckedWeights {
-    /// Those that were compared.
+    /// Loads that were compared.
     pub loads: Vec<CheckedLoad>,
-    /// Whether each line of the table was compared and is within what errors explain.
+    /// Gate that passes if each line of the table was compared and is within its expected error.
     pub gate: Gate,
 }
 
-/// Compares the weights of a table with what a calibration makes of the readings at them, on the axes that are `named`,
-/// otherwise on those of the calibration and those that a weight loads. If the table has a line without a load, its
-/// wrench is the zero.
+/// Compares the weights of a table with the calibrated wrench of the readings at them. The axes are the
+/// `named` ones, otherwise those of the calibration and those that a weight loads. If the table has a line
+/// without a load, its wrench is the zero.
 ///
 /// # Errors
 /// [`WorkflowError`].
@@ -44,7 +44,7 @@ pub fn check_weights(
     for log in logs {
         check_channels(log, calibration.channels())?;
     }
-    // Without intervals, as after `fit --from`, errors on loads that were held out tell as much in the mean.
+    // Without intervals, as after `fit --from`, held-out errors serve as well on average.
     let known = known_errors(file).map(|errors| errors.map(|error| HALF_WIDTH * error));
     let factors = match (interval_factors(calibration, COVERAGE_LEVEL), known) {
         (Ok(factors), _) => Ok(factors),
@@ -115,13 +115,14 @@ pub fn check_weights(
     Ok(CheckedWeights { loads, gate })
 }
 
-/// The angle between two forces of about the same size, degrees, if it is beyond what may differ across them.
+/// Angle between two forces of about the same size, degrees, if it exceeds the allowed transverse
+/// difference.
 fn turned_deg(
     stated: &PerAxis<f64>,
     measured: &PerAxis<f64>,
     allowed: &PerAxis<f64>,
 ) -> Option<f64> {
-    /// Beyond this it is another weight.
+    /// Beyond this ratio, the weight is a different one.
     const SAME_SIZE: f64 = 0.2;
     let part = |wrench: &PerAxis<f64>| -> Vector { std::array::from_fn(|axis| wrench[axis]) };
     let (stated, measured) = (part(stated), part(measured));
@@ -133,7 +134,7 @@ fn turned_deg(
         .then(|| angle.to_degrees())
 }
 
-/// The readings at a load, memory terms beside them.
+/// Readings at a load, with memory terms.
 fn readings_at(data: &Dataset, load: &HungLoad) -> Vec<Vec<f64>> {
     let mut all = Vec::new();
     for (_, block) in data.blocks() {

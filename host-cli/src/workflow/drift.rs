@@ -1,4 +1,4 @@
-//! How the zero of a log moves, from its first row to its last.
+//! Zero drift of a log, from its first row to its last.
 
 use crate::workflow::selection::RowFilter;
 use crate::workflow::{WorkflowError, check_channels};
@@ -10,39 +10,39 @@ use forces::stationary::{QuietLevel, StationaryFinder};
 use log_file::{ColumnRef, Log, ReadOptions, Wanted};
 use shell_data::wrench::{AxisValues, PerAxis};
 
-/// The column that `record` writes the die's temperature into.
+/// Column that `record` writes the die temperature into.
 pub const TEMPERATURE: &str = "temperature_c";
 
-/// How the zero of a log moves.
+/// Zero drift of a log.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DriftSummary {
-    /// Rows in the log.
+    /// Number of rows in the log.
     pub rows: u64,
-    /// Rows that were wrong and left out.
+    /// Number of bad rows, which were left out.
     pub skipped_rows: u64,
-    /// Stretches at rest.
+    /// Number of stationary intervals.
     pub rests: usize,
-    /// The middle of the first, s.
+    /// Middle of the first interval, s.
     pub first_s: f64,
-    /// The middle of the last, s.
+    /// Middle of the last interval, s.
     pub last_s: f64,
-    /// The temperature at the stationary intervals, lowest and highest; `None` where it is not known.
+    /// Lowest and highest temperature at the stationary intervals; `None` if unknown.
     pub temperature: Option<[f64; 2]>,
-    /// The wrench, N and N·m, if there was a calibration.
+    /// Drift of the wrench, N and N·m, if there was a calibration.
     #[serde(serialize_with = "by_axis")]
     pub axes: Option<AxisValues<Drift>>,
-    /// The readings of each channel, counts.
+    /// Drift of the readings of each channel, counts.
     pub channels: Vec<Drift>,
-    /// The wrench at the stationary intervals less that at the first, to be drawn.
+    /// Wrench at the stationary intervals relative to the first, for a figure.
     #[serde(skip)]
     pub trace: WrenchTrace,
-    /// The readings of each channel at the stationary intervals less those at the first, with their times.
+    /// Readings of each channel at the stationary intervals relative to the first, with their times.
     #[serde(skip)]
     pub channel_changes: Vec<Vec<(f64, f64)>>,
 }
 
-/// Finds the stationary intervals of a log, and how its zero moves from one to the next, in one pass: that of the
-/// channels, and with a calibration that of the wrench. `temperature` is the column of that, where it is not
+/// Finds the stationary intervals of a log, and the zero drift between them, in one pass: of the channels
+/// and, with a calibration, of the wrench. `temperature` is the temperature column; the default is
 /// [`TEMPERATURE`].
 ///
 /// # Errors
@@ -69,7 +69,7 @@ pub fn drift(
     let mut times_s = Vec::new();
     let mut axes: PerAxis<Vec<QuietLevel>> = PerAxis::default();
     let mut channels: Vec<Vec<QuietLevel>> = vec![Vec::new(); log.channels()];
-    // A board says the temperature now and then: it holds until the next time.
+    // A board reports the temperature occasionally: each value holds until the next.
     let mut said: Vec<(f64, f64)> = Vec::new();
     let summary = log.read(
         &wanted,
@@ -148,7 +148,7 @@ pub fn drift(
     })
 }
 
-/// The number in a column of temperature, `None` if nothing stands there; what is no number is the error.
+/// Parses a cell of a temperature column: `None` if it is empty, an error if it is not a number.
 fn temperature_of(text: &str) -> Result<Option<f64>, String> {
     let text = text.trim();
     if text.is_empty() {

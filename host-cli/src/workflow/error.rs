@@ -1,4 +1,4 @@
-//! Why a task over logs could not be done.
+//! Errors of tasks over logs.
 
 use std::io;
 use std::path::PathBuf;
@@ -16,77 +16,77 @@ use shell_data::hint::Hint;
 use simulation::SimulationError;
 use trial::{NoWindow, TrialError};
 
-/// What to do where a log has no rows in a stretch of time.
+/// Hint for a log without rows in a time window.
 pub(super) const TIMES: &str = "`shellcal info` tells the times of a log";
 
-/// Why a task over logs could not be done.
+/// Error of a task over logs.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum WorkflowError {
     /// A log cannot be read.
     #[error(transparent)]
     Log(#[from] LogError),
-    /// The rows do not determine a calibration, or nothing of what was asked of them.
+    /// The rows do not determine a calibration, or no rows remain.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// Partial fits that cannot be merged.
+    /// Partial fits cannot be merged.
     #[error(transparent)]
     Merge(MergeError),
-    /// There was nothing to work on.
+    /// No logs were given.
     #[error("no logs were given")]
     NoLogs,
-    /// A calibration that cannot be brought up to date, or loads that do not serve for it.
+    /// A calibration cannot be updated, or the loads do not suit an update.
     #[error(transparent)]
     Recalibration(#[from] RecalibrationError),
-    /// The log at `path` gives no forces as asked.
+    /// The log at `path` does not give the requested forces.
     #[error("`{path}`: {error}")]
     Forces { path: String, error: ForceError },
-    /// Standard errors were asked for by name, and cannot be given.
+    /// Standard errors were requested explicitly, but the calibration has none.
     #[error("the calibration carries no covariance, from which standard errors and intervals come")]
     NoCovariance,
-    /// An interval was asked for that the calibration's groups cannot tell.
+    /// An interval was requested that the calibration's groups cannot determine.
     #[error(transparent)]
     NoIntervals(#[from] NoIntervals),
     /// The result cannot be written.
     #[error("cannot write the result")]
     Output(#[from] io::Error),
-    /// A file of it cannot be written.
+    /// A result file cannot be written.
     #[error(transparent)]
     File(#[from] OutputError),
-    /// Settings that make no synthetic trial.
+    /// Settings do not define a valid synthetic trial.
     #[error(transparent)]
     Settings(#[from] SimulationError),
-    /// The poses do not tell what a sensor carries.
+    /// The poses do not determine the payload.
     #[error(transparent)]
     Payload(#[from] PayloadError),
-    /// Two logs, the files of the reference and of the board, do not match, or not clearly.
+    /// Two logs, given as the files of the reference and of the board, have no match or no clear match.
     #[error("cannot align `{}` with `{}`", board.display(), reference.display())]
     Align { reference: PathBuf, board: PathBuf, source: AlignError },
     /// A trial cannot be evaluated on its log.
     #[error(transparent)]
     Trial(#[from] TrialError),
-    /// The window of a trial was to be found, and cannot be.
+    /// The window of a trial was to be detected, but could not be.
     #[error("no window found")]
     Window(#[from] NoWindow),
-    /// The window was to be found in forces, and the log gives none.
+    /// The window was to be detected from forces, but the log has none.
     #[error("no window found: there are no forces to find it in")]
     NoForces,
-    /// The window was to be found in forces, which need a calibration.
+    /// The window was to be detected from forces, which need a calibration.
     #[error("without a calibration there is no drag to find the window in")]
     NoCalibration,
-    /// A log, a table or an option does not serve for what was asked: what nobody has to tell from other errors.
-    /// `hint` is the next step, where one is known.
+    /// A log, a table or an option does not suit the task: errors that callers need not tell apart. `hint`
+    /// is the next step, if known.
     #[error("{message}")]
     Refused { message: String, hint: Option<String> },
 }
 
 impl WorkflowError {
-    /// What is wrong, with the next step where one is known.
+    /// A refusal with its message and, if known, the next step.
     pub(super) fn refused<'a>(message: impl ToString, hint: impl Into<Option<&'a str>>) -> Self {
         Self::Refused { message: message.to_string(), hint: hint.into().map(str::to_owned) }
     }
 
-    /// Whether two logs could be read and compared, but their match is not to be trusted.
+    /// True if two logs were read and compared, but their match cannot be trusted.
     pub fn is_refusal(&self) -> bool {
         matches!(self, Self::Align { source, .. } if source.is_refusal())
     }
@@ -127,7 +127,7 @@ impl Hint for WorkflowError {
 }
 
 impl From<MergeError> for WorkflowError {
-    /// Sums that are not exact are an error of the fit, which has a hint of its own.
+    /// Inexact sums are an error of the fit, which has its own hint.
     fn from(error: MergeError) -> Self {
         match error {
             MergeError::NotExact(error) => FitError::NotExact(error).into(),

@@ -1,4 +1,4 @@
-//! The figures of a batch as files.
+//! Figures of a batch as files.
 
 use std::io;
 use std::path::Path;
@@ -8,28 +8,28 @@ use figures::{Figure, Format, Size};
 use output_file::{OutputError, Outputs};
 use trial::{ConditionRow, PhaseProfile, Profile, Trace, TrialResult, TrialRow};
 
-/// Strides that a telemetry figure shows where the window has many.
+/// Number of strides in a telemetry figure, if the window has more.
 const STRIDES: usize = 10;
 
-/// Without sensors traces are thinned to this distance, s.
+/// Spacing that traces without sensors are thinned to, s.
 const THIN_S: f64 = 0.01;
 
-/// A directory of figures, which is there.
+/// An existing directory for figures.
 #[derive(Debug)]
 pub struct FigureFolder<'a> {
-    /// The files that a command writes.
+    /// Output files of the command.
     pub outputs: &'a Outputs,
-    /// Where it is.
+    /// Path of the directory.
     pub directory: &'a Path,
-    /// Each figure is there in every one of these.
+    /// Formats; each figure is written in every one.
     pub formats: &'a [Format],
-    /// How wide figures are.
+    /// Width of the figures.
     pub size: Size,
 }
 
 impl FigureFolder<'_> {
-    /// Writes drag and lift over time, and the telemetry of some strides, of a trial with the trace of
-    /// its whole log: `STEM.drag.svg`, `STEM.telemetry.svg`.
+    /// Writes drag and lift over time, and the telemetry of some strides, of a trial with a trace of its
+    /// whole log: `STEM.drag.svg`, `STEM.telemetry.svg`.
     ///
     /// # Errors
     /// [`OutputError`] if a file cannot be written.
@@ -51,7 +51,7 @@ impl FigureFolder<'_> {
         self.write(&format!("{stem}.telemetry"), &figure)
     }
 
-    /// Writes what is of all trials: `boxes.svg`, `phase.svg`.
+    /// Writes the figures over all trials: `boxes.svg`, `phase.svg`.
     ///
     /// # Errors
     /// [`OutputError`] if a file cannot be written.
@@ -84,7 +84,7 @@ impl FigureFolder<'_> {
     }
 }
 
-/// What a figure of a trial is called.
+/// Title of a trial's figure.
 pub fn title(row: &TrialRow) -> String {
     match row.condition.is_empty() {
         true => row.file.clone(),
@@ -98,9 +98,9 @@ pub fn passage(row: &TrialRow, profile: &Profile) -> Passage {
     Passage::new(window_s, profile.robot.length_m, profile.channel.length_m)
 }
 
-/// Keeps of a trace of the whole log what a figure of many trials needs: the phase profile of the time
-/// that the robot is fully inside (or in the window, where that has no strides), and, if `thinned`, the
-/// trace frame by frame.
+/// Reduces the trace of a whole log to the data that a figure of many trials needs: the phase profile of
+/// the time when the robot is fully inside (or in the window, if that time has no strides) and, if
+/// `thinned`, the trace frame by frame.
 pub fn reduce_trace(result: &mut TrialResult, profile: &Profile, thinned: bool) {
     let Some(trace) = result.trace.take() else { return };
     let window_s = [result.row.t_enter_s, result.row.t_exit_s];
@@ -110,7 +110,7 @@ pub fn reduce_trace(result: &mut TrialResult, profile: &Profile, thinned: bool) 
     result.trace = thinned.then(|| trace.thinned(THIN_S));
 }
 
-/// The window, or where it has many strides the ten in its middle, s.
+/// The window, or its ten middle strides if it has many, s.
 pub fn some_strides(row: &TrialRow, trace: &Trace) -> [f64; 2] {
     let times = &trace.stride_times_s;
     if times.len() < STRIDES + STRIDES / 2 {
