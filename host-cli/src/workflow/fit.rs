@@ -1,4 +1,4 @@
-//! From logs to the rows of a fit, and from a fit to its calibration file.
+//! Reads logs into the rows of a fit, and turns a fit into its calibration file.
 
 use super::outliers::NamedOutliers;
 use super::remark::{Remark, about_fit};
@@ -15,19 +15,20 @@ use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
 use report::{CalibrationReport, OutlierTable};
 use shell_data::dataset::{Dataset, LogRows};
 
-/// Rows to fit to, and to test on.
+/// Rows for training and testing.
 #[derive(Debug, Default)]
 pub struct FitData {
     /// Training rows.
     pub train: Dataset,
     /// Test rows.
     pub test: Dataset,
-    /// Names of the channels, where they have any.
+    /// Channel names; empty if the logs have none.
     pub channel_names: Vec<String>,
 }
 
 impl FitData {
-    /// Reads the rows of logs, and what is asked for of their groups: of the test logs' if `labels_tests`.
+    /// Reads the rows of logs and the group labels that the options require; labels of test logs only if
+    /// `labels_tests`.
     ///
     /// # Errors
     /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
@@ -59,7 +60,7 @@ impl FitData {
         Ok(read)
     }
 
-    /// Reads the rows of logs to test on, beside training rows that have been read.
+    /// Reads the rows of test logs; training rows have already been read.
     ///
     /// # Errors
     /// As [`FitData::read`].
@@ -83,7 +84,7 @@ impl FitData {
         Ok(())
     }
 
-    /// Fits a calibration to the rows, which are in the fit then and no longer here, and examines both.
+    /// Fits a calibration to the rows and examines the fit and the data. The rows move into the fit.
     ///
     /// # Errors
     /// As [`calibration::fit()`].
@@ -104,14 +105,14 @@ impl FitData {
     }
 }
 
-/// A fit to logs with its calibration file, and suspicious rows by file and line: all that is written and said of it.
+/// A fit to logs with its calibration file, and its suspicious rows by file and line.
 #[derive(Debug)]
 pub struct FittedLogs {
     /// The fit.
     pub fit: Fit,
-    /// Its calibration file.
+    /// Calibration file of the fit.
     pub file: CalibrationFile,
-    /// Outliers that were used, where some were looked for.
+    /// Suspicious rows that were used, if outliers were looked for.
     pub used: Option<NamedOutliers>,
     /// Rows that were left out.
     pub dropped: NamedOutliers,
@@ -119,7 +120,7 @@ pub struct FittedLogs {
 }
 
 impl FittedLogs {
-    /// A fit to the rows of training logs, tested on those of others.
+    /// Builds the result of a fit that was trained on some logs and tested on others.
     ///
     /// # Errors
     /// [`WorkflowError`] if a file beside a log cannot be read.
@@ -137,16 +138,16 @@ impl FittedLogs {
         Ok(Self { fit, file, used, dropped, outliers })
     }
 
-    /// The report, as the content of an HTML file.
+    /// HTML report.
     ///
     /// # Errors
-    /// [`FitError`] if the errors of groups cannot be found.
+    /// [`FitError`] if the errors of groups cannot be computed.
     pub fn report(&self, name: &str, command: &str) -> Result<String, FitError> {
         let (fit, file, outliers) = (&self.fit, &self.file, self.outlier_table());
         CalibrationReport { fit, file, name, command, outliers }.html()
     }
 
-    /// Outliers for a report: those that were left out, or were named.
+    /// Outlier table of the report: dropped rows, otherwise reported rows.
     fn outlier_table(&self) -> Option<OutlierTable> {
         let dropped = self.dropped.rows(true);
         match self.outliers {
@@ -158,7 +159,7 @@ impl FittedLogs {
         }
     }
 
-    /// How the fit was made, and what is wrong with it.
+    /// Remarks on how the fit was made and on problems with it.
     pub fn remarks(&self) -> Vec<Remark> {
         let mut remarks = about_fit(&self.fit);
         remarks.extend(self.used.iter().flat_map(NamedOutliers::remarks));
@@ -170,7 +171,8 @@ fn rows_wanted() -> Wanted {
     Wanted { readings: true, wrench: true, ..Wanted::default() }
 }
 
-/// What has to be read of `logs` for their groups, and of their clocks if rows are worked on `in_time`.
+/// Columns to read from `logs`: their groups as `asked`, and their clocks if the fit works on rows
+/// `in_time`.
 fn wanted_for(logs: &[Log], asked: GroupsAsked, in_time: bool) -> Result<Wanted, WorkflowError> {
     let are_given = !logs.is_empty() && logs.iter().all(Log::has_groups);
     let is_given = are_given || logs.len() > 1;
@@ -202,9 +204,10 @@ pub fn fit(train: &[Log], test: &[Log], options: &FitOptions<'_>) -> Result<Fit,
     Ok(data.fit(options)?)
 }
 
-/// The calibration file of a fit. Its solver and how well it went are set in `origin`.
+/// Calibration file of a fit. Its solver and diagnostics are added to `origin`.
 pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
-    // The R² of rows that the fit has all but seen is no result, nor is that of none within its range.
+    // R² means nothing on rows that are near duplicates of training rows, or if no row is within the
+    // calibrated range.
     let is_no_result = fit.leaks.in_test().is_some() || fit.test().is_out_of_range();
     let as_a_result = |of: AxisQuality| match is_no_result {
         true => AxisQuality { r_squared: None, ..of },
@@ -236,7 +239,7 @@ pub fn calibration_file(fit: &Fit, origin: Origin) -> CalibrationFile {
     }
 }
 
-/// The files that a fit to `data` has been made from.
+/// Source files of a fit to `data`.
 ///
 /// # Errors
 /// [`WorkflowError`] if a file beside a log cannot be read.
@@ -251,7 +254,7 @@ fn sources(
     Ok(files)
 }
 
-/// Logs of one role, with the files beside them, and how many of their rows were used.
+/// Logs of one role with their companion files, and the number of rows used from each.
 ///
 /// # Errors
 /// [`WorkflowError`] if a file beside a log cannot be read.

@@ -1,4 +1,4 @@
-//! Gates: what a check was asked to compare, and whether each of it was compared and held.
+//! Gates: lists of required comparisons. A gate passes only if every comparison was made and held.
 
 use std::path::Path;
 
@@ -7,20 +7,21 @@ use calibration::quality::significant;
 use log_file::Log;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// The least number of rows that make a subject compared, with a tenth of those that there are; all, where there are fewer.
+/// Minimum number of rows for a valid comparison, together with a tenth of the rows; a shorter log needs
+/// all its rows.
 const LEAST_ROWS: u64 = 10;
 
-/// A list of what is to be compared. It passes only if every item was compared, and held.
+/// A list of required comparisons. It passes only if every comparison was made and held.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gate {
     subjects: Vec<GateSubject>,
 }
 
-/// A log, a load or other rows, with the axes that are to be compared.
+/// A log, a load or other rows, with the axes to compare.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GateSubject {
     name: String,
-    /// Axes that were not compared so far.
+    /// Axes that have not been compared yet.
     open: Axes,
     failures: Vec<GateFailure>,
 }
@@ -28,7 +29,7 @@ pub struct GateSubject {
 /// Why a gate does not pass.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GateFailure {
-    /// Axes that were asked for were not compared.
+    /// Required axes were not compared.
     #[error("not compared: {what}")]
     NotCompared { axes: Axes, what: String },
     /// The RMS error of an axis is above its limit, N or N·m.
@@ -37,30 +38,30 @@ pub enum GateFailure {
         axis.name(), rms = significant(*rms, 4), limit = significant(*limit, 4), unit = axis.unit()
     )]
     Above { axis: Axis, on: &'static str, rms: f64, limit: f64 },
-    /// Axes differ by more than errors explain.
+    /// Axes differ by more than their errors explain.
     #[error("{axes} of {name} differ by more than is to be expected")]
     Off { axes: Axes, name: String },
 }
 
 impl Gate {
-    /// Asks for axes of a subject that has not been compared so far.
+    /// Adds a subject that has not been compared yet, with the axes that it requires.
     pub fn ask(&mut self, name: impl Into<String>, axes: Axes) -> &mut GateSubject {
         let subject = GateSubject { name: name.into(), open: axes, failures: Vec::new() };
         self.subjects.push(subject);
         self.subjects.last_mut().expect("one was just added")
     }
 
-    /// All subjects, in the order of what was asked.
+    /// All subjects, in the order in which they were added.
     pub fn subjects(&mut self) -> &mut [GateSubject] {
         &mut self.subjects
     }
 
-    /// Adds all that another gate asks for.
+    /// Adds the subjects of another gate.
     pub fn extend(&mut self, other: Self) {
         self.subjects.extend(other.subjects);
     }
 
-    /// Why it does not pass, in the order of what was asked; nothing if it does.
+    /// Reasons why the gate does not pass, in the order of its subjects; empty if it passes.
     pub fn failures(&self) -> Vec<GateFailure> {
         let of = |subject: &GateSubject| {
             let mut subject = subject.clone();
@@ -71,12 +72,12 @@ impl Gate {
         self.subjects.iter().flat_map(of).collect()
     }
 
-    /// Whether every item was compared, and held.
+    /// True if every required comparison was made and held.
     pub fn passes(&self) -> bool {
         self.failures().is_empty()
     }
 
-    /// Axes that were asked for and not compared.
+    /// Required axes that were not compared.
     pub fn not_compared(&self) -> Axes {
         let failures = self.failures();
         let axes = failures.iter().filter_map(|failure| match failure {
@@ -88,7 +89,7 @@ impl Gate {
 }
 
 impl GateSubject {
-    /// Says that axes cannot be compared, if they are asked for; `what` names them and the reason.
+    /// Marks axes as impossible to compare, if they are required; `what` describes them and the reason.
     pub fn lacks(&mut self, axes: Axes, what: impl FnOnce(Axes) -> String) {
         let axes = self.open.and(axes);
         if !axes.is_empty() {
@@ -97,7 +98,7 @@ impl GateSubject {
         }
     }
 
-    /// Says how many rows there are to compare, of how many. Too few are none.
+    /// Sets how many rows of how many can be compared. Too few rows count as not compared.
     pub fn has_rows(&mut self, rows: u64, of: u64) {
         let needed = LEAST_ROWS.max(of.div_ceil(10)).min(of).max(1);
         if rows < needed {
@@ -108,7 +109,7 @@ impl GateSubject {
         }
     }
 
-    /// Takes the result of comparing all axes that are left: what does not hold.
+    /// Compares all open axes; `failures` returns those that do not hold.
     pub fn compare<F: IntoIterator<Item = GateFailure>>(
         &mut self,
         failures: impl FnOnce(Axes) -> F,
@@ -117,20 +118,20 @@ impl GateSubject {
         self.open = Axes::NONE;
     }
 
-    /// All axes that are left were compared, and hold.
+    /// Marks all open axes as compared and passed.
     pub fn hold(&mut self) {
         self.compare(|_| None);
     }
 }
 
-/// Limits on the errors of a calibration, and the axes that they are for.
+/// Limits on the errors of a calibration, and the axes that they apply to.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ErrorLimits {
     /// The largest RMS error of Fx, Fy and Fz, N.
     pub force_n: Option<f64>,
     /// The largest RMS error of Mx, My and Mz, N·m.
     pub moment_nm: Option<f64>,
-    /// The axes that are compared, and no others.
+    /// The only axes to compare; `None` for all that have a limit.
     pub axes: Option<Axes>,
 }
 
@@ -140,21 +141,21 @@ impl ErrorLimits {
         if axis.is_moment() { self.moment_nm } else { self.force_n }
     }
 
-    /// The axes that have to be compared: those that were named, otherwise those with a limit.
+    /// Required axes: the named ones, otherwise those with a limit.
     pub fn asked(&self) -> Axes {
         let limited = || Axis::ALL.into_iter().filter(|axis| self.limit(*axis).is_some()).collect();
         self.axes.unwrap_or_else(limited)
     }
 
-    /// The axes of `logs` that are compared with those of a calibration; the logs keep these alone.
+    /// Axes of `logs` to compare with a calibration; the logs keep only these.
     ///
     /// # Errors
-    /// [`WorkflowError`] if what is asked for can never be compared, or nothing is left.
+    /// [`WorkflowError`] if required axes can never be compared, or no axis is left.
     pub fn compared(&self, calibrated: Axes, logs: &mut [Log]) -> Result<Axes, WorkflowError> {
         let measured: Vec<Axes> = logs.iter().map(Log::axes).collect();
         let axes = self.comparable(calibrated, &measured)?;
         if axes.is_empty() {
-            // Says all that are missing.
+            // The error names all missing axes.
             let wanted = self.axes.unwrap_or(calibrated);
             logs.iter().try_for_each(|log| log.require_axes(wanted))?;
         }
@@ -162,7 +163,7 @@ impl ErrorLimits {
         Ok(axes)
     }
 
-    /// The axes that are compared where logs have `measured` ones.
+    /// Axes to compare if the logs have the `measured` axes.
     fn comparable(&self, calibrated: Axes, measured: &[Axes]) -> Result<Axes, WorkflowError> {
         for (limit, is_moment, name) in
             [(self.force_n, false, "the forces"), (self.moment_nm, true, "the moments")]
@@ -187,7 +188,7 @@ impl ErrorLimits {
         Ok(measured.iter().fold(self.axes.unwrap_or(calibrated), |all, axes| all.and(*axes)))
     }
 
-    /// Asks for a log that has `measured` axes, and so many rows to compare, of how many.
+    /// Requires a log with its `measured` axes and its number of rows to compare, of how many.
     pub fn ask_log(&self, gate: &mut Gate, path: &Path, measured: Axes, [rows, of]: [u64; 2]) {
         let name = format!("`{}`", path.display());
         let subject = gate.ask(&name, self.asked());
@@ -197,12 +198,12 @@ impl ErrorLimits {
         subject.hold();
     }
 
-    /// Asks for the RMS errors of some axes, in N and N·m, to be within their limits. `on` names the rows where there
-    /// are several sets.
+    /// Requires the RMS errors of some axes, in N and N·m, to be within their limits. `on` names the rows
+    /// if there are several sets.
     pub fn ask_errors(&self, gate: &mut Gate, axes: Axes, on: &'static str, rms: &PerAxis<f64>) {
         let judge = |axis: Axis| {
             let (rms, limit) = (rms[axis.index()], self.limit(axis)?);
-            // NaN is within no limit.
+            // NaN exceeds every limit.
             let passes = rms <= limit;
             (!passes).then_some(GateFailure::Above { axis, on, rms, limit })
         };
@@ -220,7 +221,7 @@ mod tests {
         (0..64).map(move |bits| of(bits).collect())
     }
 
-    /// Errors pass only where each axis that was asked for is in calibration and logs, and below its limit.
+    /// Errors pass only if each required axis is in calibration and logs, and below its limit.
     #[test]
     fn over_all_subsets_of_axes_nothing_passes_that_was_not_compared() {
         let (good, bad, nan) = (0.5, 2.0, f64::NAN);
@@ -271,7 +272,7 @@ mod tests {
         assert!(!gate.passes());
     }
 
-    /// Ten rows and a tenth of all; a log of fewer has to be whole.
+    /// Ten rows and a tenth of all; a shorter log needs all its rows.
     #[test]
     fn rows_that_are_too_few_are_not_compared() {
         let passes = |rows, of| {

@@ -1,4 +1,4 @@
-//! Hung weights as the reference: rows of logs without a wrench, and the loads that were hung.
+//! Hung weights as the reference: rows of logs without a wrench, and the loads that hung on the sensor.
 //!
 //! ```text
 //! logs ─▶ rows labelled by load ─▶ wrench as stated ─▶ loads corrected by the readings ─▶ rows to fit to
@@ -21,38 +21,37 @@ use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Half the width of a 95 % interval of normal errors in standard errors.
+/// Half the width of a 95 % interval of normal errors, in standard errors.
 pub(super) const HALF_WIDTH: f64 = 1.96;
 
 /// Standard deviation of the lever offset of a mounting, m.
 const MOUNTING_M: f64 = 3e-3;
 
-/// Loads that were hung, and what the readings say of them.
+/// Loads that hung on the sensor, and their correction by the readings.
 #[derive(Clone, Debug)]
 pub struct HungReference {
     /// The loads with readings, in the order of the table.
     pub loads: Vec<HungLoad>,
-    /// The loads as the readings show them.
+    /// Loads corrected by the readings.
     pub corrected: CorrectedLoads,
-    /// The labels of the mountings whose offsets were found.
+    /// Labels of the mountings whose offsets were estimated.
     pub mountings: Vec<String>,
-    /// The loads that held-out errors are against, by label: as they are stated, and as they were found where a line of
-    /// the table is wrong.
+    /// Loads that held-out errors are computed against, by label: stated loads, but the estimated load if a
+    /// line of the table is wrong.
     pub judged_by: BTreeMap<String, PerAxis<f64>>,
     /// Labels of loads without readings.
     pub unread: Vec<String>,
-    /// Rows at no load, which were left out.
+    /// Number of rows at no load, which were left out.
     pub unloaded_rows: u64,
-    /// Whether every load of the table was used.
+    /// Gate that passes if every load of the table was used.
     pub gate: Gate,
 }
 
 impl HungReference {
-    /// Reads logs and gives their rows the wrench of the load that hung there, corrected by their readings.
+    /// Reads logs and gives each row the wrench of its load, corrected by the readings.
     ///
-    /// # Errors
-    /// [`WorkflowError`] if a log cannot be read, rows cannot be matched with loads, or these do not determine a model
-    /// of the sensors.
+    /// [`WorkflowError`] if a log cannot be read, if rows cannot be matched with loads, or if the loads do
+    /// not determine a model of the sensors.
     pub fn read(
         logs: &[Log],
         table: &HungLoads,
@@ -72,7 +71,7 @@ impl HungReference {
             loads.iter().filter_map(|of| of.mounting.clone()).collect();
         mountings.sort_unstable();
         mountings.dedup();
-        // An offset that all loads share cannot be told from the sensors.
+        // An offset common to all loads cannot be separated from the sensor offsets.
         if mountings.len() < 2 {
             mountings.clear();
         }
@@ -94,7 +93,7 @@ impl HungReference {
         Ok((data, Self { loads, corrected, mountings, judged_by, unread, unloaded_rows, gate }))
     }
 
-    /// The lines of the table that are probably wrong, with what was found.
+    /// Probably wrong lines of the table, with the load that the readings indicate.
     pub fn suspicious(&self) -> impl Iterator<Item = (&HungLoad, &CorrectedLoad)> {
         self.loads.iter().zip(&self.corrected.loads).filter(|(_, of)| of.suspicious.is_some())
     }
@@ -109,7 +108,7 @@ pub(super) fn wanted(logs: &[Log]) -> Wanted {
     }
 }
 
-/// The rows of logs at the loads of a table, with these as their wrench, and how many others were left out.
+/// Rows of logs at the loads of a table, with the loads as their wrench, and the number of rows left out.
 pub(super) fn hung_rows(
     logs: &[Log],
     table: &HungLoads,
@@ -147,7 +146,7 @@ pub(super) fn hung_rows(
     Ok((data, left_out))
 }
 
-/// Asks for every load of a table, axis by axis: whether it has rows, and the calibration its axes.
+/// Requires every load of a table, axis by axis, to have rows and the calibration to have its axes.
 pub(super) fn gate_of_loads(
     table: &HungLoads,
     data: &Dataset,
@@ -158,7 +157,7 @@ pub(super) fn gate_of_loads(
     for (label, count) in data.blocks().flat_map(|(_, block)| block.labels.iter()) {
         *rows.entry(label.as_str()).or_default() += *count as u64;
     }
-    // A row that is left out may have been at any load.
+    // A skipped row may have been at any load.
     let skipped: u64 = data.logs.iter().map(|log| log.summary.skipped_rows).sum();
     let mut gate = Gate::default();
     for load in table.loads() {
@@ -176,15 +175,15 @@ pub(super) fn gate_of_loads(
     gate
 }
 
-/// A load by its label, with its line.
+/// Label of a load with its line.
 pub(super) fn load_name(load: &HungLoad) -> String {
     format!("load `{}` (line {}: {load})", load.group, load.line)
 }
 
-/// Axes on which a load is more than its errors explain.
+/// Axes on which a load is larger than its errors explain.
 pub(super) fn loaded_axes(load: &HungLoad) -> Axes {
     let (wrench, errors) = (load.wrench(), stated(load, &[]).standard_errors());
-    // A direction in degrees leaves roundings on axes that it does not pull on.
+    // A direction in degrees leaves rounding errors on axes without a load.
     let is_loaded = |axis: &Axis| {
         let (value, error) = (wrench[axis.index()].abs(), errors[axis.index()]);
         value > 1e-9_f64.max(HALF_WIDTH * error)
@@ -205,7 +204,7 @@ pub(super) fn stated(load: &HungLoad, mountings: &[String]) -> StatedLoad {
     }
 }
 
-/// Gives every row the wrench of its label, and leaves out those of other labels.
+/// Gives every row the wrench of its label, and removes rows of other labels.
 fn hang(data: &mut Dataset, loads: &HashMap<&str, PerAxis<f64>>) {
     for log in &mut data.logs {
         log.axes = Axes::ALL;

@@ -1,4 +1,4 @@
-//! Whole tasks over logs: reading joined to the core, without printing and without files written.
+//! Complete tasks over logs: they read logs and call the core, but do not print or write files.
 
 pub mod align;
 pub mod batch;
@@ -32,12 +32,12 @@ use log_file::{Log, Wanted};
 use shell_data::hint::OTHER_CHANNELS;
 use shell_data::wrench::Axes;
 
-/// The axes of the wrench that a fit to `train` is of, which all of them have; of the others in `test`,
-/// which have these, too, no more are used.
+/// Axes of the wrench for a fit: all `train` logs must have the same axes. `test` logs must have them too,
+/// and their other axes are dropped.
 ///
 /// # Errors
-/// [`WorkflowError::Refused`] if the training logs have different ones, [`WorkflowError::Log`] if a log
-/// has none or a test log lacks some.
+/// [`WorkflowError::Refused`] if the training logs differ in their axes, [`WorkflowError::Log`] if a log
+/// has no axes or a test log lacks some.
 pub fn agree_on_axes(train: &[Log], test: &mut [Log]) -> Result<Axes, WorkflowError> {
     let first = train.first().ok_or(WorkflowError::NoLogs)?;
     let expected = first.axes();
@@ -56,7 +56,8 @@ pub fn agree_on_axes(train: &[Log], test: &mut [Log]) -> Result<Axes, WorkflowEr
     Ok(expected)
 }
 
-/// The first of `logs`, if all, and `others` beside them, have what is wanted and as many channels as it.
+/// Checks that all `logs` and `others` have the wanted columns and the same number of channels; returns the
+/// first log.
 fn check_logs<'a>(
     logs: &'a [Log],
     others: &[Log],
@@ -70,7 +71,7 @@ fn check_logs<'a>(
     Ok(first)
 }
 
-/// Checks that a log has so many channels.
+/// Checks the number of channels of a log.
 ///
 /// # Errors
 /// [`WorkflowError::Refused`].

@@ -1,7 +1,8 @@
-//! How much the readings and the wrench of an unloaded sensor scatter.
+//! Scatter of the readings and the wrench of an unloaded sensor.
 //!
-//! RMS about the mean, so that no tare is needed; the mean is the offset that a tare would remove. The
-//! forces are those of the [pipeline](forces) without a low-pass, which would hide the noise.
+//! The scatter is the RMS about the mean, so that it needs no tare; the mean is the offset that a tare
+//! would remove. Forces come from the [pipeline](forces) without a low-pass filter, which would hide the
+//! noise.
 
 use super::selection::{RowFilter, TimeWindow, read_with_memory};
 use super::{WorkflowError, check_channels, error::TIMES};
@@ -12,42 +13,42 @@ use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 
-/// The scatter of an unloaded sensor.
+/// Scatter of an unloaded sensor.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct NoiseSummary {
-    /// Rows in the log.
+    /// Number of rows in the log.
     pub rows: u64,
-    /// Those whose readings equal those of the row before.
+    /// Number of rows whose readings equal the row before.
     pub repeated_rows: u64,
-    /// Rows that were wrong and left out.
+    /// Number of bad rows, which were left out.
     pub skipped_rows: u64,
-    /// Frames used.
+    /// Number of frames used.
     pub frames: u64,
-    /// Which rows these were.
+    /// Which rows were used.
     pub rows_used: RowFilter,
-    /// The wrench, N and N·m.
+    /// Scatter of the wrench, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: AxisValues<Scatter>,
-    /// The readings of each channel, counts.
+    /// Scatter of the readings of each channel, counts.
     pub channels: Vec<Scatter>,
-    /// How the zero has moved between the first rest and the last; of a log with time, at rest twice.
+    /// Zero shift between the first and the last rest; only for a log with time that is at rest twice.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero: Option<ZeroMove>,
 }
 
-/// How a quantity scatters, in its own unit.
+/// Scatter of a quantity, in its own unit.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Scatter {
     /// The mean.
     pub mean: f64,
-    /// Root of the mean square distance from the mean.
+    /// RMS deviation from the mean.
     pub rms: f64,
-    /// Largest less smallest.
+    /// Largest minus smallest value.
     pub peak_to_peak: f64,
 }
 
-/// Measures the scatter of the frames of a log, in one pass and constant memory. `window` is the stretch of time that
-/// is unloaded; `None` for all of the log.
+/// Measures the scatter of the frames of a log in one pass and constant memory. `window` is the unloaded
+/// time window; `None` for the whole log.
 ///
 /// # Errors
 /// [`WorkflowError`].
@@ -163,7 +164,7 @@ mod tests {
             let mut merged = ColumnStatistics::new(a);
             merged.merge(&ColumnStatistics::new(b));
             let (merged, whole) = (merged.scatter(), ColumnStatistics::new(&values).scatter());
-            // 80 sums of 1e3 each round by less than 80 · 80 · 1e3 · 1e-16.
+            // Eighty sums of 1e3 each round by less than 80 · 80 · 1e3 · 1e-16.
             prop_assert!((merged.mean - whole.mean).abs() < 1e-9);
             prop_assert!((merged.rms - whole.rms).abs() < 1e-9);
             prop_assert_eq!(merged.peak_to_peak, whole.peak_to_peak);

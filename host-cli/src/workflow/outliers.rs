@@ -10,13 +10,13 @@ use shell_data::dataset::Dataset;
 use shell_data::unit::Scale;
 use shell_data::wrench::{Axes, Axis};
 
-/// As many rows as a report lists: more would hide what else is said.
+/// Maximum number of rows in a report: more would hide its other results.
 const LISTED: usize = 100;
 
-/// The columns of a list of rows.
+/// Columns of a list of rows.
 const HEADER: &str = "file,line,reason,axis,error_n_or_nm,error_in_sd,column,value,before,after";
 
-/// What `--json` prints of a row.
+/// A row in the `--json` output.
 #[derive(Debug, Serialize)]
 pub struct OutlierReport {
     file: String,
@@ -24,10 +24,10 @@ pub struct OutlierReport {
     reason: &'static str,
     #[serde(skip_serializing_if = "Option::is_none")]
     axis: Option<&'static str>,
-    /// Predicted less measured, N or N·m.
+    /// Predicted minus measured, N or N·m.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<f64>,
-    /// In standard deviations.
+    /// Error in standard deviations.
     #[serde(skip_serializing_if = "Option::is_none")]
     size: Option<f64>,
     columns: Vec<ColumnReport>,
@@ -41,7 +41,7 @@ struct ColumnReport {
     after: Option<f64>,
 }
 
-/// Outliers with the lines of their files.
+/// Outliers with their files and lines.
 #[derive(Debug)]
 pub struct NamedOutliers {
     found: Outliers,
@@ -50,7 +50,7 @@ pub struct NamedOutliers {
 }
 
 impl NamedOutliers {
-    /// Names the rows that were found in `logs`, which were `read`.
+    /// Names the rows found in `logs`, which were read into `read`.
     pub fn new(found: Outliers, logs: &[Log], read: &Dataset) -> Self {
         let name = |row: &Outlier| RowName {
             file: logs[row.log].path().display().to_string(),
@@ -62,12 +62,12 @@ impl NamedOutliers {
         Self { found, names, axes }
     }
 
-    /// Names the first of them, and says what they are worth.
+    /// Remarks that name the first rows and assess them.
     pub fn remarks(&self) -> Vec<Remark> {
         self.found.warnings(self.axes, &self.names).into_iter().map(Remark::Warning).collect()
     }
 
-    /// How many there are.
+    /// Number of outliers.
     pub fn count(&self) -> usize {
         self.found.rows.len()
     }
@@ -77,7 +77,7 @@ impl NamedOutliers {
         self.found.rows.iter().zip(&self.names).map(report_of).collect()
     }
 
-    /// The rows for a report.
+    /// Rows for a report.
     pub fn rows(&self, left_out: bool) -> report::OutlierTable {
         let row = |(row, name): (&Outlier, &RowName)| report::OutlierRow {
             file: name.file.clone(),
@@ -88,10 +88,10 @@ impl NamedOutliers {
         report::OutlierTable { rows, count: self.count(), left_out }
     }
 
-    /// Lists the rows with why they were left out.
+    /// Writes the rows with the reason for each.
     ///
     /// # Errors
-    /// [`csv::Error`] if `output` does not take them.
+    /// [`csv::Error`] if `output` fails.
     pub fn write(&self, output: &mut dyn Write) -> csv::Result<()> {
         let mut table = csv::Writer::from_writer(output);
         table.write_record(HEADER.split(','))?;
@@ -116,7 +116,7 @@ impl NamedOutliers {
     }
 }
 
-/// The names of the channels, then of all axes of the wrench; of those that there are not, none.
+/// Names of the channels, then of all axes of the wrench; absent axes have an empty name.
 fn column_names(log: &Log) -> Vec<String> {
     let mut names = log.value_names().into_iter();
     let mut all: Vec<String> = names.by_ref().take(log.channels()).map(str::to_owned).collect();
@@ -128,7 +128,7 @@ fn column_names(log: &Log) -> Vec<String> {
     all
 }
 
-/// The name of an axis's column, with the unit that its values were converted to.
+/// Name of an axis's column, with the unit that its values were converted to.
 fn in_si_units(axis: Axis, name: &str, log: &Log) -> String {
     let is_converted = |column: &Column| match column.meaning {
         Meaning::Load(of, scale) => of == axis && scale != Scale::ONE,

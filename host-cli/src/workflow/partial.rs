@@ -1,5 +1,5 @@
-//! Partial fits: the sums of some logs, and a calibration from such sums, merged. Logs are streamed, so that they may be
-//! larger than the memory.
+//! Partial fits: the sums of some logs, and a calibration from merged sums. Logs are streamed, so they may
+//! be larger than the memory.
 
 use super::fit::calibration_file;
 use super::{WorkflowError, check_logs};
@@ -18,50 +18,50 @@ use log_file::{Log, Mapping, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::fingerprint::Fingerprint;
 
-/// What is summed, and how.
+/// Options of a partial fit.
 #[derive(Clone, Copy)]
 pub struct PartialOptions<'a> {
-    /// The largest family of features that is to be fitted.
+    /// Largest family of features that the sums allow to be fitted.
     pub basis: Basis,
-    /// Whether there is to be a constant beside them.
+    /// True to include a constant term.
     pub intercept: bool,
-    /// Whether the sums of each group are kept.
+    /// Groups whose sums are kept; `None` to keep none.
     pub groups: Option<KeptGroups>,
-    /// Which way rows are assigned to the random folds that held-out errors are compared with.
+    /// Seed that assigns rows to the random folds, for comparison with held-out errors.
     pub seed: u64,
-    /// Keep R factors also where rows can be summed exactly, for parts of which others cannot.
+    /// True to keep R factors even if these rows can be summed exactly, for merging with parts that cannot.
     pub r_factors: bool,
-    /// Use only rows whose readings differ from those of the row before.
+    /// True to use only rows whose readings differ from the row before.
     pub fresh: bool,
-    /// What was specified of the logs.
+    /// Column mapping of the logs.
     pub mapping: &'a Mapping,
-    /// How logs are read.
+    /// Options for reading logs.
     pub read: ReadOptions<'a>,
 }
 
-/// The groups that are kept.
+/// Groups whose sums are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KeptGroups {
-    /// Those of the group column where there is one, files otherwise.
+    /// Group column if there is one, files otherwise.
     Auto,
-    /// These.
+    /// Groups of the given kind.
     By(GroupKind),
 }
 
-/// What was kept of some logs, also by group.
+/// Sums of some logs, in total and by group.
 type KeptLogs = (Sums, PartialGroups, ReadRows);
 
-/// What reading some logs found out beside sums.
+/// Results of reading logs, other than sums.
 struct ReadRows {
     /// For each group, the log that has its first row.
     first_in: Vec<usize>,
     summaries: Vec<ReadSummary>,
-    /// What tells the rows of each log.
+    /// Fingerprint of the rows of each log.
     digests: Vec<Fingerprint>,
 }
 
-/// Sums the rows of `logs`, exactly where that can be, which are put into the order of their names where
-/// groups are kept. Program and date are left to the caller.
+/// Sums the rows of `logs`, exactly if possible. If groups are kept, the logs are sorted by name. Program
+/// and date are left to the caller.
 ///
 /// # Errors
 /// [`WorkflowError`] if a log cannot be read, or there are too many groups.
@@ -104,7 +104,7 @@ pub fn sum(logs: &mut [Log], options: &PartialOptions<'_>) -> Result<PartialFit,
         let digest = (digest.rows() > 0).then(|| digest.to_string());
         partial.sources.push(SourceFile { role: Role::Train, path, checksum, digest, rows });
     }
-    // After the logs, which groups name by their positions.
+    // Comes after the logs, because groups refer to logs by position.
     for (log, summary) in logs.iter().zip(&summaries) {
         if let Some(path) = log.companion() {
             let (path, checksum) = (path.into(), log.companion_checksum()?);
@@ -123,7 +123,7 @@ struct BlockStream<'a> {
 }
 
 impl BlockStream<'_> {
-    /// What is summed, if all logs have as many channels, and features are not too many.
+    /// Model of the sums, if all logs have the same number of channels and the features are not too many.
     fn model(&self) -> Result<Model, WorkflowError> {
         let channels = check_logs(self.logs, &[], &self.wanted())?.channels();
         let model = Model { basis: self.options.basis, intercept: true, channels, memory: 0 };
@@ -136,7 +136,7 @@ impl BlockStream<'_> {
         Wanted { readings: true, wrench: true, groups, ..Wanted::default() }
     }
 
-    /// Labels the rows of a block by their groups, and leaves those that are used.
+    /// Labels the rows of a block by their groups, and keeps only the rows that are used.
     fn select(&self, log: usize, block: &mut Block) {
         if self.by == GroupKind::File {
             block.groups = vec![(self.logs[log].path().display().to_string(), block.rows)];
@@ -146,8 +146,8 @@ impl BlockStream<'_> {
         }
     }
 
-    /// Reads the logs: `map` makes something of the selected rows of a block, and `add` adds it to all groups and says
-    /// how many there are then.
+    /// Reads the logs: `map` processes the selected rows of a block, and `add` adds the result to all
+    /// groups and returns the number of groups so far.
     fn read<S: Send, T: Send>(
         &self,
         init: impl Fn() -> S + Sync,
@@ -172,13 +172,13 @@ impl BlockStream<'_> {
         Ok((ReadRows { first_in, summaries, digests }, states))
     }
 
-    /// The exact sums by group.
+    /// Exact sums by group.
     fn sum(&self, split: RandomSplit) -> Result<KeptLogs, WorkflowError> {
         let Model { basis, channels, .. } = self.model()?;
         let mut sums = GroupSums::new(basis, channels, Apart::Groups, split);
         let empty = sums.worker();
         let map = |worker: &mut GroupWorker, block: &mut Block| {
-            // Names what is not finite, as every fit does.
+            // Names values that are not finite, as every fit does.
             ReadingRanges::from_block(block, channels)?;
             worker.add(block, &block.groups)
         };
@@ -210,12 +210,12 @@ impl BlockStream<'_> {
     }
 }
 
-/// Fits a calibration to the sums of `merged`, which is [in order](PartialFit::put_in_order): its model, where
-/// none is given.
+/// Fits a calibration to the sums of `merged`, which must be [in order](PartialFit::put_in_order). `model`
+/// defaults to the model of the sums.
 ///
 /// # Errors
-/// [`WorkflowError`] if the rows do not determine the coefficients, or something is asked of groups
-/// where there are none.
+/// [`WorkflowError`] if the rows do not determine the coefficients, or if an option needs groups but
+/// `merged` has none.
 pub fn fit_merged(
     merged: &PartialFit,
     model: Option<ModelRule>,
@@ -232,7 +232,7 @@ pub fn fit_merged(
     Ok(Fit { skipped_rows, repeated_rows, ..fit })
 }
 
-/// The calibration file of a fit to `merged`.
+/// Calibration file of a fit to `merged`.
 pub fn merged_file(fit: &Fit, merged: &PartialFit) -> CalibrationFile {
     let origin = Origin {
         made_by: merged.made_by.clone(),

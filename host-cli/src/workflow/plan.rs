@@ -1,4 +1,4 @@
-//! What recorded sessions tell a plan of further loads.
+//! Recorded sessions as the starting point for a plan of further loads.
 
 use super::WorkflowError;
 use super::fit::FitData;
@@ -9,17 +9,17 @@ use log_file::{Log, ReadOptions};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// What was recorded so far.
+/// Loads recorded so far.
 #[derive(Debug)]
 pub struct RecordedSession {
-    /// The load of each pose, N and N·m.
+    /// Load of each pose, N and N·m.
     pub loads: Vec<PerAxis<f64>>,
-    /// What a physics model knows after them, or why there is none.
+    /// Knowledge of a physics model after these loads, or why there is no model.
     pub sensors: Result<SensorKnowledge, String>,
 }
 
 impl RecordedSession {
-    /// Reads logs, and fits a physics model to them where they determine one.
+    /// Reads logs, and fits a physics model to them if they determine one.
     ///
     /// # Errors
     /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
@@ -37,7 +37,7 @@ impl RecordedSession {
     }
 }
 
-/// The rows of logs, labelled by pose. One label for all says nothing, and is none.
+/// Rows of logs, labelled by pose. A single label for all rows carries no information and is dropped.
 fn labelled(logs: &[Log], read: &ReadOptions<'_>) -> Result<Dataset, WorkflowError> {
     let data = FitData::read(logs, &[], (&FitOptions::default(), false), read)?.train;
     let labelled = label_poses_or_files(&data);
@@ -49,7 +49,7 @@ fn labelled(logs: &[Log], read: &ReadOptions<'_>) -> Result<Dataset, WorkflowErr
     Ok(if is_one { data } else { labelled })
 }
 
-/// The rows with the labels that they have; otherwise labelled by what can be held out.
+/// Rows with their own labels; without labels, the groups that can be held out.
 fn training_rows(data: &Dataset) -> TrainingRows {
     let (rows, _) = TrainingRows::from_dataset(data);
     if rows.row_count() as u64 == data.rows() {
@@ -60,10 +60,10 @@ fn training_rows(data: &Dataset) -> TrainingRows {
     TrainingRows::from_dataset(&labelled).0
 }
 
-/// What a session is replayed from: the means of its poses.
+/// Means of the poses of a session, for replaying it.
 ///
 /// # Errors
-/// [`WorkflowError`] as [`RecordedSession::read`], and if readings or wrench are not finite.
+/// [`WorkflowError`] as [`RecordedSession::read`], or if readings or wrench are not finite.
 pub fn observations(
     logs: &[Log],
     read: &ReadOptions<'_>,

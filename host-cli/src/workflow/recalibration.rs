@@ -1,4 +1,4 @@
-//! A calibration brought up to date by a few new loads: from logs to a calibration file.
+//! Updates a calibration by a few new loads: from logs to a calibration file.
 
 use std::collections::HashMap;
 
@@ -18,23 +18,23 @@ use log_file::{Log, ReadOptions, Wanted, read_logs};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// A calibration that has been brought up to date, and the rows that were used.
+/// An updated calibration, and the rows used.
 #[derive(Debug)]
 pub struct Recalibrated {
-    /// The change.
+    /// Change of the calibration.
     pub found: Recalibration,
-    /// The rows, labelled by loads.
+    /// Rows, labelled by load.
     pub rows: Dataset,
-    /// How many loads they are.
+    /// Number of loads.
     pub loads: usize,
-    /// Whether every load of the table was used.
+    /// Gate that passes if every load of the table was used.
     pub gate: Gate,
     /// Errors of the new calibration on these rows.
     errors: Evaluation,
 }
 
-/// Finds what has changed of a sensor since it was calibrated. The wrench is that of the logs, or of a table of loads
-/// that hung there.
+/// Finds how a sensor has changed since its calibration. The wrench comes from the logs, or from a table of
+/// hung loads.
 ///
 /// # Errors
 /// [`WorkflowError`].
@@ -112,17 +112,18 @@ pub fn recalibrate(
     Ok(Recalibrated { found, rows, loads: labels.len(), gate, errors })
 }
 
-/// A load of so many times the largest that was calibrated is a slip of the pen.
+/// Multiple of the largest calibrated load above which a load counts as a typing error.
 const MOST_TIMES: f64 = 10.0;
 
 const WRONG_LOAD: &str =
     "mend the line of the table; where it is right, the sensor is to be calibrated anew";
 
-/// Root mean squares of differences in their errors: those of loads that hang as the table says, and of loads that do not.
+/// RMS difference in units of its error, below which loads agree with the table.
 const AGREES: f64 = 2.0;
 
-/// Two loads of which the readings at the first fit the second, where another order of all loads agrees with the
-/// calibration as it was and theirs does not. An offset of all loads is left out, since a zero moves.
+/// Two loads whose readings are exchanged: the readings at the first fit the second. Found if another order
+/// of all loads agrees with the old calibration and the order of the table does not. A common offset of all
+/// loads is left out, because a zero moves.
 fn better_order(
     calibration: &Calibration,
     observations: &[Observation],
@@ -139,7 +140,7 @@ fn better_order(
             predicted[axis].get(at).copied().unwrap_or_default() - observations[at].wrench[axis]
         })
     });
-    // The square of what readings and load differ by.
+    // Squared difference between readings and load.
     let square = |at: usize, load: usize| -> f64 {
         let of_axis = |axis: usize| {
             let difference = predicted[axis][at] - offset[axis] - observations[load].wrench[axis];
@@ -156,7 +157,7 @@ fn better_order(
     if !errors.iter().all(is_known) || is_agreed(total(&order)) {
         return None;
     }
-    // By the best exchange of two, as long as one helps.
+    // Applies the best exchange of two loads, as long as one helps.
     loop {
         let pairs = (0..count).flat_map(|a| (0..a).map(move |b| (a, b)));
         let gain = |&(a, b): &(usize, usize)| {
@@ -181,7 +182,7 @@ fn read_rows(logs: &[Log], axes: Axes, read: &ReadOptions<'_>) -> Result<Dataset
     Ok(label_poses_or_files(&data))
 }
 
-/// Errors on loads that were held out, or the best that a file knows of.
+/// Held-out errors, or the best that a file has.
 pub(super) fn known_errors(file: &CalibrationFile) -> Option<PerAxis<f64>> {
     let known = file.origin.diagnostics.as_ref()?;
     let held_out = known.cross_validation.as_ref().map(|of| of.grouped.map(|axis| axis.rms));
@@ -190,8 +191,8 @@ pub(super) fn known_errors(file: &CalibrationFile) -> Option<PerAxis<f64>> {
 }
 
 impl Recalibrated {
-    /// Its calibration file: of the sensor, model and solver of `before`; that itself, where nothing has changed. Solver
-    /// and errors are set in `origin`.
+    /// Calibration file with the sensor, model and solver of `before`; `before` itself if nothing has
+    /// changed. Solver and errors are added to `origin`.
     pub fn file(&self, before: &CalibrationFile, origin: Origin) -> CalibrationFile {
         let Self { found, errors, loads, .. } = self;
         if found.quantities.is_empty() {

@@ -1,4 +1,4 @@
-//! What is to be known of a result beside its figures, worded once for all who show it.
+//! Remarks on results, worded in one place for every front end.
 
 use std::fmt::Display;
 use std::path::Path;
@@ -8,31 +8,31 @@ use calibration::fit::{Fit, FoundGroups, Outcome, Warning};
 use forces::stationary::ZeroMove;
 use shell_data::wrench::Axes;
 
-/// What a user should know.
+/// A remark for the user.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(tag = "kind", content = "text", rename_all = "snake_case")]
 pub enum Remark {
-    /// How something was done.
+    /// Information on how something was done.
     Note(String),
-    /// What may be wrong.
+    /// A possible problem.
     Warning(String),
 }
 
-/// Which axes a calibration will not have, if any.
+/// Remark on the axes that a calibration lacks, if any.
 pub fn absent_axes(axes: Axes) -> Option<Remark> {
     let absent = Axes::ALL.without(axes);
     let text = || format!("the logs have no {absent}: the calibration is of {axes}");
     (!axes.are_all()).then(|| Remark::Note(text()))
 }
 
-/// What the groups are where nobody has named them.
+/// Remark on the groups that were detected because you named none.
 pub fn found_groups(groups: FoundGroups) -> Remark {
     Remark::Note(format!(
         "the logs name no groups: found {groups}, and took those (`--group` names a column)",
     ))
 }
 
-/// How many rows of a log were used, of so many, of which so many repeat the one before and so many were bad.
+/// Remark on how many rows of a log were used, given the counts of all, repeated and bad rows.
 pub fn used_rows(log: &Path, used: RowFilter, [rows, repeated, skipped]: [u64; 3]) -> Remark {
     let log = log.display();
     let used = match used {
@@ -46,13 +46,13 @@ pub fn used_rows(log: &Path, used: RowFilter, [rows, repeated, skipped]: [u64; 3
     Remark::Note(text)
 }
 
-/// A zero at the end of a log that is not that at its start.
+/// Warning if the zero at the end of a log differs from the zero at its start.
 pub fn moved_zero(log: &Path, zero: &ZeroMove) -> Option<Remark> {
     let text = zero.in_words()?;
     Some(Remark::Warning(format!("`{}`: {text}", log.display())))
 }
 
-/// How a fit was made and what is wrong with it.
+/// Remarks on how a fit was made and on its problems.
 pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     let mut remarks: Vec<Remark> = absent_axes(fit.calibration.axes).into_iter().collect();
     remarks.extend(fit.found_groups.map(found_groups));
@@ -77,7 +77,7 @@ pub fn about_fit(fit: &Fit) -> Vec<Remark> {
     remarks
 }
 
-/// A note on what was found, or on why nothing was.
+/// Note on a finding, or on why there is none.
 fn found_or_why(asked: &Outcome<impl Display, impl Display>, not_found: &str) -> Option<Remark> {
     Some(Remark::Note(match asked {
         Outcome::NotAsked => return None,

@@ -1,4 +1,4 @@
-//! What a report says of its inputs: files with checksums, the settings.
+//! Inputs of a report: files with checksums, and settings.
 
 use std::io;
 use std::path::Path;
@@ -11,13 +11,13 @@ use report::{Input, OutlierRow, OutlierTable};
 use shell_data::block::Block;
 use trial::{Diagnostic, Instrument, Profile, TrialOptions, TrialResult};
 
-/// Rows of one log that are named.
+/// Maximum number of rows of a log that are named.
 const NAMED: usize = 20;
 
 /// A file with its checksum.
 ///
 /// # Errors
-/// [`io::Error`] if it cannot be read.
+/// [`io::Error`] if the file cannot be read.
 pub fn input(role: &str, path: &Path) -> io::Result<Input> {
     let bytes = std::fs::read(path)?;
     Ok(Input {
@@ -28,12 +28,12 @@ pub fn input(role: &str, path: &Path) -> io::Result<Input> {
     })
 }
 
-/// The logs of a batch, each once.
+/// Logs of a batch, each once.
 pub fn logs(batch: &Batch) -> Vec<Input> {
     let mut inputs: Vec<Input> = Vec::new();
     for trial in &batch.trials {
         let path = trial.path.display().to_string();
-        // Several trials can be of one log.
+        // Several trials can share a log.
         if !inputs.iter().any(|input| input.path == path) {
             let bytes = std::fs::metadata(&trial.path).map_or(0, |metadata| metadata.len());
             let checksum = trial.evaluated.checksum.clone().unwrap_or_default();
@@ -43,11 +43,11 @@ pub fn logs(batch: &Batch) -> Vec<Input> {
     inputs
 }
 
-/// The frames in the windows of trials with a reading that cannot be trusted; `None` without a calibration. Only
-/// logs that have some, as their diagnostics say, are read again; of each, the first are named.
+/// Frames in the windows of trials with an unreliable reading; `None` without a calibration. Only logs
+/// whose diagnostics report such frames are read again; the first frames of each are named.
 ///
 /// # Errors
-/// [`LogError`] if one of those can no longer be read.
+/// [`LogError`] if one of the logs can no longer be read.
 pub fn doubtful(
     batch: &Batch,
     mapping: &Mapping,
@@ -106,7 +106,7 @@ pub fn doubtful(
     Ok(Some(all))
 }
 
-/// How trials were evaluated: name and value.
+/// Evaluation settings as name and value.
 pub fn settings(options: &TrialOptions, profile: &Profile, seed: u64) -> Vec<(String, String)> {
     let low_pass = options.forces.low_pass;
     let low_pass =

@@ -1,21 +1,21 @@
-//! Which rows of a log are used, for all jobs alike.
+//! Selects the rows of a log that are used, in the same way for all tasks.
 
 use calibration::Calibration;
 use log_file::{Log, LogError, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 
-/// Which rows of a log are used.
+/// Filter on the rows of a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum RowFilter {
     /// Every row.
     All,
-    /// Rows whose readings differ from those of the row before: each frame once, where a log runs
-    /// faster than its sensor.
+    /// Rows whose readings differ from the row before: each frame once, if a log runs faster than its
+    /// sensor.
     Fresh,
 }
 
-/// A stretch of time, both ends included, in s on the log's own clock.
+/// Time window in s on the log's own clock, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct TimeWindow {
     /// First instant.
@@ -25,7 +25,7 @@ pub struct TimeWindow {
 }
 
 impl RowFilter {
-    /// Leaves in `block` the rows that are used.
+    /// Keeps only the selected rows of `block`.
     pub fn select(self, block: &mut Block) {
         if self == RowFilter::Fresh {
             *block = block.kept(&block.fresh_rows());
@@ -33,8 +33,8 @@ impl RowFilter {
     }
 }
 
-/// For every row of a block, whether it is a frame: where repeats of the row before are stale, by the
-/// kind of log or because only fresh rows are used, a repeat is not used.
+/// For every row of a block, whether it is a frame. A repeat of the row before is not a frame if the kind
+/// of log marks repeats as stale, or if only fresh rows are used.
 pub(super) fn fresh_rows(log: &Log, used: RowFilter, block: &Block) -> Vec<bool> {
     match log.repeats_are_stale() || used == RowFilter::Fresh {
         true => block.fresh_rows(),
@@ -43,17 +43,17 @@ pub(super) fn fresh_rows(log: &Log, used: RowFilter, block: &Block) -> Vec<bool>
 }
 
 impl TimeWindow {
-    /// Whether an instant lies within.
+    /// True if the time lies within the window.
     pub fn contains(&self, time_s: f64) -> bool {
         self.start_s <= time_s && time_s <= self.end_s
     }
 }
 
-/// Reads a log as [`Log::read`] does, for a calibration: where that has memory terms, `work` gets the blocks with
-/// these, in order; otherwise on any thread.
+/// Reads a log for a calibration, like [`Log::read`]. If the calibration has memory terms, `work` gets the
+/// blocks with these terms, in order; otherwise on any thread.
 ///
 /// # Errors
-/// As [`Log::read`]; `wanted` has to have the time if the calibration needs it.
+/// As [`Log::read`]; `wanted` must include the time if the calibration needs it.
 pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     log: &Log,
     (wanted, read): (&Wanted, &ReadOptions<'_>),
@@ -70,10 +70,10 @@ pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     })
 }
 
-/// Why a reading of a log ends before its end: an error, or `None` where enough is known.
+/// Reason to stop reading before the end of a log: an error, or `None` if enough is known.
 pub(super) type Stop = Option<LogError>;
 
-/// Passes on the error of a reading, which may have ended before the end of the log.
+/// Passes on the error of a read that may have stopped early on purpose.
 pub(super) fn passed<T>(read: Result<T, Stop>) -> Result<(), LogError> {
     read.map_or_else(|stop| stop.map_or(Ok(()), Err), |_| Ok(()))
 }

@@ -1,21 +1,21 @@
-//! The model of the beam channel for figures: drag over position, with its jumps where they are.
+//! Drag over position in the model of the beam channel, for figures, with jumps at their exact positions.
 
 use beam_channel::{Model, Wall};
 use figures::ChannelCurve;
 
-/// Positions of a curve, beside those of its jumps.
+/// Number of points of a curve, apart from those at its jumps.
 const POINTS: u32 = 1000;
 
-/// On either side of a jump, as a share of the spacing.
+/// Distance of the points on either side of a jump, as a share of the spacing.
 const BESIDE: f64 = 1e-9;
 
-/// The model's drag and contacts from `from_m` to `to_m`.
+/// Drag and contacts of the model from `from_m` to `to_m`.
 pub fn curve(model: &Model, label: String, from_m: f64, to_m: f64) -> ChannelCurve {
     let channel = model.setup().channel;
     let even = (0..=POINTS).map(|i| from_m + (to_m - from_m) * f64::from(i) / f64::from(POINTS));
     let mut positions: Vec<f64> = even.collect();
     for side in Wall::BOTH.into_iter().filter_map(|wall| model.side(wall)) {
-        // More jumps than points do not show.
+        // More jumps than points would not be visible.
         for beam in 0..channel.beams.min(POINTS) {
             for position in [side.engagement_m, side.release_m()] {
                 let jump = model.base_m(beam) - position;

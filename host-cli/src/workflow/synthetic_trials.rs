@@ -1,4 +1,4 @@
-//! Trials of the virtual robot as files: a log, its truth, and a set with a manifest.
+//! Trials of the virtual robot as files: a log, its ground truth, and a set with a manifest.
 
 use std::io::Write;
 use std::path::Path;
@@ -10,7 +10,7 @@ use simulation::synthetic_log::{
 };
 use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTrial};
 
-/// Writes the log of a trial; returns its number of rows.
+/// Writes the log of a trial; returns the number of rows.
 ///
 /// # Errors
 /// [`WorkflowError`] if the sensor cannot be modelled or `out` fails.
@@ -20,7 +20,7 @@ pub fn write_log(
     layout: TrialLayout,
 ) -> Result<u64, WorkflowError> {
     let mut rows = 0;
-    // A row at a time is a system call too many for what may be a pipe.
+    // Buffered: one system call per row would be too many for a possible pipe.
     let mut text = Vec::new();
     match layout {
         TrialLayout::WithoutTelemetry => {
@@ -43,7 +43,7 @@ pub fn write_log(
     Ok(rows)
 }
 
-/// A truth as the content of its file.
+/// Ground truth as the content of its file.
 pub fn truth_json(truth: &Truth) -> Vec<u8> {
     let mut text = serde_json::to_vec_pretty(truth).expect("numbers and names");
     text.push(b'\n');
@@ -53,23 +53,23 @@ pub fn truth_json(truth: &Truth) -> Vec<u8> {
 /// One trial of a set.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct SetTrial {
-    /// The log, beside the manifest.
+    /// Log, relative to the manifest.
     pub file: String,
-    /// Its truth, beside the manifest.
+    /// Ground truth, relative to the manifest.
     pub truth_file: String,
-    /// Rows of the log.
+    /// Number of rows of the log.
     pub rows: u64,
 }
 
-/// The name of a set's manifest.
+/// File name of a set's manifest.
 pub const MANIFEST: &str = "manifest.csv";
 
-/// Writes the example set into `directory`, which is made if it is not there: `per_condition` trials
-/// of each of the paper's conditions, their truth, and the manifest that `shellcal batch` takes.
-/// `base` says all but seed and condition; seeds count up from its own.
+/// Writes the example set into `directory`, which is created if necessary: `per_condition` trials of each
+/// of the paper's conditions, their ground truth, and the manifest for `shellcal batch`. `base` sets
+/// everything but seed and condition; seeds count up from its seed.
 ///
 /// # Errors
-/// [`WorkflowError`] if the settings make no trial or a file cannot be written.
+/// [`WorkflowError`] if the settings are invalid or a file cannot be written.
 pub fn write_set(
     outputs: &Outputs,
     directory: &Path,
