@@ -44,12 +44,12 @@ pub struct Batch {
     pub excluded: usize,
 }
 
-/// A trial and its row in the manifest.
+/// A trial with its row in the manifest.
 #[derive(Clone, Debug)]
 pub struct BatchTrial {
     /// Position of the row.
     pub position: CellPosition,
-    /// The log.
+    /// Path of the log.
     pub path: PathBuf,
     /// The results, and the checksum of the log.
     pub evaluated: Evaluated,
@@ -61,7 +61,7 @@ pub struct FailedRow {
     /// Position in the manifest.
     #[serde(flatten)]
     pub position: CellPosition,
-    /// The log, as the manifest names it; empty if it does not.
+    /// Name of the log in the manifest; empty if the row names none.
     pub file: String,
     /// The reason.
     pub message: String,
@@ -197,7 +197,7 @@ impl Batch {
         self.conditions().into_iter().filter_map(of).collect()
     }
 
-    /// The values of a quantity in a condition; strides of a trial belong together.
+    /// Values of a quantity in a condition; the strides of one trial form a group.
     pub fn sample(&self, condition: &str, per: Per, quantity: Quantity) -> ValueSample {
         let results = self.trials.iter().map(|trial| &trial.evaluated.result);
         let mut sample = ValueSample::default();

@@ -32,7 +32,7 @@ const MOST_REPETITIONS: usize = 9;
 /// All solvers on one model.
 #[derive(Clone, Debug)]
 pub struct ModelBench {
-    /// The model, `cubic + offset`.
+    /// Name of the model, such as `cubic + offset`.
     pub model: String,
     /// Number of coefficients of each axis.
     pub features: usize,
@@ -40,7 +40,7 @@ pub struct ModelBench {
     pub rows: usize,
     /// Condition number of the features, with columns scaled to norm one.
     pub condition: f64,
-    /// The solver that errors are relative to.
+    /// Solver that errors are relative to.
     pub reference: &'static str,
     /// One measurement per solver.
     pub solvers: Vec<Measurement>,
@@ -53,7 +53,7 @@ pub struct Measurement {
     pub solver: &'static str,
     /// Median of the repetitions, s, from readings to coefficients; NaN if it was left out.
     pub seconds: f64,
-    /// The largest relative error of a coefficient.
+    /// Largest relative error of a coefficient.
     pub coefficient_error: Option<f64>,
     /// The largest error of a predicted row, relative to the RMS of its axis.
     pub prediction_error: Option<f64>,
@@ -209,7 +209,7 @@ fn coefficient_error(found: &Mat<f64>, truth: &Mat<f64>) -> f64 {
     relative.fold(SMALLEST_ERROR, f64::max)
 }
 
-/// The largest of `|X·ΔC|` over the rows, each axis in units of its RMS.
+/// Largest `|X·ΔC|` over the rows, each axis in units of its RMS.
 fn prediction_error(blocks: &[Block], features: &Features, difference: &Mat<f64>) -> f64 {
     /// Rows per block.
     const ROWS: usize = 512;

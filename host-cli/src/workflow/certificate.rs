@@ -76,7 +76,7 @@ pub fn budget(
     Ok(budget)
 }
 
-/// An uncertainty that was measured (type A) and is not part of another line.
+/// A measured (type A) uncertainty that is not part of another line.
 fn measured(source: &'static str, basis: String, standard: Option<PerAxis<f64>>) -> Contribution {
     let degrees_of_freedom = None;
     Contribution { source, evaluation: "A", basis, standard, degrees_of_freedom, is_part: false }

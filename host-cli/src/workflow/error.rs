@@ -29,7 +29,7 @@ pub enum WorkflowError {
     /// The rows do not determine a calibration, or nothing that was asked of them.
     #[error(transparent)]
     Fit(#[from] FitError),
-    /// Partial fits that cannot be merged.
+    /// Partial fits cannot be merged.
     #[error(transparent)]
     Merge(MergeError),
     /// No logs were given.
@@ -71,7 +71,7 @@ pub enum WorkflowError {
     /// The window was to be found in forces, but the log gives none.
     #[error("no window found: there are no forces to find it in")]
     NoForces,
-    /// The window was to be found in forces, which need a calibration.
+    /// The window was to be detected from forces, which need a calibration.
     #[error("without a calibration there is no drag to find the window in")]
     NoCalibration,
     /// A log, a table or an option does not serve the request. Callers have no need to tell these errors

@@ -17,7 +17,7 @@ const THIN_S: f64 = 0.01;
 /// An existing directory for figures.
 #[derive(Debug)]
 pub struct FigureFolder<'a> {
-    /// The files that a command writes.
+    /// Output files of the command.
     pub outputs: &'a Outputs,
     /// Path of the directory.
     pub directory: &'a Path,

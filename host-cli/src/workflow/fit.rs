@@ -15,7 +15,7 @@ use log_file::{Log, ReadOptions, Wanted, read_dataset, sample_logs};
 use report::{CalibrationReport, OutlierTable};
 use shell_data::dataset::{Dataset, LogRows};
 
-/// Rows to fit to, and to test on.
+/// Rows for training and testing.
 #[derive(Debug, Default)]
 pub struct FitData {
     /// Training rows.
@@ -111,7 +111,7 @@ impl FitData {
 pub struct FittedLogs {
     /// The fit.
     pub fit: Fit,
-    /// Its calibration file.
+    /// Calibration file of the fit.
     pub file: CalibrationFile,
     /// Outliers that were used, if the fit looked for some.
     pub used: Option<NamedOutliers>,
@@ -139,10 +139,10 @@ impl FittedLogs {
         Ok(Self { fit, file, used, dropped, outliers })
     }
 
-    /// The report, as the content of an HTML file.
+    /// HTML report.
     ///
     /// # Errors
-    /// [`FitError`] if the errors of groups cannot be found.
+    /// [`FitError`] if the errors of groups cannot be computed.
     pub fn report(&self, name: &str, command: &str) -> Result<String, FitError> {
         let (fit, file, outliers) = (&self.fit, &self.file, self.outlier_table());
         CalibrationReport { fit, file, name, command, outliers }.html()

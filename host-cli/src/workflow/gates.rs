@@ -21,7 +21,7 @@ pub struct Gate {
 #[derive(Clone, Debug, PartialEq)]
 pub struct GateSubject {
     name: String,
-    /// Axes that were not compared so far.
+    /// Axes that have not been compared yet.
     open: Axes,
     failures: Vec<GateFailure>,
 }
@@ -38,7 +38,7 @@ pub enum GateFailure {
         axis.name(), rms = significant(*rms, 4), limit = significant(*limit, 4), unit = axis.unit()
     )]
     Above { axis: Axis, on: &'static str, rms: f64, limit: f64 },
-    /// Axes differ by more than errors explain.
+    /// Axes differ by more than their errors explain.
     #[error("{axes} of {name} differ by more than is to be expected")]
     Off { axes: Axes, name: String },
 }

@@ -34,7 +34,7 @@ pub struct HungReference {
     pub loads: Vec<HungLoad>,
     /// The loads as corrected by the readings.
     pub corrected: CorrectedLoads,
-    /// The labels of the mountings whose offsets were found.
+    /// Labels of the mountings whose offsets were estimated.
     pub mountings: Vec<String>,
     /// The loads that held-out errors refer to, by label: as stated, or as found if the line of the table is
     /// wrong.

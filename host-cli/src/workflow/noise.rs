@@ -12,16 +12,16 @@ use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 
-/// The scatter of an unloaded sensor.
+/// Scatter of an unloaded sensor.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct NoiseSummary {
-    /// Rows in the log.
+    /// Number of rows in the log.
     pub rows: u64,
     /// Duplicates: rows whose readings equal the previous row's.
     pub repeated_rows: u64,
     /// Invalid rows that were left out.
     pub skipped_rows: u64,
-    /// Frames used.
+    /// Number of frames used.
     pub frames: u64,
     /// The rows that were used.
     pub rows_used: RowFilter,

@@ -13,7 +13,7 @@ use shell_data::wrench::{Axes, Axis};
 /// Number of rows that a report lists: more would bury the rest of the report.
 const LISTED: usize = 100;
 
-/// The columns of a list of rows.
+/// Columns of a list of rows.
 const HEADER: &str = "file,line,reason,axis,error_n_or_nm,error_in_sd,column,value,before,after";
 
 /// A row in the output of `--json`.
@@ -27,7 +27,7 @@ pub struct OutlierReport {
     /// Predicted minus measured, N or N·m.
     #[serde(skip_serializing_if = "Option::is_none")]
     error: Option<f64>,
-    /// In standard deviations.
+    /// Error in standard deviations.
     #[serde(skip_serializing_if = "Option::is_none")]
     size: Option<f64>,
     columns: Vec<ColumnReport>,
@@ -41,7 +41,7 @@ struct ColumnReport {
     after: Option<f64>,
 }
 
-/// Outliers with the lines of their files.
+/// Outliers with their files and lines.
 #[derive(Debug)]
 pub struct NamedOutliers {
     found: Outliers,
@@ -77,7 +77,7 @@ impl NamedOutliers {
         self.found.rows.iter().zip(&self.names).map(report_of).collect()
     }
 
-    /// The rows for a report.
+    /// Rows for a report.
     pub fn rows(&self, left_out: bool) -> report::OutlierTable {
         let row = |(row, name): (&Outlier, &RowName)| report::OutlierRow {
             file: name.file.clone(),
@@ -128,7 +128,7 @@ fn column_names(log: &Log) -> Vec<String> {
     all
 }
 
-/// The name of an axis's column, with the unit that its values were converted to.
+/// Name of an axis's column, with the unit that its values were converted to.
 fn in_si_units(axis: Axis, name: &str, log: &Log) -> String {
     let is_converted = |column: &Column| match column.meaning {
         Meaning::Load(of, scale) => of == axis && scale != Scale::ONE,

@@ -35,11 +35,11 @@ pub struct PartialOptions<'a> {
     pub fresh: bool,
     /// Meanings of the columns of the logs.
     pub mapping: &'a Mapping,
-    /// How logs are read.
+    /// Options for reading logs.
     pub read: ReadOptions<'a>,
 }
 
-/// The groups that are kept.
+/// Groups whose sums are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KeptGroups {
     /// The groups of the group column if there is one, files otherwise.
@@ -173,7 +173,7 @@ impl BlockStream<'_> {
         Ok((ReadRows { first_in, summaries, digests }, states))
     }
 
-    /// The exact sums by group.
+    /// Exact sums by group.
     fn sum(&self, split: RandomSplit) -> Result<KeptLogs, WorkflowError> {
         let Model { basis, channels, .. } = self.model()?;
         let mut sums = GroupSums::new(basis, channels, Apart::Groups, split);
@@ -233,7 +233,7 @@ pub fn fit_merged(
     Ok(Fit { skipped_rows, repeated_rows, ..fit })
 }
 
-/// The calibration file of a fit to `merged`.
+/// Calibration file of a fit to `merged`.
 pub fn merged_file(fit: &Fit, merged: &PartialFit) -> CalibrationFile {
     let origin = Origin {
         made_by: merged.made_by.clone(),

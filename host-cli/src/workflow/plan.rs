@@ -12,7 +12,7 @@ use shell_data::wrench::{Axes, PerAxis};
 /// The session recorded so far.
 #[derive(Debug)]
 pub struct RecordedSession {
-    /// The load of each pose, N and N·m.
+    /// Load of each pose, N and N·m.
     pub loads: Vec<PerAxis<f64>>,
     /// The knowledge of a physics model after the session, or the reason why there is none.
     pub sensors: Result<SensorKnowledge, String>,
@@ -63,7 +63,7 @@ fn training_rows(data: &Dataset) -> TrainingRows {
 /// The means of the poses of a session, from which it is replayed.
 ///
 /// # Errors
-/// [`WorkflowError`] as [`RecordedSession::read`], and if readings or wrench are not finite.
+/// [`WorkflowError`] as [`RecordedSession::read`], or if readings or wrench are not finite.
 pub fn observations(
     logs: &[Log],
     read: &ReadOptions<'_>,

@@ -21,9 +21,9 @@ use shell_data::wrench::{Axes, PerAxis};
 /// An updated calibration, and the rows that were used.
 #[derive(Debug)]
 pub struct Recalibrated {
-    /// The change.
+    /// Change of the calibration.
     pub found: Recalibration,
-    /// The rows, labelled by loads.
+    /// Rows, labelled by load.
     pub rows: Dataset,
     /// Number of loads.
     pub loads: usize,

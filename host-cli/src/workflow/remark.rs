@@ -12,7 +12,7 @@ use shell_data::wrench::Axes;
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(tag = "kind", content = "text", rename_all = "snake_case")]
 pub enum Remark {
-    /// How something was done.
+    /// Information on how something was done.
     Note(String),
     /// A possible fault.
     Warning(String),

@@ -17,7 +17,7 @@ const NAMED: usize = 20;
 /// A file with its checksum.
 ///
 /// # Errors
-/// [`io::Error`] if it cannot be read.
+/// [`io::Error`] if the file cannot be read.
 pub fn input(role: &str, path: &Path) -> io::Result<Input> {
     let bytes = std::fs::read(path)?;
     Ok(Input {
@@ -28,7 +28,7 @@ pub fn input(role: &str, path: &Path) -> io::Result<Input> {
     })
 }
 
-/// The logs of a batch, each once.
+/// Logs of a batch, each once.
 pub fn logs(batch: &Batch) -> Vec<Input> {
     let mut inputs: Vec<Input> = Vec::new();
     for trial in &batch.trials {

@@ -15,7 +15,7 @@ pub enum RowFilter {
     Fresh,
 }
 
-/// A stretch of time, both ends included, in s on the log's own clock.
+/// Time window in s on the log's own clock, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct TimeWindow {
     /// First instant.
@@ -53,7 +53,7 @@ impl TimeWindow {
 /// these, in order; otherwise on any thread.
 ///
 /// # Errors
-/// As [`Log::read`]; `wanted` has to have the time if the calibration needs it.
+/// As [`Log::read`]; `wanted` must include the time if the calibration needs it.
 pub(super) fn read_with_memory<T: Send, E: From<LogError>>(
     log: &Log,
     (wanted, read): (&Wanted, &ReadOptions<'_>),

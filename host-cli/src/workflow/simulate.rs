@@ -9,7 +9,7 @@ const POINTS: u32 = 1000;
 /// Distance of the points on either side of a jump, as a share of the spacing.
 const BESIDE: f64 = 1e-9;
 
-/// The model's drag and contacts from `from_m` to `to_m`.
+/// Drag and contacts of the model from `from_m` to `to_m`.
 pub fn curve(model: &Model, label: String, from_m: f64, to_m: f64) -> ChannelCurve {
     let channel = model.setup().channel;
     let even = (0..=POINTS).map(|i| from_m + (to_m - from_m) * f64::from(i) / f64::from(POINTS));

@@ -10,7 +10,7 @@ use simulation::synthetic_log::{
 };
 use simulation::virtual_robot::{ChannelForces, TrialSettings, Truth, VirtualTrial};
 
-/// Writes the log of a trial; returns its number of rows.
+/// Writes the log of a trial; returns the number of rows.
 ///
 /// # Errors
 /// [`WorkflowError`] if the sensor cannot be modelled or `out` fails.
@@ -57,11 +57,11 @@ pub struct SetTrial {
     pub file: String,
     /// The true values, relative to the manifest.
     pub truth_file: String,
-    /// Rows of the log.
+    /// Number of rows of the log.
     pub rows: u64,
 }
 
-/// The name of a set's manifest.
+/// File name of a set's manifest.
 pub const MANIFEST: &str = "manifest.csv";
 
 /// Writes the example set into `directory`, which is created if necessary: `per_condition` trials of each of
