@@ -208,7 +208,8 @@ impl Batch {
                     sample.add_cluster(strides.filter_map(|stride| quantity.of(&stride.measures)));
                 }
             }
-            // The drag energy of a stride covers its own length: the trial's relative error scales it.
+            // A stride's drag energy covers only the stride: the trial's error is scaled by mean stride
+            // energy over trial energy.
             match result.row.shared_error(quantity) {
                 Some((parts, degrees)) => {
                     let scale = match (per, quantity.of(&result.row.measures)) {

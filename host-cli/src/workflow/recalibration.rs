@@ -121,7 +121,7 @@ const WRONG_LOAD: &str =
 /// RMS difference in units of its error, below which loads agree with the table.
 const AGREES: f64 = 2.0;
 
-/// Two loads whose readings are exchanged: the readings at the first fit the second. Found if another order
+/// First pair of loads in the wrong order: the readings at the first fit the second. Found if another order
 /// of all loads agrees with the old calibration and the order of the table does not. A common offset of all
 /// loads is left out, because a zero moves.
 fn better_order(

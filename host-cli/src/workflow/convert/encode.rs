@@ -1,4 +1,4 @@
-//! Converted frames as what is written of them, on any thread and then in order.
+//! Encodes converted frames on any thread, and writes them in order.
 
 use std::borrow::Cow;
 use std::io::{self, Write};
@@ -13,20 +13,20 @@ use super::options::{OutputFormat, RecordingFrame};
 use super::table::WrenchTable;
 use crate::workflow::WorkflowError;
 
-/// The topics of a recording.
+/// Topics of a recording.
 const WRENCH_TOPIC: &str = "/wrench";
 const DETAILS_TOPIC: &str = "/wrench/details";
 
-/// How many rows are written together where a table has parts.
+/// Rows per part of a table that has parts.
 const PART_ROWS: usize = 1 << 16;
 
-/// What makes bytes of frames, on any thread.
+/// Encodes frames as bytes, on any thread.
 pub(super) struct Encoder<'a> {
     pub(super) table: WrenchTable,
     pub(super) format: &'a OutputFormat,
 }
 
-/// Some frames, as they are written.
+/// Frames in their encoded form.
 pub(super) enum EncodedFrames {
     Text(Vec<u8>),
     Columns(Vec<Cells<'static>>),
@@ -56,7 +56,7 @@ impl Encoder<'_> {
         let numbers = self.table.numbers(frames);
         let readings = frames.readings.iter().map(Vec::as_slice);
         let columns: Vec<&[f64]> = readings.chain(numbers[7..].iter().map(|it| &**it)).collect();
-        // Two messages with their heads.
+        // Two messages with their headers.
         let bytes = 200 + 2 * frame_id.len() + 8 * columns.len() + 40 * frames.texts.len();
         let mut chunk = McapChunk::with_capacity(frames.len() * bytes);
         let mut flags = Vec::new();
@@ -83,7 +83,7 @@ impl Encoder<'_> {
         Ok(chunk)
     }
 
-    /// The columns beside time and wrench, and whether each is text: readings, then numbers, then texts.
+    /// Columns other than time and wrench, and whether each is text: readings, then numbers, then texts.
     fn details(&self) -> Vec<(String, bool)> {
         let readings = self.table.readings.iter().map(|name| (name.clone(), false));
         let columns = readings.chain(self.table.names().into_iter().skip(7));
@@ -91,9 +91,10 @@ impl Encoder<'_> {
     }
 }
 
-/// A time as whole nanoseconds, exact in its decimal digits. 0 becomes 1 ns: ROS reads a stamp of 0 as "no time".
+/// Time in whole nanoseconds, exact to its decimal digits. 0 becomes 1 ns, because ROS reads a stamp of 0
+/// as "no time".
 fn nanoseconds(time_s: f64) -> Option<u64> {
-    // The stamp of a message has 31 bits of seconds.
+    // A message stamp has 31 bits for seconds.
     if !(0.0..2_147_483_648.0).contains(&time_s) {
         return None;
     }
@@ -107,14 +108,14 @@ fn nanoseconds(time_s: f64) -> Option<u64> {
     Some(exact.unwrap_or((time_s * 1e9).round() as u64).max(1))
 }
 
-/// Where encoded frames go, in order.
+/// Output of encoded frames, in order.
 pub(super) enum EncodedOutput<'a> {
     Text(&'a mut dyn Write),
-    /// With the rows that are not written yet.
+    /// Parquet, with the rows not written yet.
     Parquet(ParquetWriter<&'a mut dyn Write>, Columns),
-    /// A table that begins with the number of rows, with all of them and what writes it.
+    /// A table that begins with its number of rows: all its rows, and the function that writes it.
     Whole(&'a mut dyn Write, Columns, WriteWhole),
-    /// With the frame whose mount is still to be written.
+    /// MCAP, with the frame whose mount is still to be written.
     Recording(McapWriter<&'a mut dyn Write>, Option<RecordingFrame>),
 }
 
@@ -123,7 +124,7 @@ type Columns = Vec<(String, Cells<'static>)>;
 type WriteWhole = fn(&mut dyn Write, &[(String, Cells<'_>)]) -> io::Result<()>;
 
 impl<'a> EncodedOutput<'a> {
-    /// Writes what comes before the first frame.
+    /// Writes everything that precedes the first frame.
     pub(super) fn new(encoder: &Encoder<'_>, out: &'a mut dyn Write) -> io::Result<Self> {
         let column = |(name, is_text)| match is_text {
             true => (name, Cells::Text(Cow::default())),
@@ -150,7 +151,7 @@ impl<'a> EncodedOutput<'a> {
         })
     }
 
-    /// Writes so many frames.
+    /// Writes `count` frames.
     pub(super) fn write(&mut self, count: usize, encoded: EncodedFrames) -> io::Result<()> {
         match (self, encoded) {
             (Self::Text(out), EncodedFrames::Text(text)) => out.write_all(&text),
@@ -162,7 +163,7 @@ impl<'a> EncodedOutput<'a> {
                 }
                 writer.write(&chunk)
             }
-            // An empty piece may lack columns.
+            // An empty chunk may lack columns.
             (_, EncodedFrames::Columns(_)) if count == 0 => Ok(()),
             (Self::Whole(_, rows, _), EncodedFrames::Columns(next)) => {
                 rows.iter_mut().zip(next).for_each(|((_, all), next)| append(all, next));
@@ -180,7 +181,7 @@ impl<'a> EncodedOutput<'a> {
         }
     }
 
-    /// Writes what is left, and the end.
+    /// Writes the remaining rows and the end of the file.
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
             Self::Text(_) => Ok(()),
@@ -197,7 +198,7 @@ impl<'a> EncodedOutput<'a> {
     }
 }
 
-/// The static transform of the wrench's frame from this time on; empty if its mount is unknown.
+/// Static transform of the wrench's frame from this time on; empty if its mount is unknown.
 fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
     let mut chunk = McapChunk::default();
     if let Some(mount) = &frame.mount {
@@ -209,7 +210,7 @@ fn transform(frame: &RecordingFrame, time_ns: u64) -> McapChunk {
     chunk
 }
 
-/// Adds the rows that follow to a column of the same kind.
+/// Appends rows to a column of the same type.
 fn append(column: &mut Cells<'static>, next: Cells<'static>) {
     match (column, next) {
         (Cells::Full(column), Cells::Full(next)) => column.to_mut().extend(next.iter()),

@@ -1,4 +1,4 @@
-//! Some frames of a log, converted.
+//! Converts the frames of a block.
 
 use super::options::ConvertOptions;
 use crate::workflow::selection::RowFilter;
@@ -9,7 +9,7 @@ use shell_data::Converter;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// Consecutive frames, column by column. Columns that were not asked for are empty.
+/// Consecutive frames, column by column. Columns that were not requested are empty.
 #[derive(Debug, Default)]
 pub(super) struct ConvertedFrames {
     pub(super) time_s: Vec<f64>,
@@ -17,47 +17,47 @@ pub(super) struct ConvertedFrames {
     pub(super) standard_errors: PerAxis<Vec<f64>>,
     /// One column for each channel.
     pub(super) readings: Vec<Vec<f64>>,
-    /// The log's columns that are carried along.
+    /// Numeric log columns that are kept.
     pub(super) kept: Vec<Vec<f64>>,
-    /// Those of them that are text.
+    /// Text columns of the log that are kept.
     pub(super) texts: Vec<Vec<String>>,
-    /// The channels outside the range of the training data, those at an end of the converter or on a plateau of their
-    /// curve, and those that the model left out (empty where it leaves none out): bit `i` for channel `i` from 0, all
-    /// from 63 up sharing the last bit.
+    /// Flags of channels outside the range of the training data, of channels at an end of the converter or
+    /// on a plateau of their curve, and of channels that the model left out (empty if it leaves none out).
+    /// Bit `i` is for channel `i` from 0; all channels from 63 up share the last bit.
     pub(super) flags: [Vec<u64>; 3],
 }
 
-/// Consecutive rows of a log, and the frames that are written of them.
+/// Consecutive rows of a log, and the frames to write from them.
 #[derive(Debug, Default)]
 pub(super) struct ConvertedRows {
-    /// Time of every row, s.
+    /// Time of each row, s.
     pub(super) time_s: Vec<f64>,
-    /// The wrench of every row, tared.
+    /// Wrench of each row, tared.
     pub(super) wrench: PerAxis<Vec<f64>>,
-    /// Whether a row is written.
+    /// Whether each row is written.
     pub(super) written: Vec<bool>,
-    /// What is written; without wrenches if those are to be filtered.
+    /// Frames to write; without wrenches if these are still to be filtered.
     pub(super) frames: ConvertedFrames,
-    /// Rows whose load is not known.
+    /// Number of rows whose load is unknown.
     pub(super) without_motion: u64,
-    /// What the zero is watched in, if it is: the times (s) and readings of fresh frames.
+    /// Times (s) and readings of fresh frames, if zero drift is monitored.
     pub(super) watched: Option<WatchedFrames>,
 }
 
 type WatchedFrames = (Vec<f64>, Vec<Vec<f64>>);
 
-/// What turns readings into frames.
+/// Converts readings to frames.
 pub(super) struct FrameConverter<'a> {
     pub(super) calibration: &'a Calibration,
     pub(super) pipeline: &'a ForcePipeline,
-    /// What is taken off besides the load at each row.
+    /// Offset to subtract from each row, in addition to the load.
     pub(super) zero: PerAxis<f64>,
     pub(super) options: &'a ConvertOptions,
-    /// The lag of the reference, where the time stamps of forces make up for it.
+    /// Lag of the reference, if the time stamps of forces correct for it.
     pub(super) stamp_lag: Option<ReferenceLag>,
     /// Whether frames keep their readings.
     pub(super) keeps_readings: bool,
-    /// Whether rows that repeat a frame are frames, where the zero is watched; else `None`.
+    /// Whether rows that repeat a frame count as frames; `None` if zero drift is not monitored.
     pub(super) watch: Option<bool>,
 }
 
@@ -76,9 +76,9 @@ impl FrameConverter<'_> {
         }
     }
 
-    /// Converts the rows that are used.
+    /// Converts the selected rows.
     fn convert_used(&self, block: &mut Block) -> ConvertedRows {
-        // Of rows that are all used, those that repeat a frame may be none.
+        // Even if all rows are used, repeats of a frame may not count as frames.
         let is_fresh = (self.options.rows == RowFilter::All && self.watch == Some(false))
             .then(|| block.fresh_rows());
         self.options.rows.select(block);
@@ -90,7 +90,7 @@ impl FrameConverter<'_> {
         ConvertedRows { frames, without_motion, watched, ..ConvertedRows::default() }
     }
 
-    /// Converts every row, which the filter has to see, but each frame once.
+    /// Converts every row, because the filter needs all of them, but converts each frame only once.
     fn convert_all(&self, block: &mut Block) -> ConvertedRows {
         let fresh = block.fresh_rows();
         let time_s = block.time_s.clone();
@@ -116,7 +116,7 @@ impl FrameConverter<'_> {
         ConvertedRows { time_s, wrench, written, frames, without_motion, watched }
     }
 
-    /// The rows of a block that the zero is watched in, if it is: those for which `is_fresh` is true, or all.
+    /// Rows of a block for the zero monitor, if there is one: rows with `is_fresh`, or all.
     fn watched(&self, block: &Block, is_fresh: Option<&[bool]>) -> Option<WatchedFrames> {
         self.watch?;
         let fresh = is_fresh.map(|fresh| block.kept(fresh));
@@ -124,13 +124,13 @@ impl FrameConverter<'_> {
         Some((rows.time_s.clone(), rows.channels().to_vec()))
     }
 
-    /// Takes off what the sensor carries; returns the number of rows where that is not known.
+    /// Subtracts the carried load; returns the number of rows with an unknown load.
     fn take_off_load(&self, times_s: &[f64], wrench: &mut PerAxis<Vec<f64>>) -> u64 {
         let load = self.options.load.as_ref();
         load.map_or(0, |load| load.subtract(times_s, &self.zero, wrench))
     }
 
-    /// The times of forces by those of their rows, s.
+    /// Times of forces from the times of their rows, s.
     fn moved(&self, mut times_s: Vec<f64>) -> Vec<f64> {
         if let Some(lag) = self.stamp_lag {
             times_s.iter_mut().for_each(|time_s| *time_s = lag.moved_s(*time_s));
@@ -138,7 +138,7 @@ impl FrameConverter<'_> {
         times_s
     }
 
-    /// All but the wrenches.
+    /// Builds frames without wrenches.
     fn frames(&self, block: &mut Block) -> ConvertedFrames {
         let Self { calibration, pipeline, options, .. } = self;
         let repeated = |(text, rows): &(String, usize)| std::iter::repeat_n(text.clone(), *rows);
@@ -156,7 +156,7 @@ impl FrameConverter<'_> {
             let errors = &mut frames.standard_errors;
             options.frame.iter().for_each(|change| change.apply_to_errors(errors));
         }
-        // Flagged frames are counted, whether or not the flags are written.
+        // Flagged frames are counted even if flags are not written.
         let mut saturated = match options.converter {
             Some(converter) => saturated_at(block.channels(), converter),
             None => vec![0; block.rows],
@@ -171,7 +171,7 @@ impl FrameConverter<'_> {
     }
 }
 
-/// For every row, the channels at either end of what the converter can give.
+/// For each row, the channels at either end of the converter's range.
 fn saturated_at(readings: &[Vec<f64>], converter: Converter) -> Vec<u64> {
     let mut flags = vec![0; readings.first().map_or(0, Vec::len)];
     for (channel, column) in readings.iter().enumerate() {

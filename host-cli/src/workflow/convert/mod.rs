@@ -1,13 +1,14 @@
-//! From a log of readings to a log of wrenches.
+//! Converts a log of readings to a log of wrenches.
 //!
 //! ```text
 //! survey   the first rows   tare and clock of the force pipeline
 //! convert  every block      wrench − tare, standard errors, flags ─▶ low-pass ─▶ file
 //! ```
 //!
-//! Both read the log as a stream; the survey stops where tare and clock are known. The low-pass holds
-//! back as many rows as it needs to see ahead, and the others of their block, whatever the length of the log. It sees
-//! every row, also where only fresh ones are written: which rows are written does not change the forces.
+//! Both stages read the log as a stream; the survey stops once tare and clock are known. The low-pass
+//! filter holds back only the rows that it needs to look ahead, and the rest of their block, whatever the
+//! length of the log. It sees every row even if only fresh rows are written, so the choice of rows does not
+//! change the forces.
 
 mod encode;
 mod frames;
@@ -44,7 +45,7 @@ use shell_data::wrench::{Axis, PerAxis};
 use table::WrenchTable;
 use writer::Writer;
 
-/// How many standard errors an interval of this level reaches either way.
+/// Half-width of an interval at this level for each axis, in standard errors.
 ///
 /// # Errors
 /// [`WorkflowError::NoCovariance`] or [`WorkflowError::NoIntervals`].
@@ -64,10 +65,10 @@ pub fn interval_factors(
     }
 }
 
-/// Converts a log and writes the result to `out`, as `plan` says; `trace` is given the wrench as well.
+/// Converts a log and writes the result to `out` according to `plan`; `trace` gets the wrench too.
 ///
 /// # Errors
-/// [`WorkflowError`]; what has been written to `out` until then is not of use.
+/// [`WorkflowError`]; discard the partial output in this case.
 pub fn convert(
     conversion: &Conversion<'_>,
     plan: &OutputPlan,
@@ -78,7 +79,7 @@ pub fn convert(
     log.require(&Wanted { readings: true, time: options.columns.time, ..Wanted::default() })?;
     check_channels(log, calibration.channels())?;
     let is_whole = options.columns.time && options.columns.axes.are_all();
-    // Beside the wrenches, such a recording has the readings.
+    // This recording has the readings in addition to the wrenches.
     let keeps_readings = matches!(plan.format, OutputFormat::Mcap(_));
     if keeps_readings && !is_whole {
         return Err(WorkflowError::refused(
@@ -102,7 +103,8 @@ pub fn convert(
     }
     let (mut pipeline, zero) = survey(conversion)?;
     let lag = calibration.lag.filter(|lag| lag.time_base == TimeBase::Rows || log.has_time());
-    // Readings keep their time stamps, so forces beside them move instead; so they do where no stamp is.
+    // Readings keep their time stamps, so the forces next to them move instead. Forces also move if there
+    // are no stamps.
     let moves_stamps = lag.is_some_and(|lag| lag.time_base == TimeBase::Seconds) && !keeps_readings;
     pipeline.lag = lag.filter(|_| !moves_stamps);
     let stamp_lag = lag.filter(|_| moves_stamps);
@@ -153,7 +155,7 @@ pub fn convert(
         calibration,
         |block| {
             let rows = converter.convert(block);
-            // What is not filtered is encoded by the workers.
+            // Without a filter, the workers encode the frames.
             let encoded = (!pipeline.looks_around()).then(|| encoder.encode(&rows.frames));
             (rows, encoded)
         },
@@ -201,7 +203,7 @@ pub fn convert(
     })
 }
 
-/// What was done about the lag of the reference.
+/// How the lag of the reference was corrected.
 fn clock(
     calibration: &Calibration,
     made_up_for: Option<ReferenceLag>,
@@ -215,8 +217,9 @@ fn clock(
     calibration.lag.map(|lag| LagMadeUp { lag, how })
 }
 
-/// Reads as much of the log as tare and clock need. Also returns what is to be taken off besides the load at
-/// each row: the sensor's zero, or, of tared wrenches, the load that the tare has taken off already.
+/// Reads as much of the log as tare and clock need. Also returns the offset to subtract from each row in
+/// addition to the load: the sensor's zero or, for tared wrenches, the load that the tare has already
+/// removed.
 fn survey(conversion: &Conversion<'_>) -> Result<(ForcePipeline, PerAxis<f64>), WorkflowError> {
     let Conversion { log, calibration, options, read } = conversion;
     let path = || log.path().display().to_string();

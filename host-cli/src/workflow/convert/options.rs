@@ -1,4 +1,4 @@
-//! What is converted, how, and to which columns of which kind of file.
+//! Options of a conversion: rows, processing, columns and file format.
 
 use std::path::Path;
 use std::str::FromStr;
@@ -12,25 +12,25 @@ use log_file::{Log, ReadOptions};
 use shell_data::Converter;
 use shell_data::wrench::Axes;
 
-/// What is done to the readings of a log.
+/// Options for processing the readings of a log.
 #[derive(Clone, Debug)]
 pub struct ConvertOptions {
     /// Which rows are written.
     pub rows: RowFilter,
     /// How readings become forces.
     pub forces: ForceOptions,
-    /// What the sensor carries, which is taken off before tare and low-pass.
+    /// Load that the sensor carries, subtracted before tare and low-pass.
     pub load: Option<CarriedLoad>,
-    /// Changes of the frame of reference, one after the other.
+    /// Changes of the frame of reference, applied in order.
     pub frame: Vec<FrameChange>,
-    /// What is written of every frame.
+    /// Columns of each frame.
     pub columns: TableColumns,
-    /// The ends of the converter, at which a reading is saturated. `None` to leave saturation unflagged.
+    /// Ends of the converter's range, where a reading is saturated. `None` to leave saturation unflagged.
     pub converter: Option<Converter>,
 }
 
 impl ConvertOptions {
-    /// Everything that log and calibration have to give, as `shellcal convert` does by default.
+    /// Every column that log and calibration provide: the default of `shellcal convert`.
     pub fn new(log: &Log, calibration: &Calibration) -> Self {
         Self {
             rows: if log.repeats_are_stale() { RowFilter::Fresh } else { RowFilter::All },
@@ -49,81 +49,81 @@ impl ConvertOptions {
     }
 }
 
-/// A log, and what turns it into wrenches.
+/// A log, and how to convert it to wrenches.
 #[derive(Clone, Copy)]
 pub struct Conversion<'a> {
     /// The log.
     pub log: &'a Log,
-    /// The calibration of its sensor.
+    /// Calibration of the log's sensor.
     pub calibration: &'a Calibration,
-    /// What is done.
+    /// Options of the conversion.
     pub options: &'a ConvertOptions,
-    /// How the log is read.
+    /// Options for reading the log.
     pub read: ReadOptions<'a>,
 }
 
-/// What is written of every frame, in this order.
+/// Columns of each frame, in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TableColumns {
     /// Time in s.
     pub time: bool,
-    /// The axes of the wrench, N and N·m.
+    /// Axes of the wrench, N and N·m.
     pub axes: Axes,
-    /// The standard error of each axis written, N and N·m: that of the frame before filtering.
+    /// Standard error of each written axis, N and N·m, of the frame before filtering.
     pub standard_errors: bool,
-    /// The prediction interval of each axis written, N and N·m: the level, between 0 and 1. About
-    /// the wrench as written, as wide as that of the frame before filtering.
+    /// Prediction interval of each written axis, N and N·m, as a level between 0 and 1. The interval is
+    /// centred on the written wrench and has the width of the frame before filtering.
     pub interval: Option<f64>,
-    /// Which channels cannot be trusted: `s3:range` outside the calibrated range, `s3:saturated` at
-    /// an end of the converter or on a plateau of its curve, `s3:left-out` not used by the model; empty
-    /// when all is well.
+    /// Channels that are unreliable: `s3:range` outside the calibrated range, `s3:saturated` at an end of
+    /// the converter or on a plateau of its curve, `s3:left-out` not used by the model; empty if there are
+    /// none.
     pub flags: bool,
 }
 
 impl TableColumns {
-    /// Whether standard errors are needed.
+    /// True if standard errors are needed.
     pub(super) fn need_errors(&self) -> bool {
         self.standard_errors || self.interval.is_some()
     }
 }
 
-/// A kind of file.
+/// Format of an output file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum OutputFormat {
-    /// Text.
+    /// CSV text.
     #[default]
     Csv,
     /// Parquet.
     Parquet,
-    /// MATLAB 5: a variable for each column.
+    /// MATLAB 5: one variable per column.
     Matlab,
-    /// NumPy: an array of records.
+    /// NumPy: a structured array.
     NumPy,
     /// MCAP for ROS 2: wrenches, and readings, errors and flags as JSON.
     Mcap(RecordingFrame),
 }
 
-/// The frame of reference that wrenches are in.
+/// Frame of reference of the wrenches.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFrame {
-    /// Its name.
+    /// Name of the frame.
     pub id: String,
-    /// What it is fixed to, if that is to be said.
+    /// Mount of the frame, if it is to be written.
     pub mount: Option<FrameMount>,
 }
 
-/// Where a frame of reference is in another.
+/// Pose of a frame of reference in its parent frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameMount {
-    /// The other.
+    /// Name of the parent frame.
     pub parent: String,
     /// x, y, z, m.
     pub position_m: [f64; 3],
-    /// Roll, pitch and yaw about the fixed axes x, y, z in this order, rad, as ROS has them.
+    /// Roll, pitch and yaw about the fixed axes x, y, z in this order, rad, as in ROS.
     pub angles_rad: [f64; 3],
 }
 
-/// The error for a text that is not a mount.
+/// Error for text that is not a valid mount.
 const BAD_MOUNT: &str = "expected `NAME` or `NAME:X,Y,Z,ROLL,PITCH,YAW` in m and rad";
 
 impl Default for RecordingFrame {
@@ -133,7 +133,7 @@ impl Default for RecordingFrame {
 }
 
 impl FrameMount {
-    /// The rotation as a unit quaternion x, y, z, w (J. Diebel, "Representing Attitude", 2006, eq. 290).
+    /// Rotation as a unit quaternion x, y, z, w (J. Diebel, "Representing Attitude", 2006, eq. 290).
     pub fn quaternion(&self) -> [f64; 4] {
         let [(sr, cr), (sp, cp), (sy, cy)] = self.angles_rad.map(|angle| (angle / 2.0).sin_cos());
         [
@@ -162,22 +162,22 @@ impl FromStr for FrameMount {
     }
 }
 
-/// What is written besides wrenches, and as what.
+/// Output format, and the log's columns that are kept.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OutputPlan {
-    /// The kind of file.
+    /// File format.
     pub format: OutputFormat,
-    /// Columns of numbers of the log, by position from 0, that are carried along.
+    /// Numeric columns of the log to keep, by position from 0.
     pub keep: Vec<usize>,
-    /// Columns of text likewise, each once.
+    /// Text columns to keep, by position from 0, each once.
     pub keep_texts: Vec<usize>,
 }
 
-/// The frame of reference that is named unless another is.
+/// Default name of the frame of reference.
 pub const DEFAULT_FRAME_ID: &str = "shell";
 
 impl OutputFormat {
-    /// What the name of a file says; devices and pipes, which have no such name, get CSV.
+    /// Chooses the format by the extension of the file name; devices and pipes, which have none, get CSV.
     ///
     /// # Errors
     /// [`WorkflowError::Refused`].
@@ -199,7 +199,7 @@ impl OutputFormat {
     }
 }
 
-/// What the table of a log is called: `run3.txt.gz` becomes `run3.wrench.csv`.
+/// Name of the table of a log: `run3.txt.gz` becomes `run3.wrench.csv`.
 pub fn table_name(log: &Path) -> String {
     let name = log.file_name().unwrap_or_default().to_string_lossy();
     let name = name.strip_suffix(".gz").unwrap_or(&name);
@@ -220,7 +220,7 @@ mod tests {
         );
         let mount: FrameMount = "foot:0.1,0,-0.02,0,0,1.5707963267948966".parse().unwrap();
         assert_eq!(mount.position_m, [0.1, 0.0, -0.02]);
-        // A quarter turn about z: 1/√2 of z and w.
+        // Quarter turn about z: 1/√2 for z and w.
         let expected = [0.0, 0.0, 0.5_f64.sqrt(), 0.5_f64.sqrt()];
         let found = mount.quaternion();
         assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15), "{found:?}");

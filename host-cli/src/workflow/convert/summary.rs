@@ -18,40 +18,40 @@ use shell_data::wrench::{AxisValues, PerAxis};
 /// Summary of a conversion.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ConvertSummary {
-    /// Rows in the log.
+    /// Number of rows in the log.
     pub rows: u64,
-    /// Rows whose readings equal the row before.
+    /// Number of rows whose readings equal the row before.
     pub repeated_rows: u64,
-    /// Rows that were wrong and left out.
+    /// Number of bad rows, which were left out.
     pub skipped_rows: u64,
-    /// Frames written.
+    /// Number of frames written.
     pub frames: u64,
-    /// Which rows these were.
+    /// Which rows were used.
     pub rows_used: RowFilter,
-    /// The frames of the tare.
+    /// Result of the tare.
     pub tare: Option<TareResult>,
-    /// The filter, and the rate of its grid.
+    /// Low-pass filter, and the rate of its grid.
     pub low_pass: Option<AppliedLowPass>,
-    /// How the frames written follow one another, where they were filtered.
+    /// Frame rate, if the frames were filtered.
     pub sampling: Option<Rate>,
-    /// Correction of the lag of the calibration's reference, if it has one.
+    /// Correction of the lag of the calibration's reference, if it has a lag.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clock: Option<LagMadeUp>,
-    /// Frames with a reading outside the range of the training data.
+    /// Number of frames with a reading outside the range of the training data.
     pub out_of_range_frames: u64,
-    /// Frames with a saturated reading.
+    /// Number of frames with a saturated reading.
     pub saturated_frames: u64,
-    /// Frames with a channel that the model left out.
+    /// Number of frames with a channel that the model left out.
     #[serde(skip_serializing_if = "is_zero")]
     pub left_out_frames: u64,
     /// Smallest, mean and largest value of each axis, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub axes: AxisValues<AxisSummary>,
-    /// How the zero has moved between the first rest and the last, before any tare: of a log with time, at
-    /// rest twice, without a load that is taken off.
+    /// Zero shift between the first and the last rest, before any tare. Needs a log with time that is at
+    /// rest twice, and no carried load.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub zero: Option<ZeroMove>,
-    /// The rest after the carried load was taken off, where there is one.
+    /// Wrench that remains after subtracting the carried load, if there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub load: Option<LoadSummary>,
 }
@@ -102,7 +102,7 @@ impl ConvertSummary {
         remarks
     }
 
-    /// Doubt about the tare, by the training data of the calibration.
+    /// Reason to doubt the tare, based on the training data of the calibration.
     pub fn tare_doubt(&self, path: &Path, trained: Option<&Diagnostics>) -> Option<String> {
         let trained = trained?;
         let doubt = self.tare.as_ref()?.doubt(&trained.train, trained.excitation.as_ref()?)?;
@@ -127,25 +127,25 @@ impl ConvertSummary {
     }
 }
 
-/// The lag of a calibration's reference, and how forces make up for it.
+/// Lag of a calibration's reference, and its correction.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct LagMadeUp {
-    /// The lag.
+    /// Lag of the reference.
     #[serde(flatten)]
     pub lag: ReferenceLag,
     /// The correction.
     pub how: LagRule,
 }
 
-/// How forces make up for the lag of the reference.
+/// Correction of the forces for the lag of the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LagRule {
-    /// The time stamps move.
+    /// Time stamps are shifted.
     Stamps,
-    /// Forces are interpolated between rows; stamps stay those of the readings.
+    /// Forces are interpolated between rows; time stamps stay at the readings.
     BetweenRows,
-    /// None: the log has no time.
+    /// No correction, because the log has no time.
     NotMadeUp,
 }
 
@@ -173,29 +173,30 @@ impl fmt::Display for LagMadeUp {
     }
 }
 
-/// A time without what rounding has left beyond a microsecond, s.
+/// Time rounded to a microsecond, s, which removes rounding errors.
 fn short(time_s: f64) -> f64 {
     (time_s * 1e6).round() / 1e6
 }
 
-/// The rest after a load was taken off.
+/// Wrench that remains after subtracting a load.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct LoadSummary {
-    /// True if inertia was taken off, too.
+    /// True if inertia was subtracted too.
     pub has_inertia: bool,
-    /// The force of turning by 1 rad/s, N, where that is not taken off; it grows with the square.
+    /// Force caused by turning at 1 rad/s, N, if it is not subtracted; it grows with the square of the
+    /// rate.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub turning_n: Option<f64>,
-    /// Factor on the accelerations, where their unit was not that of the poses.
+    /// Factor on the accelerations, if their unit differs from that used for the poses.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rescaled: Option<f64>,
-    /// How late the clock of the motion was found to be, taken or not.
+    /// Estimated lag of the motion's clock, applied or not.
     pub lag: Option<Lag>,
-    /// The part of that lag that was applied, s.
+    /// Part of the lag that was applied, s.
     pub lag_taken_s: Option<f64>,
-    /// Rows so far from any sample of the motion that the load there is not known.
+    /// Number of rows too far from any motion sample for the load to be known.
     pub rows_without_motion: u64,
-    /// Standard deviation of the wrench that is left, N and N·m.
+    /// Standard deviation of the remaining wrench, N and N·m.
     #[serde(serialize_with = "by_column")]
     pub standard_deviation: AxisValues<f64>,
 }
@@ -204,7 +205,7 @@ fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
-/// The values of one axis over all frames, N or N·m.
+/// Values of one axis over all frames, N or N·m.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct AxisSummary {
     /// The smallest.
@@ -219,15 +220,15 @@ pub struct AxisSummary {
 #[derive(Default)]
 pub(super) struct Totals {
     pub(super) frames: u64,
-    /// Frames with flags of each kind.
+    /// Number of frames with flags of each kind.
     pub(super) flagged: [u64; 3],
     pub(super) axes: PerAxis<Option<(f64, f64, f64)>>,
-    /// Wanted where a load was taken off.
+    /// Set if a load was subtracted.
     pub(super) scatter: Option<PerAxis<RunningVariance>>,
 }
 
 impl Totals {
-    /// Adds the wrenches of some frames; the number of the first that is not finite is an error.
+    /// Adds the wrenches of some frames; fails with the index of the first frame that is not finite.
     pub(super) fn add(&mut self, wrench: &PerAxis<Vec<f64>>) -> Result<(), u64> {
         for (total, column) in self.axes.iter_mut().zip(wrench).filter(|(_, of)| !of.is_empty()) {
             let (min, sum, max) = total.get_or_insert((f64::INFINITY, 0.0, -f64::INFINITY));
@@ -248,14 +249,14 @@ impl Totals {
         Ok(())
     }
 
-    /// Counts the frames of which a channel is flagged.
+    /// Counts the frames with a flagged channel.
     pub(super) fn count(&mut self, frames: &ConvertedFrames) {
         for (count, flags) in self.flagged.iter_mut().zip(&frames.flags) {
             *count += flags.iter().filter(|channels| **channels != 0).count() as u64;
         }
     }
 
-    /// Zero where it was not wanted.
+    /// Standard deviation of the wrench; zero if not requested.
     pub(super) fn standard_deviation(&self) -> PerAxis<f64> {
         self.scatter.unwrap_or_default().map(|scatter| match scatter.count {
             0 => 0.0,

@@ -7,34 +7,34 @@ use super::options::TableColumns;
 use shell_data::escape;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The writer of a table.
+/// Writer of a table.
 pub(super) struct WrenchTable {
-    /// The columns of numbers, which are the first.
+    /// Numeric columns, which come first.
     numbers: Vec<(String, NumberColumn)>,
-    /// The names of the columns of text: those that are carried along, and the flags.
+    /// Names of the text columns: kept columns, and flags.
     texts: Vec<String>,
     has_flags: bool,
-    /// The names of the readings, as the log has them.
+    /// Names of the readings in the log.
     pub(super) readings: Vec<String>,
-    /// What the channels are called in flags.
+    /// Names of the channels in flags.
     channels: Vec<String>,
 }
 
-/// What a column of numbers holds.
+/// Content of a numeric column.
 #[derive(Clone, Copy)]
 enum NumberColumn {
     Time,
     Wrench(Axis),
     StandardError(Axis),
-    /// So many standard errors beside the wrench.
+    /// Bound of the interval: wrench plus so many standard errors.
     Bound(Axis, f64),
-    /// A column of the log that is carried along.
+    /// A kept column of the log.
     Kept(usize),
 }
 
 impl WrenchTable {
-    /// `factors` are those of the interval, if there is to be one: how many standard errors it reaches. `kept` are the log's
-    /// columns of numbers and of text that are carried along, `readings` the names of the readings.
+    /// `factors` are the half-widths of the interval in standard errors, if there is an interval. `kept`
+    /// are the kept numeric and text columns of the log, `readings` the names of the readings.
     pub(super) fn new(
         columns: TableColumns,
         factors: PerAxis<f64>,
@@ -53,7 +53,7 @@ impl WrenchTable {
             let bounds = axes.iter().map(|it| (named(it, end), bound(it)));
             numbers.extend(bounds.filter(|_| interval.is_some()));
         }
-        // Two columns of one name would be one too many.
+        // Column names must be unique.
         let own: Vec<String> = numbers.iter().map(|(name, _)| name.clone()).collect();
         let distinct = |name: &String| match own.contains(name) || has_flags && name == "flags" {
             true => format!("log_{name}"),
@@ -68,20 +68,20 @@ impl WrenchTable {
         Self { numbers, texts, has_flags, readings, channels }
     }
 
-    /// The names of the columns, and whether each holds text.
+    /// Names of the columns, and whether each holds text.
     pub(super) fn names(&self) -> Vec<(String, bool)> {
         let numbers = self.numbers.iter().map(|(name, _)| (name.clone(), false));
         numbers.chain(self.texts.iter().map(|name| (name.clone(), true))).collect()
     }
 
-    /// The line of names.
+    /// Header line.
     pub(super) fn header(&self) -> String {
         let names = self.names().into_iter();
         let fields: Vec<_> = names.map(|(name, _)| escape::csv_field(&name).into_owned()).collect();
         fields.join(",") + "\n"
     }
 
-    /// The columns of numbers.
+    /// Numeric columns.
     pub(super) fn numbers<'a>(&self, frames: &'a ConvertedFrames) -> Vec<Cow<'a, [f64]>> {
         let values = |(_, column): &(String, NumberColumn)| match *column {
             NumberColumn::Time => Cow::from(&frames.time_s),
@@ -97,7 +97,7 @@ impl WrenchTable {
         self.numbers.iter().map(values).collect()
     }
 
-    /// The columns of text: those that are carried along, and the flags.
+    /// Text columns: kept columns, and flags.
     pub(super) fn texts(&self, frames: &ConvertedFrames) -> Vec<Vec<String>> {
         let flags = |row: usize| {
             let mut text = Vec::new();
@@ -108,7 +108,7 @@ impl WrenchTable {
         frames.texts.iter().cloned().chain(flags).collect()
     }
 
-    /// Adds the flags of a frame: channels out of range, saturated and left out.
+    /// Appends the flags of a frame: channels out of range, saturated and left out.
     pub(super) fn write_flags(&self, frames: &ConvertedFrames, row: usize, text: &mut Vec<u8>) {
         let masks = frames.flags.each_ref().map(|flags| flags.get(row).copied().unwrap_or(0));
         let start = text.len();
@@ -126,10 +126,10 @@ impl WrenchTable {
         }
     }
 
-    /// Writes every number with the fewest digits that read back as the same number.
+    /// Appends each number with the fewest digits that read back as the same number.
     pub(super) fn rows(&self, frames: &ConvertedFrames, text: &mut Vec<u8>) {
         let columns = self.numbers(frames);
-        // Some 20 bytes a number; a little much costs less than growing.
+        // About 20 bytes per number; reserving a little too much is cheaper than growing.
         text.reserve(frames.len() * (22 * columns.len() + 8));
         let mut digits = zmij::Buffer::new();
         for row in 0..frames.len() {
@@ -144,7 +144,7 @@ impl WrenchTable {
             if self.has_flags {
                 self.write_flags(frames, row, text);
             } else if !columns.is_empty() || !frames.texts.is_empty() {
-                // No comma after the last.
+                // Removes the comma after the last cell.
                 text.pop();
             }
             text.push(b'\n');
@@ -152,8 +152,8 @@ impl WrenchTable {
     }
 }
 
-/// What a channel is called in flags: its name in the log without what separates flags, or `s1` for the
-/// first of channels that are numbered so.
+/// Name of a channel in flags: its name in the log without flag separators, or `s1` for the first channel
+/// of numbered ones.
 fn flag_name(channel: usize, name: &str) -> String {
     let numbered = format!("s{}", channel + 1);
     match name.trim() {

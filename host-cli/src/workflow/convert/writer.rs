@@ -1,4 +1,4 @@
-//! Converted frames through the low-pass to the output.
+//! Writes converted frames to the output, through the low-pass filter.
 
 use std::collections::VecDeque;
 use std::path::Path;
@@ -13,7 +13,7 @@ use forces::filter::FilterError;
 use forces::sampling::{Rate, Sampling};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A clock that goes back by more than this has been set back; by less, a frame is late, s.
+/// Backward clock step, s, above which the clock was reset; below it, a frame is late.
 const LATE_S: f64 = 1.0;
 
 /// Writes frames in order, as soon as their forces are known.
@@ -23,20 +23,20 @@ pub(super) struct Writer<'a> {
     pub(super) output: EncodedOutput<'a>,
     pub(super) trace: Option<&'a mut WrenchTrace>,
     pub(super) stream: ForceStream,
-    /// Frames whose forces are not all known yet, from block to block, and the forces that are.
+    /// Blocks of frames whose forces are not all known yet, and the forces known so far.
     pub(super) waiting: VecDeque<ConvertedFrames>,
     pub(super) known: PerAxis<Vec<f64>>,
-    /// Of every row whose force is not known yet, whether it is written.
+    /// For each row whose force is not known yet, whether the row is written.
     pub(super) waiting_rows: Vec<bool>,
     pub(super) sampling: Sampling,
     pub(super) latest_s: f64,
-    /// The axes that there are.
+    /// Axes of the calibration.
     pub(super) axes: Axes,
     pub(super) totals: Totals,
 }
 
 impl Writer<'_> {
-    /// Writes frames without a low-pass, as `encoded`.
+    /// Writes frames without a low-pass; `encoded` is their encoded form.
     pub(super) fn write_at_once(
         &mut self,
         frames: &ConvertedFrames,
@@ -61,7 +61,7 @@ impl Writer<'_> {
     ) -> Result<(), WorkflowError> {
         self.totals.count(frames);
         if let Some(trace) = &mut self.trace {
-            // Columns of axes that there are not are empty in a trace.
+            // Columns of absent axes are empty in a trace.
             let column = |axis: Axis| match self.axes.contains(axis) {
                 true => &frames.wrench[axis.index()][..],
                 false => &[],
@@ -71,7 +71,7 @@ impl Writer<'_> {
         Ok(self.output.write(frames.len(), encoded)?)
     }
 
-    /// Filters the next rows, and writes those whose forces are known by now.
+    /// Filters the next rows, and writes the rows whose forces are known now.
     pub(super) fn filter(&mut self, rows: ConvertedRows) -> Result<(), WorkflowError> {
         self.check_clock(&rows.time_s)?;
         self.sampling.add(&rows.frames.time_s);
@@ -105,7 +105,8 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Takes the forces of the oldest waiting rows, and writes the blocks of frames whose forces are all known then.
+    /// Takes the forces of the oldest waiting rows, and writes the blocks of frames whose forces are all
+    /// known now.
     fn write_answers(&mut self, answers: &PerAxis<Vec<f64>>) -> Result<(), WorkflowError> {
         let rows: Vec<bool> = self.waiting_rows.drain(..answers[0].len()).collect();
         let written = |column: &Vec<f64>| {
@@ -125,7 +126,7 @@ impl Writer<'_> {
         Ok(())
     }
 
-    /// Writes what waits.
+    /// Writes the waiting frames.
     pub(super) fn finish(mut self) -> Result<(Totals, Option<Rate>), WorkflowError> {
         let answers = self.stream.finish().map_err(|error| self.unfiltered(error))?;
         self.write_answers(&answers)?;

@@ -1,4 +1,4 @@
-//! What passes between the thread that records and the one that shows.
+//! Queue between the recording thread and the display thread.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard};
@@ -7,36 +7,36 @@ use board_link::recording::BoardFrame;
 use board_link::{RecordCommand, RecordingProgress, Watcher};
 use shell_data::lock::lock;
 
-/// Frames that wait to be shown, at most: half a minute at 1 kHz.
+/// Maximum number of frames that wait for display: half a minute at 1 kHz.
 const WAITING: usize = 32_768;
 
-/// The way between two threads. Clones are ends of the same; [`board_link::record`] takes one as its watcher.
+/// Queue between two threads. Clones share the queue; [`board_link::record`] takes one as its watcher.
 #[derive(Clone, Debug, Default)]
 pub struct Feed(Arc<Mutex<FeedState>>);
 
-/// What has passed, and has not been looked at yet.
+/// Frames and commands in the queue.
 #[derive(Debug, Default)]
 pub struct FeedState {
-    /// The frames that wait to be shown.
+    /// Frames that wait for display.
     pub frames: VecDeque<BoardFrame>,
-    /// Frames that were not shown because nobody fetched them.
+    /// Number of frames dropped from the display because it fell behind.
     pub left_out: u64,
-    /// How the recording goes.
+    /// Progress of the recording.
     pub progress: Option<RecordingProgress>,
-    /// What is to happen to the log.
+    /// Pending commands for the log.
     pub commands: VecDeque<RecordCommand>,
-    /// Whether a log that is played is held.
+    /// True if playback is paused.
     pub is_held: bool,
 }
 
 impl Feed {
-    /// What has passed, which no other thread touches meanwhile.
+    /// Locks the state of the queue.
     pub fn state(&self) -> MutexGuard<'_, FeedState> {
-        // A thread that has ended badly has left the state whole: nothing in here can fail half way.
+        // A thread that panicked has left the state intact: no operation here can fail half way.
         lock(&self.0)
     }
 
-    /// Asks for something to happen to the log.
+    /// Queues a command for the log.
     pub fn ask(&self, command: RecordCommand) {
         self.state().commands.push_back(command);
     }

@@ -1,4 +1,4 @@
-//! Rows for a live view, from a port or from a log that is played.
+//! Rows for a live view, from a port or from playback of a log.
 //!
 //! ```text
 //! port ─ record() ─▶ log, if there is one
@@ -6,8 +6,8 @@
 //! log ── play() ──▲
 //! ```
 //!
-//! The thread that records hands frames over and never waits for who shows them: where that is too slow,
-//! frames are left out of the view, and counted, never of the log.
+//! The recording thread hands frames over and never waits for the display: if the display is too slow,
+//! frames are left out of the view and counted, but never left out of the log.
 
 mod feed;
 mod play;

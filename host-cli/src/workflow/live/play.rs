@@ -1,4 +1,4 @@
-//! A log, played as if it were recorded now.
+//! Plays a log as if it were being recorded now.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -11,21 +11,21 @@ use crate::workflow::WorkflowError;
 use crate::workflow::selection::passed;
 use board_link::recording::{BoardFrame, Measured};
 
-/// How often the clock is looked at.
+/// Interval at which the clock is polled.
 const TICK: Duration = Duration::from_millis(10);
 
-/// A longer time between two looks, when the computer was asleep, is not caught up on.
+/// Maximum catch-up: a longer time between two polls, as after the computer was asleep, is skipped.
 const LONGEST: Duration = Duration::from_secs(1);
 
-/// What is not waited for between two rows, s of the log.
+/// Time step between two rows, s of the log, above which playback does not wait.
 const JUMP_S: f64 = 1.0;
 
-/// Plays a log at `speed` times its own pace, until its end or until `stop` is set: hands its frames to `see`
-/// when they are due, and holds it while `is_held`. Where it has readings and a wrench, the readings are played if
-/// `readings` are wanted.
+/// Plays a log at `speed` times its own pace, until its end or until `stop` is set. Passes frames to `see`
+/// when they are due, and pauses while `is_held`. If the log has both readings and a wrench, `readings`
+/// selects the readings.
 ///
 /// # Errors
-/// [`WorkflowError`] if it cannot be read, or has neither eight channels nor a wrench.
+/// [`WorkflowError`] if the log cannot be read, or has neither eight channels nor a wrench.
 pub fn play(
     log: &Log,
     read: &ReadOptions<'_>,
@@ -66,7 +66,7 @@ pub fn play(
     Ok(passed(log.read(&wanted, read, std::mem::take, play))?)
 }
 
-/// A row as a frame with this number.
+/// Converts a row to a frame with this index.
 fn frame(block: &Block, row: usize, index: i64) -> BoardFrame {
     let measured = match block.readings.is_empty() {
         false => Measured::Readings(std::array::from_fn(|c| block.readings[c][row])),
@@ -82,13 +82,14 @@ fn frame(block: &Block, row: usize, index: i64) -> BoardFrame {
     BoardFrame { saturated, ..BoardFrame::new(time_us, index, measured) }
 }
 
-/// Which rows are due. Where the log jumps, by a pause in the recording or back, it goes on at once.
+/// Decides which rows are due. Jumps of the log's time, forward by a pause in the recording or backward,
+/// are skipped.
 #[derive(Debug)]
 struct PlayClock {
     speed: f64,
-    /// A moment, and the time of the log then.
+    /// An instant, and the time of the log at that instant.
     set: Option<(Instant, f64)>,
-    /// The time of the last row that was due.
+    /// Time of the last due row.
     last_s: Option<f64>,
 }
 
@@ -97,7 +98,8 @@ impl PlayClock {
         Self { speed, set: None, last_s: None }
     }
 
-    /// How many of the next rows, which have these times, are due. While it is held the clock stands still.
+    /// Number of the next rows, with the times `next_s`, that are due. While playback is held, the clock
+    /// stands still.
     fn due(&mut self, now: Instant, next_s: &[f64], is_held: bool) -> usize {
         let Some(&first_s) = next_s.first() else { return 0 };
         let is_jump = |last_s: f64, time_s: f64| (time_s - last_s).abs() > JUMP_S;
@@ -114,7 +116,7 @@ impl PlayClock {
         self.set = Some((now, now_s));
         let mut due = 0;
         for &time_s in next_s.iter().take_while(|&&time_s| time_s <= now_s) {
-            // Of what is behind a jump the clock knows nothing yet.
+            // Rows after a jump have no due time yet.
             if due > 0 && self.last_s.is_some_and(|last_s| is_jump(last_s, time_s)) {
                 break;
             }
@@ -134,7 +136,7 @@ mod tests {
         let (start, tick) = (Instant::now(), Duration::from_millis(10));
         for rows_of_block in [1, 64, 5000] {
             let mut clock = PlayClock::new(1000.0);
-            // 100 Hz for 40 s: four ticks and the first look.
+            // 100 Hz for 40 s: four ticks and the first poll.
             let times: Vec<f64> = (0..4000).map(|row| f64::from(row) / 100.0).collect();
             let mut ticks = 0;
             for block in times.chunks(rows_of_block) {

@@ -1,4 +1,4 @@
-//! A live view apart from where it is shown: frames come in, and what the user wants is done.
+//! Live view independent of its display: takes frames and carries out the user's actions.
 
 use std::time::Duration;
 
@@ -13,34 +13,34 @@ use shell_data::block::FrameLabel;
 
 use super::Feed;
 
-/// Time from picture to picture: thirty a second.
+/// Time between pictures: thirty per second.
 pub const PERIOD: Duration = Duration::from_micros(33_333);
 
-/// What a user can do.
+/// Action of the user.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LiveAction {
-    /// Takes what comes as the zero of what is shown.
+    /// Tares: the next frames become the zero of the display.
     Tare,
-    /// Shows it without that.
+    /// Removes the tare.
     Untare,
-    /// Lets the picture stand still, or go on.
+    /// Pauses or resumes the display.
     Pause,
-    /// A shorter span of time.
+    /// Shortens the time span.
     ZoomIn,
-    /// A longer one.
+    /// Lengthens the time span.
     ZoomOut,
     /// Marks the newest row.
     Mark,
-    /// Begins a log, or ends it.
+    /// Starts or ends a log.
     Record,
-    /// Goes on to the next planned load.
+    /// Skips to the next planned load.
     Skip,
-    /// Goes back to the one before.
+    /// Returns to the previous load.
     Back,
 }
 
 impl LiveAction {
-    /// All, by the names that a page calls them.
+    /// All actions, by their names on a page.
     pub const NAMED: [(&str, Self); 9] = [
         ("tare", Self::Tare),
         ("untare", Self::Untare),
@@ -53,16 +53,16 @@ impl LiveAction {
         ("back", Self::Back),
     ];
 
-    /// The action of a name, `None` if there is none.
+    /// Action with this name, if there is one.
     pub fn named(name: &str) -> Option<Self> {
         Self::NAMED.into_iter().find_map(|(known, action)| (known == name).then_some(action))
     }
 }
 
-/// Makes the next log, after so many that were made.
+/// Creates the next log, given the number of logs so far.
 pub type LogMaker = Box<dyn Fn(usize) -> Result<Box<dyn LogSink>, OutputError>>;
 
-/// The logs that a view writes, one after the other.
+/// Logs of a view, one after the other.
 pub struct LogSeries {
     maker: LogMaker,
     written: Vec<String>,
@@ -70,15 +70,15 @@ pub struct LogSeries {
 }
 
 impl LogSeries {
-    /// None is written so far.
+    /// A series without any log yet.
     pub fn new(maker: LogMaker) -> Self {
         Self { maker, written: Vec::new(), is_on: false }
     }
 
-    /// Makes the next.
+    /// Creates the next log.
     ///
     /// # Errors
-    /// [`OutputError`] if it cannot be made.
+    /// [`OutputError`] if the log cannot be created.
     pub fn begin(&mut self) -> Result<Box<dyn LogSink>, OutputError> {
         let log = (self.maker)(self.written.len())?;
         self.written.push(log.path().display().to_string());
@@ -91,31 +91,31 @@ impl LogSeries {
     }
 }
 
-/// A live view and what it is of.
+/// A live view and its source.
 pub struct LiveSession {
-    /// What is shown, as lines and numbers.
+    /// Lines and numbers on display.
     pub model: LiveModel,
     guide: Option<Guide>,
     forces: Option<RunningForces>,
     feed: Feed,
-    /// The logs that are written; `None` where nothing can be recorded.
+    /// Logs to write; `None` if recording is not possible.
     logs: Option<LogSeries>,
-    /// What it is of.
+    /// Name of the source.
     pub name: String,
     elapsed: Duration,
-    /// Frames so far.
+    /// Number of frames so far.
     frames: u64,
-    /// Pictures that were drawn of them.
+    /// Number of pictures drawn.
     pub pictures: u64,
-    /// Whether the source has ended.
+    /// True if the source has ended.
     is_over: bool,
-    /// What has just been done.
+    /// Message on the last action.
     pub message: String,
 }
 
 impl LiveSession {
-    /// Of a source of this name, with a guide if loads are planned, and forces if there is a calibration; `logs` is `None`
-    /// where nothing can be recorded.
+    /// A session for the source of this name, with a guide if loads are planned, and with forces if there
+    /// is a calibration; `logs` is `None` if recording is not possible.
     pub fn new(
         model: LiveModel,
         guide: Option<Guide>,
@@ -139,7 +139,7 @@ impl LiveSession {
         }
     }
 
-    /// All that a page is told, which draws it.
+    /// Complete state for a page to draw.
     pub fn shown(&mut self) -> Value {
         self.pictures += 1;
         json!({
@@ -153,12 +153,12 @@ impl LiveSession {
         })
     }
 
-    /// The guide as it is shown.
+    /// State of the guide, for display.
     pub fn guide(&self) -> Option<GuideView> {
         self.guide.as_ref().map(Guide::view)
     }
 
-    /// Has the rows of a load that was held labelled.
+    /// Labels the rows of a held load.
     fn label(&mut self, held: FrameLabel) {
         let group = &held.group;
         let is_recorded = self.recording().is_some();
@@ -174,11 +174,11 @@ impl LiveSession {
         self.feed.ask(RecordCommand::Label(held));
     }
 
-    /// Takes the frames that have come, `elapsed` after the start. Whether the source has ended for good, which a log that
-    /// is played may do while its last picture stays.
+    /// Takes the new frames, `elapsed` after the start. Returns true if the view should close because the
+    /// source has ended; at the end of a played log, the last picture stays.
     ///
     /// # Errors
-    /// [`ForceError`] if the low-pass that was asked for is impossible at the rate of the frames.
+    /// [`ForceError`] if the low-pass filter is impossible at the frame rate.
     pub fn advance(&mut self, elapsed: Duration, is_source_over: bool) -> Result<bool, ForceError> {
         let frames: Vec<BoardFrame> = self.feed.state().frames.drain(..).collect();
         let news = self.rows(&frames)?;
@@ -192,11 +192,11 @@ impl LiveSession {
         self.frames += frames.len() as u64;
         self.elapsed = elapsed;
         self.is_over = is_source_over && self.feed.state().frames.is_empty();
-        // A port that is gone for good has something to say, which a screen would hide.
+        // Close the screen, so that it does not hide the message of a disconnected port.
         Ok(self.is_over && self.logs.is_some())
     }
 
-    /// Frames as rows to show. Those of a board that converts itself have their wrench.
+    /// Rows for the display. A board that converts readings itself sends the wrench in its frames.
     fn rows(&mut self, frames: &[BoardFrame]) -> Result<Vec<LiveRow>, ForceError> {
         let mut rows: Vec<LiveRow> = frames.iter().map(row).collect();
         if let Some(running) = &mut self.forces
@@ -211,12 +211,12 @@ impl LiveSession {
         Ok(rows)
     }
 
-    /// The log that is being written.
+    /// Name of the log that is being written.
     pub fn recording(&self) -> Option<&str> {
         self.logs.as_ref().and_then(LogSeries::current)
     }
 
-    /// Does what the user wants.
+    /// Carries out an action.
     pub fn obey(&mut self, action: LiveAction) {
         self.message = match action {
             LiveAction::Tare => {
@@ -285,7 +285,7 @@ impl LiveSession {
         }
     }
 
-    /// How it goes, in a line.
+    /// Status line.
     pub fn state(&self) -> String {
         if self.logs.is_none() {
             return match self.is_over {
@@ -308,7 +308,7 @@ impl LiveSession {
         }
     }
 
-    /// What is said at the end.
+    /// Messages at the end.
     pub fn report(&self) -> Vec<String> {
         let Self { frames, pictures, elapsed, .. } = self;
         let seconds = elapsed.as_secs_f64();
@@ -343,8 +343,8 @@ fn row(frame: &BoardFrame) -> LiveRow {
     }
 }
 
-/// A guide through the loads of a table, in its order. What each is expected to tell is in its column `plan_gain_nats`,
-/// which `shellcal plan` writes; a table without it counts loads.
+/// Guide through the loads of a table, in its order. The expected information of each load is in the column
+/// `plan_gain_nats`, which `shellcal plan` writes; without this column, the guide counts loads.
 pub fn guide_through(table: &HungLoads) -> Guide {
     let gains: Vec<f64> = match table.column("plan_gain_nats") {
         Some(cells) => cells.map(|cell| cell.parse().unwrap_or(0.0)).collect(),
@@ -359,7 +359,7 @@ pub fn guide_through(table: &HungLoads) -> Guide {
     Guide::new(table.loads().iter().zip(gains).map(guided).collect())
 }
 
-/// A time as a clock shows it.
+/// Time in clock format.
 pub fn clock(time: Duration) -> String {
     let seconds = time.as_secs();
     format!("{:02}:{:02}:{:02}", seconds / 3600, seconds / 60 % 60, seconds % 60)

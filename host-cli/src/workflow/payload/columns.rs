@@ -1,4 +1,4 @@
-//! The columns of a log that say how a sensor lies and moves.
+//! Columns of a log with the orientation and motion of a sensor.
 
 use super::orientation::{Attitude, Orientation};
 use crate::workflow::WorkflowError;
@@ -8,19 +8,19 @@ use log_file::{ColumnRef, Log, Wanted};
 const NAME_COLUMNS: &str = "name the columns with `--orientation` or `--accelerations`, in a run those of another log \
                             with `--motion`";
 
-/// Columns of orientation, acceleration and angular velocity, as the user names them.
+/// Columns of orientation, acceleration and angular velocity, as named by the user.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MotionColumns {
-    /// Columns of orientation. `None` for those with usual names.
+    /// Columns of orientation. `None` to look for common names.
     pub orientation: Option<Vec<ColumnRef>>,
-    /// Their kind. `None` to tell by their names and number: three of gravity, four of a quaternion (x y z w), nine
-    /// of a rotation matrix, row by row.
+    /// Type of the orientation. `None` to infer it from names and number of columns: three for gravity,
+    /// four for a quaternion (x y z w), nine for a rotation matrix, row by row.
     pub orientation_as: Option<Orientation>,
-    /// True if rotations are to the sensor's frame, not from it.
+    /// True if rotations are to the sensor's frame instead of from it.
     pub is_inverse: bool,
-    /// Accelerations along x, y, z. `None` for those with usual names.
+    /// Accelerations along x, y, z. `None` to look for common names.
     pub accelerations: Option<Vec<ColumnRef>>,
-    /// Angular velocity about x, y, z. `None` for those with usual names.
+    /// Angular velocity about x, y, z. `None` to look for common names.
     pub angular_velocity: Option<Vec<ColumnRef>>,
     /// Gravity, m/s².
     pub gravity_m_s2: f64,
@@ -42,17 +42,17 @@ impl Default for MotionColumns {
 /// Columns of a log, by position from 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FoundColumns {
-    /// In the order in which they are tried.
+    /// Candidates, in the order in which they are tried.
     orientations: Vec<(Orientation, Vec<usize>)>,
     /// True if the user named them.
     is_named: bool,
     accelerations: Option<Vec<usize>>,
     angular_velocity: Option<Vec<usize>>,
-    /// Unit of the angular velocities, rad/s.
+    /// Unit of the angular velocity columns, rad/s.
     rate_unit: f64,
 }
 
-/// Usual names of columns, for each kind in the order in which they are looked for.
+/// Common column names, for each type of orientation in search order.
 const USUAL_ORIENTATIONS: [(Orientation, &[&[&str]]); 6] = [
     (Orientation::Gravity, &[&["gx", "gy", "gz"], &["gravity_x", "gravity_y", "gravity_z"]]),
     (Orientation::Matrix, &[&["r11", "r12", "r13", "r21", "r22", "r23", "r31", "r32", "r33"]]),
@@ -84,7 +84,7 @@ const USUAL_RATES: [&[&str]; 5] = [
 const UNITS: [&str; 9] = ["", "ms2", "g", "rad", "deg", "degrees", "rads", "degs", "dps"];
 
 impl MotionColumns {
-    /// The columns of a log.
+    /// Finds the columns in a log.
     pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, WorkflowError> {
         let by_name = |names: &[&[&str]]| names.iter().find_map(|names| positions(log, names));
         let mut orientations: Vec<(Orientation, Vec<usize>)> = match &self.orientation {
@@ -127,7 +127,7 @@ impl MotionColumns {
         Ok(found)
     }
 
-    /// The kind of the columns that the user names as orientation.
+    /// Type of the orientation columns that the user named.
     fn kind(&self, log: &Log, at: &[usize]) -> Result<Orientation, WorkflowError> {
         let is_named = |(_, names): &(Orientation, &[&[&str]])| {
             names.iter().any(|names| positions(log, names).as_deref() == Some(at))
@@ -152,16 +152,16 @@ impl MotionColumns {
 }
 
 impl FoundColumns {
-    /// All positions, to be [read](Wanted::others); and what is then at which position of a row.
+    /// All positions, to be [read](Wanted::others); `columns` of the other methods follow this order.
     pub(super) fn positions(&self) -> Vec<usize> {
         let orientations = self.orientations.iter().map(|(_, at)| at);
         let all = orientations.chain(&self.accelerations).chain(&self.angular_velocity);
         all.flatten().copied().collect()
     }
 
-    /// How the sensor lies in every row, from the first of the columns that say so; `None` where there are none.
-    /// `columns` are those of [`Self::positions`]. A `way` is another reading of them: to the other frame, and of
-    /// quaternions with the scalar at the other end.
+    /// Orientation of the sensor in every row, from the first candidate that has data; `None` if there is
+    /// none. `columns` follow [`Self::positions`]. A `way` is an alternative interpretation: rotations to
+    /// the other frame, and quaternions with the scalar at the other end.
     pub(super) fn attitudes(
         &self,
         log: &Log,
@@ -182,7 +182,7 @@ impl FoundColumns {
                 && rule.orientation_as.is_none()
                 && unit(log, at).is_none()
             {
-                // Beyond a turn they are no radians; below they may be either.
+                // Angles beyond a full turn cannot be radians; smaller ones may be radians or degrees.
                 if angles() <= std::f64::consts::TAU {
                     let message = format!(
                         "`{}`: roll, pitch and yaw have no unit in their names",
@@ -195,7 +195,7 @@ impl FoundColumns {
             }
             match of.attitudes(columns, rule.gravity_m_s2, rule.is_inverse != is_turned) {
                 Ok(attitudes) => return Ok(Some(attitudes)),
-                // Rates of turn go by the names of gravity, too.
+                // Columns with common names for gravity may also hold angular velocity.
                 Err(_) if of == Orientation::Gravity && !self.is_named => {}
                 Err((row, what)) => return Err(no_orientation(log, row, &what)),
             }
@@ -203,7 +203,7 @@ impl FoundColumns {
         Ok(None)
     }
 
-    /// Accelerations of every row as they stand, from the columns of [`Self::positions`].
+    /// Accelerations of every row, unconverted, from the columns of [`Self::positions`].
     pub(super) fn accelerations(&self, columns: &[Vec<f64>]) -> Option<Vec<Vector>> {
         self.accelerations.as_ref()?;
         let rates = self.angular_velocity.as_ref().map_or(0, Vec::len);
@@ -217,13 +217,13 @@ impl FoundColumns {
     }
 }
 
-/// The last three columns, row by row.
+/// Vectors from the last three columns, row by row.
 fn vectors(columns: &[Vec<f64>], unit: f64) -> Option<Vec<Vector>> {
     let [x, y, z] = columns.last_chunk::<3>()?;
     Some(x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z].map(|v| unit * v)).collect())
 }
 
-/// A log that does not say how the sensor lies.
+/// Error for a log without orientation.
 pub(super) fn no_motion(log: &Log) -> WorkflowError {
     let message = format!(
         "`{}` has no columns of orientation (`gx gy gz` of gravity, `r11` … `r33`, `qx qy qz qw`, `rx ry rz`) or \
@@ -233,7 +233,7 @@ pub(super) fn no_motion(log: &Log) -> WorkflowError {
     WorkflowError::refused(message, NAME_COLUMNS)
 }
 
-/// A row, counted from 0, whose values are no rotation or direction.
+/// Error for a row, counted from 0, whose values are not a rotation or direction.
 pub(super) fn no_orientation(log: &Log, row: usize, what: &str) -> WorkflowError {
     let message = format!("`{}`, data row {}: {what}", log.path().display(), row + 1);
     let hint = "correct the row, name the right columns with `--orientation`, or say what they are with \
@@ -243,7 +243,7 @@ pub(super) fn no_orientation(log: &Log, row: usize, what: &str) -> WorkflowError
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// Unit of the angles in these columns, rad, if all names say it.
+/// Unit of the angles in these columns, rad, if all names state it.
 fn unit(log: &Log, at: &[usize]) -> Option<f64> {
     let of = |at: &usize| {
         let name = log.columns()[*at].name.to_lowercase();
@@ -258,8 +258,8 @@ fn unit(log: &Log, at: &[usize]) -> Option<f64> {
     at.iter().all(|at| of(at) == Some(first)).then_some(first)
 }
 
-/// The positions of columns with these names, without regard to case, spaces and punctuation, and with a unit
-/// after them; all or `None`.
+/// Positions of columns with these names, ignoring case, spaces and punctuation, and allowing a unit after
+/// the name; `None` unless all are found.
 fn positions(log: &Log, names: &[&str]) -> Option<Vec<usize>> {
     let plain = |name: &str| -> String {
         let name = name.split(['(', '[']).next().unwrap_or(name);

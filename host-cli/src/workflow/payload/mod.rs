@@ -1,4 +1,4 @@
-//! The payload of a sensor: fitted to poses at rest, and taken off a run.
+//! Payload of a sensor: fitted to poses at rest, and subtracted from a run.
 
 mod columns;
 mod orientation;
@@ -23,26 +23,27 @@ use log_file::{Log, LogError, ReadOptions, Wanted};
 use shell_data::block::Block;
 use shell_data::statistics::upper_median;
 
-/// The most rows that the lag of two clocks is looked for in: minutes of a fast sensor.
+/// Maximum number of rows for the search for the lag between two clocks: minutes of a fast sensor.
 const LAG_ROWS: usize = 200_000;
 
 /// The motion of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunMotion {
-    /// Apparent gravity at the payload's centre.
+    /// Apparent gravity at the payload's centre of mass.
     pub motion: Motion,
-    /// The kind of inertia that it includes.
+    /// Kind of inertia that the motion includes.
     pub inertia: Inertia,
-    /// Factor on the accelerations, where their unit is not that of the poses.
+    /// Factor on the accelerations, if their unit differs from that used for the poses.
     pub rescaled: Option<f64>,
 }
 
-/// Range of the median apparent gravity of a run, as a share of gravity: an exchange of g and m/s² is a factor of 9.8.
+/// Plausible median apparent gravity of a run, as a share of gravity: confusing g with m/s² gives a factor
+/// of 9.8.
 const PLAUSIBLE: std::ops::Range<f64> = 0.4..2.5;
 
-/// Reads apparent gravity at the centre of a payload from a log: from accelerations, where the payload knows their
-/// frame, otherwise from orientations, which say nothing of inertia. Angular velocity is read from its columns, or found
-/// from orientations.
+/// Reads apparent gravity at the payload's centre of mass from a log: from accelerations if the payload
+/// knows their frame, otherwise from orientations, which carry no information on inertia. Angular velocity
+/// comes from its columns, or is derived from orientations.
 ///
 /// # Errors
 /// [`WorkflowError`].
@@ -78,7 +79,7 @@ pub fn read_motion(
         _ => return Err(no_motion(log)),
     };
     let gravity: Vec<Vector> = gravity;
-    // Several samples at one time have no slope.
+    // Samples at the same time have no slope.
     let is_later = |row: &usize| *row == 0 || time_s[*row] != time_s[row - 1];
     let rows: Vec<usize> = (0..gravity.len()).filter(is_later).collect();
     let times_s: Vec<f64> = rows.iter().map(|&row| time_s[row]).collect();
@@ -100,8 +101,8 @@ pub fn read_motion(
     Ok(RunMotion { motion, inertia, rescaled })
 }
 
-/// Finds the angular velocity in the sensor's frame, rad/s, at some rows: from a gyroscope, which is taken to stand in
-/// the frame of the accelerometer, or from rotations.
+/// Angular velocity in the sensor's frame, rad/s, at some rows: from a gyroscope, which is assumed to be in
+/// the accelerometer's frame, or from rotations.
 fn angular_velocity<'a>(
     found: &'a FoundColumns,
     others: &'a [Vec<f64>],
@@ -121,7 +122,7 @@ fn angular_velocity<'a>(
     }
 }
 
-/// Factor that brings accelerations of a run to the unit of the poses, found from their length.
+/// Factor from the unit of a run's accelerations to the unit of the poses, based on their magnitude.
 fn unit_in_run(
     log: &Log,
     accelerometer: &Accelerometer,
@@ -144,7 +145,7 @@ fn unit_in_run(
     })
 }
 
-/// How late a motion is against a log of readings; `None` where that is not clear.
+/// Delay of a motion against a log of readings; `None` if it is not clear.
 ///
 /// # Errors
 /// [`LogError`].

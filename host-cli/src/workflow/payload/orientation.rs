@@ -1,4 +1,4 @@
-//! Columns that say how a sensor lies, as rotations and gravity in its frame.
+//! Converts orientation columns to rotations and gravity in the sensor's frame.
 
 use forces::payload::rotation::{
     from_quaternion, from_roll_pitch_yaw, from_rotation_vector, transposed,
@@ -6,41 +6,41 @@ use forces::payload::rotation::{
 use forces::payload::{Matrix, Vector, norm};
 use shell_data::statistics::upper_median;
 
-/// How far an orientation may be from one, as a share: logs have few digits.
+/// Tolerated deviation from a valid orientation, as a share: logs have few digits.
 const ROUGH: f64 = 0.02;
 
-/// What columns of orientation are.
+/// Format of orientation columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Orientation {
     /// Gravity in the sensor's frame, in m/s² or multiples of g.
     Gravity,
-    /// The rotation from the sensor's frame to one whose z is up, row by row.
+    /// Rotation matrix from the sensor's frame to a frame with z up, row by row.
     Matrix,
-    /// The last row of that matrix alone.
+    /// Last row of that matrix only.
     LastRow,
     /// The same rotation as a quaternion x y z w.
     Quaternion,
-    /// As a quaternion w x y z.
+    /// The rotation as a quaternion w x y z.
     QuaternionWxyz,
-    /// As a vector along its axis, as long as its angle, rad.
+    /// The rotation as a vector along its axis with the angle as its length, rad.
     RotationVector,
-    /// As roll, pitch and yaw, rad.
+    /// The rotation as roll, pitch and yaw, rad.
     RollPitchYaw,
-    /// As roll, pitch and yaw, degrees.
+    /// The rotation as roll, pitch and yaw, degrees.
     RollPitchYawDegrees,
 }
 
-/// How a sensor lies.
+/// Orientation of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Attitude {
-    /// Gravity in its frame, m/s².
+    /// Gravity in the sensor's frame, m/s².
     pub(super) gravity: Vector,
-    /// From its frame to one whose z is up, where that is known.
+    /// Rotation from the sensor's frame to a frame with z up, if known.
     pub(super) rotation: Option<Matrix>,
 }
 
 impl Orientation {
-    /// The number of its columns.
+    /// Number of columns.
     pub const fn columns(self) -> usize {
         match self {
             Self::Matrix => 9,
@@ -49,7 +49,7 @@ impl Orientation {
         }
     }
 
-    /// Quaternions with their scalar at the other end.
+    /// Quaternion format with the scalar at the other end.
     pub(super) fn other_order(self) -> Option<Self> {
         match self {
             Self::Quaternion => Some(Self::QuaternionWxyz),
@@ -58,8 +58,8 @@ impl Orientation {
         }
     }
 
-    /// How the sensor lies in every row; or the first row that is no orientation, from 0, and why. `is_inverse` if
-    /// rotations are to the sensor's frame.
+    /// Orientation of the sensor in every row; fails with the first row, from 0, that is not an
+    /// orientation, and the reason. `is_inverse` if rotations are to the sensor's frame.
     pub(super) fn attitudes(
         self,
         columns: &[Vec<f64>],
@@ -122,7 +122,8 @@ impl Orientation {
     }
 }
 
-/// Gravity against a direction: few digits turn a direction a little, and must not make gravity weaker.
+/// Gravity opposite to a direction. Rounded digits may tilt the direction a little but must not change the
+/// magnitude.
 fn down(up: Vector, gravity_m_s2: f64) -> Vector {
     let size = norm(up);
     up.map(|value| -value * gravity_m_s2 / size)
@@ -140,7 +141,7 @@ mod tests {
 
     #[test]
     fn all_ways_to_write_a_rotation_say_the_same() {
-        // Turned by 40° about x: gravity gets a part along −y of the sensor.
+        // Turned by 40° about x: gravity gets a component along −y of the sensor.
         let angle = 40_f64.to_radians();
         let ((s, c), (hs, hc)) = (angle.sin_cos(), (0.5 * angle).sin_cos());
         let expected = [0.0, -9.8 * s, -9.8 * c];

@@ -1,4 +1,4 @@
-//! Poses at rest from logs, and what they tell.
+//! Fits a payload to poses at rest from logs.
 
 use std::collections::HashMap;
 
@@ -14,28 +14,28 @@ use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// A payload found from poses.
+/// A payload fitted to poses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedPayload {
     /// The payload.
     pub fit: PayloadFit,
-    /// How its accelerometer sits.
+    /// Orientation of its accelerometer.
     pub accelerometer: Option<Accelerometer>,
     /// Source of the orientations.
     pub gravity_from: GravityFrom,
-    /// True if accelerations at rest point along gravity, and not against it.
+    /// True if accelerations at rest point along gravity instead of against it.
     pub is_reaction: bool,
     /// Residuals of the forces.
     pub forces_left: LeftOver,
     /// Doubt about the moments.
     pub moment_doubt: Option<MomentDoubt>,
-    /// Residual of the moments, N·m, as moments in the frame whose z is up, where that fits better.
+    /// Residual of the moments, N·m, interpreted in the frame with z up, if that fits better.
     pub moments_upright_nm: Option<f64>,
-    /// True if rows of a pose were put together by labels.
+    /// True if rows were grouped into poses by labels.
     pub is_grouped: bool,
-    /// Rows of each log.
+    /// Number of rows of each log.
     pub rows: Vec<u64>,
-    /// Rows that were wrong and left out, of all.
+    /// Number of bad rows of all logs, which were left out.
     pub skipped_rows: u64,
 }
 
@@ -45,24 +45,25 @@ pub struct FittedPayload {
 pub enum GravityFrom {
     /// Columns of orientation.
     Orientation,
-    /// Accelerations alone.
+    /// Accelerations only.
     Accelerations,
 }
 
-/// The mean of the rows of a pose.
+/// Mean of the rows of a pose.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     rows: f64,
     wrench: PerAxis<f64>,
     acceleration: Vector,
-    /// Gravity by each of [`WAYS`].
+    /// Gravity for each of [`WAYS`].
     gravity: [Vector; WAYS.len()],
-    /// Moments from the frame whose z is up into that of the sensor.
+    /// Moments rotated from the frame with z up into the sensor's frame.
     turned: Vector,
 }
 
-/// Other readings of columns of orientation ([`FoundColumns::attitudes`](super::columns::FoundColumns)), in words and as
-/// an option: the first is the one that was asked for.
+/// Alternative interpretations of orientation columns
+/// ([`FoundColumns::attitudes`](super::columns::FoundColumns)), in words and as an option; the first is the
+/// requested one.
 const WAYS: [((bool, bool), &str, &str); 4] = [
     ((false, false), "", ""),
     ((true, false), "the inverse rotation", "`--inverse-orientation`"),
@@ -76,7 +77,7 @@ const WAYS: [((bool, bool), &str, &str); 4] = [
 
 impl Sum {
     fn add(&mut self, row: Self) {
-        // A running mean keeps what is common out of the rounding.
+        // A running mean keeps a common offset out of the rounding error.
         self.rows += 1.0;
         let share = 1.0 / self.rows;
         let pairs = self.wrench.iter_mut().zip(row.wrench);
@@ -88,8 +89,8 @@ impl Sum {
     }
 }
 
-/// Fits what a sensor carries to logs of poses at rest: a pose is the rows under a label of the group column, or
-/// every row by itself.
+/// Fits the payload of a sensor to logs of poses at rest: a pose is all rows with the same label in the
+/// group column, or each single row.
 ///
 /// # Errors
 /// [`WorkflowError`].
@@ -100,7 +101,7 @@ pub fn fit_payload(
 ) -> Result<FittedPayload, WorkflowError> {
     let first = logs.first().ok_or(WorkflowError::NoLogs)?;
     let is_grouped = logs.iter().all(Log::has_groups);
-    // Poses in the order in which they begin.
+    // Poses in order of their first row.
     let (mut sums, mut by_label) = (Vec::<Sum>::new(), HashMap::new());
     let (mut ways, mut all_have_accelerations) = ([true; WAYS.len()], true);
     let mut all_turn = true;
@@ -159,7 +160,7 @@ pub fn fit_payload(
         let forces: Vec<Vector> =
             sums.iter().map(|sum| [sum.wrench[0], sum.wrench[1], sum.wrench[2]]).collect();
         let unit = unit_m_s2(first, &accelerations, columns.gravity_m_s2)?;
-        // Some write the reaction to gravity, which an accelerometer measures, with the other sign.
+        // Some logs store the reaction to gravity, which an accelerometer measures, with the opposite sign.
         let by_sign = |unit: f64| -> Result<_, PayloadError> {
             let found = frame_from_forces(&accelerations, &forces, unit)?;
             let gravity: Vec<Vector> = accelerations.iter().map(|a| found.gravity(*a)).collect();
@@ -202,7 +203,8 @@ pub fn fit_payload(
     })
 }
 
-/// One sign of the accelerations is taken rather than the other if it leaves less than this share.
+/// One sign of the accelerations is preferred to the other if its residual is below this share of the
+/// other's.
 const HALF: f64 = 0.5;
 
 fn poses_in(sums: &[Sum], gravity: impl Iterator<Item = Vector>) -> Vec<PayloadPose> {
@@ -211,7 +213,7 @@ fn poses_in(sums: &[Sum], gravity: impl Iterator<Item = Vector>) -> Vec<PayloadP
     sums.iter().zip(gravity).map(pose).collect()
 }
 
-/// Refuses orientations of which another reading lets the forces follow gravity far better.
+/// Refuses orientations if another interpretation makes the forces follow gravity far better.
 fn check_way(log: &Log, sums: &[Sum], known: [bool; WAYS.len()]) -> Result<(), WorkflowError> {
     let poses = |way: usize| poses_in(sums, sums.iter().map(|sum| sum.gravity[way]));
     let asked = fit(&poses(0));
@@ -242,11 +244,11 @@ fn check_way(log: &Log, sums: &[Sum], known: [bool; WAYS.len()]) -> Result<(), W
     Err(WorkflowError::refused(message, &*hint))
 }
 
-/// Unit of accelerations at rest, found from their size.
+/// Unit of accelerations at rest, inferred from their magnitude.
 fn unit_m_s2(log: &Log, accelerations: &[Vector], gravity_m_s2: f64) -> Result<f64, WorkflowError> {
     let mut sizes: Vec<f64> = accelerations.iter().map(|a| norm(*a)).collect();
     let size = upper_median(&mut sizes).unwrap_or_default();
-    // Offsets of an accelerometer are within a tenth of what it measures.
+    // Accelerometer offsets are within a tenth of the measured value.
     match size {
         0.8..1.2 => Ok(gravity_m_s2),
         8.0..12.0 => Ok(gravity_m_s2 / STANDARD_GRAVITY_M_S2),

@@ -1,4 +1,4 @@
-//! A trial on its log: between given times, or between those that are found in the drag.
+//! Evaluates a trial on its log, within a given window or one detected in the drag.
 
 mod reading;
 
@@ -10,46 +10,46 @@ use trial::{
     TrialResult, check_window, propose_window,
 };
 
-/// A log, and how trials on it are evaluated.
+/// A log, and how to evaluate trials on it.
 #[derive(Clone, Copy)]
 pub struct TrialJob<'a> {
     /// The log.
     pub log: &'a Log,
     /// Robot and calibration.
     pub instrument: Instrument<'a>,
-    /// How trials are evaluated.
+    /// Evaluation options.
     pub options: TrialOptions,
-    /// How the log is read.
+    /// Options for reading the log.
     pub read: ReadOptions<'a>,
 }
 
-/// A trial, and the log that it was found on.
+/// A trial, and its log's checksum.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluated {
     /// The results.
     pub result: TrialResult,
-    /// The log's checksum, if it was asked for.
+    /// Checksum of the log, if requested.
     pub checksum: Option<String>,
 }
 
-/// The drag of a whole log, and the window that it tells.
+/// Drag of a whole log, and the window detected in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WindowSearch {
     /// Time of each row, s.
     pub time_s: Vec<f64>,
     /// Drag at each row, N.
     pub drag_n: Vec<f64>,
-    /// The window, or why none is proposed.
+    /// Detected window, or why there is none.
     pub proposal: Result<Proposal, NoWindow>,
 }
 
 /// Evaluates a trial on its log.
 ///
 /// # Errors
-/// [`WorkflowError`] if the log cannot be read or the trial not be evaluated on it.
+/// [`WorkflowError`] if the log cannot be read or the trial cannot be evaluated on it.
 pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, WorkflowError> {
     let recorded = RecordedTrial::read(job, (trial.t_enter_s, trial.t_exit_s))?;
-    // What is wrong with the window says more than that there are no rows in it.
+    // A problem with the window explains more than an empty window does.
     check_window(trial, &recorded.times)?;
     let mut result = recorded.evaluate(job, trial)?;
     let RecordedTrial { summary, zero, .. } = recorded;
@@ -63,11 +63,10 @@ pub fn evaluate_log(job: &TrialJob<'_>, trial: &Trial) -> Result<Evaluated, Work
     Ok(Evaluated { result, checksum: summary.checksum })
 }
 
-/// Evaluates a trial on its log, whose entry and exit are those of `window_s`, on the log's clock, found in the drag
-/// where they are not given. That they were found is among its diagnostics.
-///
+/// Evaluates a trial on its log. Entry and exit are those in `window_s`, on the log's clock, or are
+/// detected in the drag if not given. The diagnostics state that they were detected.
 /// # Errors
-/// [`WorkflowError`] if the log cannot be read, tells no window, or the trial cannot be evaluated on it.
+/// [`WorkflowError`] if the log cannot be read, no window is found, or the trial cannot be evaluated on it.
 pub fn evaluate_in_window(
     job: &TrialJob<'_>,
     trial: Trial,
@@ -88,8 +87,8 @@ pub fn evaluate_in_window(
     Ok(evaluated)
 }
 
-/// Looks for entry and exit in the drag of a whole log, filtered without delay whatever the options
-/// say: a filter that lags behind would make the window late.
+/// Detects entry and exit in the drag of a whole log. The filter has zero phase, whatever the options say:
+/// a causal filter would make the window late.
 ///
 /// # Errors
 /// [`WorkflowError`] if the log cannot be evaluated, or gives no forces.
@@ -100,7 +99,7 @@ pub fn search_window(job: &TrialJob<'_>) -> Result<WindowSearch, WorkflowError> 
     let forces = job.options.forces.with_delay(false);
     let options = TrialOptions { forces, trace: TraceExtent::Log, ..job.options };
     let job = TrialJob { options, ..*job };
-    // The whole log as if it were one trial.
+    // Read the whole log as one trial.
     let recorded = RecordedTrial::read(&job, (f64::NEG_INFINITY, f64::INFINITY))?;
     let LogTimes { first_s, last_s, .. } = recorded.times;
     let trial = Trial::from_window(job.log.path().display().to_string(), (first_s, last_s));

@@ -1,4 +1,4 @@
-//! A trial's rows from its log, in one pass.
+//! Reads the rows of a trial from its log in one pass.
 
 use super::TrialJob;
 use crate::workflow::WorkflowError;
@@ -16,21 +16,21 @@ use trial::{
     used_telemetry,
 };
 
-/// Rows are looked for this far around the window at least, s.
+/// Minimum margin around the window from which rows are read, s.
 const MARGIN_S: f64 = 1.0;
 
-/// What was taken from a log.
+/// Data of a trial from its log.
 pub(super) struct RecordedTrial {
     pub(super) times: LogTimes,
     pub(super) summary: ReadSummary,
-    /// How the zero has moved, where the tare does not follow it.
+    /// Zero shift, if the tare does not follow it.
     pub(super) zero: Option<ZeroMove>,
     rows: TrialRows,
     pipeline: Option<ForcePipeline>,
 }
 
 impl RecordedTrial {
-    /// Reads what a window (s) needs.
+    /// Reads the data that a window (s) needs.
     pub(super) fn read(job: &TrialJob<'_>, window: (f64, f64)) -> Result<Self, WorkflowError> {
         let mut reading = Reading::new(job, window)?;
         let wanted = reading.wanted.clone();
@@ -46,7 +46,7 @@ impl RecordedTrial {
         let zero = reading.watch.as_ref().zip(calibration).and_then(|(watch, of)| watch.finish(of));
         let pipeline = reading.setup.map(|(calibration, setup)| setup.finish(calibration));
         let mut pipeline = pipeline.transpose().map_err(TrialError::from)?;
-        // Legs and power stay where they are in time; forces move to them.
+        // Legs and power keep their times; forces are shifted to match.
         if let (Some(pipeline), Some(calibration)) = (&mut pipeline, calibration) {
             pipeline.lag = calibration.lag;
         }
@@ -69,19 +69,19 @@ impl RecordedTrial {
     }
 }
 
-/// What is taken from the log as it goes by.
+/// State of a single pass over the log.
 struct Reading<'a> {
     enter_s: f64,
     exit_s: f64,
     wanted: Wanted,
-    /// The calibration and the search for tare and clock, where there are forces.
+    /// Calibration and setup of tare and clock, if there are forces.
     setup: Option<(&'a Calibration, PipelineSetup)>,
-    /// The memory terms of the calibration, which take every row from the first on.
+    /// Memory terms of the calibration, which need every row from the first on.
     memory: Option<MemoryState>,
-    /// Looks at the zero of the whole log: a drift can only be followed from rest to rest.
+    /// Monitors the zero of the whole log: drift can only be followed from rest to rest.
     watch: Option<ZeroWatch>,
     takes_all: bool,
-    /// The times between which rows are needed, s, once that is known.
+    /// Time range of the required rows, s, once it is known.
     needed_s: Option<(f64, f64)>,
     sampling: Sampling,
     rows: u64,
@@ -96,7 +96,7 @@ impl<'a> Reading<'a> {
         let channels = log.channels();
         let is_traced = options.trace != TraceExtent::Nothing;
         let (mut telemetry, mut others) = (Vec::new(), Vec::new());
-        // The left leg is for traces alone.
+        // The left leg is needed only for traces.
         for kind in used_telemetry().filter(|kind| is_traced || *kind != Telemetry::LeftLeg) {
             let position = match instrument.profile.column_name(kind) {
                 Some(name) => Some(log.column_positions(&[ColumnRef::Name(name.to_owned())])?[0]),
@@ -128,7 +128,7 @@ impl<'a> Reading<'a> {
         })
     }
 
-    /// The times between which rows are needed, s: all, until the clock of the low-pass is known.
+    /// Time range of the required rows, s: everything, until the clock of the low-pass filter is known.
     fn needed_s(&mut self) -> Result<(f64, f64), TrialError> {
         let everything = (f64::NEG_INFINITY, f64::INFINITY);
         if let Some(needed) = self.needed_s {
@@ -146,14 +146,14 @@ impl<'a> Reading<'a> {
         Ok(*self.needed_s.insert((low, high)))
     }
 
-    /// The times of the log, once it has been read.
+    /// Times of the log, once it has been read.
     fn log_times(&self, rows: u64) -> Result<LogTimes, TrialError> {
         let ends = self.first_s.zip(self.last_s).zip(self.sampling.rate());
         let ((first_s, last_s), rate) = ends.ok_or(TrialError::NoClock(rows))?;
         Ok(LogTimes { first_s, last_s, period_s: 1.0 / rate.median_hz })
     }
 
-    /// Takes the next rows, of which `fresh` are frames.
+    /// Takes the next rows; `fresh` marks the frames among them.
     fn take(&mut self, fresh: &[bool], mut block: Block) -> Result<(), WorkflowError> {
         let times = &*block.time_s;
         for &time in times {
