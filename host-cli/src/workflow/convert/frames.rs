@@ -34,7 +34,7 @@ pub(super) struct ConvertedRows {
     pub(super) time_s: Vec<f64>,
     /// Wrench of each row, tared.
     pub(super) wrench: PerAxis<Vec<f64>>,
-    /// Whether each row is written.
+    /// True for each row that is written.
     pub(super) written: Vec<bool>,
     /// Frames to write; without wrenches if these are still to be filtered.
     pub(super) frames: ConvertedFrames,
@@ -55,9 +55,9 @@ pub(super) struct FrameConverter<'a> {
     pub(super) options: &'a ConvertOptions,
     /// Lag of the reference, if the time stamps of forces correct for it.
     pub(super) stamp_lag: Option<ReferenceLag>,
-    /// Whether frames keep their readings.
+    /// True to keep the readings in the frames.
     pub(super) keeps_readings: bool,
-    /// Whether rows that repeat a frame count as frames; `None` if zero drift is not monitored.
+    /// True if rows that repeat a frame count as frames; `None` if zero drift is not monitored.
     pub(super) watch: Option<bool>,
 }
 

@@ -18,7 +18,7 @@ pub enum Orientation {
     Matrix,
     /// Last row of that matrix only.
     LastRow,
-    /// The same rotation as a quaternion x y z w.
+    /// The rotation as a quaternion x y z w.
     Quaternion,
     /// The rotation as a quaternion w x y z.
     QuaternionWxyz,
