@@ -15,7 +15,7 @@ fn main() {
 }
 
 const ROWS: usize = 77_522;
-/// About what the log reader hands over at once.
+/// Approximate block size of the log reader.
 const BLOCK_ROWS: usize = 6_000;
 
 fn blocks() -> Vec<Block> {
@@ -46,7 +46,7 @@ fn calibration(basis: Basis, blocks: &[Block]) -> Calibration {
     Calibration::from_solution(&solution, &ranges)
 }
 
-/// One thread; the log reader does this on as many as there are.
+/// One thread; the log reader uses all threads.
 #[divan::bench(args = Basis::ALL, sample_count = 15)]
 fn tsqr(bencher: Bencher, basis: &Basis) {
     let blocks = blocks();

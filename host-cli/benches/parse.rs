@@ -1,12 +1,12 @@
-//! Parsing a training file of the paper's size on one thread, beside the csv crate with
-//! `str::parse`, beside csv-core with fast-float2, and beside the floor: reading the file and finding its
-//! line ends. The wrench has the digits of the lab's files, or all digits of a double.
+//! Parses a training file of the paper's size on one thread. Baselines: the csv crate with `str::parse`,
+//! csv-core with fast-float2, and the lower bound of reading the file and finding its line ends. The wrench
+//! has the digits of the lab's files, or all digits of a double.
 //!
-//! `cargo bench -p shellcal --bench parse` prints what divan measures, then a table of ratios for each
-//! kind of file, taken in alternating rounds, so that what else the machine does hits all of them alike. The
-//! best times are compared: they are those that the rest of the machine disturbed least. The environment
-//! variable `SHELLCAL_INSTRUCTIONS` (`avx512`, `avx2`, `neon`, `none`) chooses the vector instructions
-//! of shellcal.
+//! `cargo bench -p shellcal --bench parse` prints the results of divan, then a table of ratios for each
+//! kind of file. The ratios are measured in alternating rounds, so that other load on the machine affects
+//! all methods equally. The best times are compared, because other load disturbed them least. The
+//! environment variable `SHELLCAL_INSTRUCTIONS` (`avx512`, `avx2`, `neon`, `none`) selects the vector
+//! instructions of shellcal.
 
 #![expect(clippy::print_stdout, reason = "a benchmark prints its figures")]
 
@@ -48,7 +48,7 @@ const WAYS: [ParseMethod; 6] = [
 
 fn main() {
     divan::main();
-    // `cargo test --benches` runs this too, and wants no figures.
+    // `cargo test --benches` runs this too, without measurements.
     if std::env::args().any(|arg| arg == "--bench") {
         print_ratios("twelve digits", TWELVE_DIGITS.path());
         print_ratios("all digits", ALL_DIGITS.path());
@@ -99,8 +99,8 @@ fn print_ratios(digits: &str, path: &Path) {
     }
 }
 
-/// All columns, by the library. The sum keeps the work from being optimised away, and shows that
-/// all ways read the same numbers.
+/// Reads all columns with the library. The sum prevents the optimiser from removing the work, and shows
+/// that all methods read the same numbers.
 fn shellcal_reader(path: &Path) -> f64 {
     read_with(path, ReadOptions { threads: 1, ..ReadOptions::default() })
 }
@@ -126,7 +126,7 @@ fn read_with(path: &Path, options: ReadOptions<'_>) -> f64 {
     last
 }
 
-/// The fastest way from crates that we know of, put together by hand.
+/// The fastest known combination of crates.
 fn csv_core_fast_float(path: &Path) -> f64 {
     use csv_core::ReadRecordResult::{End, InputEmpty, OutputEndsFull, OutputFull, Record};
 
@@ -203,7 +203,7 @@ fn twelve_digits(text: &mut String, value: f64) {
     write!(text, "{value:.*}", decimals as usize).expect("a string");
 }
 
-/// The shortest text that is this number, as most programs write doubles: 15 to 17 digits.
+/// Shortest text that reads back as this number, as most programs write doubles: 15 to 17 digits.
 fn all_digits(text: &mut String, value: f64) {
     write!(text, "{value}").expect("a string");
 }

@@ -1,7 +1,6 @@
 //! Time from rows in memory to coefficients, at the paper's size, on one thread.
 //!
-//! `cargo bench --bench solve`; beside it the plain `f64` Gram matrix, which is what the exact sums
-//! are measured against.
+//! `cargo bench --bench solve`; the baseline for the exact sums is the plain `f64` Gram matrix.
 
 use calibration::exact::{Accumulator, ExactSums};
 use calibration::model::{Basis, Model, Term};

@@ -1,5 +1,5 @@
-//! Every solver from readings to coefficients, at four sizes, on one thread, on rows of the sensor model. Writes the
-//! tables of `docs/accuracy.md`.
+//! Times every solver from readings to coefficients, at four sizes, on one thread, on rows of the sensor
+//! model. Writes the tables of `docs/accuracy.md`.
 
 use std::fs;
 use std::path::Path;
@@ -9,11 +9,11 @@ use calibration::solver::SolverKind;
 use shellcal::workflow::bench::{self, ModelBench};
 use simulation::synthetic_log::training_blocks;
 
-/// The paper's size among them.
+/// Includes the paper's size.
 const SIZES: [(usize, &str); 4] =
     [(1_000, "1,000"), (10_000, "10,000"), (77_522, "77,522"), (1_000_000, "1,000,000")];
 
-/// What the tables stand between.
+/// Markers around the tables.
 const MARKS: [&str; 2] = ["<!-- tables of the bench -->\n", "<!-- end of the tables -->"];
 
 fn main() {

@@ -21,14 +21,13 @@ use shell_data::wrench::{Axes, PerAxis};
 pub struct Calibration {
     /// A polynomial or a physics model.
     pub kind: Kind,
-    /// Which axes of the wrench it gives: those that were measured in the training data. What it says of the
-    /// others is no wrench.
+    /// The axes of the wrench that were measured in the training data. Output on other axes is meaningless.
     pub axes: Axes,
     /// The covariance of errors and coefficients of a polynomial, where it is known.
     pub covariance: Option<Covariance>,
     /// The range of each channel in the training data, where that is known.
     pub valid_range: Option<Vec<ReadingRange>>,
-    /// The memory terms that the readings have to have beside them.
+    /// The memory terms that must follow the readings.
     pub memory: Option<MemoryTerms>,
     /// How much later than the readings the reference of the training logs was, which has been made up for: forces
     /// are those at the time of the reading.
@@ -40,7 +39,7 @@ pub struct Calibration {
 pub enum Kind {
     /// By a polynomial in the readings.
     Polynomial(Polynomial),
-    /// By a model of what the sensors answer to a wrench, inverted.
+    /// By inverting a model of the sensors' response to a wrench.
     Physics(Box<PhysicsCalibration>),
 }
 
@@ -92,7 +91,7 @@ impl Calibration {
         self.memory.as_ref().map(MemoryTerms::start)
     }
 
-    /// Whether it needs the time of each row.
+    /// Returns true if conversion needs the time of each row.
     pub fn needs_time(&self) -> bool {
         self.memory.as_ref().is_some_and(|memory| memory.time_base == TimeBase::Seconds)
     }
@@ -136,9 +135,9 @@ impl Calibration {
     /// The wrench of every row, untared: N and N·m.
     ///
     /// `readings` has one column per channel, in counts, and its [memory terms](Self::memory) after them; without
-    /// these the sensor is taken to have rested. `wrench` is made as long as they are, zeros for what
-    /// is not among [`Self::axes`]. The
-    /// bits are the same on any machine, and those of a row do not depend on the rows beside it.
+    /// these the sensor is assumed to have rested. `wrench` is resized to their length, with zeros on axes that
+    /// are not in [`Self::axes`]. The result is bit-identical on every machine, and does not depend on
+    /// neighbouring rows.
     ///
     /// # Panics
     /// If `readings` are not the model's channels, or of different lengths.

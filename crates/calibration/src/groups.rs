@@ -1,4 +1,4 @@
-//! Which rows belong together: by a column, by file, or as found in the rows themselves.
+//! Groups of rows: by a column, by file, or found in the rows themselves.
 
 use std::fmt;
 use std::ops::Range;
@@ -11,11 +11,11 @@ use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset, LabelRuns, LogRows};
 use shell_data::statistics::RunningVariance;
 
-/// What is held out together.
+/// The rows that are held out together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeldOut {
-    /// Each group of the logs' group column, or each file, or what is found in a log alone, or else stretches of
-    /// time.
+    /// Each group of the logs' group column, or each file, or each group found in a single log, or else
+    /// stretches of time.
     Auto,
     /// Each file.
     File,
@@ -23,7 +23,7 @@ pub enum HeldOut {
     Column,
     /// Each plateau of constant load.
     Plateaus,
-    /// So many folds of groups.
+    /// This number of folds of groups.
     Folds(usize),
 }
 
@@ -46,13 +46,13 @@ impl std::str::FromStr for HeldOut {
 }
 
 impl From<Option<usize>> for HeldOut {
-    /// So many folds of groups, or each group.
+    /// The given number of folds of groups; each group alone if there is no number.
     fn from(folds: Option<usize>) -> Self {
         folds.map_or(Self::Auto, Self::Folds)
     }
 }
 
-/// What a group is.
+/// The definition of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroupBy {
     /// The rows of a file.
@@ -63,39 +63,40 @@ pub enum GroupBy {
     Found(FoundGroups),
 }
 
-/// What tells groups apart that were found.
+/// The property that separates groups that were found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FoundKind {
     /// The load is constant within each.
     Plateaus,
     /// The clock jumps between them.
     Recordings,
-    /// Nothing tells them apart but time.
+    /// Only time separates them.
     Stretches,
 }
 
-/// Stretches of time that rows without any other group are held out in.
+/// Number of stretches of time into which rows without any other group are divided.
 const STRETCHES: u64 = 40;
 
-/// Neighbouring loads of a recording in time resemble each other far more than this (correlation).
+/// Rows are shuffled if the correlation of neighbouring loads is below this; in a recording in order of
+/// time it is far higher.
 pub(crate) const SHUFFLED_BELOW: f64 = 0.3;
 
-/// Most stretches that the rows of several files are divided into.
+/// Maximum number of stretches into which the rows of several files are divided.
 const MOST_STRETCHES: u64 = 100;
 
-/// A stretch is so many times as long as loads resemble themselves.
+/// Minimum length of a stretch, in correlation lengths of the loads.
 const STRETCH_LENGTHS: usize = 8;
 
-/// Rows whose order is looked at.
+/// Number of rows that the check of their order uses.
 const MOST_ROWS: usize = 20_000;
 
 impl FoundKind {
-    /// As documents call them.
+    /// The name in documents.
     pub fn name(self) -> &'static str {
         self.words()[0]
     }
 
-    /// Their name in documents, in singular, in plural, and in full.
+    /// The names in documents, in singular, in plural, and in full.
     fn words(self) -> [&'static str; 4] {
         match self {
             Self::Plateaus => ["plateaus", "plateau", "poses", "plateaus of constant load"],
@@ -110,20 +111,20 @@ impl FoundKind {
 /// Groups that were found in logs without a group column: how many, and how long they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FoundGroups {
-    /// What they are.
+    /// The kind of the groups.
     pub kind: FoundKind,
-    /// How many.
+    /// The number of groups.
     pub groups: usize,
-    /// The rows of the shortest.
+    /// The rows of the shortest group.
     pub rows_min: u64,
-    /// Of the median.
+    /// The median number of rows.
     pub rows_median: u64,
-    /// Of the longest.
+    /// The rows of the longest group.
     pub rows_max: u64,
 }
 
 impl GroupBy {
-    /// Whether groups are poses, as far as one can tell.
+    /// Returns true if groups are poses, as far as one can tell.
     pub fn is_poses(&self) -> bool {
         match self {
             Self::File => false,
@@ -132,12 +133,12 @@ impl GroupBy {
         }
     }
 
-    /// Whether nothing but time tells them apart.
+    /// Returns true if only time separates the groups.
     pub fn is_stretches(&self) -> bool {
         self.found().is_some_and(|groups| groups.kind == FoundKind::Stretches)
     }
 
-    /// What several of them are called.
+    /// The plural of the name.
     pub fn plural(&self) -> &'static str {
         match self {
             Self::File => "files",
@@ -164,9 +165,9 @@ impl From<GroupKind> for GroupBy {
     }
 }
 
-/// The rows of a data set labelled by what can be held out, as asked for or, for [`HeldOut::Auto`] and folds, the
-/// first there is: labels of a column that all logs have, files where there are several, plateaus of constant
-/// load, recordings between jumps of the clock, forty stretches of time. `None` where there are none.
+/// Labels the rows of a data set by the groups that can be held out: the groups asked for or, for
+/// [`HeldOut::Auto`] and folds, the first available of: a column that all logs have, several files, plateaus
+/// of constant load, recordings between jumps of the clock, forty stretches of time. `None` if there are none.
 pub fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
     match held_out {
         HeldOut::File => Some((GroupBy::File, label_by_file(data))),
@@ -183,21 +184,21 @@ pub fn label_poses_or_files(data: &Dataset) -> Dataset {
     label_poses(data).map_or_else(|| label_by_file(data), |(_, data)| data)
 }
 
-/// The rows labelled by groups that errors may be alike in, as far as a sample of them says that there are any.
+/// Labels the rows by groups within which errors may be alike, if a sample of the rows shows such groups.
 pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     given(data).or_else(|| label_plateaus(data))
 }
 
-/// The rows labelled by plateaus, where all logs may have some.
+/// Labels the rows by plateaus if all logs may have some.
 fn label_plateaus(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let may_have = |log: &LogRows| may_have_plateaus(&log.sample, log.is_sampled_at_start);
     data.logs.iter().all(may_have).then(|| label_groups(data, HeldOut::Plateaus))?
 }
 
-/// Most of the variance of the loads that is within the groups of a column if these are poses.
+/// Groups of a column are poses if at most this share of the variance of the loads is within them.
 const WITHIN_POSES: f64 = 0.1;
 
-/// Whether rows are in poses: the groups of a column in which loads hardly change, or plateaus in all logs.
+/// Returns true if rows are in poses: groups of a column in which loads hardly change, or plateaus in all logs.
 pub(crate) fn has_poses(data: &Dataset) -> bool {
     match data.logs.iter().all(|log| log.has_groups) {
         true => loads_are_constant_in_groups(data),
@@ -213,15 +214,15 @@ fn loads_are_constant_in_groups(data: &Dataset) -> bool {
     })
 }
 
-/// Whether a log may have plateaus, going by a sample of its rows; one of the first rows only does not tell.
+/// Returns true if a log may have plateaus, judging by a sample of its rows. A sample of the first rows only
+/// cannot rule them out.
 pub fn may_have_plateaus(sample: &Block, is_sampled_at_start: bool) -> bool {
     let mut finder = PlateauFinder::<6>::new(Steps::from_sample(&[], &sample.wrench));
     finder.add(&[], &sample.wrench);
     is_sampled_at_start || matches!(finder.finish(), Stretches::Plateaus(_))
 }
 
-/// The groups that rows are given in: those of a column where all logs have one, otherwise files where there
-/// are several.
+/// The groups that the input provides: a column if all logs have one, otherwise files if there are several.
 fn given(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     match data.logs.len() {
         1.. if data.logs.iter().all(|log| log.has_groups) => Some((GroupBy::Column, data.clone())),
@@ -238,7 +239,7 @@ fn label_by_file(data: &Dataset) -> Dataset {
     data
 }
 
-/// Finds groups in the rows. Logs are groups of their own where only others have any.
+/// Finds groups in the rows. A log without groups becomes one group if another log has some.
 fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let stretches = |log: &LogRows| {
         let steps = Steps::from_sample(&log.sample.time_s, &log.sample.wrench);
@@ -261,7 +262,7 @@ fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     Some(label_found(data, kind, rows.collect()))
 }
 
-/// Divides the rows of a log into stretches of time, as evenly as they go. `None` for a single row.
+/// Divides the rows of a log into stretches of time, as evenly as possible. `None` for a single row.
 fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let [log] = &data.logs[..] else { return None };
     let groups = log.rows().min(STRETCHES);
@@ -270,9 +271,9 @@ fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     (groups > 1).then(|| label_found(data, FoundKind::Stretches, vec![rows]))
 }
 
-/// The rows of several files labelled by stretches of time, long enough that the errors of one say little of those of
-/// the next, and the stretches of each file. `None` where the order of rows says nothing: in poses, in no order, or where
-/// loads resemble themselves for too long.
+/// Labels the rows of several files by stretches of time, and returns the stretches of each file. Stretches are
+/// long enough that the errors of neighbours are nearly uncorrelated. `None` if the order of rows is not
+/// informative: rows in poses, shuffled rows, or loads that stay correlated for too long.
 pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<usize>>)> {
     let is_apart = |&lag: &usize| load_correlation(data, lag) < SHUFFLED_BELOW;
     let lags = std::iter::successors(Some(1), |lag| Some(2 * lag));
@@ -293,13 +294,13 @@ pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<u
     Some((label_found(data, FoundKind::Stretches, lengths).1, files))
 }
 
-/// Whether the rows are in no order of time: neighbouring loads do not resemble each other on any axis, so that
-/// nothing can be held out by time.
+/// Returns true if the rows are not in order of time: neighbouring loads are uncorrelated on every axis, so
+/// rows cannot be held out by time.
 pub(crate) fn rows_are_shuffled(data: &Dataset) -> bool {
     data.rows() > STRETCHES && load_correlation(data, 1) < SHUFFLED_BELOW
 }
 
-/// The correlation of the loads of rows that are so many apart, on the axis where it is largest.
+/// The correlation of the loads of rows `lag` apart, on the axis where it is largest.
 pub(crate) fn load_correlation(data: &Dataset, lag: usize) -> f64 {
     let correlation = |axis: usize| {
         let mut rest = MOST_ROWS;
@@ -321,7 +322,7 @@ pub(crate) fn load_correlation(data: &Dataset, lag: usize) -> f64 {
     (0..6).map(correlation).fold(0.0, f64::max)
 }
 
-/// The rows of a data set labelled by groups of so many rows of each log.
+/// Labels the rows of a data set by groups with the given numbers of rows in each log.
 fn label_found(data: &Dataset, kind: FoundKind, rows: Vec<Vec<u64>>) -> (GroupBy, Dataset) {
     let (mut all, mut data) = (Vec::new(), data.clone());
     for (log, rows) in data.logs.iter_mut().zip(rows) {

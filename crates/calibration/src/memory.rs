@@ -1,20 +1,20 @@
-//! Memory terms: what a reading is away from where it has been.
+//! Memory terms: the difference between a reading and its moving average.
 //!
-//! Flexures creep and gels relax, so a reading depends on the loads before. Beside its features a model may have, of
-//! each channel and for each time constant τ, the term
+//! Flexures creep and gels relax, so a reading depends on earlier loads. In addition to its features a model may
+//! have, for each channel and each time constant τ, the term
 //!
 //! ```text
 //! m(t) = s(t) − e(t),    τ·de/dt = s − e
 //! ```
 //!
-//! linear in it. A reading is held until the next, so `e` at a row comes from the row before by
+//! as a linear column. A reading is held until the next, so `e` at a row follows from the previous row by
 //! `e ← e + (1 − exp(−Δt/τ))·(s − e)`, exact however uneven the rows: repeating a row changes nothing, and a lost one
 //! is bridged by time. A row that comes late, after rows of later times, is compared with what `e` is by then and
 //! changes nothing. Where the clock jumps, the terms start anew at zero, as at the start of a log. They are causal.
 
 use shell_data::block::Block;
 
-/// What time is counted in.
+/// The unit of time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TimeBase {
@@ -29,7 +29,7 @@ impl TimeBase {
     /// All of them.
     pub const ALL: [Self; 2] = [Self::Seconds, Self::Rows];
 
-    /// The unit, as documents and people call it.
+    /// The name of the unit in documents and messages.
     pub const fn unit(self) -> &'static str {
         match self {
             Self::Seconds => "s",
@@ -41,7 +41,7 @@ impl TimeBase {
 /// The memory terms of a model.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct MemoryTerms {
-    /// What time is counted in.
+    /// The unit of time.
     pub time_base: TimeBase,
     /// Time constants, ascending, in units of the time base.
     pub time_constants: Vec<f64>,
@@ -54,14 +54,14 @@ pub struct MemoryTerms {
 #[derive(Clone, Debug)]
 pub struct MemoryState {
     memory: MemoryTerms,
-    /// Time and readings of the row before.
+    /// Time and readings of the previous row.
     before: Option<(f64, Vec<f64>)>,
     /// `e` of each channel, time constant by time constant.
     averages: Vec<f64>,
     rows: u64,
 }
 
-/// A log without the clock that memory terms are by.
+/// The error that a log has no clock although the memory terms need one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("the calibration has memory terms by time, and there is no time")]
 pub struct NoTime;
@@ -125,7 +125,7 @@ impl MemoryState {
         Ok(terms)
     }
 
-    /// Adds their terms to the readings of the next rows, which have none.
+    /// Appends the memory terms to the readings of the next rows, which must have none yet.
     ///
     /// # Errors
     /// [`NoTime`].
@@ -156,7 +156,7 @@ mod tests {
         let found = terms(&memory(vec![0.2]), &times_s, &readings);
         for (row, term) in found.iter().enumerate().skip(1) {
             let expected = 2.0 * (-(times_s[row] - 0.1) / 0.2).exp();
-            // Some roundings of numbers up to 5.
+            // A few rounding errors of numbers up to 5.
             assert!((term - expected).abs() < 1e-14, "{term} {expected}");
         }
         assert_eq!(found[0], 0.0);

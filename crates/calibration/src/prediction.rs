@@ -54,7 +54,7 @@ impl Calibration {
         Some(Tare { frames, features, wrench: wrench.map(|axis| mean(&axis)), variance })
     }
 
-    /// Whether it knows standard errors.
+    /// Returns true if standard errors are known.
     pub fn has_standard_errors(&self) -> bool {
         self.covariance.is_some() || matches!(self.kind, Kind::Physics(_))
     }

@@ -1,4 +1,4 @@
-//! `shellcal align` and `shellcal synth pair` as a user runs them.
+//! `shellcal align` and `shellcal synth pair` from the command line.
 use std::path::Path;
 
 use serde_json::Value;
@@ -22,7 +22,7 @@ fn a_pair_becomes_a_training_log_that_can_be_fitted() {
     assert_eq!(report["rows"]["uncovered"], 0);
     assert_eq!(report["rows"]["written"], truth["log_rows"]);
 
-    // Every frame is in the training log as it was, with a wrench that the springs feel.
+    // Every frame is unchanged in the training log, and has a wrench that the springs respond to.
     let training = std::fs::read_to_string(at.join("train.csv")).unwrap();
     let log = std::fs::read_to_string(at.join("log.csv")).unwrap();
     let mut lines = training.lines();
@@ -73,7 +73,7 @@ fn units_and_names_of_either_file_can_be_told() {
     let (plain, told) = (numbers(&plain), numbers(&told));
     assert_eq!(plain.len(), told.len());
     for (a, b) in plain.into_iter().zip(told) {
-        // Values in other units are rounded otherwise, and so are the sums made of them.
+        // Values in other units round differently, and so do their sums.
         assert!((a - b).abs() < 1e-5, "{a} {b}");
     }
 }
@@ -122,8 +122,8 @@ fn the_same_command_makes_the_same_pair() {
     assert!(read("b.csv") != read("d.csv"));
 }
 
-/// Puts a sync signal into a pair: high for 50 ms from each of `edges_s` of the reference's clock on, and the
-/// times at which the board sees them in its log.
+/// Adds a sync signal to a pair: high for 50 ms from each of `edges_s` on, in the reference's clock; the
+/// board log gets the times at which the board sees the edges.
 fn add_edges(at: &Path, edges_s: &[f64], offset_s: f64, skew: f64) {
     let text = std::fs::read_to_string(at.join("ref.csv")).unwrap();
     let mut lines = text.lines();
@@ -164,11 +164,12 @@ fn edges_of_a_common_signal_line_up_what_the_loads_do_not() {
         add_edges(at, &edges_s, offset_s, skew);
         let report = json(at, "align ref.csv log.csv -o train.csv --sync ttl_v --json");
         let clock = |name: &str| report["clock"][name].as_f64().unwrap();
-        // One of the eight is missing on the board.
+        // The board missed one of the eight edges.
         assert_eq!(report["edges"]["matched"], 7, "{report}");
         assert_eq!(report["edges"]["by_loads"].is_object(), by_loads);
         assert_eq!(report["explained"].is_number(), by_loads);
-        // Between a sample of the reference's over √12, if that is common to all, and that of seven edges.
+        // Bounds: one sample period of the reference over √12 if the error is common to all edges, and the
+        // error of the mean of seven edges.
         let sample_s = 1e-3 / 12_f64.sqrt();
         let range = sample_s / 8_f64.sqrt()..sample_s;
         assert!(range.contains(&clock("offset_se_s")), "{report}");
@@ -177,7 +178,7 @@ fn edges_of_a_common_signal_line_up_what_the_loads_do_not() {
         assert!((clock("skew") - skew).abs() < 3.0 * clock("skew_se"), "{report}");
         assert!(report["rows"]["written"].as_u64().unwrap() > 2_900);
     }
-    // The loads say the same to within their errors, and their clocks are those without the flag.
+    // The loads give the same result within their errors, and the clocks equal those without the flag.
     succeed(at, &format!("{PAIR} --offset {offset_s} --skew 120"));
     let plain = json(at, "align ref.csv log.csv -o plain.csv --json");
     assert!(plain["edges"].is_null());

@@ -1,18 +1,18 @@
-//! Recordings as they are: with losses, gaps, repeats, uneven clocks, ends of the range, and some
-//! that do not belong together.
+//! Recordings with real-world defects: losses, gaps, repeats, uneven clocks, saturation, and pairs that do
+//! not belong together.
 use alignment::{AlignError, Options, Recording, RecordingSide, align};
 use simulation::sensor_model::PairSettings;
 use system_tests::random::Random;
 
 use crate::alignment::{SESSION, errors, linear_session, recordings};
 
-/// Aligns a disturbed session and checks it against the truth; returns how often the error of the
-/// offset is the one stated.
+/// Aligns a disturbed session and checks it against the truth; returns the error of the offset over its
+/// stated standard error.
 fn check(reference: Recording, board: Recording, truth: &PairSettings) {
     let aligned = align(reference, board, Options::default()).unwrap();
     let (offset_s, skew) = errors(&aligned.clock, truth);
     let clock = aligned.clock;
-    // Four standard errors, and the figures asked for of an undisturbed session.
+    // Four standard errors, and the limits for an undisturbed session.
     assert!(offset_s.abs() < (4.0 * clock.offset_se_s).min(200e-6), "{offset_s} {clock:?}");
     assert!(skew.abs() < 4.0 * clock.skew_se && skew.abs() < 5e-6, "{skew} {clock:?}");
 }
@@ -46,7 +46,7 @@ fn gaps_on_both_sides_do_not_bias() {
 fn an_uneven_clock_does_not_bias() {
     let (mut reference, board) = recordings(PairSettings { seed: 2, ..SESSION });
     let mut random = Random(5);
-    // Rows of the reference lost here and there, one in ten.
+    // One in ten rows of the reference is lost, at random.
     keep_rows(&mut reference, |_, _| random.unit() > 0.1);
     let mut board = board;
     keep_rows(&mut board, |row, _| row % 7 != 3 && row % 11 != 5);
@@ -72,7 +72,7 @@ fn repeated_rows_do_not_bias() {
     assert_eq!(aligned.board_left_out.repeated, rows / 10 * 9);
     let (offset_s, _) = errors(&aligned.clock, &SESSION);
     assert!(offset_s.abs() < 200e-6, "{offset_s}");
-    // Without being told, from the jumps about the repeats.
+    // Without the option, found from the jumps around the repeats.
     let aligned = align(reference, board, Options::default()).unwrap();
     let (offset_s, _) = errors(&aligned.clock, &SESSION);
     assert!(offset_s.abs() < 200e-6, "{offset_s}");
@@ -173,7 +173,7 @@ fn recordings_of_different_sessions_are_refused() {
     }
 }
 
-/// A load that everything follows.
+/// A load that all columns follow.
 fn one_load(duration_s: f64, rate_hz: f64, columns: usize, load: impl Fn(f64) -> f64) -> Recording {
     let mut random = Random(columns as u64);
     let time_s: Vec<f64> =

@@ -6,7 +6,7 @@ use std::path::Path;
 use serde_json::Value;
 use system_tests::{program, real_recording};
 
-/// Columns `from` to `to` of a CSV, the line of names with them or not.
+/// Columns `from` to `to` of a CSV, with or without its header.
 fn columns(text: &str, [from, to]: [usize; 2], with_names: bool) -> String {
     let cut = |line: &str| {
         line.split(',').skip(from).take(to - from).collect::<Vec<_>>().join(",") + "\n"
@@ -26,7 +26,7 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
     program::run(dir, "synth train --rows 3000 --seed 5 -o whole.csv", 0);
     let text = fs::read_to_string(dir.join("whole.csv")).unwrap();
     program::run(dir, "fit whole.csv --model linear --covariance rows -o whole.json", 0);
-    // Time is in both, and the first one's counts.
+    // Both files have the time, and the first file's time is used.
     let wrench = columns(&text, [9, 15], true);
     let wrench: String = wrench
         .lines()
@@ -51,7 +51,7 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
         program::run(dir, &format!("fit {files} --model linear --covariance rows -o {to}"), 0);
         assert_eq!(coefficients(dir, to), coefficients(dir, "whole.json"), "{files}");
     }
-    // Both files are named with their checksums, in the calibration and in a partial fit.
+    // Calibration and partial fit name both files with their checksums.
     let flags = "--model linear --partial sums.json --groups";
     program::run(dir, &format!("fit readings.csv --wrench-from wrench.csv {flags}"), 0);
     program::run(dir, "merge sums.json -o merged.json", 0);
@@ -71,7 +71,7 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
     };
     let two = rms("eval whole.json readings.csv --wrench-from wrench.csv --json");
     for (two, whole) in two.into_iter().zip(rms("eval whole.json whole.csv --json")) {
-        // Squares are summed block by block, and blocks are cut by bytes.
+        // Squares are summed block by block, and blocks are split by bytes.
         assert!((two / whole - 1.0).abs() < 1e-12, "{two} for {whole}");
     }
 }
@@ -104,7 +104,7 @@ fn files_whose_rows_are_not_the_same_are_told_and_nothing_is_written() {
     assert!(!dir.join("cal.json").exists());
 }
 
-/// The figures are those of plain least squares on standardised columns, in double precision.
+/// The reference figures come from plain least squares on standardised columns, in double precision.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn the_figures_of_soft_robotic_tongs_are_reached_by_one_command() {
@@ -127,7 +127,7 @@ fn the_figures_of_soft_robotic_tongs_are_reached_by_one_command() {
     };
     let assert_digits = |found: &[f64], expected: &[f64]| {
         for (found, expected) in found.iter().zip(expected) {
-            // Four decimals are given.
+            // The reference has four decimals.
             assert!((found - expected).abs() <= 0.5e-4 + 1e-12, "{found} for {expected}");
         }
     };

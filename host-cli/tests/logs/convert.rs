@@ -103,7 +103,7 @@ fn run(path: &Path, options: &ConvertOptions) -> Result<(String, ConvertSummary)
     run_on(&open(path), &linear(3), options)
 }
 
-/// The numbers of a table, row by row; empty fields are NaN.
+/// Numbers of a table, row by row; empty cells are NaN.
 fn numbers(text: &str) -> Vec<Vec<f64>> {
     let number = |field: &str| if field.is_empty() { f64::NAN } else { field.parse().unwrap() };
     text.lines().skip(1).map(|line| line.split(',').map(number).collect()).collect()
@@ -267,7 +267,7 @@ fn standard_errors_are_those_of_the_calibration() {
         let expected = 0.5 * (1.0 + part(0, 1e-4) + part(1, 2e-4) + part(2, 3e-4)).sqrt();
         assert!(row[7..13].iter().all(|found| (found - expected).abs() < 1e-14));
         for axis in 0..6 {
-            // Student's t for ten degrees of freedom, of which the tables give four digits.
+            // Student's t for ten degrees of freedom; tables give it to five decimals.
             let (value, half) = (row[1 + axis], 2.22814 * expected);
             assert!((row[13 + axis] - (value - half)).abs() < 1e-5, "lower");
             assert!((row[19 + axis] - (value + half)).abs() < 1e-5, "upper");
@@ -357,7 +357,7 @@ fn lab_matrix(path: &Path) -> Vec<[f64; 6]> {
     text.lines().skip(1).map(row).collect()
 }
 
-/// The trial of the lab: time in µs and eight readings of every row.
+/// Trial of the lab: time in µs and eight readings per row.
 fn lab_trial(path: &Path) -> Vec<(f64, [f64; 8])> {
     let text = std::fs::read_to_string(path).unwrap();
     let row = |line: &str| {
@@ -372,7 +372,7 @@ fn lab_trial(path: &Path) -> Vec<(f64, [f64; 8])> {
 fn the_labs_trial_is_converted_as_by_direct_evaluation() {
     let (matrix, trial) = (real_recording("skinproc/N_matrix_trial9.csv"), real_recording(TRIAL));
     let (matrix, log) = (lab_matrix(&matrix), lab_trial(&trial));
-    // Feature by feature, in the order and the units of the lab, without any of the library.
+    // Feature by feature, in the lab's order and units, without the library.
     let direct = |readings: &[f64; 8], axis: usize| -> (f64, f64) {
         let unit = if axis < 3 { 1.0 } else { 1e-3 };
         let mut sum = 0.0;
@@ -389,7 +389,7 @@ fn the_labs_trial_is_converted_as_by_direct_evaluation() {
     let si = |row: &[f64; 6]| std::array::from_fn(|i| row[i] * if i < 3 { 1.0 } else { 1e-3 });
     let rows = matrix.iter().map(si).collect();
     let calibration = Calibration::new(model, Scaling::identity(8), rows);
-    // The tare is of fresh frames, whichever rows are written.
+    // The tare uses fresh frames, whichever rows are written.
     let is_fresh = |&i: &usize| i == 0 || log[i].1 != log[i - 1].1;
     let fresh: Vec<&(f64, [f64; 8])> = (0..log.len()).filter(is_fresh).map(|i| &log[i]).collect();
     for rows in [RowFilter::All, RowFilter::Fresh] {
@@ -414,7 +414,7 @@ fn the_labs_trial_is_converted_as_by_direct_evaluation() {
     }
 }
 
-/// The frames of a training log are loaded from the first on: its zero would be some load.
+/// A training log is loaded from its first frame on, so a tare would take a load as zero.
 #[test]
 fn a_tare_under_load_is_told_or_refused() {
     let dir = tempfile::tempdir().unwrap();

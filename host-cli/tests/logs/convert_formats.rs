@@ -1,5 +1,5 @@
-//! Wrenches written to every kind of file: our readers, and the programs that people read them with, find
-//! the numbers of the CSV.
+//! Wrenches written in every file format: our readers, and the programs that people use, read the same
+//! numbers as in the CSV.
 
 use std::path::{Path, PathBuf};
 
@@ -8,11 +8,11 @@ use system_tests::program;
 
 const EXTENSIONS: [&str; 4] = ["parquet", "mat", "npy", "mcap"];
 
-/// A log of 2,100 rows with a calibration, and its wrenches in every kind of file, without a low-pass and
-/// so through every worker.
+/// A log of 2,100 rows with a calibration, and its wrenches in every file format, without a low-pass and
+/// thus encoded by all workers.
 fn converted(dir: &Path, flags: &str) -> Vec<PathBuf> {
     program::run(dir, "synth train --rows 2100 --seed 5 -o log.csv", 0);
-    // Forty poses tell an interval.
+    // Forty poses are enough for an interval.
     program::run(dir, "synth train --rows 8000 --seed 6 -o train.csv", 0);
     program::run(dir, "fit train.csv --model linear -o cal.json", 0);
     let convert = |extension: &str| {
@@ -22,7 +22,7 @@ fn converted(dir: &Path, flags: &str) -> Vec<PathBuf> {
     ["csv"].iter().chain(&EXTENSIONS).map(|extension| convert(extension)).collect()
 }
 
-/// The columns of numbers by their names, all but time, which recordings round to ns.
+/// Numeric columns by name, except time, which recordings round to ns.
 fn columns(path: &Path) -> Vec<(String, Vec<f64>)> {
     let log = Log::open(path, &Mapping::default()).unwrap();
     let is_number = |name: &str| !name.starts_with("flags") && !name.starts_with('s');
@@ -43,7 +43,7 @@ fn columns(path: &Path) -> Vec<(String, Vec<f64>)> {
     )
     .unwrap();
     for (name, _) in &mut columns {
-        // A wrench of ROS has axes without units.
+        // The axes of a ROS wrench have no units in their names.
         if name.len() == 2 {
             name.push_str(if name.starts_with('f') { "_n" } else { "_nm" });
         }
@@ -126,7 +126,7 @@ fn other_columns_are_carried_along() {
         program::run(dir.path(), &command, 0);
         let out = std::fs::read_to_string(dir.path().join("out.csv")).unwrap();
         let mut lines = out.lines();
-        // The log's own force keeps its name, as no column of the output has it.
+        // The log's own force keeps its name, because no output column has that name.
         assert_eq!(lines.next(), Some(names), "{flags}");
         let kept = |line: &str, positions: [usize; 2]| -> [f64; 2] {
             positions.map(|at| line.split(',').nth(at).unwrap().parse().unwrap())
@@ -142,7 +142,7 @@ fn other_columns_are_carried_along() {
     assert!(said.contains("no column `nothing`"), "{said}");
 }
 
-/// Opens the files with the packages that people use.
+/// Opens the files with common packages.
 const CHECK: &str = r#"
 import csv, json, math, sys
 import numpy, polars, scipy.io

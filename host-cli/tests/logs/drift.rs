@@ -1,5 +1,5 @@
-//! A zero that moves: told, warned of, and followed. The recordings are of the sensor model, with and without
-//! its warm-up.
+//! Zero drift: reported, warned about, and followed. The recordings come from the sensor model, with and
+//! without warm-up.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -16,7 +16,8 @@ use crate::recording::column;
 
 const RATE_HZ: f64 = 100.0;
 
-/// The shipped unit, without light and warmth of its own but this rise of temperature, without hysteresis.
+/// The shipped unit without ambient light and its own warm-up, but with this rise of temperature; no
+/// hysteresis.
 fn sensor(warm_up_k: f64, warm_up_s: f64, seed: u64) -> SensorModel {
     let mut unit = SensorParameters::nominal().unit(1);
     unit.elastic = true;
@@ -38,7 +39,7 @@ fn load(is_loaded: bool) -> [f64; 6] {
     if is_loaded { [0.8, 0.5, -1.0, 0.0, 0.0, 0.0] } else { [0.0; 6] }
 }
 
-/// A recording, with a load where `is_loaded` at a time says so: times and readings.
+/// A recording with a load at the times for which `is_loaded` is true: times and readings.
 fn recorded(
     mut sensor: SensorModel,
     seconds: f64,
@@ -56,7 +57,7 @@ fn recorded(
     (times, readings)
 }
 
-/// The same as a log; `extra` is what else stands in a row.
+/// The recording as a log; `extra` adds further cells to a row.
 fn log(
     (times, readings): &(Vec<f64>, Vec<Vec<f64>>),
     name: &str,
@@ -78,23 +79,23 @@ fn alarms_are_as_rare_as_is_said_and_a_drift_raises_them() {
     let alarms = |warm_up_k: f64, logs: u64| {
         let mut alarms = 0;
         for seed in 0..logs {
-            // A load in the middle, held, at another time in each log.
+            // A load held in the middle, at a different time in each log.
             let start = 2.0 + 0.01 * (seed % 37) as f64;
             let sensor = sensor(warm_up_k, 3.0, seed);
             let (times, readings) = recorded(sensor, 6.0, |t| t >= start && t < start + 1.0);
             let mut watch = ZeroWatch::default();
             watch.look_at(&times, &readings);
             let zero = watch.finish(&calibration).unwrap();
-            // Rests before and after, none under load.
+            // Rests before and after, but not under load.
             assert!((4..=10).contains(&zero.rests) && zero.last_s > 4.0, "{zero:?}");
             alarms += u64::from(zero.largest().is_some());
         }
         alarms as f64 / logs as f64
     };
     let false_alarms = alarms(0.0, 1000);
-    // Three standard deviations of a share of 1000 above what is promised at most.
+    // Three standard deviations of a share of 1000 above the promised maximum.
     assert!(false_alarms <= FALSE_ALARMS + 0.0095, "{false_alarms}");
-    // 3 K are 12 counts in 2000 where the noise is 4, in a time constant of three seconds.
+    // A rise of 3 K is 12 counts in 2000 at a noise of 4 counts, with a time constant of three seconds.
     let power = alarms(3.0, 200);
     assert!(power >= 0.99, "{power}");
     println!(
@@ -109,8 +110,8 @@ fn slopes_are_those_of_the_warm_up() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     calibration(folder);
-    // 10 K with a time constant of half a minute. Every second the board says its temperature, as `record`
-    // writes it.
+    // A rise of 10 K with a time constant of half a minute. The board reports its temperature every second,
+    // as `record` writes it.
     let model = sensor(10.0, 30.0, 5);
     let warmth: Vec<f64> = (0..6000).map(|i| model.warmth_k(f64::from(i) / RATE_HZ)).collect();
     let recorded = recorded(model, 60.0, |t| (20.0..30.0).contains(&t));
@@ -124,8 +125,8 @@ fn slopes_are_those_of_the_warm_up() {
     let channels = found["channels"].as_array().unwrap();
     assert_eq!(channels.len(), 8);
     for (channel, drift) in channels.iter().enumerate() {
-        // Truth: the mean of a second at the end less that of one at the start, from the model without
-        // noise, per K in between.
+        // Truth: the mean over a second at the end minus the mean over a second at the start, from the
+        // model without noise, per K of difference.
         let mut quiet = SensorParameters::nominal().unit(1);
         quiet.elastic = true;
         quiet.scale_noise(0.0);
@@ -145,7 +146,7 @@ fn slopes_are_those_of_the_warm_up() {
             "{channel}: {slope} {truth} {error}"
         );
         assert!(error < 0.1 * truth.abs(), "{channel}: {error}");
-        // The warm-up is no straight line in time, and is one in temperature.
+        // The warm-up is not linear in time, but is linear in temperature.
         let left = |by: &str| drift[by]["residual_rms"].as_f64().unwrap();
         let ratio = left("per_degree") / left("per_s");
         assert!(ratio < 0.7, "{channel}: {ratio}");
@@ -181,7 +182,7 @@ fn a_still_zero_holds() {
         (&Value::Null, &serde_json::json!([21.5, 21.5]))
     );
     for drift in found["channels"].as_array().unwrap() {
-        // 4 counts of noise: a rest's mean has 0.6, and so has their wander at most.
+        // Noise of 4 counts: the mean of a rest has 0.6 counts, and so has its wander at most.
         assert!(drift["wander"].as_f64().unwrap() < 0.6, "{drift}");
         assert_eq!(drift["per_degree"], Value::Null);
     }
@@ -263,7 +264,7 @@ fn a_tare_that_follows_rests_takes_a_drift_out_and_commands_warn_without_it() {
     println!(
         "forces under load: RMS error {first:.3} N tared once, {rests:.3} N between rests, {causal:.3} N causal"
     );
-    // The model's own error at this load and temperature is left.
+    // The remaining error is the model's own at this load and temperature.
     assert!(rests < 0.4 * first && causal < 0.5 * first, "{first} {rests} {causal}");
     assert!(
         ended(folder, "info log.csv --noise --calibration cal.json", 0).1.contains("the zero of")
@@ -285,7 +286,7 @@ fn a_tare_that_follows_rests_takes_a_drift_out_and_commands_warn_without_it() {
     assert!(ended(folder, batch, 0).1.contains("the zero of"));
     assert!(!ended(folder, &format!("{batch} --tare rests"), 0).1.contains("the zero of"));
 
-    // A still zero is not warned of.
+    // A stable zero causes no warning.
     let still = recorded(sensor(0.0, 1.0, 9), 30.0, is_loaded);
     fs::write(folder.join("log.csv"), log(&still, "", |_| String::new())).unwrap();
     assert!(!ended(folder, "convert cal.json log.csv -o x.csv", 0).1.contains("the zero of"));

@@ -1,4 +1,4 @@
-//! Binary files as other programs write them: layouts that were misread once, below the recordings that
+//! Binary files from other programs: layouts that were misread once. The files are in the directory that
 //! `SHELLCAL_REAL_DATA` names.
 
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use log_file::{ColumnRef, Log, LogError, Mapping, ReadOptions, Wanted};
 use shell_data::block::Block;
 use system_tests::real_recording;
 
-/// A file beside the recordings.
+/// A file of that directory.
 fn case(name: &str) -> PathBuf {
     real_recording(&format!("../cases/{name}"))
 }
@@ -25,7 +25,7 @@ fn open(name: &str, mapping: &Mapping) -> Result<(Log, Block), LogError> {
     Ok((log, block))
 }
 
-/// Rows, channels, the last time, and the number of groups.
+/// Number of rows and channels, last time, and number of groups.
 fn shape(name: &str) -> (usize, usize, Option<f64>, usize) {
     let (log, block) = open(name, &Mapping::default()).unwrap_or_else(|error| panic!("{error}"));
     let mut groups: Vec<&String> = block.groups.iter().map(|(group, _)| group).collect();
@@ -34,7 +34,7 @@ fn shape(name: &str) -> (usize, usize, Option<f64>, usize) {
     (block.rows, log.channels(), block.time_s.last().copied(), groups.len())
 }
 
-/// The shapes are those that h5py 3.16, SciPy and openpyxl give.
+/// Expected shapes are from h5py 3.16, SciPy and openpyxl.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn files_of_other_programs_are_read_as_their_libraries_read_them() {
@@ -85,7 +85,7 @@ fn lists_of_one_length_are_columns() {
     };
     let (log, block) = open("parquet-lists.parquet", &mapping).unwrap();
     assert_eq!((block.rows, log.channels(), block.wrench.len()), (80, 8, 6));
-    // The least and greatest value of the column's statistics, as pyarrow gives them.
+    // Smallest and largest value in the column's statistics, from pyarrow.
     let all = || block.readings.iter().flatten().copied();
     assert_eq!(all().fold(f64::INFINITY, f64::min), 1002.0);
     assert_eq!(all().fold(0.0, f64::max), 2997.0);

@@ -1,4 +1,4 @@
-//! What is to be fitted, and how.
+//! Options of a fit.
 
 use std::collections::BTreeMap;
 
@@ -37,7 +37,7 @@ impl ModelRule {
         }
     }
 
-    /// What is done about lag and memory unless told otherwise: both are chosen where the model is.
+    /// The default for lag and memory: both are chosen if the model is.
     pub fn usual_dynamics(self) -> DynamicsRule<'static> {
         match self {
             Self::Auto => DynamicsRule::AUTO,
@@ -81,7 +81,7 @@ pub enum CovarianceRule {
 pub struct FitOptions<'a> {
     /// The model.
     pub model: ModelRule,
-    /// Whether to fit a constant beside the features.
+    /// Fits a constant in addition to the features.
     pub intercept: bool,
     /// λ of a ridge on columns of norm one; 0 for none, or for the best of several where the family of features is
     /// chosen.
@@ -95,17 +95,17 @@ pub struct FitOptions<'a> {
     pub cross_validation: Option<HeldOut>,
     /// Which way rows are assigned to the random folds that those are compared with.
     pub seed: u64,
-    /// What the covariance is found from.
+    /// The source of the covariance.
     pub covariance: CovarianceRule,
     /// Fit to the mean of each group of rows, each counted once.
     pub means: bool,
-    /// What is done about lag and memory.
+    /// The treatment of lag and memory.
     pub dynamics: DynamicsRule<'a>,
     /// Use only rows whose readings differ from those of the row before.
     pub fresh: bool,
     /// Readings outside are wrong: rows with any are left out.
     pub valid_range: Option<[f64; 2]>,
-    /// What is done about outliers.
+    /// The treatment of outliers.
     pub outliers: OutlierRule,
     /// What was asked for that polynomials alone have: with [`ModelRule::Auto`] nothing else is then chosen.
     pub polynomials_only: Option<&'a str>,
@@ -123,7 +123,7 @@ pub enum GroupsAsked {
     Nothing,
     /// Those that rows are given in, or poses that are found.
     IfAny,
-    /// What can be held out.
+    /// The groups that can be held out.
     HeldOut(HeldOut),
 }
 
@@ -172,7 +172,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Whether outliers are looked for where a row stands out.
+    /// Returns true if conspicuous rows start a search for outliers.
     pub(super) fn looks_for_outliers(&self) -> bool {
         // A mean is no row that was recorded.
         !self.means && self.outliers == OutlierRule::Report

@@ -1,11 +1,11 @@
-//! What has changed of a sensor, and its calibration after that.
+//! Changes of a sensor, and the calibration of the changed sensor.
 //!
 //! ```text
 //! s' = s + γ·(s − s₀) + ζ       F' = R·F       M' = R·M + o × F'
 //! ```
 //!
-//! Readings and wrench as the calibration knows them are without a dash, those of the changed sensor with one. Both
-//! changes are taken into the numbers of a calibration of any kind, so that it converts as fast as before.
+//! Symbols without a dash are the readings and wrench of the original sensor; a dash marks the changed sensor. Both
+//! changes are absorbed into the numbers of a calibration of any kind, so conversion is as fast as before.
 
 use crate::conversion::{Calibration, Kind};
 use least_squares::model::Term;
@@ -15,10 +15,10 @@ use sensor_physics::response::{PARAMETERS, Parameters};
 use sensor_physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::{PerAxis, cross, force_at};
 
-/// What has changed of a sensor since it was calibrated.
+/// The changes of a sensor since it was calibrated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Change {
-    /// Of each channel.
+    /// The change of each channel.
     pub channels: Vec<ChannelChange>,
     /// `o`: where the origin of the calibrated frame lies in that of the new wrench, m.
     pub lever_m: [f64; 3],
@@ -26,7 +26,7 @@ pub struct Change {
     pub turn_rad: [f64; 3],
 }
 
-/// What has changed of a channel.
+/// The change of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChannelChange {
     /// `γ`: how much more it answers, relative.

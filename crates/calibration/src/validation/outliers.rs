@@ -8,25 +8,32 @@
 //! size = |e| / (σ·√(1 − h))      of one that it has
 //! ```
 //!
-//! and a row does not belong if that is above a limit on any axis (Cook and Weisberg, Residuals and
-//! Influence in Regression, 1982, §2.2), unless the rows beside it err alike: what a model cannot follow
-//! comes and goes, a slip is there for one row or two; or the error is no larger than what both the prediction and the
-//! load change by from one row to the next: sensor and reference are not sampled at one time. Nor does a row
-//! belong with a reading further than eight standard deviations from the mean and half that from both rows
-//! beside it, nor one with a size of 3 that jumps by two of them from both in one direction and has more
-//! than half the leverage there is, and twenty times the average: a fit follows such rows whatever they say.
+//! A row is an outlier if its size exceeds a limit on any axis (Cook and Weisberg, Residuals and Influence in
+//! Regression, 1982, §2.2), with two exceptions:
 //!
-//! Corrupt rows bend a fit towards themselves and hide each other. So the search begins with a fit without
-//! all rows that exceed a limit; what is found to belong goes back, and the fit is done again, until
-//! nothing changes.
+//! - Its neighbours have similar errors: motion that a model cannot follow comes and goes, but a slip lasts
+//!   one row or two.
+//! - The error is no larger than the change of both the prediction and the load from one row to the next:
+//!   sensor and reference are not sampled at the same time.
 //!
-//! A slip of one channel may err no more than fast motion does, but the channel moves as it never does: a row does not
-//! belong, either, with a size of 4 if a reading jumps from both rows beside it by six standard deviations of that
-//! channel's changes from row to row.
+//! Two other rules find outliers that a fit follows or that lie far away:
+//!
+//! - A reading is more than eight standard deviations from the mean and half that from both neighbours.
+//! - The size is above 3, a reading jumps by two standard deviations from both neighbours in the same direction,
+//!   and the leverage is more than half of the maximum and twenty times the average. A fit follows such rows
+//!   regardless of their values.
+//!
+//! Corrupt rows bend a fit towards themselves and hide each other. The search therefore begins with a fit
+//! without all rows that exceed a limit. Rows that turn out to be good go back, and the fit is repeated until
+//! it no longer changes.
+//!
+//! A slip of one channel may cause no larger error than fast motion, but the channel changes unusually fast. A row
+//! with a size above 4 is therefore also an outlier if a reading jumps from both neighbours by six standard
+//! deviations of that channel's changes from row to row.
 //!
 //! Why a [limit](LIMIT) of 10: a row moves the predictions of `n` others by no more than `size·σ/√n` on average. To move a root
 //! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on. Where many errors are
-//! large, a search raises it to what is far beyond all of them.
+//! large, a search raises the limit far above all of them.
 
 use crate::conversion::Calibration;
 use crate::prediction::spread;
@@ -52,15 +59,15 @@ const FAR: f64 = 8.0;
 const LOOK_AT_ERROR: f64 = 3.6;
 const LOOK_AT_READING: f64 = 4.5;
 
-/// A row that takes a fit over: its leverage, also in averages, its jump from both rows beside it in
+/// Limits for a row that dominates a fit: its leverage, its leverage in averages, its jump from both neighbours in
 /// standard deviations, and the size of its error.
 const TAKES_OVER: f64 = 0.5;
 const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
-/// A spike: its jump from both rows beside it, in standard deviations of the changes of its channel, and the size of its
-/// error.
+/// Limits for a spike: its jump from both neighbours, in standard deviations of the changes of its channel, and the
+/// size of its error.
 const SPIKE: f64 = 6.0;
 const SIZE_WITH_SPIKE: f64 = 4.0;
 
@@ -71,11 +78,11 @@ const BESIDE: [[usize; 2]; 3] = [[1, 1], [1, 2], [2, 1]];
 /// Errors below this share of the standard deviation of the load are rounding.
 const SMALLEST_NOISE: f64 = 1e-4;
 
-/// What a fit says of rows.
+/// A test of rows by a fit.
 #[derive(Debug)]
 pub struct RowTest<'a> {
     spread: &'a Spread,
-    /// What predicts the wrench.
+    /// The calibration that predicts the wrench.
     pub calibration: Calibration,
     features: Features,
     factor: TriangularColumns,
@@ -85,7 +92,7 @@ pub struct RowTest<'a> {
     average_leverage: f64,
 }
 
-/// A row that was looked at.
+/// A row that was tested.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestedRow {
     /// The row of the block.
@@ -96,20 +103,20 @@ pub struct TestedRow {
     pub size: f64,
     /// Its axis.
     pub axis: usize,
-    /// Whether the rows beside it err less, and the load does not change by as much.
+    /// True if the neighbours have smaller errors, and the load changes by less than the error.
     errs_alone: bool,
     /// The largest distance of a reading from its mean, in standard deviations.
     far: f64,
-    /// Whether that reading is far from those beside it, too.
+    /// True if that reading is also far from both neighbours.
     is_far_alone: bool,
-    /// Whether a reading jumps from both rows beside it, and the leverage is such that it takes over.
+    /// True if a reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
     takes_over: bool,
-    /// Whether a reading jumps from both neighbouring rows by more than its channel changes, and the error is that large.
+    /// True if a reading jumps from both neighbours by more than its channel changes, and the error is that large.
     is_spike: bool,
 }
 
 impl TestedRow {
-    /// Whether the row does not belong, where errors up to a limit do.
+    /// Returns true if the row is an outlier when errors up to `limit` are accepted.
     pub fn is_outlier(&self, limit: f64) -> bool {
         (self.size > limit && self.errs_alone)
             || (self.far > FAR && self.is_far_alone)
@@ -117,13 +124,13 @@ impl TestedRow {
             || (self.errs_alone && self.is_spike)
     }
 
-    /// Whether the row justifies a search, tested by a fit to all rows. A spike or a far reading with a small error does
-    /// not: one in some hundred thousand good rows looks like that.
+    /// Returns true if the row, tested by a fit to all rows, justifies a search. A spike or a far reading with a
+    /// small error does not: one in some hundred thousand good rows looks like that.
     pub fn starts_search(&self) -> bool {
         (self.size > LIMIT && self.errs_alone) || self.takes_over
     }
 
-    /// Whether it exceeds a limit at all, and may hide others.
+    /// Returns true if the row exceeds any limit, and may hide others.
     pub fn stands_out(&self) -> bool {
         self.size > LIMIT || self.far > FAR || self.takes_over
     }
@@ -183,8 +190,8 @@ impl<'a> RowTest<'a> {
         let error = |axis: usize, at: usize| predicted[axis][at] - columns.wrench[axis][at];
         let test_row = |(&position, leverage): (&TestPosition, f64)| {
             let TestPosition { row, at, .. } = position;
-            // A row of leverage one is followed whatever it says: rounding decides what is left.
-            // What it has, or would have, in a fit with it; and the error of a fit without it.
+            // A fit follows a row of leverage one regardless of its values: its residual is rounding.
+            // Variance and leverage of the row in a fit that includes it; and the error of a fit without it.
             let (variance, in_fit, deleted) = match has_left_out(row) {
                 true => (1.0 + leverage, leverage / (1.0 + leverage), 1.0),
                 false => ((1.0 - leverage).max(1e-9), leverage, (1.0 - leverage).max(1e-9).recip()),
@@ -306,7 +313,7 @@ vectorised! {
             for (excess, of) in rows.iter_mut().zip(column.windows(3)) {
                 raise(excess, jump(of[1], [of[0], of[2]]) * scale);
             }
-            // What is beside the first and the last row is in other blocks: they are beside one row.
+            // The first and the last row have one neighbour here: the other is in another block.
             if let ([first, second, ..], [.., before, last]) = (&column[..], &column[..]) {
                 raise(&mut excess[0], jump(*first, [*second; 2]) * scale);
                 raise(&mut excess[block.rows - 1], jump(*last, [*before; 2]) * scale);
@@ -322,8 +329,8 @@ fn raise(excess: &mut f64, to: f64) {
     *excess = if to > *excess { to } else { *excess };
 }
 
-/// How far the farthest reading of a row is from its mean, in standard deviations, and whether it is half
-/// the limit from both rows beside it.
+/// The largest distance of a reading of a row from its mean, in standard deviations, and whether it is half the
+/// limit away from both neighbours.
 fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, bool) {
     let far = |(channel, column): (usize, &Vec<f64>)| {
         (channel, spread.apart(channel, column[position.at], spread.means[channel]))
@@ -338,13 +345,13 @@ fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, b
     (far, is_apart(position.before(1)) && is_apart(position.after(1)))
 }
 
-/// By how much a value differs from those beside it at most.
+/// The largest difference between a value and its neighbours.
 fn change(values: &[f64], position: TestPosition) -> f64 {
     let beside = [position.before(1), position.after(1)].into_iter().flatten();
     beside.map(|at| (values[position.at] - values[at]).abs()).fold(0.0, f64::max)
 }
 
-/// Whether a reading of a row jumps from both rows beside it, by so many of the `deviations` of its channel.
+/// Returns true if a reading of a row jumps from both neighbours by `limit` times the deviation of its channel.
 fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition) -> bool {
     let [before, after] = [position.before(1), position.after(1)];
     let (Some(before), Some(after)) = (before.or(after), after.or(before)) else { return false };
@@ -354,7 +361,7 @@ fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition
     })
 }
 
-/// By how much a value is above both, or below both, of those beside it; negative if it is neither.
+/// The distance of a value above both neighbours, or below both; negative if it is between them.
 #[inline(always)]
 fn jump(value: f64, [before, after]: [f64; 2]) -> f64 {
     let (a, b) = (value - before, value - after);
@@ -375,9 +382,9 @@ pub struct Spread {
 }
 
 impl Spread {
-    /// Of a data set, from rows all over it.
+    /// The spread of a data set, from rows spread over all of it.
     pub fn new(data: &Dataset, workers: Workers<'_>) -> Result<Self, FitError> {
-        /// So many rows determine a standard deviation to one percent.
+        /// This number of rows determines a standard deviation to one percent.
         const ENOUGH: u64 = 8192;
         let step = (data.rows() / ENOUGH).max(1) as usize;
         let blocks: Vec<&Block> = data.blocks().map(|(_, block)| &*block.rows).collect();

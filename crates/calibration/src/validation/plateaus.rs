@@ -101,12 +101,12 @@ fn quantile(values: &mut [f64], share: f64) -> f64 {
     *values.select_nth_unstable_by(at, f64::total_cmp).1
 }
 
-/// What the rows of a recording fall into.
+/// The division of a recording into stretches of rows.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Stretches {
-    /// So many rows of one load each.
+    /// Plateaus of constant load, as their numbers of rows.
     Plateaus(Vec<u64>),
-    /// So many rows between two jumps of the clock.
+    /// Recordings between jumps of the clock, as their numbers of rows.
     Recordings(Vec<u64>),
     /// Neither is found.
     Nothing,
@@ -410,7 +410,7 @@ mod tests {
             }
         }
         assert_eq!(found(&time, &wrench, 50), Stretches::Plateaus(lengths_of(&ROWS)));
-        // The third load is that of the second.
+        // The third load equals the second.
         for column in &mut wrench {
             let load = column[50];
             column[65..125].fill(load);

@@ -13,7 +13,7 @@ use super::options::{OutputFormat, RecordingFrame};
 use super::table::WrenchTable;
 use crate::workflow::WorkflowError;
 
-/// The topics of a recording.
+/// Topics of a recording.
 const WRENCH_TOPIC: &str = "/wrench";
 const DETAILS_TOPIC: &str = "/wrench/details";
 
@@ -56,7 +56,7 @@ impl Encoder<'_> {
         let numbers = self.table.numbers(frames);
         let readings = frames.readings.iter().map(Vec::as_slice);
         let columns: Vec<&[f64]> = readings.chain(numbers[7..].iter().map(|it| &**it)).collect();
-        // Two messages with their heads.
+        // Two messages with their headers.
         let bytes = 200 + 2 * frame_id.len() + 8 * columns.len() + 40 * frames.texts.len();
         let mut chunk = McapChunk::with_capacity(frames.len() * bytes);
         let mut flags = Vec::new();
@@ -90,7 +90,8 @@ impl Encoder<'_> {
     }
 }
 
-/// A time as whole nanoseconds, exact in its decimal digits. 0 becomes 1 ns: ROS reads a stamp of 0 as "no time".
+/// Time in whole nanoseconds, exact to its decimal digits. 0 becomes 1 ns, because ROS reads a stamp of 0
+/// as "no time".
 fn nanoseconds(time_s: f64) -> Option<u64> {
     // The time stamp of a message has 31 bits of seconds.
     if !(0.0..2_147_483_648.0).contains(&time_s) {

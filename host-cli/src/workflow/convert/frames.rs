@@ -30,9 +30,9 @@ pub(super) struct ConvertedFrames {
 /// Consecutive rows of a log, and the frames to be written.
 #[derive(Debug, Default)]
 pub(super) struct ConvertedRows {
-    /// Time of every row, s.
+    /// Time of each row, s.
     pub(super) time_s: Vec<f64>,
-    /// The wrench of every row, tared.
+    /// Wrench of each row, tared.
     pub(super) wrench: PerAxis<Vec<f64>>,
     /// True for each row that is written.
     pub(super) written: Vec<bool>,
@@ -75,7 +75,7 @@ impl FrameConverter<'_> {
         }
     }
 
-    /// Converts the rows that are used.
+    /// Converts the selected rows.
     fn convert_used(&self, block: &mut Block) -> ConvertedRows {
         // If all rows are used, duplicates of the previous frame may still have to be skipped for the zero.
         let is_fresh = (self.options.rows == RowFilter::All && self.watch == Some(false))

@@ -55,11 +55,11 @@ impl ConvertOptions {
 pub struct Conversion<'a> {
     /// The log.
     pub log: &'a Log,
-    /// The calibration of its sensor.
+    /// Calibration of the log's sensor.
     pub calibration: &'a Calibration,
     /// The processing.
     pub options: &'a ConvertOptions,
-    /// How the log is read.
+    /// Options for reading the log.
     pub read: ReadOptions<'a>,
 }
 
@@ -68,7 +68,7 @@ pub struct Conversion<'a> {
 pub struct TableColumns {
     /// Time in s.
     pub time: bool,
-    /// The axes of the wrench, N and N·m.
+    /// Axes of the wrench, N and N·m.
     pub axes: Axes,
     /// The standard error of each axis written, N and N·m, of the frame before filtering.
     pub standard_errors: bool,
@@ -96,9 +96,9 @@ pub enum OutputFormat {
     Csv,
     /// Parquet.
     Parquet,
-    /// MATLAB 5: a variable for each column.
+    /// MATLAB 5: one variable per column.
     Matlab,
-    /// NumPy: an array of records.
+    /// NumPy: a structured array.
     NumPy,
     /// MCAP for ROS 2: wrenches, and readings, errors and flags as JSON.
     Mcap(RecordingFrame),
@@ -107,7 +107,7 @@ pub enum OutputFormat {
 /// The frame of reference of the wrenches.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordingFrame {
-    /// Its name.
+    /// Name of the frame.
     pub id: String,
     /// The frame that it is fixed to, if it is to be written.
     pub mount: Option<FrameMount>,
@@ -124,7 +124,7 @@ pub struct FrameMount {
     pub angles_rad: [f64; 3],
 }
 
-/// The error for a text that is not a mount.
+/// Error for text that is not a valid mount.
 const BAD_MOUNT: &str = "expected `NAME` or `NAME:X,Y,Z,ROLL,PITCH,YAW` in m and rad";
 
 impl Default for RecordingFrame {
@@ -134,7 +134,7 @@ impl Default for RecordingFrame {
 }
 
 impl FrameMount {
-    /// The rotation as a unit quaternion x, y, z, w (J. Diebel, "Representing Attitude", 2006, eq. 290).
+    /// Rotation as a unit quaternion x, y, z, w (J. Diebel, "Representing Attitude", 2006, eq. 290).
     pub fn quaternion(&self) -> [f64; 4] {
         let [(sr, cr), (sp, cp), (sy, cy)] = self.angles_rad.map(|angle| (angle / 2.0).sin_cos());
         [
@@ -221,7 +221,7 @@ mod tests {
         );
         let mount: FrameMount = "foot:0.1,0,-0.02,0,0,1.5707963267948966".parse().unwrap();
         assert_eq!(mount.position_m, [0.1, 0.0, -0.02]);
-        // A quarter turn about z: 1/√2 of z and w.
+        // Quarter turn about z: 1/√2 for z and w.
         let expected = [0.0, 0.0, 0.5_f64.sqrt(), 0.5_f64.sqrt()];
         let found = mount.quaternion();
         assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-15), "{found:?}");

@@ -18,30 +18,30 @@ use shell_data::wrench::{AxisValues, PerAxis};
 /// Summary of a conversion.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ConvertSummary {
-    /// Rows in the log.
+    /// Number of rows in the log.
     pub rows: u64,
     /// Duplicates: rows whose readings equal the previous row's.
     pub repeated_rows: u64,
     /// Invalid rows that were left out.
     pub skipped_rows: u64,
-    /// Frames written.
+    /// Number of frames written.
     pub frames: u64,
     /// The rows that were used.
     pub rows_used: RowFilter,
     /// The tare, with its frames.
     pub tare: Option<TareResult>,
-    /// The filter, and the rate of its grid.
+    /// Low-pass filter, and the rate of its grid.
     pub low_pass: Option<AppliedLowPass>,
     /// The sampling of the frames written, if they were filtered.
     pub sampling: Option<Rate>,
-    /// Correction of the lag of the calibration's reference, if it has one.
+    /// Correction of the lag of the calibration's reference, if it has a lag.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clock: Option<LagMadeUp>,
-    /// Frames with a reading outside the range of the training data.
+    /// Number of frames with a reading outside the range of the training data.
     pub out_of_range_frames: u64,
-    /// Frames with a saturated reading.
+    /// Number of frames with a saturated reading.
     pub saturated_frames: u64,
-    /// Frames with a channel that the model left out.
+    /// Number of frames with a channel that the model left out.
     #[serde(skip_serializing_if = "is_zero")]
     pub left_out_frames: u64,
     /// Smallest, mean and largest value of each axis, N and N·m.
@@ -130,7 +130,7 @@ impl ConvertSummary {
 /// The lag of a calibration's reference, and its correction in the forces.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct LagMadeUp {
-    /// The lag.
+    /// Lag of the reference.
     #[serde(flatten)]
     pub lag: ReferenceLag,
     /// The correction.
@@ -141,7 +141,7 @@ pub struct LagMadeUp {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LagRule {
-    /// The time stamps move.
+    /// Time stamps are shifted.
     Stamps,
     /// Forces are interpolated between rows; time stamps stay with the readings.
     BetweenRows,
@@ -191,7 +191,7 @@ pub struct LoadSummary {
     pub rescaled: Option<f64>,
     /// The lag found for the clock of the motion, whether or not it was applied.
     pub lag: Option<Lag>,
-    /// The part of that lag that was applied, s.
+    /// Part of the lag that was applied, s.
     pub lag_taken_s: Option<f64>,
     /// Number of rows so far from any sample of the motion that their load is not known.
     pub rows_without_motion: u64,
@@ -204,7 +204,7 @@ fn is_zero(count: &u64) -> bool {
     *count == 0
 }
 
-/// The values of one axis over all frames, N or N·m.
+/// Values of one axis over all frames, N or N·m.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct AxisSummary {
     /// The smallest.

@@ -28,7 +28,7 @@ enum NumberColumn {
     StandardError(Axis),
     /// The wrench plus this number of standard errors.
     Bound(Axis, f64),
-    /// A column of the log that is carried along.
+    /// A kept column of the log.
     Kept(usize),
 }
 
@@ -68,7 +68,7 @@ impl WrenchTable {
         Self { numbers, texts, has_flags, readings, channels }
     }
 
-    /// The names of the columns, and whether each holds text.
+    /// Names of the columns, and whether each holds text.
     pub(super) fn names(&self) -> Vec<(String, bool)> {
         let numbers = self.numbers.iter().map(|(name, _)| (name.clone(), false));
         numbers.chain(self.texts.iter().map(|name| (name.clone(), true))).collect()
@@ -108,7 +108,7 @@ impl WrenchTable {
         frames.texts.iter().cloned().chain(flags).collect()
     }
 
-    /// Adds the flags of a frame: channels out of range, saturated and left out.
+    /// Appends the flags of a frame: channels out of range, saturated and left out.
     pub(super) fn write_flags(&self, frames: &ConvertedFrames, row: usize, text: &mut Vec<u8>) {
         let masks = frames.flags.each_ref().map(|flags| flags.get(row).copied().unwrap_or(0));
         let start = text.len();

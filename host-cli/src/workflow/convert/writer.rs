@@ -36,7 +36,7 @@ pub(super) struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Writes frames without a low-pass, as `encoded`.
+    /// Writes frames without a low-pass; `encoded` is their encoded form.
     pub(super) fn write_at_once(
         &mut self,
         frames: &ConvertedFrames,

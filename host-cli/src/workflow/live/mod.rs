@@ -1,4 +1,4 @@
-//! Rows for a live view, from a port or from a log that is played.
+//! Rows for a live view, from a port or from playback of a log.
 //!
 //! ```text
 //! port ─ record() ─▶ log, if there is one

@@ -89,7 +89,7 @@ struct PlayClock {
     speed: f64,
     /// An instant, and the time of the log at it.
     set: Option<(Instant, f64)>,
-    /// The time of the last row that was due.
+    /// Time of the last due row.
     last_s: Option<f64>,
 }
 
@@ -135,7 +135,7 @@ mod tests {
         let (start, tick) = (Instant::now(), Duration::from_millis(10));
         for rows_of_block in [1, 64, 5000] {
             let mut clock = PlayClock::new(1000.0);
-            // 100 Hz for 40 s: four ticks and the first look.
+            // 100 Hz for 40 s: four ticks and the first poll.
             let times: Vec<f64> = (0..4000).map(|row| f64::from(row) / 100.0).collect();
             let mut ticks = 0;
             for block in times.chunks(rows_of_block) {

@@ -62,7 +62,7 @@ impl LiveAction {
 /// Creates the next log; its argument is the number of logs created so far.
 pub type LogMaker = Box<dyn Fn(usize) -> Result<Box<dyn LogSink>, OutputError>>;
 
-/// The logs that a view writes, one after the other.
+/// Logs of a view, one after the other.
 pub struct LogSeries {
     maker: LogMaker,
     written: Vec<String>,

@@ -42,13 +42,13 @@ impl Default for MotionColumns {
 /// Columns of a log, by position from 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FoundColumns {
-    /// In the order in which they are tried.
+    /// Candidates, in the order in which they are tried.
     orientations: Vec<(Orientation, Vec<usize>)>,
     /// True if the user named them.
     is_named: bool,
     accelerations: Option<Vec<usize>>,
     angular_velocity: Option<Vec<usize>>,
-    /// Unit of the angular velocities, rad/s.
+    /// Unit of the angular velocity columns, rad/s.
     rate_unit: f64,
 }
 
@@ -84,7 +84,7 @@ const USUAL_RATES: [&[&str]; 5] = [
 const UNITS: [&str; 9] = ["", "ms2", "g", "rad", "deg", "degrees", "rads", "degs", "dps"];
 
 impl MotionColumns {
-    /// The columns of a log.
+    /// Finds the columns in a log.
     pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, WorkflowError> {
         let by_name = |names: &[&[&str]]| names.iter().find_map(|names| positions(log, names));
         let mut orientations: Vec<(Orientation, Vec<usize>)> = match &self.orientation {
@@ -217,7 +217,7 @@ impl FoundColumns {
     }
 }
 
-/// The last three columns, row by row.
+/// Vectors from the last three columns, row by row.
 fn vectors(columns: &[Vec<f64>], unit: f64) -> Option<Vec<Vector>> {
     let [x, y, z] = columns.last_chunk::<3>()?;
     Some(x.iter().zip(y).zip(z).map(|((x, y), z)| [*x, *y, *z].map(|v| unit * v)).collect())

@@ -31,7 +31,7 @@ const LAG_ROWS: usize = 200_000;
 pub struct RunMotion {
     /// Apparent gravity at the centre of mass of the payload.
     pub motion: Motion,
-    /// The kind of inertia that it includes.
+    /// Kind of inertia that the motion includes.
     pub inertia: Inertia,
     /// Factor on the accelerations, if their unit is not that of the poses.
     pub rescaled: Option<f64>,
@@ -78,7 +78,7 @@ pub fn read_motion(
         _ => return Err(no_motion(log)),
     };
     let gravity: Vec<Vector> = gravity;
-    // Several samples at one time have no slope.
+    // Samples at the same time have no slope.
     let is_later = |row: &usize| *row == 0 || time_s[*row] != time_s[row - 1];
     let rows: Vec<usize> = (0..gravity.len()).filter(is_later).collect();
     let times_s: Vec<f64> = rows.iter().map(|&row| time_s[row]).collect();

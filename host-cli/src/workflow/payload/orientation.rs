@@ -14,7 +14,7 @@ const ROUGH: f64 = 0.02;
 pub enum Orientation {
     /// Gravity in the sensor's frame, in m/s² or multiples of g.
     Gravity,
-    /// The rotation from the sensor's frame to one whose z is up, row by row.
+    /// Rotation matrix from the sensor's frame to a frame with z up, row by row.
     Matrix,
     /// Only the last row of that matrix.
     LastRow,
@@ -40,7 +40,7 @@ pub(super) struct Attitude {
 }
 
 impl Orientation {
-    /// The number of its columns.
+    /// Number of columns.
     pub const fn columns(self) -> usize {
         match self {
             Self::Matrix => 9,

@@ -45,11 +45,11 @@ pub struct FittedPayload {
 pub enum GravityFrom {
     /// Columns of orientation.
     Orientation,
-    /// Accelerations alone.
+    /// Accelerations only.
     Accelerations,
 }
 
-/// The mean of the rows of a pose.
+/// Mean of the rows of a pose.
 #[derive(Clone, Copy, Default)]
 struct Sum {
     rows: f64,

@@ -10,16 +10,16 @@ use trial::{
     TrialResult, check_window, propose_window,
 };
 
-/// A log, and how trials on it are evaluated.
+/// A log, and how to evaluate trials on it.
 #[derive(Clone, Copy)]
 pub struct TrialJob<'a> {
     /// The log.
     pub log: &'a Log,
     /// Robot and calibration.
     pub instrument: Instrument<'a>,
-    /// How trials are evaluated.
+    /// Evaluation options.
     pub options: TrialOptions,
-    /// How the log is read.
+    /// Options for reading the log.
     pub read: ReadOptions<'a>,
 }
 

@@ -96,7 +96,7 @@ impl<'a> Reading<'a> {
         let channels = log.channels();
         let is_traced = options.trace != TraceExtent::Nothing;
         let (mut telemetry, mut others) = (Vec::new(), Vec::new());
-        // The left leg is for traces alone.
+        // The left leg is needed only for traces.
         for kind in used_telemetry().filter(|kind| is_traced || *kind != Telemetry::LeftLeg) {
             let position = match instrument.profile.column_name(kind) {
                 Some(name) => Some(log.column_positions(&[ColumnRef::Name(name.to_owned())])?[0]),
@@ -146,14 +146,14 @@ impl<'a> Reading<'a> {
         Ok(*self.needed_s.insert((low, high)))
     }
 
-    /// The times of the log, once it has been read.
+    /// Times of the log, once it has been read.
     fn log_times(&self, rows: u64) -> Result<LogTimes, TrialError> {
         let ends = self.first_s.zip(self.last_s).zip(self.sampling.rate());
         let ((first_s, last_s), rate) = ends.ok_or(TrialError::NoClock(rows))?;
         Ok(LogTimes { first_s, last_s, period_s: 1.0 / rate.median_hz })
     }
 
-    /// Takes the next rows, of which `fresh` are frames.
+    /// Takes the next rows; `fresh` marks the frames among them.
     fn take(&mut self, fresh: &[bool], mut block: Block) -> Result<(), WorkflowError> {
         let times = &*block.time_s;
         for &time in times {

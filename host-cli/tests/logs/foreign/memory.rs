@@ -1,6 +1,6 @@
-//! Nine kinds of springs with a memory, each from a force to a displacement of about the same number.
+//! Nine kinds of springs with memory, each from a force to a displacement of about the same magnitude.
 //!
-//! Plain formulas of the literature; nothing of them is shared with the program.
+//! Formulas from the literature, independent of the program's code.
 use system_tests::random::Random;
 
 /// The kinds.
@@ -8,13 +8,14 @@ use system_tests::random::Random;
 pub(crate) enum Kind {
     /// Bouc (1967) and Wen, J. Eng. Mech. Div. 102, 249 (1976).
     BoucWen,
-    /// Weighted plays (Krasnosel'skii & Pokrovskii, 1989), in axes that are no axes of the wrench.
+    /// Weighted plays (Krasnosel'skii & Pokrovskii, 1989), in axes that differ from the wrench axes.
     PrandtlIshlinskii,
     /// Springs with sliding feet side by side (Iwan, J. Appl. Mech. 33, 893, 1966), one set per channel.
     MaxwellSlip,
     /// A triangle of relays (Mayergoyz, Phys. Rev. Lett. 56, 1518, 1986), one per channel.
     Preisach,
-    /// Dahl (1968): friction that follows an exponential of the way since the last turn.
+    /// Dahl (1968): friction that approaches its limit exponentially with the distance since the last
+    /// reversal.
     Dahl,
     /// The standard linear solid: creep with two time constants, no friction.
     LinearSolid,
@@ -39,7 +40,7 @@ impl Kind {
         Self::Clearance,
     ];
 
-    /// Whether each channel has a memory of its own, of its own displacement.
+    /// True if each channel has its own memory of its own displacement.
     pub(crate) fn per_channel(self) -> bool {
         matches!(self, Self::MaxwellSlip | Self::Preisach)
     }
@@ -117,12 +118,12 @@ pub(crate) trait Spring {
     fn displacement(&mut self, force: f64, step_s: f64) -> f64;
 }
 
-/// The force is followed in steps as small as this.
+/// Maximum step in which a force is followed.
 const STEP: f64 = 0.004;
 
-/// Follows a force from `state` (force, displacement, inner force) by increments: `slope` is the
-/// change of the inner force with the displacement, given the way and the inner force; the force
-/// is `elastic` times the displacement plus the inner one.
+/// Follows a force from `state` (force, displacement, inner force) by increments. `slope` is the derivative
+/// of the inner force by displacement, given the direction and the inner force. The force is `elastic`
+/// times the displacement plus the inner force.
 fn follow(state: &mut [f64; 3], force: f64, elastic: f64, slope: impl Fn(f64, f64) -> f64) -> f64 {
     let steps = ((force - state[0]).abs() / STEP).ceil().max(1.0);
     let part = (force - state[0]) / steps;
@@ -193,9 +194,9 @@ impl Spring for LuGre {
         for _ in 0..PARTS {
             let drive = force - x - self.stiffness * z;
             let slower = (self.stick - self.kinetic) * (-(v / self.stribeck).powi(2)).exp();
-            // How much of the way the bristles bend; 0 where they slide.
+            // How much of the motion bends the bristles; 0 where they slide.
             let bends = 1.0 - self.stiffness * z * drive.signum() / (self.kinetic + slower);
-            // The balance of forces at the end of the step.
+            // Balance of forces at the end of the step.
             let resists = h + self.stiffness * h * bends + self.damping * bends + self.viscous;
             v = drive / resists.max(h);
             x += h * v;
@@ -292,7 +293,7 @@ impl Spring for Preisach {
             *is_up = force >= *up || (*is_up && force > *down);
             if *is_up { *weight } else { -*weight }
         });
-        // All up or all down is a way of ± the range.
+        // All relays up or all down is a displacement of ± the range.
         (1.0 - self.share) * force + self.share * self.range * relays.sum::<f64>()
     }
 }

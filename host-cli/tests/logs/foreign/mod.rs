@@ -1,4 +1,4 @@
-//! Sessions of sensors that are not the sensor model: other springs, optics, loads and noise.
+//! Sessions of sensors unlike the sensor model: other springs, optics, loads and noise.
 //!
 //! ```text
 //! force on a spring f = D w     displacement q = spring(f)     reading = lo + h g(b + C q) + noise
@@ -12,14 +12,14 @@ pub(crate) use memory::Kind;
 use alignment::Recording;
 use system_tests::random::Random;
 
-/// How a channel answers its displacement z (of order 1), about ±1.
+/// Response of a channel to its displacement z (of order 1), about ±1.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Optics {
     /// Light falls with the square of the distance.
     InverseSquare,
-    /// And exponentially.
+    /// Light falls exponentially.
     Exponential,
-    /// Each channel bends toward an end of its own.
+    /// Each channel saturates toward one end.
     Saturating,
 }
 
@@ -28,7 +28,7 @@ impl Optics {
 
     fn answer(self, z: f64, bend: f64) -> f64 {
         match self {
-            // At a rest distance of 1/bend: the slope at rest is −2 bend, taken off.
+            // Rest distance 1/bend: the slope at rest is −2 bend, and dividing by it normalises.
             Self::InverseSquare => ((1.0 + bend * z).max(0.2).powi(-2) - 1.0) / (-2.0 * bend),
             Self::Exponential => -f64::exp_m1(-bend * z) / bend,
             Self::Saturating => f64::tanh(bend * z + 0.3) / bend,
@@ -46,14 +46,14 @@ pub(crate) struct Session {
     pub(crate) board: Recording,
 }
 
-/// The board records for so long, s.
+/// Duration of the board's recording, s.
 const DURATION_S: f64 = 60.0;
-/// The reference records for so long before and after, s.
+/// Extra recording time of the reference, before and after the board's, s.
 const MARGIN_S: f64 = 2.0;
 const REFERENCE_STEP_S: f64 = 1e-3;
 
 impl Session {
-    /// Session number `seed` of a kind; loads and optics go around.
+    /// Session number `seed` of a kind; loads and optics rotate with the seed.
     pub(crate) fn draw(kind: Kind, seed: u64) -> Self {
         let mut random = Random(1000 * (kind as u64 + 1) + seed);
         let load = Load::ALL[(seed % 6) as usize];
@@ -69,9 +69,9 @@ impl Session {
     }
 }
 
-/// What the eight channels would say without noise, at the rows of the reference.
+/// Noiseless readings of the eight channels at the rows of the reference.
 fn readings(kind: Kind, optics: Optics, wrench: &[[f64; 6]], random: &mut Random) -> Vec<[f64; 8]> {
-    // Columns of about unit length: which displacement each channel sees.
+    // Columns of about unit length: the displacement that each channel sees.
     let normal_row = |random: &mut Random| -> [f64; 6] {
         let row: [f64; 6] = std::array::from_fn(|_| random.normal());
         let length = row.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -118,7 +118,7 @@ fn rotation(random: &mut Random) -> [[f64; 6]; 6] {
     basis
 }
 
-/// 3 N and 0.05 N·m for 1, with white noise of 0.3 %.
+/// 3 N and 0.05 N·m per unit, with white noise of 0.3 %.
 fn reference(wrench: &[[f64; 6]], offset_s: f64, random: &mut Random) -> Recording {
     let time_s =
         (0..wrench.len()).map(|k| k as f64 * REFERENCE_STEP_S - MARGIN_S + offset_s).collect();

@@ -1,4 +1,4 @@
-//! What went wrong once, by the commands that showed it.
+//! Regression tests: former failures, by the commands that showed them.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -9,7 +9,7 @@ use tempfile::TempDir;
 
 use crate::sealed::sealed;
 
-/// What a command says that must end with this exit code.
+/// Output of a command that must end with this exit code.
 fn says(dir: &TempDir, arguments: &str, code: i32) -> String {
     let (_, said) = program::ended(dir, arguments, code);
     assert!(!said.contains("panicked"), "{arguments}: {said}");
@@ -33,7 +33,7 @@ fn write(dir: &TempDir, name: &str, text: impl AsRef<[u8]>) {
     fs::write(dir.path().join(name), text).unwrap();
 }
 
-/// Names of files that are hidden: none should stay.
+/// Names of hidden files: none should remain.
 fn hidden(dir: &Path) -> Vec<String> {
     let names = fs::read_dir(dir).unwrap().map(|entry| entry.unwrap().file_name());
     names.map(|name| name.to_string_lossy().into_owned()).filter(|n| n.starts_with('.')).collect()
@@ -111,8 +111,8 @@ fn signals_leave_no_temporary_files() {
     for (signal, number) in [("-INT", 2), ("-TERM", 15), ("-HUP", 1)] {
         use std::os::unix::process::ExitStatusExt;
         let dir = tempfile::tempdir().unwrap();
-        // A program that is started in the background of a script has its signals ignored, and ignores
-        // them too: this one is not to, whatever starts the test.
+        // Programs that a script starts in the background have their signals ignored and keep ignoring
+        // them. This one must not, however the test is started.
         let mut child = std::process::Command::new("env")
             .args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_shellcal")])
             .args(["synth", "train", "--rows", "10000000", "-o", "big.csv"])
@@ -140,7 +140,7 @@ fn copies_do_not_leak_through_validation() {
             all
         });
     write(&dir, "h1.csv", &half);
-    // The same rows in another file: quoted, the last column first in the text of its header.
+    // The same rows in another file, quoted and with another order of columns.
     write(&dir, "h1b.csv", half.replace('\n', "\r\n"));
     for command in [
         "fit h1.csv h1b.csv --cv=file --model poly3",
@@ -168,7 +168,7 @@ fn a_penalised_fit_is_the_same_in_any_order_of_rows() {
             let report = program::json(dir.path(), &command);
             (0..6).map(|axis| report["test"][axis]["rms"].as_f64().unwrap()).collect::<Vec<_>>()
         };
-        // But for rounding, which depends on how rows are put together.
+        // Equal except for rounding, which depends on how rows are grouped into blocks.
         for (a, b) in rms("train.csv").iter().zip(rms("sorted.csv")) {
             assert!((a - b).abs() < 1e-9 * b, "{solver}: {a} {b}");
         }
@@ -286,7 +286,7 @@ fn endless_and_enormous_files_are_told_at_once() {
 #[test]
 fn degrees_of_freedom_without_end_have_quantiles() {
     let dir = folder();
-    // More groups than each is held out of: the interval is Student's.
+    // There are more groups than leave-one-group-out uses, so the interval is Student's.
     says(&dir, "synth train --rows 11000 --seed 3 -o many.csv", 0);
     says(&dir, "fit --model linear many.csv -o many.json", 0);
     let text = read(&dir, "many.json");
@@ -306,7 +306,7 @@ fn partial_fits_that_were_changed_are_refused() {
     write(&dir, "changed.json", text.replacen("train.csv", "other.csv", 1));
     let said = says(&dir, "merge changed.json", 2);
     assert!(said.contains("its checksum does not match"), "{said}");
-    // Written anew by another program, which may have changed anything.
+    // Rewritten by another program, which may have changed anything.
     let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
     write(&dir, "changed.json", document.to_string());
     let said = says(&dir, "merge changed.json", 2);
@@ -316,13 +316,13 @@ fn partial_fits_that_were_changed_are_refused() {
     write(&dir, "changed.json", document.to_string());
     let said = says(&dir, "merge partial.json changed.json", 2);
     assert!(said.contains("`sources` have 0 rows, `moments` are of 2600"), "{said}");
-    // Without a checksum, as earlier programs wrote them.
+    // Without a checksum, as earlier versions wrote them.
     let content = text.rsplit_once(",\n  \"checksum\"").unwrap().0.to_owned() + "\n}\n";
     write(&dir, "old.json", &content);
     let said = says(&dir, "merge old.json", 2);
     assert!(said.contains("is no checksum") && said.contains("--edited"), "{said}");
     says(&dir, "merge old.json --edited", 0);
-    // Reading a number takes time by the square of its digits.
+    // Parsing a number takes time proportional to the square of its digits.
     let mut long: serde_json::Value = serde_json::from_str(&content).unwrap();
     long["moments"]["wrench"][0]["values"][0] = "7".repeat(3_000_000).into();
     write(&dir, "long.json", long.to_string());
@@ -452,7 +452,7 @@ fn standard_errors_by_group_that_were_asked_for_are_found_or_refused() {
     says(&dir, "fit --model cubic train.csv --covariance groups", 0);
 }
 
-/// Rows that are not kept between the passes, and a file that is another one in the second.
+/// Rows are not kept between the passes, and the file changes before the second.
 #[test]
 fn folds_may_be_of_any_number_of_groups() {
     let dir = tempfile::tempdir().unwrap();

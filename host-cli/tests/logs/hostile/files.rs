@@ -1,4 +1,4 @@
-//! Files of every kind that the program reads, and what chance does to them.
+//! Files of every kind that the program reads, and random damage to them.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +7,7 @@ use shell_data::wrench::{Axes, Axis};
 use system_tests::program;
 use system_tests::random::{Random, damage};
 
-/// Good files: logs, telemetry, a calibration, a partial fit, a matrix, a manifest, a table.
+/// Valid files: logs, telemetry, a calibration, a partial fit, a matrix, a manifest, a table.
 pub(super) const SEEDS: [&str; 9] = [
     "train.csv",
     "test.csv",
@@ -20,10 +20,10 @@ pub(super) const SEEDS: [&str; 9] = [
     "results/strides.csv",
 ];
 
-/// The labels of rows at rest that `weights.csv` has, 50 of each.
+/// Labels of the rows at rest in `weights.csv`, 50 rows each.
 pub(super) const LABELS: [&str; 4] = ["zero", "a", "b", "c"];
 
-/// Makes them in a folder.
+/// Creates the files in a folder.
 pub(super) fn make(dir: &Path) {
     for arguments in [
         "synth train --rows 400 -o train.csv",
@@ -46,7 +46,7 @@ pub(super) fn make(dir: &Path) {
     fs::write(dir.join("loads.csv"), loads(&LABELS)).unwrap();
 }
 
-/// A table of loads with these labels: nothing, and a tenth of a gram.
+/// A table of loads with these labels: no load, and a tenth of a gram.
 pub(super) fn loads(labels: &[&str]) -> String {
     let header = "group,mass_g,x_mm,y_mm,z_mm,azimuth_deg,elevation_deg\n".to_owned();
     let line = |label: &&str| match label.starts_with("zero") {
@@ -56,7 +56,7 @@ pub(super) fn loads(labels: &[&str]) -> String {
     header + &labels.iter().map(line).collect::<String>()
 }
 
-/// Logs in binary files, of other programs: nulls, lists and decimals in the first.
+/// Binary logs of other programs: nulls, lists and decimals in the first.
 const BINARY: [&str; 14] = [
     "table-file/tests/nested.parquet",
     "log-file/fuzz/seeds/parquet/delta.parquet",
@@ -74,7 +74,7 @@ const BINARY: [&str; 14] = [
     "log-file/fuzz/seeds/xlsx/workbook.xlsx",
 ];
 
-/// A log in a binary file, as a rule whole.
+/// A binary log, usually undamaged.
 pub(super) fn binary(random: &mut Random) -> Vec<u8> {
     let name = BINARY[random.below(BINARY.len() as u64) as usize];
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates").join(name);
@@ -85,7 +85,7 @@ pub(super) fn binary(random: &mut Random) -> Vec<u8> {
     bytes
 }
 
-/// A log with some of the axes of the wrench, and which these are. Others are gone, or misspelt.
+/// A log with some axes of the wrench, and these axes. The other axes are missing or misspelt.
 pub(super) fn of_some_axes(seeds: &Path, name: &str, random: &mut Random) -> (String, Axes) {
     let text = fs::read_to_string(seeds.join(name)).unwrap();
     let axes: Axes = Axis::ALL.into_iter().filter(|_| random.percent(70)).collect();
@@ -106,10 +106,10 @@ pub(super) fn of_some_axes(seeds: &Path, name: &str, random: &mut Random) -> (St
     (text.lines().enumerate().map(line).collect(), axes)
 }
 
-/// Bytes of a good file, or what is left of them.
+/// Bytes of a valid file, damaged or cut short.
 pub(super) fn damaged(seeds: &Path, name: &str, random: &mut Random) -> Vec<u8> {
     let mut bytes = fs::read(seeds.join(name)).unwrap();
-    // Long files take long, and say no more.
+    // Long files take long and test nothing more.
     bytes.truncate(200_000);
     if random.percent(40) {
         return bytes;

@@ -1,8 +1,7 @@
-//! What must not happen, whatever the files, names, arguments and signals.
+//! Failures that must not happen for any files, names, arguments and signals.
 //!
-//! [`cases`] are single ones that went wrong once; [`random`] draws commands over damaged files from
-//! seeds. Among the other tests it draws a few hundred; `SHELLCAL_HOSTILE_SECONDS=3600` draws
-//! for an hour.
+//! [`cases`] are single regressions; [`random`] draws commands over damaged files from seeds. Together with
+//! the other tests it draws a few hundred; `SHELLCAL_HOSTILE_SECONDS=3600` draws for an hour.
 
 mod cases;
 #[cfg(target_os = "linux")]

@@ -13,7 +13,7 @@ use system_tests::random::Random;
 use super::files;
 use super::run::{Blow, Trouble, run, unread};
 
-/// How many are drawn among the other tests.
+/// Number of cases in a normal test run.
 const AMONG_TESTS: u64 = 300;
 
 /// Commands; capitals are files of that kind, `O.x` an output, `?` any number.
@@ -90,7 +90,7 @@ fn pick<'a>(of: &[&'a str], random: &mut Random) -> &'a str {
     of[random.below(of.len() as u64) as usize]
 }
 
-/// Files are called anything that a file can be called.
+/// A file name of any permitted characters.
 fn name(random: &mut Random, extension: &str) -> OsString {
     let stem: &[u8] = match random.below(8) {
         0 => b"with space",
@@ -105,14 +105,14 @@ fn name(random: &mut Random, extension: &str) -> OsString {
     OsString::from_vec(name)
 }
 
-/// One case.
+/// Draws one case.
 fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
     let mut arguments: Vec<OsString> = Vec::new();
     let mut inputs: Vec<OsString> = Vec::new();
     fs::create_dir(dir.join("out")).unwrap();
     let command = pick(&COMMANDS, random);
     if command.split(' ').any(|word| word == "M") {
-        // Manifests name logs beside them.
+        // Manifests refer to logs in their own folder.
         for log in ["0cm-1.txt", "1cm-1.txt", "2cm-1.txt", "3cm-1.txt", "free-1.txt"] {
             fs::hard_link(seeds.join("trials").join(log), dir.join(log)).unwrap();
         }
@@ -133,7 +133,7 @@ fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
             _ => None,
         };
         if word == "G" {
-            // Whole: a log with a wrong time would be played for as long.
+            // Undamaged: a log with a wrong time would be played for that time.
             let name = name(random, ".csv");
             fs::copy(seeds.join("train.csv"), dir.join(&name)).unwrap();
             inputs.push(name.clone());
@@ -145,14 +145,14 @@ fn draw(seeds: &Path, dir: &Path, random: &mut Random) -> Vec<OsString> {
             inputs.push(name.clone());
             arguments.push(name);
         } else if let Some((seed, extension)) = kind(word) {
-            // Now and then a file of another kind.
+            // Sometimes a file of another kind.
             let seed = if random.percent(5) { pick(&files::SEEDS, random) } else { seed };
             let name = name(random, extension);
             fs::write(dir.join(&name), files::damaged(seeds, seed, random)).unwrap();
             inputs.push(name.clone());
             arguments.push(name);
         } else if let Some(extension) = word.strip_prefix('O').filter(|_| word.contains('.')) {
-            // Now and then an output that is an input.
+            // Sometimes an output that is an input.
             let input = inputs.last().filter(|_| random.percent(10));
             let new = || Path::new("out").join(name(&mut random.clone(), extension)).into();
             let path = input.cloned().unwrap_or_else(new);
@@ -180,7 +180,7 @@ fn blow(random: &mut Random) -> Option<Blow> {
     random.percent(10).then_some(Blow { name, number, after })
 }
 
-/// A gate on logs and a calibration of some axes: exit 0 only if all that was asked for is in both.
+/// A gate on logs and a calibration with some axes: exit code 0 only if both have all required axes.
 fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     let (train, calibrated) = files::of_some_axes(seeds, "train.csv", random);
     let mut measured = Vec::new();
@@ -199,7 +199,7 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     program::succeed(dir, "fit train.csv --model linear --covariance none -o cal.json");
     let (forces, moments) = (random.percent(60), random.percent(60));
     let limits = [(forces, "--max-rms"), (moments, "--max-rms-moment")];
-    // No error of these logs is as large as some limits, or as small as others.
+    // The first limit is above all errors of these logs, the second below.
     let limit = pick(&["1e9", "1e-12"], random);
     for (_, option) in limits.into_iter().filter(|(is_set, _)| *is_set) {
         arguments.extend([option.into(), limit.into()]);
@@ -220,7 +220,7 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     let passed = passes(dir, &line, is_left);
     let are_compared = calibrated.contain(asked) && measured.iter().all(|axes| axes.contain(asked));
     let is_within = limit == "1e9" || !asked.iter().any(is_limited);
-    // Where nothing is left to compare the run ends before any gate.
+    // If no axis is left to compare, the run ends before any gate.
     let says_nothing = measured.iter().fold(calibrated, |all, axes| all.and(*axes)).is_empty();
     let limits_nothing = (forces || moments) && !asked.iter().any(is_limited)
         || [false, true].into_iter().any(|moment| {
@@ -233,7 +233,7 @@ fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     }
 }
 
-/// Whether a command ends with 0, where its reader may have left.
+/// True if a command ends with exit code 0; its reader may have closed the pipe.
 fn passes(dir: &Path, line: &str, reader_leaves: bool) -> bool {
     let mut run = program::command(dir);
     run.args(line.split_whitespace());
@@ -243,7 +243,7 @@ fn passes(dir: &Path, line: &str, reader_leaves: bool) -> bool {
     run.output().unwrap().status.code() == Some(0)
 }
 
-/// A table of loads of which some were not weighed, which must not pass.
+/// A table of loads with some loads not weighed, which must not pass.
 fn weighing(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     fs::copy(seeds.join("cal.json"), dir.join("cal.json")).unwrap();
     let text = fs::read_to_string(seeds.join("weights.csv")).unwrap();
@@ -282,7 +282,7 @@ fn weighing(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String>
     }
 }
 
-/// What goes wrong with one seed.
+/// The violation with one seed, if any.
 fn violation(seeds: &Path, seed: u64) -> Option<String> {
     let mut random = Random(seed);
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! Runs the program within limits, and looks at what is left.
+//! Runs the program with limits, and checks its outputs.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -11,13 +11,13 @@ use std::time::{Duration, Instant};
 
 use shell_data::escape;
 
-/// Processor time that a command takes at most, s: not time on the wall, which depends on what else the machine does.
+/// Maximum processor time of a command, s; wall-clock time would depend on other load.
 const PROCESSOR_S: u64 = 60;
 
-/// When a command that takes no processor time hangs.
+/// Time after which a command that uses no processor time counts as hanging.
 const PATIENCE: Duration = Duration::from_secs(600);
 
-/// Its data and stacks in KiB: what any command may take on files of up to 1 MB.
+/// Memory limit (data and stacks) in KiB, for any command on files of up to 1 MB.
 const MEMORY: u64 = 256 << 10;
 
 /// A signal, and when it is sent.
@@ -28,20 +28,20 @@ pub(super) struct Blow {
     pub(super) after: Duration,
 }
 
-/// What befalls a command.
+/// Disturbances of a command.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Trouble {
     pub(super) blow: Option<Blow>,
-    /// The size that no file grows beyond, in blocks of 512 bytes, as on a disk that is full then.
+    /// Maximum file size, in blocks of 512 bytes, as on a full disk.
     pub(super) disk: Option<u64>,
-    /// Nobody reads the standard output.
+    /// True if nobody reads the standard output.
     pub(super) reader_leaves: bool,
 }
 
 /// Runs the program with some arguments.
 ///
 /// # Errors
-/// What must not happen.
+/// A description of the violation.
 pub(super) fn run(dir: &Path, arguments: &[OsString], trouble: Trouble) -> Result<(), String> {
     let (before, blow) = (contents(dir), trouble.blow);
     let disk = trouble.disk.map_or(String::new(), |of| format!("trap '' XFSZ; ulimit -f {of}; "));
@@ -70,7 +70,7 @@ pub(super) fn run(dir: &Path, arguments: &[OsString], trouble: Trouble) -> Resul
     if !is_ours && !matches!(status.code(), Some(0..=2)) {
         return Err(format!("it ended with {status}: {stderr}"));
     }
-    // A recording that goes to the standard output is no text for a terminal.
+    // A recording on the standard output is not text for a terminal.
     let is_invisible = |c: char| c != '\n' && c != '\t' && escape::is_invisible(c);
     let is_data =
         arguments.iter().any(|word| word == "convert" || word == "align" || word == "synth");
@@ -133,13 +133,14 @@ fn contents(dir: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     files
 }
 
-/// Whether what was there is as it was, and what is new is whole; of a file that grows, its rows.
+/// Checks that existing files are unchanged and that new ones are complete; a growing file needs complete
+/// rows.
 fn check(
     before: &BTreeMap<PathBuf, Vec<u8>>,
     after: &BTreeMap<PathBuf, Vec<u8>>,
     [succeeded, grows]: [bool; 2],
 ) -> Result<(), String> {
-    // Outputs are called so by who draws the commands; all else is input.
+    // The generator of commands puts outputs there; everything else is input.
     let is_output = |path: &Path| path.components().any(|part| part.as_os_str() == "out");
     if let Some((path, _)) =
         before.iter().find(|(path, bytes)| !is_output(path) && after.get(*path) != Some(*bytes))
@@ -164,13 +165,13 @@ fn check(
     Ok(())
 }
 
-/// Whether an output that is said to be good is whole, and its numbers are numbers.
+/// Checks that a successful output is complete, and that its numbers are numbers.
 fn is_believable(name: &str, bytes: &[u8]) -> Result<(), String> {
     let text = String::from_utf8_lossy(bytes);
     let name_ends_csv = name.ends_with(".csv");
     let is_text = [".csv", ".json", ".txt"].iter().any(|extension| name.ends_with(extension));
     let not_a_number = |word: &str| matches!(word, "NaN" | "nan" | "inf" | "-inf" | "Infinity");
-    // What is copied from an input as a name may be called so.
+    // Names copied from an input may be such words.
     let header: Vec<&str> = text.lines().next().unwrap_or_default().split(',').collect();
     let is_name = |position: usize| {
         let name = header.get(position).copied().unwrap_or_default();
