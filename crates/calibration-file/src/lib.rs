@@ -25,7 +25,7 @@
 //! | `model` | `physics` |
 //! | `physics` | see [`calibration::physics::PhysicsModel`]; parameters in the order of [`calibration::physics::response`]; a sensor without `loadings` has none |
 //! | `standard_error_scale` | factor on the model's standard errors for each axis; 1 if absent |
-//! | `intervals` | standard errors of an interval by level and axis, see [`calibration::physics::intervals`] |
+//! | `intervals` | standard errors of an interval by level and axis, see docs/validation.md |
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "reads files")]
 

@@ -4,7 +4,7 @@
 //! that coefficients can be exchanged with them: `cubic` goes channel by channel (s1, s1², s1³,
 //! s2, …); the models with cross terms go degree by degree, each degree in lexicographic order
 //! (s1, …, s8, s1², s1·s2, …); `cubic+products` has the terms of `cubic`, then the products of two channels. After
-//! them come [memory terms](crate::memory), linear, one of each channel by time constant. The intercept, the empty
+//! them come memory terms, linear, one of each channel by time constant. The intercept, the empty
 //! product, comes last.
 
 /// A family of features.

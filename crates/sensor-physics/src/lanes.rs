@@ -4,7 +4,7 @@
 //! rounded alike on every machine, so a row has the same bits in vectors of any width.
 //!
 //! Loops and not `fold`: its closure may stay a function of its own, without wide vectors, as in
-//! [`vectors`](crate::vectors).
+//! `least_squares::vectors`.
 
 use std::ops::{Add, Div, Mul, Sub};
 

@@ -260,7 +260,7 @@ impl ObservationSample {
     }
 
     /// # Errors
-    /// As [`Cells::new`].
+    /// As `Cells::new`.
     pub fn from_rows(rows: &TrainingRows) -> Result<Self, PhysicsError> {
         let cells = Cells::new(rows)?;
         let [tried, fitted] = [MOST_TRIED, MOST_FITTED].map(|most| cells.observations(most));

@@ -11,7 +11,7 @@
 //! - [`lock`]: locks that stay usable after a panic;
 //! - [`statistics`]: mean and variance, block by block, and the median;
 //! - [`telemetry`]: the columns of a robot's telemetry;
-//! - [`unit`]: parsing units as people write them.
+//! - [`unit`](mod@unit): parsing units as people write them.
 //!
 //! SI units throughout (s, N, N·m). Frame: x forward, y left, z up.
 //!
