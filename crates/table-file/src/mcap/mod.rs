@@ -115,7 +115,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     }
     let mut names = vec!["t_s".to_owned()];
     names.extend(topics.iter().flat_map(|topic| topic.columns.iter().cloned()));
-    let has_log_time = stamps.count > 0 && topics.iter().all(|topic| topic.kind != FieldKind::Json);
+    let has_log_time = stamps.count > 0 && topics.iter().all(|topic| topic.kind.is_wrench());
     if has_log_time {
         names.push("log".to_owned());
     }
