@@ -30,7 +30,10 @@ pub fn read_log(bytes: &[u8], format: Option<LogFormat>, piece: usize) {
     for skip_bad_rows in [false, true] {
         let whole = rows(&log, &wanted, skip_bad_rows);
         let pieces = rows(&in_pieces, &wanted, skip_bad_rows);
-        assert_eq!(format!("{whole:?}"), format!("{pieces:?}"));
+        // Of two faults in a file the pieces may meet the other one first.
+        if whole.is_ok() || pieces.is_ok() {
+            assert_eq!(format!("{whole:?}"), format!("{pieces:?}"));
+        }
         if let Ok((rows, summary)) = whole {
             assert!(rows.iter().all(|column| column.len() as u64 == summary.rows));
         }

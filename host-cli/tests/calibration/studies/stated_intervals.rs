@@ -21,7 +21,7 @@ struct Parted {
 }
 
 impl Parted {
-    /// Groups, the last column, assigned to parts in turn.
+    /// Groups, the last column, in parts that follow each other: a sensor with memory needs the rows before a row.
     fn by_group(text: &str, parts: usize) -> Self {
         let mut lines = text.lines();
         let header = lines.next().unwrap().to_owned();
@@ -32,9 +32,11 @@ impl Parted {
                 groups.push(group);
                 groups.len() - 1
             });
-            (position % parts, line.to_owned())
+            (position, line.to_owned())
         });
-        Self { header, rows: rows.collect() }
+        let rows: Vec<(usize, String)> = rows.collect();
+        let part = |(position, line)| (position * parts / groups.len(), line);
+        Self { header, rows: rows.into_iter().map(part).collect() }
     }
 
     /// Rows that are shuffled, assigned to parts in turn.
