@@ -6,8 +6,7 @@ use system_tests::random::Random;
 
 use crate::alignment::{SESSION, errors, linear_session, recordings};
 
-/// Aligns a disturbed session and checks it against the truth; returns the error of the offset over its
-/// stated standard error.
+/// Aligns a disturbed session and checks offset and skew against the truth, within their standard errors.
 fn check(reference: Recording, board: Recording, truth: &PairSettings) {
     let aligned = align(reference, board, Options::default()).unwrap();
     let (offset_s, skew) = errors(&aligned.clock, truth);

@@ -140,7 +140,7 @@ fn copies_do_not_leak_through_validation() {
             all
         });
     write(&dir, "h1.csv", &half);
-    // The same rows in another file, quoted and with another order of columns.
+    // The same rows in another file, with CRLF line ends.
     write(&dir, "h1b.csv", half.replace('\n', "\r\n"));
     for command in [
         "fit h1.csv h1b.csv --cv=file --model poly3",
