@@ -15,33 +15,16 @@
 //! remains: one root per position of the tip. A table over the tip's path holds the forward reach and the
 //! force as functions of `z`, in which both are smooth.
 
-use core::f64::consts::{FRAC_PI_2, PI};
+use core::f64::consts::PI;
 
-use libm::{acos, atan2, cos, sin, sqrt};
+use libm::{atan2, cos, sin, sqrt};
 
+use crate::bending::{Bending, Series, TERMS, node};
+use crate::bisection::turn;
 use crate::path::Path;
-use crate::side::turn;
 
 /// Number of positions on a tip's path at which the body's travel is computed.
 const PLACES: usize = 64;
-
-/// Number of Chebyshev terms: twice as many change the means of the paper's channels by a relative 10⁻⁶,
-/// extremes by 10⁻⁴.
-const TERMS: usize = 32;
-
-/// The path of a clamped beam's tip along the body.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Elastica {
-    /// As in [`Path::landmarks`]: where the travel falls, otherwise 0; before its maximum; the table's end.
-    pub(crate) landmarks: [f64; 3],
-    /// Forward reach of the tip over `z`, in m.
-    pub(crate) reach: Series,
-    /// Factor of normal and tangent over `z`, in units of `EI/L²`; normal and tangent have the length of
-    /// those in a [`Contact`](crate::Contact).
-    pub(crate) push: Series,
-    /// True if the beam's face comes to lie against the body; this model only has contact at the tip.
-    pub(crate) lies_against_body: bool,
-}
 
 /// A beam with its tip at one position.
 struct Bent {
@@ -59,7 +42,7 @@ pub(crate) enum Failure {
     Released,
 }
 
-impl Elastica {
+impl Bending {
     /// Computes the table of a path; `None` if friction holds the tip.
     pub(crate) fn new(path: &Path, friction: f64) -> Option<Self> {
         let place = |i: usize| path.last() * i as f64 / PLACES as f64;
@@ -189,42 +172,5 @@ fn incomplete(sine: f64, modulus: f64) -> (f64, f64) {
         sum += share / (c * (z + shift));
         share *= 0.25;
         [x, y, z] = [x, y, z].map(|value| 0.25 * (value + shift));
-    }
-}
-
-/// A function given by its values at Chebyshev nodes, as a series.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Series {
-    length: f64,
-    coefficients: [f64; TERMS],
-}
-
-/// Returns Chebyshev node `i` on [0, 1].
-fn node(i: usize) -> f64 {
-    let root = sin(FRAC_PI_2 * (i as f64 + 0.5) / TERMS as f64);
-    root * root
-}
-
-impl Series {
-    fn through(values: &[f64; TERMS], length: f64) -> Self {
-        let coefficients = core::array::from_fn(|term| {
-            let at = |i: usize| cos(term as f64 * acos(2.0 * node(i) - 1.0));
-            let sum: f64 = values.iter().enumerate().map(|(i, value)| value * at(i)).sum();
-            sum * if term == 0 { 1.0 } else { 2.0 } / TERMS as f64
-        });
-        Self { length, coefficients }
-    }
-
-    /// Evaluates value and slope by Clenshaw's recurrence.
-    #[inline]
-    pub(crate) fn at(&self, place: f64) -> (f64, f64) {
-        let t = 2.0 * place / self.length - 1.0;
-        let ([mut b, mut before], [mut slope, mut slope_before]) = ([0.0; 2], [0.0; 2]);
-        for &coefficient in self.coefficients[1..].iter().rev() {
-            (slope, slope_before) = (2.0 * (b + t * slope) - slope_before, slope);
-            (b, before) = (coefficient + 2.0 * t * b - before, b);
-        }
-        let value = self.coefficients[0] + t * b - before;
-        (value, 2.0 * (b + t * slope - slope_before) / self.length)
     }
 }

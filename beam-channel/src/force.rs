@@ -70,9 +70,9 @@ impl Law {
     fn push(&self, path: &Path, contact: &Contact) -> f64 {
         // EI/L² is k_t/L.
         self.stiffness
-            * match &path.elastica {
+            * match &path.bending {
                 None => self.deflection(path, contact) / self.divisor(path, contact),
-                Some(elastica) => contact.z() * elastica.push.at(contact.z()).0,
+                Some(bending) => contact.z() * bending.push.at(contact.z()).0,
             }
     }
 
@@ -86,8 +86,8 @@ impl Law {
         let back_slope = path.half_length * cos + path.shear * sin;
         let out_slope = -path.half_width * sin;
         let push_slope = out_slope + self.friction * back_slope;
-        if let Some(elastica) = &path.elastica {
-            let (over_z, slope) = elastica.push.at(contact.z());
+        if let Some(bending) = &path.bending {
+            let (over_z, slope) = bending.push.at(contact.z());
             let of_z = (over_z + contact.z() * slope) * push
                 + over_z * push_slope * 4.0 * contact.sin_a / contact.cos_a;
             return self.stiffness * of_z / contact.slope();

@@ -37,6 +37,8 @@
 #![warn(missing_docs)]
 
 mod arc;
+mod bending;
+mod bisection;
 mod elastica;
 mod force;
 mod model;

@@ -6,7 +6,7 @@
 
 use libm::{atan2, cbrt, sqrt};
 
-use crate::elastica::Elastica;
+use crate::bending::Bending;
 
 /// Ellipse, wall line and beam length, which determine the path of a tip.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -23,7 +23,7 @@ pub(crate) struct Path {
     pub(crate) sin_e: f64,
     pub(crate) cos_e: f64,
     /// Position of the tip of a bending beam; a bar's follows from its length.
-    pub(crate) elastica: Option<Elastica>,
+    pub(crate) bending: Option<Bending>,
 }
 
 impl Path {
@@ -35,7 +35,7 @@ impl Path {
     /// step subtracts numbers of similar size.
     #[inline]
     pub(crate) fn position(&self, z: f64) -> Contact {
-        let Self { half_length, shear, half_width, beam, sin_e, cos_e, ref elastica } = *self;
+        let Self { half_length, shear, half_width, beam, sin_e, cos_e, ref bending } = *self;
         let sin_a = z * z;
         let cos_a = sqrt((1.0 - sin_a) * (1.0 + sin_a));
         let sin_mid = sin_e * cos_a + cos_e * sin_a;
@@ -48,10 +48,10 @@ impl Path {
         let bar = sqrt((width * (2.0 * beam - rise)).max(f64::MIN_POSITIVE));
         let back = half_length * sin - shear * cos;
         let out = half_width * cos;
-        let (root, steepness) = match elastica {
+        let (root, steepness) = match bending {
             None => (bar, z * bar * back + out * (beam - rise)),
-            Some(elastica) => {
-                let (root, slope) = elastica.reach.at(z);
+            Some(bending) => {
+                let (root, slope) = bending.reach.at(z);
                 (root, root * (z * back + 0.25 * cos_a * (root + z * slope)))
             }
         };
@@ -74,9 +74,9 @@ impl Path {
     /// Returns `z` at the body's slowest progress on the way in, a later `z` at which it moves on, and one
     /// after the release of the beam.
     pub(crate) fn landmarks(&self) -> [f64; 3] {
-        match &self.elastica {
+        match &self.bending {
             None => [self.slowest(), self.widest(), self.last()],
-            Some(elastica) => elastica.landmarks,
+            Some(bending) => bending.landmarks,
         }
     }
 

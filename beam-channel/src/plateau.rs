@@ -5,9 +5,9 @@
 //! for corners, where a beam is first touched or is at 90°, and jumps, where one slips off or snaps. All of
 //! these positions are known in advance; between two of them the extremes are roots of the derivative.
 
+use crate::bisection::turn;
 use crate::force::Law;
 use crate::path::{Contact, Path};
-use crate::side::turn;
 use crate::{Model, Side, Wall};
 
 /// The drag of a body that is completely among the beams.

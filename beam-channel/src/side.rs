@@ -5,7 +5,8 @@ use core::ops::Range;
 use libm::{atan2, cos, sin, sqrt};
 
 use crate::arc::Arc;
-use crate::elastica::Elastica;
+use crate::bending::Bending;
+use crate::bisection::turn;
 use crate::path::{Contact, Path};
 use crate::{Normal, Setup, SetupError, Wall};
 
@@ -70,12 +71,12 @@ impl Side {
             beam: beam_length_m,
             sin_e,
             cos_e,
-            elastica: None,
+            bending: None,
         };
         if setup.rules.normal == Normal::Elastica {
             let friction = setup.beam.friction;
-            let elastica = Elastica::new(&path, friction);
-            path.elastica = Some(elastica.ok_or(SetupError::Locks { wall, friction })?);
+            let bending = Bending::new(&path, friction);
+            path.bending = Some(bending.ok_or(SetupError::Locks { wall, friction })?);
         }
         let mut side = Self {
             path,
@@ -160,7 +161,7 @@ impl Side {
     /// Returns whether the face of a clamped beam comes to lie against the body; the model then lacks the
     /// force on the face.
     pub fn beams_lie_against_body(&self) -> bool {
-        self.path.elastica.is_some_and(|elastica| elastica.lies_against_body)
+        self.path.bending.is_some_and(|bending| bending.lies_against_body)
     }
 
     /// Returns whether a yawed body meets the beams' faces before it reaches their tips; the model has no
@@ -219,20 +220,5 @@ impl Side {
     /// Returns the travel of the body at `x_m` since its first touch of a beam whose base is at `base_m`.
     pub(crate) fn travel_at(&self, x_m: f64, base_m: f64) -> f64 {
         x_m + self.engagement_m - base_m
-    }
-}
-
-/// Returns the point between `low` and `high` where `f` turns from positive to negative, to the last bit.
-pub(crate) fn turn(f: impl Fn(f64) -> f64, mut low: f64, mut high: f64) -> f64 {
-    loop {
-        let middle = 0.5 * (low + high);
-        if !(middle > low && middle < high) {
-            return low;
-        }
-        if f(middle) > 0.0 {
-            low = middle;
-        } else {
-            high = middle;
-        }
     }
 }

@@ -58,6 +58,9 @@ impl Part {
 /// Name of the test modules that compare methods with the truth, over many cases.
 const STUDIES: &str = "studies::";
 
+/// Reason to ignore tests that compare times: they run after all others, one by one.
+const QUIET: &str = "needs a machine that is not busy";
+
 /// Variable with the path of axe-core for the tests.
 const AXE: &str = "SHELLCAL_AXE";
 
@@ -86,7 +89,11 @@ pub(crate) fn run(args: &TestArgs) -> Result<()> {
     let documentation = cargo(&[&["test", "--workspace", "--doc"][..], &PROFILE].concat());
     jobs.push(Job { name: "examples in the documentation".to_owned(), command: documentation });
     println!("\n==> tests");
-    report(&run_all(jobs, &programs, &equipment)?, &args.without)
+    let mut ended = run_all(jobs, &programs, &equipment)?;
+    let quiet = programs.iter().filter_map(|program| program.quiet_job(&ended, &equipment));
+    let quiet = steps::run_side_by_side(quiet.collect(), 1, |_| None)?;
+    ended.extend(quiet);
+    report(&ended, &args.without)
 }
 
 /// Runs the tests that [`run`] leaves out.
@@ -104,7 +111,7 @@ fn run_all(
 ) -> Result<Vec<EndedJob>> {
     let more = |ended: &EndedJob| {
         let program = programs.iter().find(|program| program.name == ended.name)?;
-        program.job_of_ignored(&ended.output, equipment)
+        program.job_of_ignored(&ended.output, |reason| equipment.met.contains(&reason), equipment)
     };
     // Many tests mostly wait.
     let at_once = 1 + thread::available_parallelism()?.get();
@@ -241,13 +248,26 @@ impl Program {
         Job { name: self.name.clone(), command }
     }
 
-    /// Returns the job of the ignored tests whose reasons do not apply.
-    fn job_of_ignored(&self, said: &str, equipment: &TestEquipment) -> Option<Job> {
-        let met = ignored(said).filter(|(_, reason)| equipment.met.contains(reason));
+    /// Returns the job of the ignored tests whose reasons `is_met`.
+    fn job_of_ignored(
+        &self,
+        said: &str,
+        is_met: impl Fn(&str) -> bool,
+        equipment: &TestEquipment,
+    ) -> Option<Job> {
+        let met = ignored(said).filter(|(_, reason)| is_met(reason));
         let names: Vec<&str> = met.map(|(name, _)| name).collect();
         let mut job = self.job(&[&["--ignored", "--exact"], &names[..]].concat(), equipment);
         job.name = format!("{}, {} that need more", self.name, names.len());
         (!names.is_empty()).then_some(job)
+    }
+
+    /// Returns the job of the tests that compare times, one after the other.
+    fn quiet_job(&self, ended: &[EndedJob], equipment: &TestEquipment) -> Option<Job> {
+        let own = ended.iter().find(|job| job.name == self.name)?;
+        let mut job = self.job_of_ignored(&own.output, |reason| reason == QUIET, equipment)?;
+        job.command.arg("--test-threads=1");
+        Some(job)
     }
 }
 

@@ -11,9 +11,9 @@ use shell_data::{Quantity, Scale, Unit};
 
 use super::matrix::{ImportOptions, divisor, from_raw_readings};
 
-/// Returns true if the bytes are a calibration of ATI.
+/// Returns true if the bytes are a calibration of ATI, which is text.
 pub(super) fn is_one(bytes: &[u8]) -> bool {
-    memchr::memmem::find(bytes, b"<FTSensor").is_some()
+    memchr::memmem::find(bytes, b"<FTSensor").is_some() && !bytes.contains(&0)
 }
 
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, String> {

@@ -301,7 +301,13 @@ impl CalibrationFile {
         path: &Path,
         options: &matrix::ImportOptions,
     ) -> Result<Self, CalibrationFileError> {
-        let parse = |bytes: &[u8]| matrix::parse(bytes, options).map_err(Problem::Matrix);
+        let parse = |bytes: &[u8]| {
+            let read = match ati::is_one(bytes) {
+                true => ati::parse(bytes, options).map_err(MatrixError::Unusable),
+                false => matrix::parse(bytes, options),
+            };
+            read.map_err(Problem::Matrix)
+        };
         let calibration = input::document(path, DocumentKind::Matrix, parse)?;
         let rows = calibration.polynomial().map_or(0, |p| p.coefficients.len()) as u64;
         let (role, path) = (Role::Matrix, path.into());

@@ -13,7 +13,7 @@ use calibration::{Calibration, Polynomial};
 use shell_data::wrench::MomentUnit;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-use super::{LARGEST, ati};
+use super::LARGEST;
 
 /// Information that a matrix file lacks.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -76,15 +76,13 @@ fn feature_name(term: &Term) -> String {
     powers.map(|run| format!("s{}^{}", run[0] + 1, run.len())).collect::<Vec<_>>().join("*")
 }
 
-/// Reads a matrix: CSV, a calibration of ATI, or MATLAB 5. A MATLAB 5 file begins with a text of 116 bytes
+/// Reads a matrix: CSV or MATLAB 5. A MATLAB 5 file begins with a text of 116 bytes
 /// and has its byte order mark at byte 126.
 pub(super) fn parse(bytes: &[u8], options: &ImportOptions) -> Result<Calibration, MatrixError> {
     if bytes.starts_with(b"MATLAB") && matches!(bytes.get(126..128), Some(b"IM" | b"MI")) {
         parse_matlab(bytes, options)
     } else if bytes.contains(&0) {
         Err(unreadable("it is neither text nor of version 5; save it with `-v6` or `-v7`"))
-    } else if ati::is_one(bytes) {
-        ati::parse(bytes, options).map_err(MatrixError::Unusable)
     } else {
         parse_csv(bytes, options).map_err(MatrixError::Unusable)
     }

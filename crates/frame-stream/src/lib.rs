@@ -22,13 +22,15 @@ mod latency;
 mod netft;
 mod readers;
 mod stream;
+mod summary;
 
 pub use decimation::Decimator;
 pub use encoding::{RowEncoder, StreamFormat, StreamRow};
 pub use latency::{Latency, LatencySummary};
 pub use netft::{NetFtAddress, NetFtPage};
-pub use readers::{BadDestination, Destination, ReaderSummary, Readers};
+pub use readers::{BadDestination, Destination, Readers};
 pub use stream::{
     FrameStream, LEAST_RATE_HZ, StreamCommand, StreamHandle, StreamOptions, StreamSummary,
     StreamWatcher, UnknownCommand,
 };
+pub use summary::ReaderSummary;

@@ -21,7 +21,7 @@ use reference_sensor::rdt::{self, BUFFERED, RECORD_SIZE, RdtCommand, RdtRecord, 
 use shell_data::lock::lock;
 
 use crate::encoding::StreamRow;
-use crate::readers::ReaderSummary;
+use crate::summary::ReaderSummary;
 
 /// How soon the thread notices that it is to end.
 const WAIT: Duration = Duration::from_millis(100);

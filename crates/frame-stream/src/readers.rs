@@ -18,6 +18,7 @@ use shell_data::wrench::Axes;
 
 use crate::encoding::{RowEncoder, StreamFormat, StreamRow};
 use crate::netft::{NetFtAddress, NetFtBox, NetFtPage};
+use crate::summary::ReaderSummary;
 
 /// Interval between checks for new connections.
 const ACCEPT: Duration = Duration::from_millis(10);
@@ -137,21 +138,6 @@ struct StreamReader {
 enum Transport {
     Pipe(PipeReader),
     Udp(UdpSocket),
-}
-
-/// The result of a reader.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ReaderSummary {
-    /// Name of the destination.
-    pub name: String,
-    /// Rows received; for UDP, rows sent.
-    pub rows: u64,
-    /// Rows lost because the reader was too slow.
-    pub lost: u64,
-    /// Why the reader ended early.
-    pub problem: Option<String>,
-    /// True if a file or the standard output ended early.
-    pub is_broken: bool,
 }
 
 impl Readers {

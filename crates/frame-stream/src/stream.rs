@@ -15,7 +15,8 @@ use forces::{ForceError, RunningTare};
 use crate::decimation::Decimator;
 use crate::encoding::StreamRow;
 use crate::latency::{Latency, LatencySummary};
-use crate::readers::{ReaderSummary, Readers};
+use crate::readers::Readers;
+use crate::summary::ReaderSummary;
 use shell_data::lock::lock;
 use shell_data::wrench::Axes;
 

@@ -9,12 +9,13 @@
 
 use std::ops::Range;
 
+use super::diagnostic::Diagnostic;
 use super::error::{FEWEST_PERIODS, TrialError};
 use super::input::{LogTimes, TraceExtent, Trial, TrialInput};
 use super::integral::{Span, rows_within};
 use super::leg::Strides;
 use super::profile::Profile;
-use super::results::{Diagnostic, Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
+use super::results::{Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
 use super::signals::{Signals, count_fresh};
 use super::statistics::Interval;
 use super::uncertainty::{ForceUncertainty, of_means};

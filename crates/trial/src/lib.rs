@@ -11,6 +11,7 @@
 //! of the pipeline's set-up gives the range of these rows. `docs/trials.md` has the formulas and definitions,
 //! and the crate `forces` the conversion of readings to forces.
 
+mod diagnostic;
 mod error;
 mod evaluate;
 mod input;
@@ -29,6 +30,7 @@ mod uncertainty;
 mod value_table;
 mod window;
 
+pub use diagnostic::{Diagnostic, Severity};
 pub use error::TrialError;
 pub use evaluate::{check_window, evaluate};
 pub use input::{Instrument, LogTimes, TraceExtent, Trial, TrialInput, TrialOptions, TrialRows};
@@ -37,10 +39,7 @@ pub use profile::{
     Motor, Profile, Robot, TelemetryColumn, TelemetryScales, TrialChannel, VELOCIROACH,
     used_telemetry,
 };
-pub use results::{
-    ConditionRow, Diagnostic, Per, Quantity, RunMeasures, Severity, StrideRow, TrialResult,
-    TrialRow,
-};
+pub use results::{ConditionRow, Per, Quantity, RunMeasures, StrideRow, TrialResult, TrialRow};
 pub use statistics::{Interval, MeanDifference, Statistics, ValueSample};
 pub use trace::Trace;
 pub use uncertainty::ForceUncertainty;

@@ -6,9 +6,9 @@
 
 use std::ops::Range;
 
+use super::diagnostic::Diagnostic;
 use super::input::TrialRows;
 use super::profile::{Profile, key_of};
-use super::results::Diagnostic;
 use shell_data::statistics::upper_median;
 use shell_data::telemetry::Telemetry;
 

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::Serialize;
 
+use super::diagnostic::{Diagnostic, Severity};
 use super::phase::PhaseProfile;
 use super::statistics::{Interval, MeanDifference, Statistics};
 use super::trace::Trace;
 use super::uncertainty::ForceUncertainty;
-use super::window::Proposal;
 use shell_data::wrench::Axis;
 
 /// The results of one trial. Values that the log or the calibration does not allow are `None`, with the
@@ -49,50 +49,6 @@ impl TrialResult {
             2 => (severity, first + " (also in another trial)"),
             _ => (severity, format!("{first} (also in {} other trials)", count - 1)),
         })
-    }
-}
-
-/// The severity of a diagnostic.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Severity {
-    /// Information on how the log was recorded.
-    Note,
-    /// The results may be worse than they look.
-    Warning,
-}
-
-/// Information that a reader of a trial's results should know.
-#[derive(Clone, Debug, PartialEq, Serialize)]
-pub struct Diagnostic {
-    pub severity: Severity,
-    /// A short name for scripts, the same for all of a kind.
-    pub code: &'static str,
-    /// The message.
-    pub text: String,
-}
-
-impl Diagnostic {
-    /// A note on how the log was recorded.
-    pub(super) fn note(code: &'static str, text: impl Into<String>) -> Self {
-        Self { severity: Severity::Note, code, text: text.into() }
-    }
-
-    /// A warning that results may be worse than they look.
-    pub fn warning(code: &'static str, text: impl Into<String>) -> Self {
-        Self { severity: Severity::Warning, code, text: text.into() }
-    }
-
-    /// A note that the window was found in the forces.
-    pub fn found_window(found: &Proposal) -> Self {
-        let text = format!(
-            "the window was found in the drag: confidence {:.0} %, entry ± {:.3} s, exit ± {:.3} s",
-            100.0 * found.confidence,
-            found.t_enter_se_s,
-            found.t_exit_se_s
-        );
-        let severity = if found.is_good() { Severity::Note } else { Severity::Warning };
-        Self { severity, code: "found_window", text }
     }
 }
 

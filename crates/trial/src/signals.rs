@@ -2,12 +2,12 @@
 
 use std::ops::Range;
 
+use super::diagnostic::{Diagnostic, Severity};
 use super::error::TrialError;
 use super::input::{TraceExtent, TrialInput, TrialRows};
 use super::leg::{STILL_RAD, Strides, unwrap};
 use super::power::Power;
 use super::profile::Profile;
-use super::results::{Diagnostic, Severity};
 use super::trace::Trace;
 use calibration::Calibration;
 use forces::{ForceError, RowRule, TareFrames};

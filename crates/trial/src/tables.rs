@@ -1,6 +1,7 @@
 //! Results as tables, for CSV or Parquet.
 
-use super::results::{ConditionRow, Diagnostic, StrideRow, TrialResult, TrialRow};
+use super::diagnostic::Diagnostic;
+use super::results::{ConditionRow, StrideRow, TrialResult, TrialRow};
 use super::trace::Trace;
 use shell_data::wrench::Axis;
 use table_file::write::{Cells, NamedTable};

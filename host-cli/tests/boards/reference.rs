@@ -50,7 +50,30 @@ fn ports() -> (UdpSocket, TcpListener) {
     panic!("no port is free twice");
 }
 
-/// The counts of sample `n`, which tell which it is.
+/// Serves one client: after a greeting, message `n` after `n` periods, from 1, until the client leaves. Returns the
+/// address.
+fn serve_every(
+    period_ms: u64,
+    greet: impl FnOnce(&mut TcpStream) + Send + 'static,
+    message: impl Fn(u64) -> Vec<u8> + Send + 'static,
+) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let at = listener.local_addr().unwrap();
+    thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        greet(&mut stream);
+        let started = Instant::now();
+        for n in 1.. {
+            thread::sleep(Duration::from_millis(period_ms * n).saturating_sub(started.elapsed()));
+            if stream.write_all(&message(n)).is_err() {
+                break;
+            }
+        }
+    });
+    at
+}
+
+/// The counts of sample `n`, which identify it.
 fn counts(n: u32) -> [i32; 6] {
     let n = n.cast_signed();
     [n * 1000, -n * 1000, 7, 0, 2_000_000, n * 1000]
@@ -118,7 +141,21 @@ fn play_box(socket: &UdpSocket, listener: &TcpListener, stop: &AtomicBool) -> Do
     done
 }
 
-/// Checks that rows have samples that were sent, at their times; how many there are.
+/// Starts the box of [`play_box`]; returns its address, and a function that ends it.
+fn start_box() -> (SocketAddr, impl FnOnce() -> Done) {
+    let (socket, listener) = ports();
+    let at = socket.local_addr().unwrap();
+    let stop = Arc::new(AtomicBool::new(false));
+    let told = Arc::clone(&stop);
+    let script = thread::spawn(move || play_box(&socket, &listener, &told));
+    let end = move || {
+        stop.store(true, Ordering::Relaxed);
+        script.join().unwrap()
+    };
+    (at, end)
+}
+
+/// Checks that rows have samples that were sent, at their times; returns the number of such rows.
 fn check_rows(log: &Recording, slack_s: f64) -> usize {
     let text = WRENCH.map(|name| log.text(name));
     let (times, number) = (log.numbers("t_s"), log.text("ref_index"));
@@ -149,16 +186,11 @@ fn a_box_that_loses_doubles_delays_and_restarts_is_counted() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (_board, port) = board(dir);
-    let (socket, listener) = ports();
-    let at: SocketAddr = socket.local_addr().unwrap();
-    let stop = Arc::new(AtomicBool::new(false));
-    let told = Arc::clone(&stop);
-    let script = thread::spawn(move || play_box(&socket, &listener, &told));
+    let (at, end) = start_box();
     let arguments =
         format!("--json record {port} --start --duration 5 --reference netft:{at},bias -o log.csv");
     let recorded: Value = program::json(dir, &arguments);
-    stop.store(true, Ordering::Relaxed);
-    let done = script.join().unwrap();
+    let done = end();
     let reference = &recorded["reference"];
     let count = |name: &str| reference[name].as_u64().unwrap();
     assert!(count("samples") > 3000, "{recorded}");
@@ -192,11 +224,7 @@ fn a_recorder_that_was_stopped_takes_no_old_sample_for_a_new_one() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (_board, port) = board(dir);
-    let (socket, listener) = ports();
-    let at = socket.local_addr().unwrap();
-    let stop = Arc::new(AtomicBool::new(false));
-    let told = Arc::clone(&stop);
-    let script = thread::spawn(move || play_box(&socket, &listener, &told));
+    let (at, end) = start_box();
     let arguments = format!("record {port} --start --duration 7 --reference netft:{at} -o log.csv");
     let child = program::start(dir, &arguments);
     program::wait_for_rows(&dir.join("log.csv"), 150);
@@ -208,8 +236,7 @@ fn a_recorder_that_was_stopped_takes_no_old_sample_for_a_new_one() {
     thread::sleep(Duration::from_millis(1500));
     signal("-CONT");
     program::finish(child, &arguments, 0);
-    stop.store(true, Ordering::Relaxed);
-    script.join().unwrap();
+    end();
     let log = Recording::read(&dir.join("log.csv"));
     assert!(check_rows(&log, 2e-3) > 300);
 }
@@ -220,22 +247,15 @@ fn an_ft300_at_200_newtons_is_read_whole_and_damage_is_counted() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (_board, port) = board(dir);
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let at = listener.local_addr().unwrap();
-    thread::spawn(move || {
-        let (mut stream, _) = listener.accept().unwrap();
+    let greet = |stream: &mut TcpStream| {
         let mut request = [0; 11];
         stream.read_exact(&mut request).unwrap();
         assert_eq!(request, ft300::START);
-        let started = Instant::now();
-        for n in 1_u64.. {
-            thread::sleep(Duration::from_millis(10 * n).saturating_sub(started.elapsed()));
-            let mut frame = ft300::encode([20_000, -1, 20_000, 250, -250, 20_000]);
-            frame[9] ^= if n.is_multiple_of(50) { 4 } else { 0 };
-            if stream.write_all(&frame).is_err() {
-                break;
-            }
-        }
+    };
+    let at = serve_every(10, greet, |n| {
+        let mut frame = ft300::encode([20_000, -1, 20_000, 250, -250, 20_000]);
+        frame[9] ^= if n.is_multiple_of(50) { 4 } else { 0 };
+        frame.to_vec()
     });
     let arguments = format!(
         "--json record {port} --start --duration 3 --reference ft300:tcp://{at} -o log.csv"
@@ -258,22 +278,12 @@ fn lines_of_a_program_are_read_with_their_units() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (_board, port) = board(dir);
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    let at = listener.local_addr().unwrap();
-    thread::spawn(move || {
-        let (mut stream, _): (TcpStream, _) = listener.accept().unwrap();
+    let greet = |stream: &mut TcpStream| {
         stream.write_all(b"time_ms,seq,Fz (mN),Mx [N mm]\n").unwrap();
-        let started = Instant::now();
-        for n in 1_u64.. {
-            thread::sleep(Duration::from_millis(5 * n).saturating_sub(started.elapsed()));
-            if n.is_multiple_of(100) {
-                continue;
-            }
-            let line = format!("{},{n},{},250\n", 70_000 + 5 * n, 5 * n);
-            if stream.write_all(line.as_bytes()).is_err() {
-                break;
-            }
-        }
+    };
+    let at = serve_every(5, greet, |n| match n % 100 {
+        0 => Vec::new(),
+        _ => format!("{},{n},{},250\n", 70_000 + 5 * n, 5 * n).into_bytes(),
     });
     let arguments =
         format!("--json record {port} --start --duration 3 --reference lines:tcp:{at} -o log.csv");

@@ -8,6 +8,7 @@ use super::refits::{
     self, FOLDS, MOST_ALONE, MOST_COMPARED, few_by_fold, rows_in_one, select_by_normal_equations,
     sum_groups, sum_groups_or_sets,
 };
+use super::warning::{FewGroups, Warning};
 use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
 use least_squares::error::FitError;
 use least_squares::factored::FactoredGroups;
@@ -86,22 +87,25 @@ impl ModelChoice {
         let each_alone = || (0..groups).map(|group| group..group + 1).collect();
         self.stretches = (are_long && are_stretches).then(each_alone);
     }
-}
 
-/// More than half as many features as groups: whatever the rank, what the groups leave to tell errors
-/// from is too little.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FewGroups {
-    /// Features of the model.
-    pub features: usize,
-    /// Groups of rows.
-    pub groups: usize,
-}
-
-impl FewGroups {
-    /// Of a model with so many features; `None` where the groups are enough.
-    pub fn new(features: usize, groups: usize) -> Option<Self> {
-        (2 * features > groups).then_some(Self { features, groups })
+    /// Returns the warnings of standard errors by group that there are not, for the reasons known here and to the fit
+    /// (`not_grouped`).
+    ///
+    /// # Errors
+    /// [`FitError::NoGroupCovariance`] if `rule` asks for them by name.
+    pub(super) fn group_warnings(
+        &self,
+        rule: CovarianceRule,
+        not_grouped: Option<FitError>,
+    ) -> Result<impl Iterator<Item = Warning> + use<>, FitError> {
+        let reason = self.not_grouped.clone().or(not_grouped);
+        let not_grouped = match (reason, rule) {
+            (Some(reason), CovarianceRule::Groups) => {
+                return Err(FitError::NoGroupCovariance(Box::new(reason)));
+            }
+            (reason, _) => reason.map(Warning::NotGrouped),
+        };
+        Ok(not_grouped.into_iter().chain(self.few_groups.map(Warning::FewGroups)))
     }
 }
 

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use super::Fit;
 use super::cures::{Cure, WrenchProducts};
 use super::evaluation::group_errors;
-use super::examination::{linear, predicted, spread};
+use super::parts::{linear, predicted, spread};
 use least_squares::error::FitError;
 use least_squares::passes::Workers;
 use least_squares::quality::significant;

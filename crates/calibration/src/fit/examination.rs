@@ -3,18 +3,16 @@
 
 use super::cures::{Cure, WrenchProducts, delay};
 use super::evaluation::{GroupErrors, group_errors};
-use super::{Fit, FitOptions, OutlierRule, contradictions};
+use super::parts::{ROWS, predicted, spread};
+use super::{Fit, contradictions};
 use crate::conversion::Calibration;
-use crate::fit::CovarianceRule;
 use crate::groups::{GroupBy, HeldOut, label_groups};
 use least_squares::error::FitError;
-use least_squares::model::Basis;
 use least_squares::passes::Workers;
 use least_squares::quality::significant;
 use least_squares::uncertainty::student_quantile;
 use sensor_physics::COVERAGE_LEVEL;
 use shell_data::block::Block;
-use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
 /// A test fails if it surely errs by so many times what was promised on rows that were held out; by more where only the
@@ -25,8 +23,7 @@ const MOST_OF_TRAINING: f64 = 3.0;
 /// Errors below this share of the calibrated range fail no test.
 const NO_ERROR: f64 = 1e-3;
 
-/// Rows that a cure is looked for on: those of all files, and those of each exchange of two channels.
-const ROWS: usize = 4000;
+/// Rows that each exchange of two channels is tried on.
 const ROWS_OF_EXCHANGE: usize = 300;
 
 /// The subject of a fault.
@@ -219,31 +216,6 @@ impl TestRatio {
     }
 }
 
-/// Rows spread evenly over a part of some blocks.
-pub(super) fn spread(blocks: &[&Block], part: std::ops::Range<f64>) -> Block {
-    let rows: usize = blocks.iter().map(|block| block.rows).sum();
-    let [from, to] = [part.start, part.end].map(|share| (share * rows as f64) as usize);
-    let every = (to - from).div_ceil(ROWS).max(1);
-    let (mut all, mut start) = (Block::default(), 0);
-    for block in blocks {
-        for row in 0..block.rows {
-            let at = start + row;
-            if (from..to).contains(&at) && (at - from).is_multiple_of(every) {
-                all.append(block, row..row + 1);
-            }
-        }
-        start += block.rows;
-    }
-    all
-}
-
-/// What rows are predicted to be.
-pub(super) fn predicted(calibration: &Calibration, rows: &Block) -> PerAxis<Vec<f64>> {
-    let mut predicted = PerAxis::default();
-    calibration.wrench(&rows.readings, &mut predicted);
-    predicted
-}
-
 /// The change of the reference, or the exchange of two channels, that cures rows.
 fn cure(calibration: &Calibration, rows: &Block, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
     if rows.rows == 0 {
@@ -306,24 +278,4 @@ fn late(
         rows.append(block, 0..some);
     }
     delay(&predicted(calibration, &rows), &rows.wrench, limit, axes).map(|(_, cure)| cure)
-}
-
-/// A linear fit to some rows, for a look at others.
-pub(super) fn linear(
-    rows: Block,
-    axes: Axes,
-    workers: Workers<'_>,
-) -> Result<Option<Fit>, FitError> {
-    let options = FitOptions {
-        model: Basis::Linear.into(),
-        covariance: CovarianceRule::Nothing,
-        outliers: OutlierRule::Keep,
-        workers,
-        ..FitOptions::default()
-    };
-    match super::fit(Dataset::from_blocks("part", axes, vec![rows]), Dataset::default(), &options) {
-        Ok(fitted) => Ok(Some(fitted)),
-        Err(FitError::Interrupted) => Err(FitError::Interrupted),
-        Err(_) => Ok(None),
-    }
 }

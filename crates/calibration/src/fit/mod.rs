@@ -36,6 +36,7 @@ mod options;
 mod outcome;
 mod outlier_search;
 mod outliers;
+mod parts;
 mod physics;
 mod polynomial;
 mod refits;
@@ -43,7 +44,6 @@ mod screen;
 mod verdict;
 mod warning;
 
-pub use self::choice::FewGroups;
 pub use self::evaluation::{
     Better, Evaluation, GroupErrors, Leaks, PairedError, PairedErrors, evaluate, group_errors,
     paired_errors,
@@ -58,7 +58,7 @@ pub use self::polynomial::fit_sums;
 pub use self::refits::{RANDOM_FOLDS, random_split, sum_groups};
 pub use self::screen::Screen;
 pub use self::verdict::{FrameInterval, UnseenErrors, UnseenRows, Verdict};
-pub use self::warning::Warning;
+pub use self::warning::{FewGroups, Warning};
 pub use crate::groups::{
     FoundGroups, FoundKind, GroupBy, HeldOut, label_groups, label_poses_or_files, may_have_plateaus,
 };

@@ -2,10 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::choice::ModelChoice;
 use super::outcome::Outcome;
-use super::physics;
-use super::warning::Warning;
 use crate::dynamics::{Dynamics, DynamicsRule, NotSearched, find, prepared};
 use crate::groups::HeldOut;
 use least_squares::error::FitError;
@@ -13,7 +10,7 @@ use least_squares::model::Basis;
 use least_squares::passes::Workers;
 use least_squares::solver::SolverKind;
 use shell_data::dataset::Dataset;
-use shell_data::wrench::PerAxis;
+use shell_data::wrench::{Axes, PerAxis};
 
 /// Which model is fitted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -198,7 +195,7 @@ impl FitOptions<'_> {
     pub(super) fn why_no_physics(&self, data: &Dataset) -> Option<String> {
         match self.polynomials_only {
             Some(option) => Some(format!("`{option}` is for polynomials in the readings")),
-            None => physics::check(data).err().map(|error| error.to_string()),
+            None => check_physics(data).err().map(|error| error.to_string()),
         }
     }
 
@@ -227,21 +224,16 @@ impl FitOptions<'_> {
         let lag = found.and_then(|found| found.lag);
         Ok(([prepared(train, memory, lag)?, prepared(test, memory, lag)?], outcome))
     }
+}
 
-    /// Why there are no standard errors by group, as far as either knows. Those that were asked for and cannot be had are
-    /// an error; those that are only better are not.
-    pub(super) fn warn_of_groups(
-        &self,
-        choice: &ModelChoice,
-        not_grouped: Option<FitError>,
-    ) -> Result<impl Iterator<Item = Warning> + use<>, FitError> {
-        let reason = choice.not_grouped.clone().or(not_grouped);
-        let not_grouped = match (reason, self.covariance) {
-            (Some(reason), CovarianceRule::Groups) => {
-                return Err(FitError::NoGroupCovariance(Box::new(reason)));
-            }
-            (reason, _) => reason.map(Warning::NotGrouped),
-        };
-        Ok(not_grouped.into_iter().chain(choice.few_groups.map(Warning::FewGroups)))
+/// Checks that rows have all axes of the wrench, to which every sensor answers, and count alike.
+///
+/// # Errors
+/// [`FitError::PhysicsAxes`], [`FitError::Weights`].
+pub(super) fn check_physics(data: &Dataset) -> Result<(), FitError> {
+    if data.has_weights() {
+        return Err(FitError::Weights("the physics model"));
     }
+    let found = data.logs.first().map_or(Axes::ALL, |log| log.axes);
+    if found.are_all() { Ok(()) } else { Err(FitError::PhysicsAxes(found)) }
 }

@@ -4,6 +4,7 @@ use std::fmt;
 
 use super::choice::{FitInput, ModelChoice};
 use super::evaluation::{Evaluation, RowErrors};
+use super::options::check_physics;
 use super::outcome::Outcome;
 use super::outlier_search::name_outliers;
 use super::outliers::Outliers;
@@ -24,7 +25,7 @@ use sensor_physics::{
     Choice, ObservationSample, PhysicsCalibration, PhysicsValidation, TrainingRows,
 };
 use shell_data::dataset::Dataset;
-use shell_data::wrench::{Axes, Axis, PerAxis};
+use shell_data::wrench::{Axis, PerAxis};
 
 /// With fewer groups for each coefficient of the cubic model polynomials go astray between them.
 const GROUPS_PER_FEATURE: usize = 8;
@@ -69,18 +70,6 @@ impl PhysicsFit {
     }
 }
 
-/// Checks that rows have all axes of the wrench, to which every sensor answers, and count alike.
-///
-/// # Errors
-/// [`FitError::PhysicsAxes`], [`FitError::Weights`].
-pub(super) fn check(data: &Dataset) -> Result<(), FitError> {
-    if data.has_weights() {
-        return Err(FitError::Weights("the physics model"));
-    }
-    let found = data.logs.first().map_or(Axes::ALL, |log| log.axes);
-    if found.are_all() { Ok(()) } else { Err(FitError::PhysicsAxes(found)) }
-}
-
 /// The physics model as it was compared with a polynomial.
 pub(super) type TriedPhysics = ((PhysicsCalibration, Choice), PhysicsValidation);
 
@@ -90,7 +79,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     // The physics model has no memory terms.
     let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
     let options = input.options;
-    check(train)?;
+    check_physics(train)?;
     let labelled = FitInput { train, test, ..input }.labelled(options.held_out());
     let (group_by, used) = labelled.ok_or(FitError::NoGroups)?;
     let (mut rows, labels) = TrainingRows::from_dataset(&used);

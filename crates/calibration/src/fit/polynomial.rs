@@ -96,7 +96,7 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     }
     let loses_digits = solution.condition.is_nan() || solution.condition > AS_GOOD_AS_EXACT;
     warnings.extend(not_exact.clone().filter(|_| loses_digits).map(Warning::NotExact));
-    warnings.extend(options.warn_of_groups(&choice, not_grouped)?);
+    warnings.extend(choice.group_warnings(options.covariance, not_grouped)?);
     let has_outliers = errors.tested.iter().flatten().any(TestedRow::starts_search);
     let outliers = spread.filter(|_| has_outliers).map(|spread| {
         let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
@@ -143,7 +143,7 @@ pub fn fit_sums(
     calibration.axes = axes;
     let (covariance, not_grouped) = covariance(&solution, solver, &choice, options);
     calibration.covariance = covariance;
-    let warnings = options.warn_of_groups(&choice, not_grouped)?.collect();
+    let warnings = choice.group_warnings(options.covariance, not_grouped)?.collect();
     let rows = solution.rows;
     let how = FitMethod::Polynomial { solution: Box::new(solution), solver, truncate: None };
     Ok(Fit { warnings, ..Fit::new(calibration, choice, how, rows, quality) })

@@ -1,6 +1,5 @@
 //! What a fit has to say beside its figures, worded once for terminal, report and Python.
 
-use super::choice::FewGroups;
 use least_squares::error::FitError;
 use least_squares::exact::ExactError;
 use least_squares::uncertainty::TooFewGroups;
@@ -92,4 +91,21 @@ pub enum Warning {
 fn names(channels: &[usize]) -> String {
     let names: Vec<String> = channels.iter().map(|channel| format!("s{}", channel + 1)).collect();
     names.join(", ")
+}
+
+/// More than half as many features as groups: whatever the rank, what the groups leave to tell errors
+/// from is too little.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FewGroups {
+    /// Features of the model.
+    pub features: usize,
+    /// Groups of rows.
+    pub groups: usize,
+}
+
+impl FewGroups {
+    /// Of a model with so many features; `None` where the groups are enough.
+    pub fn new(features: usize, groups: usize) -> Option<Self> {
+        (2 * features > groups).then_some(Self { features, groups })
+    }
 }

@@ -7,8 +7,7 @@ use memchr::{memchr, memchr_iter};
 use shared_proto::skinproc::decode_scan;
 
 use super::number::parse_field;
-use super::parsed_rows::ParsedRows;
-use super::rows::RowError;
+use super::parsed_rows::{ParsedRows, RowError};
 use crate::error::RowProblem;
 
 /// The letter `E`, with which scans begin.

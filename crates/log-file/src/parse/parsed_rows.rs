@@ -1,7 +1,8 @@
 //! The result of parsing rows: numeric columns, and text columns in run-length encoding.
 
 use super::field_ends::FieldEnds;
-use super::rows::RowError;
+use super::number::with_points;
+use crate::error::RowProblem;
 
 /// Parsed rows, column by column.
 #[derive(Debug, Default, PartialEq)]
@@ -66,5 +67,28 @@ impl ParsedRows {
             Some((last, rows)) if last.as_bytes() == text => *rows += 1,
             _ => runs.push((String::from_utf8_lossy(text).into_owned(), 1)),
         }
+    }
+}
+
+/// An error in a row.
+#[derive(Debug, PartialEq)]
+pub(crate) struct RowError {
+    /// Position of the row in the parsed lines.
+    pub(crate) offset: usize,
+    pub(crate) problem: RowProblem,
+}
+
+impl RowError {
+    /// Replaces the field in the error by the original one in `lines`, before decimal commas were converted.
+    pub(crate) fn into_written(mut self, lines: &[u8], separator: u8) -> Self {
+        if let RowProblem::Field { column, found, .. } = &mut self.problem
+            && let Some(line) = lines[self.offset..].split(|&byte| byte == b'\n').next()
+            && let Some(written) = line.split(|&byte| byte == separator).nth(*column)
+            && let written = written.trim_ascii()
+            && with_points(written) == found.as_bytes()
+        {
+            *found = String::from_utf8_lossy(written).into_owned();
+        }
+        self
     }
 }

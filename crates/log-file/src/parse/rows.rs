@@ -17,10 +17,8 @@ use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 use super::neon::Neon;
-use super::number::{
-    finite, parse_date, parse_digits, parse_field, parse_long, signed, with_points,
-};
-use super::parsed_rows::ParsedRows;
+use super::number::{finite, parse_date, parse_digits, parse_field, parse_long, signed};
+use super::parsed_rows::{ParsedRows, RowError};
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
 use shell_data::wrench::Axis;
@@ -81,28 +79,6 @@ impl ColumnUse {
             Self::Number(Some(limit)) => finite(value).and_then(|value| limit.check(value)),
             _ => finite(value),
         }
-    }
-}
-
-#[derive(Debug, PartialEq)]
-pub(crate) struct RowError {
-    /// Position of the row in the parsed lines.
-    pub(crate) offset: usize,
-    pub(crate) problem: RowProblem,
-}
-
-impl RowError {
-    /// Replaces the field in the error by the original one in `lines`, before decimal commas were converted.
-    pub(crate) fn into_written(mut self, lines: &[u8], separator: u8) -> Self {
-        if let RowProblem::Field { column, found, .. } = &mut self.problem
-            && let Some(line) = lines[self.offset..].split(|&byte| byte == b'\n').next()
-            && let Some(written) = line.split(|&byte| byte == separator).nth(*column)
-            && let written = written.trim_ascii()
-            && with_points(written) == found.as_bytes()
-        {
-            *found = String::from_utf8_lossy(written).into_owned();
-        }
-        self
     }
 }
 

@@ -1,0 +1,16 @@
+//! The results of readers.
+
+/// The result of a reader.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ReaderSummary {
+    /// Name of the destination.
+    pub name: String,
+    /// Rows received; for UDP, rows sent.
+    pub rows: u64,
+    /// Rows lost because the reader was too slow.
+    pub lost: u64,
+    /// Why the reader ended early.
+    pub problem: Option<String>,
+    /// True if a file or the standard output ended early.
+    pub is_broken: bool,
+}
