@@ -332,7 +332,8 @@ impl Watcher for StreamWatcher {
     }
 
     fn next_command(&mut self) -> Option<RecordCommand> {
-        self.marks.pop().or_else(|| self.beside.as_mut()?.next_command())
+        let mark = (!self.marks.is_empty()).then(|| self.marks.remove(0));
+        mark.or_else(|| self.beside.as_mut()?.next_command())
     }
 }
 
