@@ -3,8 +3,8 @@
 //! Sensors of one make resemble each other. The parameters of each curve (lo, ln h, ln ν) have a normal prior
 //! about a mean that all sensors share. The mean has the weak prior of [`Prior::weak`], with ten times the
 //! variance (a hierarchical model; Gelman et al., Bayesian Data Analysis, 3rd ed., §5.4). A round makes steps
-//! over the sensors' parameters, the common means and the two variances of [`Noise`], each of which raises
-//! the posterior density.
+//! over the sensors' parameters, the common means and the two variances of [`Noise`]; each step raises the
+//! posterior density.
 
 use super::PhysicsError;
 use super::cholesky::{Cholesky, diagonal};
