@@ -95,10 +95,10 @@ pub enum RecordError {
     /// The calibration is unsuitable.
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),
-    /// A reference beside a board that sends wrenches of its own.
+    /// A reference was requested, but the board itself sends wrenches.
     #[error("the board sends wrenches, and the reference belongs beside readings")]
     ReferenceBesideWrenches,
-    /// The low-pass of the forces.
+    /// The low-pass of the forces is impossible.
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
 }

@@ -33,7 +33,7 @@ pub struct Sinks {
     pub raw: Option<Box<dyn LogSink>>,
     /// The observer.
     pub watcher: Option<Box<dyn Watcher>>,
-    /// A reference sensor, whose forces are in the log of the first board.
+    /// A reference sensor, whose forces go to the log of the first board.
     pub reference: Option<ReferenceInput>,
 }
 
@@ -60,10 +60,10 @@ pub struct Recorded {
     /// The board's message at its last start, if any.
     #[serde(skip)]
     pub boot: Option<Boot>,
-    /// The reference beside it.
+    /// The summary of the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<RecordedReference>,
-    /// The boards, where there are several.
+    /// The results of the boards, if there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub boards: Vec<RecordedBoard>,
 }
@@ -79,11 +79,11 @@ pub struct Recorder {
     options: RecordOptions,
     /// The outputs; the first board takes the log.
     sinks: Sinks,
-    /// The reference, once the time of the recording has begun.
+    /// The reference, once the recording has started.
     reference: Option<ReferenceBeside>,
-    /// The newest time since the start that is known.
+    /// The latest known time since the start.
     now: Duration,
-    /// Waiting frames of the first board that the watcher has seen.
+    /// Number of waiting frames of the first board that the watcher has seen.
     shown: usize,
     /// Annotations for the first board's log, until that exists.
     annotations: Annotations,
@@ -91,7 +91,7 @@ pub struct Recorder {
     logs: Vec<BoardLog>,
     bytes: u64,
     flushed_at: Duration,
-    /// Frames at that time.
+    /// Number of frames at that time.
     observed: u64,
 }
 
@@ -102,13 +102,14 @@ impl Recorder {
         Self { name: name.to_owned(), recognition, options, sinks, ..Self::default() }
     }
 
-    /// Listens to the reference from now on; times since the start are since `epoch`.
+    /// Starts to listen to the reference. `epoch` is the start of the recording.
     pub(crate) fn start_reference(&mut self, epoch: Instant) {
         let input = self.sinks.reference.take();
         self.reference = input.map(|input| ReferenceBeside::new(input, epoch));
     }
 
-    /// What to send at `arrival`, so that every board streams, if they are to be started: see [`RecordingProgress::commands`].
+    /// Returns the bytes to send at `arrival`, so that every board streams; none without
+    /// [`RecordOptions::start`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         let heard = self.receiving.as_mut().map_or(&mut [][..], |(_, boards)| &mut boards.heard);
@@ -212,7 +213,7 @@ impl Recorder {
         RecordError::NoFrame { source_name: self.name.clone(), problem }
     }
 
-    /// Shows the watcher and the reference what has arrived of the first board.
+    /// Passes newly arrived frames of the first board to the watcher and the reference.
     fn show(&mut self) {
         if self.sinks.watcher.is_none() && self.reference.is_none() {
             return;

@@ -5,8 +5,8 @@
 //! - [`lines`]: CSV and JSON lines from any program, with units in the names;
 //! - [`ReferenceSource`]: the location of a reference; [`open`](ReferenceSource::open) starts to read it.
 //!
-//! The first four are pure: bytes in, values out. A sample carries a number or time of the sensor wherever the
-//! sensor sends one, so that a program that was held up does not mistake old samples for new ones.
+//! The first four are pure: bytes in, values out. A sample carries the sensor's number or time if the sensor
+//! sends one, so that a program that was held up does not mistake old samples for new ones.
 //!
 //! ```
 //! use reference_sensor::rdt::{RdtCommand, RdtRecord};

@@ -1,9 +1,9 @@
 //! Samples from any program, one per line: CSV below a header line, or JSON objects.
 //!
 //! A column's name gives its meaning and unit, as in a log: `fx_n`, `Mz [N·mm]`, `force_x_lbf`, `time_ms`.
-//! Names in nested JSON objects are joined by dots (`wrench.force.x`). Columns without a unit are in SI units.
-//! A time is on the program's clock; a column `index`, `seq`, `sequence` or `sample` numbers the samples, so
-//! that losses are counted. Other columns are ignored.
+//! Names in nested JSON objects are joined by dots (`wrench.force.x`). A column without a unit is in SI
+//! units. A time is on the program's clock; a column `index`, `seq`, `sequence` or `sample` numbers the
+//! samples, so that losses are counted. Other columns are ignored.
 
 use log_file::{LogFormat, Meaning, StatedUnit, meaning_of};
 use serde_json::Value;
