@@ -207,7 +207,7 @@ impl<'a> IntegerEquations<'a> {
         penalties: &[DoubleDouble],
         coefficients: &mut [AxisRow],
     ) -> Result<(), FitError> {
-        /// The most rounds. Each gains as many digits as the first solution had.
+        /// Maximum number of rounds. Each gains as many digits as the first solution had.
         const ROUNDS: usize = 8;
         let mut before = f64::INFINITY;
         for _ in 0..ROUNDS {

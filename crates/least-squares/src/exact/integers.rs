@@ -143,7 +143,7 @@ pub(crate) fn round(value: i128) -> DoubleDouble {
     DoubleDouble::from_sum(high, middle) + DoubleDouble::from(low as f64)
 }
 
-/// The most bits for which [`round`] is exact.
+/// Maximum number of bits for which [`round`] is exact.
 const EXACT_BITS: u64 = 106;
 
 /// Rounds `value·2^exponent` to a double-double.

@@ -44,8 +44,8 @@ pub struct StoredIntegers {
     pub values: Vec<String>,
 }
 
-/// The most digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵, need some
-/// 700.
+/// Maximum number of digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵,
+/// need some 700.
 const MAX_DIGITS: usize = 2_000;
 
 /// Checks the length of an integer, because parsing takes time quadratic in it.

@@ -28,12 +28,12 @@ use std::ops::Range;
 const CLIP: f64 = 1.345;
 /// The third quartile of the standard normal distribution.
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
-/// The most passes over many rows. With few rows, single rows can determine their own residuals and steps are
-/// short, so more passes of the same total cost are allowed.
+/// Maximum number of passes over many rows. With few rows, single rows can determine their own residuals and
+/// steps are short, so more passes of the same total cost are allowed.
 const MOST_PASSES: usize = 500;
 /// The number of rows that counts as many.
 const MANY: u64 = 100_000;
-/// The most passes over any number of rows.
+/// Maximum number of passes over any number of rows.
 const MOST_SHORT_PASSES: usize = 20_000;
 /// The convergence threshold: passes end when a step is smaller than this fraction of the standard errors,
 /// and the relative change of σ is smaller than this. The remaining distance is then at most some ten times

@@ -73,7 +73,7 @@ pub trait Reduction: Clone + Send + Sync {
     /// True if the reduction uses [`RowChunk::tails`].
     const WIDE: bool;
 
-    /// The most rows of a chunk with `columns` columns.
+    /// Maximum number of rows of a chunk with `columns` columns.
     fn chunk_rows(columns: usize) -> usize {
         RowChunk::rows_in_cache(columns)
     }
