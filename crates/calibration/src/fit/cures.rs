@@ -126,7 +126,7 @@ struct BlockChange {
 }
 
 impl WrenchProducts {
-    /// From six columns of predicted and six of measured values.
+    /// Computes them from six columns of predicted and six of measured values.
     pub(super) fn new(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> Self {
         let rows = predicted[0].len();
         let count = rows.max(1) as f64;

@@ -331,7 +331,7 @@ pub struct PairedError {
     pub half_width: f64,
 }
 
-/// Which of two calibrations errs less.
+/// The one of two calibrations with the smaller errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
     /// The first.
@@ -348,7 +348,7 @@ impl PairedError {
         [self.difference - self.half_width, self.difference + self.half_width]
     }
 
-    /// Which calibration errs less.
+    /// The calibration with the smaller errors, if the interval excludes zero.
     pub fn better(&self) -> Better {
         match self.difference {
             difference if difference < -self.half_width => Better::First,
@@ -446,7 +446,7 @@ mod tests {
         };
         let found = compare(&off_by(1.5));
         assert_eq!(found.better(), Better::First);
-        // Squares: the mean of (e + 1.5)² − e² over the poses.
+        // The difference of squares is the mean of (e + 1.5)² − e² over the poses.
         let difference =
             (found.rms[0].powi(2) - found.rms[1].powi(2)) / (found.rms[0] + found.rms[1]);
         assert!((found.difference - difference).abs() < 1e-12);

@@ -95,7 +95,7 @@ impl Fit {
         Ok(())
     }
 
-    /// The errors promised on new rows, and how many times larger the errors on a test may be.
+    /// The errors promised on new rows, and the factor by which errors on a test may exceed them.
     pub(super) fn promise(&self) -> (PerAxis<f64>, f64) {
         match &self.cross_validation {
             Some(found) => {
@@ -210,7 +210,7 @@ impl TestRatio {
     }
 
     /// Returns true if the error is certainly larger than `most` times the promised error. A single group has
-    /// no interval: its limit is `most` squared.
+    /// an infinite interval: its limit is `most` squared.
     fn fails(&self, most: f64) -> bool {
         match self.interval[1].is_finite() {
             true => self.interval[0] > most,

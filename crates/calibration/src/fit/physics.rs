@@ -49,7 +49,7 @@ pub struct PhysicsFit {
     pub observations: usize,
     /// Number of groups.
     pub groups: usize,
-    /// Errors on held-out groups, if requested.
+    /// Errors on held-out groups, if they were requested or the model was compared with a polynomial.
     pub validation: Option<PhysicsValidation>,
 }
 

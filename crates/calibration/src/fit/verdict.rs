@@ -42,7 +42,7 @@ pub struct UnseenErrors {
     pub share_of_range: PerAxis<Option<f64>>,
     /// The rows with these errors.
     pub on: UnseenRows,
-    /// How many times larger the errors may be in a new file, from the scatter between files; `None` if no
+    /// The factor by which errors may be larger in a new file, from the scatter between files; `None` if no
     /// files were held out.
     pub spread: Option<PerAxis<f64>>,
 }
