@@ -59,14 +59,12 @@ pub(super) struct ModelChoice {
 }
 
 impl ModelChoice {
-    /// Takes the selected model.
     pub(super) fn take(&mut self, selection: Selection) {
         let chosen = &selection.candidates[selection.chosen];
         (self.basis, self.ridge) = (chosen.basis, chosen.ridge);
         self.selection = Some(selection);
     }
 
-    /// The sums for a covariance by group.
     pub(super) fn covariance_sums(&self) -> Option<&GroupedSums> {
         self.own_sums.as_ref().or(self.sums.as_ref())
     }
@@ -121,7 +119,6 @@ pub(super) struct FitInput<'a> {
 }
 
 impl FitInput<'_> {
-    /// The training rows to use.
     pub(super) fn used(&self) -> Dataset {
         self.train.select(self.options.fresh, self.excluded)
     }
@@ -291,7 +288,6 @@ impl FitOptions<'_> {
         Model { basis, intercept: self.intercept, channels, memory: 0 }
     }
 
-    /// A model for the rows of a data set.
     pub(super) fn model_of(&self, data: &Dataset, basis: Basis) -> Model {
         let (channels, memory) = (data.channels(), data.memory_terms());
         Model { basis, intercept: self.intercept, channels, memory }
@@ -309,7 +305,6 @@ impl FitOptions<'_> {
         Ok(())
     }
 
-    /// The ridges to try.
     pub(super) fn ridges(&self) -> &[f64] {
         if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
     }

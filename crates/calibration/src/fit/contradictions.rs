@@ -181,7 +181,6 @@ fn zero_jumps(fit: &Fit) -> Option<String> {
     None
 }
 
-/// A jump of a mean.
 struct Jump {
     at: usize,
     size: f64,
@@ -248,7 +247,6 @@ fn poses_that_err(fit: &Fit, workers: Workers<'_>) -> Result<Option<String>, Fit
     }))
 }
 
-/// Means of a pose.
 #[derive(Default)]
 struct PoseMeans {
     rows: f64,

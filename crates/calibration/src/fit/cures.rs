@@ -290,7 +290,6 @@ fn signed_permutations(block: usize) -> impl Iterator<Item = [Reading; 3]> {
     })
 }
 
-/// Describes changes in words.
 fn words(changes: &[(usize, BlockChange)]) -> String {
     let rigid = |change: &BlockChange| change.axes.map(|axis| (axis.from % 3, axis.sign));
     if let [(_, forces), (_, moments)] = changes

@@ -38,7 +38,6 @@ const FAR_BEYOND_LOADS: f64 = 10.0;
 type Suspect = (usize, TestedRow);
 /// A row, by the position of its block and its position in the block.
 type RowKey = (usize, usize);
-/// A set of rows, in their order.
 type RowKeys = BTreeSet<RowKey>;
 
 fn key((block, tested): &Suspect) -> RowKey {
@@ -149,7 +148,6 @@ fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
     LIMIT.max(FAR_BEYOND * tail.max(unseen))
 }
 
-/// A search in progress.
 struct OutlierSearch<'a> {
     data: &'a Dataset,
     options: &'a FitOptions<'a>,
@@ -207,7 +205,6 @@ impl OutlierSearch<'_> {
         })
     }
 
-    /// Copies rows into one block.
     fn gather(&self, wanted: &RowKeys) -> Block {
         let mut gathered = Block::default();
         wanted.iter().for_each(|&(block, row)| gathered.append(self.blocks[block].1, row..row + 1));
@@ -324,7 +321,6 @@ impl OutlierSearch<'_> {
         ])
     }
 
-    /// The reason why a tested row is an outlier.
     fn reason(&self, &(block, TestedRow { row, error, size, axis, .. }): &Suspect) -> Reason {
         let (error, rows) = (error[axis], self.blocks[block].1);
         let predicted = error + rows.wrench[axis][row];

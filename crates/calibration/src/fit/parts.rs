@@ -30,7 +30,6 @@ pub(super) fn spread(blocks: &[&Block], part: std::ops::Range<f64>) -> Block {
     all
 }
 
-/// Predicts the wrench of rows.
 pub(super) fn predicted(calibration: &Calibration, rows: &Block) -> PerAxis<Vec<f64>> {
     let mut predicted = PerAxis::default();
     calibration.wrench(&rows.readings, &mut predicted);

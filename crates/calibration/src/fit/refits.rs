@@ -76,7 +76,6 @@ pub(super) fn few_by_fold(rows: &GroupedRows, most: usize) -> Result<GroupedRows
     Ok(rows.every_nth(every).regrouped(&fold_of_groups(rows, folds)?))
 }
 
-/// The fold of each group.
 fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, FitError> {
     let sizes: Vec<u64> = rows.groups().map(|runs| count(runs) as u64).collect();
     if sizes.len() < 2 {
@@ -89,7 +88,6 @@ fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, FitErr
     Ok(fold_of)
 }
 
-/// All labelled rows as one block.
 pub(super) fn rows_in_one(data: &Dataset) -> Block {
     let mut all = Block::default();
     for (_, block) in data.blocks() {
@@ -201,7 +199,6 @@ pub(super) struct PolynomialProblem {
 pub(super) struct Solved {
     pub(super) solution: Solution,
     pub(super) ranges: ReadingRanges,
-    /// The solver that was used.
     pub(super) solver: SolverKind,
     /// Why the exact solver was not used, if it was requested.
     pub(super) not_exact: Option<ExactError>,

@@ -29,7 +29,6 @@ pub struct Verdict<'a> {
     pub interval: Result<FrameInterval, String>,
     /// Axes whose error is about as large as the loads.
     pub useless: Axes,
-    /// Gaps in the training loads.
     gaps: Vec<Gap>,
 }
 
