@@ -143,7 +143,7 @@ impl RowPlan {
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
                 Some(Ok(())) => parsed.rows += 1,
-                // A writer that was killed or lost power leaves a cut-off last row. That is no error, and
+                // A writer that was killed or lost power leaves a cut-off last row. This is no error, and
                 // neither is a frame without a sample of the reference.
                 Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
                     parsed.skipped += 1;
