@@ -24,20 +24,17 @@ const FLUSH: Duration = Duration::from_millis(400);
 /// Maximum number of waiting frames, which bounds memory in a replay.
 const BATCH: usize = 4096;
 
-/// Outputs of a recording.
 #[derive(Debug, Default)]
 pub struct Sinks {
     /// The log; with several boards, of the first one. Logs of the others are created next to it.
     pub log: Option<Box<dyn LogSink>>,
     /// The bytes as they arrive.
     pub raw: Option<Box<dyn LogSink>>,
-    /// The observer.
     pub watcher: Option<Box<dyn Watcher>>,
     /// A reference sensor, whose forces go to the log of the first board.
     pub reference: Option<ReferenceInput>,
 }
 
-/// Summary of a recording.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recorded {
     /// The protocol, `None` if no data arrived.
@@ -50,7 +47,6 @@ pub struct Recorded {
     pub board_time_s: f64,
     /// Duration of the recording, s.
     pub elapsed_s: f64,
-    /// Losses.
     #[serde(flatten)]
     pub losses: Losses,
     /// Frames that are not in the log because they hold wrenches and the first held readings, or vice versa.
@@ -60,7 +56,6 @@ pub struct Recorded {
     /// The board's message at its last start, if any.
     #[serde(skip)]
     pub boot: Option<Boot>,
-    /// The summary of the reference.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<RecordedReference>,
     /// The results of the boards, if there are several.
@@ -234,7 +229,6 @@ impl Recorder {
         self.shown = waiting.len();
     }
 
-    /// Writes the waiting frames.
     fn flush(&mut self) -> Result<(), RecordError> {
         self.show();
         self.shown = 0;
@@ -404,7 +398,6 @@ mod tests {
     use std::collections::VecDeque;
     use std::sync::atomic::AtomicBool;
 
-    /// A watcher with these commands.
     #[derive(Debug)]
     struct Wants(VecDeque<RecordCommand>);
 

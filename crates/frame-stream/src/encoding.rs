@@ -40,7 +40,6 @@ pub enum StreamFormat {
     Csv,
 }
 
-/// Encodes rows as text.
 #[derive(Clone, Debug)]
 pub struct RowEncoder {
     format: StreamFormat,

@@ -29,7 +29,6 @@ pub struct Latency {
 /// Summary of the latency of all rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LatencySummary {
-    /// Number of rows.
     pub rows: u64,
     /// Median delay, ms.
     pub median_ms: f64,

@@ -98,7 +98,6 @@ struct BoxState {
     counted: Option<(i64, u32)>,
     sent: u64,
     failed: u64,
-    /// Number of rows without forces.
     without_forces: u64,
 }
 
@@ -163,7 +162,6 @@ impl NetFtBox {
         *(if is_sent { &mut state.sent } else { &mut state.failed }) += records;
     }
 
-    /// Returns the result.
     pub(crate) fn summary(&self) -> ReaderSummary {
         let state = lock(&self.state);
         let problem = match state.without_forces {
@@ -278,7 +276,6 @@ impl BoxState {
     }
 }
 
-/// Returns the status word of a row.
 fn status_of(row: &StreamRow, is_beyond: bool) -> u32 {
     let has = |ending: &str| row.flags.split(' ').any(|flag| flag.ends_with(ending));
     let errors = [

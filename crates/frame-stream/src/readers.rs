@@ -26,12 +26,9 @@ const ACCEPT: Duration = Duration::from_millis(10);
 /// Time for each reader to take pending rows at the end.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// A destination of rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Destination {
-    /// The standard output.
     Stdout,
-    /// A file.
     File(PathBuf),
     /// This UDP address; each row is a datagram.
     Udp(SocketAddr),

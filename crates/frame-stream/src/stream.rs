@@ -85,7 +85,6 @@ pub struct FrameStream {
     newest: Option<i64>,
 }
 
-/// Options of a stream.
 #[derive(Debug, Default)]
 pub struct StreamOptions {
     /// Calibration for forces in addition to the readings.
@@ -101,16 +100,13 @@ pub struct StreamOptions {
     pub commands: Option<Receiver<StreamCommand>>,
 }
 
-/// Summary of a stream.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamSummary {
     /// Number of frames received.
     pub frames: u64,
     /// Number of rows made from them.
     pub rows: u64,
-    /// Results of the readers.
     pub readers: Vec<ReaderSummary>,
-    /// Latency of the rows.
     pub latency: Option<LatencySummary>,
 }
 

@@ -1,6 +1,5 @@
 //! Results of readers.
 
-/// The result of a reader.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReaderSummary {
     /// Name of the destination.

@@ -24,7 +24,6 @@ pub fn crc(bytes: &[u8]) -> u16 {
     })
 }
 
-/// Encodes a frame.
 pub fn encode(values: [i16; 6]) -> [u8; FRAME_SIZE] {
     let mut bytes = [0; FRAME_SIZE];
     bytes[..2].copy_from_slice(&HEADER);

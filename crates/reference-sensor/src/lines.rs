@@ -9,7 +9,6 @@ use log_file::{LogFormat, Meaning, StatedUnit, meaning_of};
 use serde_json::Value;
 use shell_data::{Axes, Axis, PerAxis, Scale};
 
-/// A sample.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineSample {
     /// Time on the program's clock, s.
@@ -39,7 +38,6 @@ pub enum BadNames {
     Twice(&'static str),
 }
 
-/// The meaning of a column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Role {
     Time(Scale),

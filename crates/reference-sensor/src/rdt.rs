@@ -26,7 +26,6 @@ const HEADER: u16 = 0x1234;
 /// A request to a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RdtCommand {
-    /// Stops the stream.
     Stop,
     /// Sends each record as it is measured; with the number of records, 0 for no end.
     Start(u32),
@@ -37,7 +36,6 @@ pub enum RdtCommand {
 }
 
 impl RdtCommand {
-    /// Encodes the request.
     pub fn encode(self) -> [u8; REQUEST_SIZE] {
         let (command, count) = match self {
             Self::Stop => (0_u16, 0),
@@ -82,7 +80,6 @@ pub mod status {
     pub const ERROR: u32 = 1 << 31;
 }
 
-/// A record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RdtRecord {
     /// Number of records sent since the start of the stream.
@@ -96,7 +93,6 @@ pub struct RdtRecord {
 }
 
 impl RdtRecord {
-    /// Encodes the record.
     pub fn encode(&self) -> [u8; RECORD_SIZE] {
         let mut bytes = [0; RECORD_SIZE];
         let words = [self.rdt_sequence, self.ft_sequence, self.status];
@@ -147,7 +143,6 @@ const WINDOW: usize = 128;
 /// holds the same record. Otherwise the box has restarted.
 #[derive(Clone, Debug)]
 pub struct RdtTracker {
-    /// The newest record and its number.
     newest: Option<(RdtRecord, i64)>,
     /// The number of the first record since the last restart.
     first: i64,

@@ -23,7 +23,6 @@ use super::source::{ReferenceError, ReferenceSource};
 /// Timeout for the first sample. A Python program takes a second to start.
 const FIRST: Duration = Duration::from_secs(8);
 
-/// Timeout for a connection.
 const CONNECT: Duration = Duration::from_secs(3);
 
 /// Timeout of a read, and thus the time in which a thread notices that it should stop.
@@ -38,7 +37,6 @@ const PACE: Duration = Duration::from_millis(3);
 /// Maximum length of a box's page, and of a line, bytes.
 const LONGEST: usize = 1 << 18;
 
-/// Baud rate of the FT 300.
 const FT300_BAUD: u32 = 19_200;
 
 /// The reading thread's connection to the recording.
@@ -408,7 +406,6 @@ fn read_program(mut child: Child, teller: &Teller) {
     }
 }
 
-/// Reads lines until the input ends.
 fn read_lines(mut input: impl Read, teller: &Teller) -> Result<(), String> {
     let mut reader = LineReader::default();
     let mut waiting = Vec::new();

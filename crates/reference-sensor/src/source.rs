@@ -8,7 +8,6 @@ use shell_data::hint::Hint;
 use super::page::BadPage;
 use super::rdt;
 
-/// A reference sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ReferenceSource {
     /// An ATI Net F/T box, or a device that answers like one.
@@ -123,7 +122,6 @@ pub enum ReferenceError {
         /// The fault of the page.
         problem: BadPage,
     },
-    /// The serial port failed.
     #[error("the reference: {0}")]
     Port(#[from] board_link::LinkError),
     /// No sample arrived.

@@ -27,13 +27,11 @@ use crate::xml::Xml;
 
 const KIND: FileKind = FileKind::Xdf;
 
-/// Maximum number of streams in a recording.
 const STREAMS: usize = 256;
 
 /// Maximum distance of two samples for interpolation, in median periods.
 const PAUSE_PERIODS: f64 = 5.0;
 
-/// A stream of a recording.
 #[derive(Debug, Default)]
 struct LslStream {
     id: u32,

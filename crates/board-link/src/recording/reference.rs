@@ -21,7 +21,6 @@ use shell_data::{Axes, PerAxis};
 use super::arrival_clock::ArrivalClock;
 use super::reception::BoardFrame;
 
-/// A sample of a reference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceSample {
     /// Number that continues across wraps and restarts of the sensor.
@@ -30,7 +29,6 @@ pub struct ReferenceSample {
     pub tick: Option<f64>,
     /// True for the first sample after the sensor has restarted its count.
     pub restarted: bool,
-    /// Time of arrival.
     pub arrival: Instant,
     /// Forces in N, moments in N·m, 0 for axes that are not measured; `None` if the sensor reports an error.
     pub wrench: Option<PerAxis<f64>>,
@@ -84,7 +82,6 @@ impl ReferenceCounts {
 /// State of the thread that reads a reference.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReferenceState {
-    /// Counts so far.
     pub counts: ReferenceCounts,
     /// The reason why the reference has ended, if it has.
     pub problem: Option<String>,
@@ -93,13 +90,10 @@ pub struct ReferenceState {
 /// The receiving end of a reference. Dropping it ends the reading thread.
 #[derive(Debug)]
 pub struct ReferenceInput {
-    /// Name of the reference.
     pub name: String,
     /// Axes that it measures.
     pub axes: Axes,
-    /// The samples.
     pub samples: Receiver<ReferenceSample>,
-    /// State of the reading thread.
     pub state: Arc<Mutex<ReferenceState>>,
     /// Ends the reading thread.
     pub stop: Arc<AtomicBool>,
@@ -114,9 +108,7 @@ impl Drop for ReferenceInput {
 /// Summary of a recorded reference.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordedReference {
-    /// Name of the reference.
     pub source: String,
-    /// Final counts.
     #[serde(flatten)]
     pub counts: ReferenceCounts,
     /// Rows without a wrench of the reference.
@@ -162,7 +154,6 @@ pub(crate) struct ReferenceBeside {
     input: ReferenceInput,
     /// The start of the recording.
     epoch: Instant,
-    /// The reference's clock.
     clock: ArrivalClock,
     /// The board's clocks, each with the board's time, µs, from which it applies: the board may restart.
     board: VecDeque<(i64, ArrivalClock)>,

@@ -53,7 +53,6 @@ use shell_data::wrench::Axes;
 pub(crate) struct Annotations {
     /// Pending marks, each for the first row from the frame of an index on.
     pub(crate) marks: VecDeque<(i64, u32)>,
-    /// Labels of stretches.
     pub(crate) labels: Vec<FrameLabel>,
     /// The index of the first frame that may still be labelled.
     pub(crate) settled: Option<i64>,
@@ -68,7 +67,6 @@ pub(crate) struct RowWriter {
     is_numbered: bool,
     pub(crate) forces: Option<RunningForces>,
     last_index: Option<i64>,
-    /// True if there is a column for labels.
     has_labels: bool,
     simultaneous: Simultaneous,
     /// The axes of the reference, if there is one.
@@ -111,7 +109,6 @@ impl RowWriter {
         })
     }
 
-    /// Returns the header line.
     pub(crate) fn header(&self) -> String {
         let mut names = vec!["t_s".to_owned()];
         if self.holds_readings {

@@ -36,7 +36,6 @@ const CONNECTIONS: usize = 16;
 /// client with the token sends it at once, so other clients cannot lock it out.
 const STRANGERS: usize = 32;
 
-/// Maximum number of waiting orders.
 const ORDERS: usize = 64;
 
 /// Timeout of a request's arrival, and of a write.
@@ -56,7 +55,6 @@ const STACK: usize = 256 * 1024;
 pub struct OpenDocument {
     /// Path: `/name`.
     pub path: &'static str,
-    /// Value of the `Content-Type` header.
     pub content_type: &'static str,
     /// Returns the current text.
     pub text: Arc<dyn Fn() -> String + Send + Sync>,

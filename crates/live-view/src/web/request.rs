@@ -33,7 +33,6 @@ impl HttpRefusal {
         Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
 }
 
-/// A parsed request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Request<'a> {
     /// `GET` or `POST`.

@@ -18,7 +18,6 @@ pub(super) enum FieldKind {
     Json,
 }
 
-/// A message.
 pub(super) struct Message {
     /// Time of measurement in ns, if the message states it.
     pub(super) stamp_ns: Option<u64>,

@@ -44,7 +44,6 @@ struct Topic {
     channels: BTreeSet<u16>,
     name: String,
     kind: FieldKind,
-    /// The names of the topic's columns.
     columns: Vec<String>,
 }
 
@@ -145,7 +144,6 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     Ok(found)
 }
 
-/// Statistics of the messages' time stamps.
 #[derive(Default)]
 struct Stamps {
     count: u64,

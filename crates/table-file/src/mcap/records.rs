@@ -21,12 +21,10 @@ const MESSAGE: u64 = 16 << 20;
 
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
-/// A reader of the records of a file.
 pub(super) struct Records {
     file: BufReader<OpenFile>,
     at: u64,
     length: u64,
-    /// Records read from the file.
     records: Vec<u8>,
     /// Position of the next record in `records`.
     next: usize,

@@ -8,7 +8,6 @@ use std::io::{self, Write};
 
 use crate::bytes::ByteWriter;
 
-/// A channel of a recording.
 #[derive(Clone, Debug)]
 pub struct McapChannel {
     pub topic: String,
@@ -229,7 +228,6 @@ const DATA_END: u8 = 0x0f;
 const HEADER: u8 = 0x01;
 const FOOTER: u8 = 0x02;
 
-/// The name for no compression.
 const UNCOMPRESSED: &str = "";
 
 fn record(kind: u8, content: ByteWriter) -> Vec<u8> {
@@ -271,7 +269,6 @@ impl McapChunk {
     }
 }
 
-/// A writer of a recording.
 pub struct McapWriter<W> {
     out: W,
     at: u64,
