@@ -55,7 +55,7 @@ pub enum FitError {
     OtherFeatures {
         /// The largest model that can be fitted.
         kept: String,
-        /// The model that was asked for.
+        /// The requested model.
         asked: String,
     },
     /// A value is infinite or not a number.
@@ -103,7 +103,7 @@ pub enum FitError {
     /// More folds than groups, or fewer than two.
     #[error("`{folds}` folds of `{groups}` groups, expected `2` to the number of groups")]
     Folds {
-        /// Folds asked for.
+        /// Number of folds requested.
         folds: usize,
         /// Groups.
         groups: usize,
@@ -114,7 +114,7 @@ pub enum FitError {
     /// Without some group a coefficient is undetermined, so that the scatter between groups is unknown.
     #[error("without {} the model cannot be fitted", names(groups))]
     Alone {
-        /// Their labels.
+        /// Labels of these groups.
         groups: Vec<String>,
     },
     /// The rows determine no candidate model.

@@ -211,7 +211,7 @@ impl Model {
         }
     }
 
-    /// Checks that there are few enough coefficients to fit, without listing them.
+    /// Checks that the model has few enough coefficients to fit, without listing them.
     ///
     /// # Errors
     /// [`TooLarge`].

@@ -94,7 +94,7 @@ impl RowSums {
         }
     }
 
-    /// Returns true if these are the sums that a model needs, with no others.
+    /// Returns true if the channels and the basis match `model`.
     pub fn suit(&self, model: &Model) -> bool {
         let basis = match self {
             Self::Exact(sums) => sums.basis(),

@@ -131,7 +131,7 @@ pub(crate) fn power_of_two(exponent: i32) -> f64 {
 /// Rounds an integer below 2¹²⁶ to a double-double; exact up to 2¹⁰⁶.
 #[inline(always)]
 pub(crate) fn round(value: i128) -> DoubleDouble {
-    /// Bits per digit. Such digits, and the highest with at most 47 bits, are exact in `f64`. A head and a
+    /// Bits per digit. These digits, and the highest with at most 47 bits, are exact in `f64`. A head and a
     /// tail hold the sum of two neighbouring digits exactly.
     const BITS: u32 = 40;
     const MASK: u64 = (1 << BITS) - 1;

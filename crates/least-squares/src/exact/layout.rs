@@ -164,8 +164,8 @@ impl SumLayout {
     /// Moves the origin of every channel by `by`, below 2¹⁶, in sums of one and the features times some other
     /// quantity.
     ///
-    /// Each digit is moved alone. That multiplies digits by less than `(1 + 2¹⁶)³`, so no carry is needed on
-    /// the way.
+    /// Each digit is moved alone. The move multiplies digits by less than `(1 + 2¹⁶)³`, so no carry is needed
+    /// on the way.
     pub(crate) fn moved_features(&self, sums: &[BigInt], by: &[i64]) -> DigitPlanes {
         let mut planes = digit_planes(sums);
         planes.iter_mut().for_each(|plane| self.move_features(plane, by));

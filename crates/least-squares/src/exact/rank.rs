@@ -89,7 +89,6 @@ fn divides(term: Term, multiple: Term) -> bool {
     term.factors().iter().all(|factor| rest.any(|other| other == factor))
 }
 
-/// The modulus.
 pub(crate) const PRIME: u64 = (1 << 61) - 1;
 
 /// Reduces a signed number modulo the prime.

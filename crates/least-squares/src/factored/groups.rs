@@ -109,7 +109,6 @@ impl GroupFactors {
 }
 
 impl Group {
-    /// Factors the waiting rows.
     fn settle(&mut self) -> Result<(), FitError> {
         self.rows.absorb(&std::mem::take(&mut self.waiting))
     }

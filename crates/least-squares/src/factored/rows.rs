@@ -31,7 +31,7 @@ impl FactoredRows {
     /// should come from a sample of the rows.
     ///
     /// # Panics
-    /// If `scaling` is not for as many columns as `model`.
+    /// If the numbers of columns of `scaling` and `model` differ.
     pub fn new(model: Model, scaling: Scaling) -> Self {
         let model = Model { intercept: true, ..model };
         let r_factor = RFactor::new(model.term_count(), Axis::ALL.len());

@@ -5,14 +5,14 @@
 //! rows computes: an R factor, a Gram matrix, a gradient. Its memory does not grow with the rows. A
 //! [`RowSource`] can be passed over as often as the method needs:
 //!
-//! | method | passes | what is kept | relative error of the coefficients, about |
+//! | method | passes | memory | relative error of the coefficients, about |
 //! | --- | --- | --- | --- |
 //! | [`SolverKind::Gram`] | 1 | `XᵀX` | ε·κ² |
 //! | [`SolverKind::Tsqr`], [`SolverKind::PivotedQr`], [`SolverKind::Svd`] | 1 | R | ε·(κ + κ²·tan θ) |
 //! | [`SolverKind::RefinedTsqr`] | 2 or more | R, then `XᵀR` in double-double | ε, while ε·κ ≪ 1 |
 //! | [`SolverKind::WideGram`] | 1 | `XᵀX` in double-double | ε + ε²·κ² |
 //! | [`SolverKind::WideTsqr`] | 1 | R in double-double | ε + ε²·(κ + κ²·tan θ) |
-//! | [`SolverKind::RidgeGcv`] | 1 | R | that of the ridge |
+//! | [`SolverKind::RidgeGcv`] | 1 | R | the error of the ridge |
 //! | [`SolverKind::Huber`] | about 10 | R, then clipped gradients | not a least-squares answer |
 //!
 //! with ε = 2⁻⁵³, κ the condition number of `X` with columns of norm one, and θ the angle between `Y` and its

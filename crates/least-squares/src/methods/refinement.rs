@@ -29,7 +29,7 @@ struct Gradient<'a> {
 impl Reduction for Gradient<'_> {
     const WIDE: bool = true;
 
-    /// As many rows as fit in a core's L2 cache, because each column is used twice.
+    /// The number of rows that fit in a core's L2 cache, because each column is used twice.
     fn chunk_rows(columns: usize) -> usize {
         /// Size of heads and tails, in bytes.
         const BYTES: usize = 1 << 19;

@@ -1,10 +1,10 @@
 //! Standard errors of converted samples.
 //!
 //! With residual covariance `S` over the axes and `F·Fᵀ = (XᵀX)⁻¹`, the covariance of the coefficients of
-//! axes `a` and `b` is `S[a][b]·F·Fᵀ`. The error of a new sample with features `x` consists of its own noise
-//! and of the error of the coefficients. A tare subtracts the mean of `n` frames with mean features `x₀`,
-//! which adds their noise and removes the common part of both (Draper & Smith, Applied Regression Analysis,
-//! 3rd ed., §1.4, §8.1):
+//! axes `a` and `b` is `S[a][b]·F·Fᵀ`. The error of a new sample with features `x` consists of noise and of
+//! the error of the coefficients. A tare subtracts the mean of `n` frames with mean features `x₀`, which adds
+//! their noise and removes the common part of both (Draper & Smith, Applied Regression Analysis, 3rd ed.,
+//! §1.4, §8.1):
 //!
 //! ```text
 //! untared   se² = S[a][a]·(1 + ‖Fᵀx‖²)

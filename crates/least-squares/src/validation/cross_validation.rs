@@ -46,7 +46,7 @@ pub struct CrossValidation {
     /// Errors on rows that were held out at random; `None` if not requested or not possible.
     #[serde(with = "shell_data::by_axis::option")]
     pub random: Option<PerAxis<HeldOutQuality>>,
-    /// Errors on each fold; no part of a document.
+    /// Errors on each fold; not stored in documents.
     #[serde(skip)]
     pub by_fold: Vec<PerAxis<HeldOutErrors>>,
 }

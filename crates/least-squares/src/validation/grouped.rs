@@ -323,7 +323,6 @@ impl GroupWorker {
         Ok(sums.settle()?.map(|moments| (longest, moments)))
     }
 
-    /// Number of sums in working form.
     #[cfg(test)]
     pub(super) fn open_sums(&self) -> usize {
         self.sums.values().filter(|sums| sums.is_open()).count()
