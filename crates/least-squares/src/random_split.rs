@@ -17,8 +17,8 @@ pub struct RandomSplit {
     pub seed: u64,
 }
 
-/// The rows of each held-out fold. The fold of a row is a hash of its values, so equal rows are always in the
-/// same fold, however a log is divided into blocks and whatever other columns it has.
+/// The rows of each held-out fold. The fold of a row is a hash of its values and the seed, so equal rows are
+/// always in the same fold, however a log is divided into blocks and whatever other columns it has.
 pub fn assign(block: &Block, split: &RandomSplit) -> Vec<Vec<usize>> {
     let mut assigned = vec![Vec::new(); split.held_out];
     if split.held_out == 0 {

@@ -14,7 +14,6 @@ use super::plan::{LimbColumn, OpenSums, SummationPlan};
 use crate::features::fill_columns;
 use shell_data::vectorised;
 
-/// Working memory.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Scratch {
     features: Vec<f64>,

@@ -16,7 +16,6 @@ use crate::double_double::DoubleDouble;
 use crate::symmetric::SymmetricMatrix;
 use shell_data::vectorised;
 
-/// A symmetric matrix.
 #[derive(Clone, Debug)]
 pub(crate) struct DoubleDoubleMatrix {
     size: usize,

@@ -128,7 +128,6 @@ impl SumLayout {
         self.monomials.len()
     }
 
-    /// Number of channels.
     pub(crate) fn channels(&self) -> usize {
         self.steps.len()
     }

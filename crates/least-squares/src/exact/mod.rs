@@ -8,8 +8,8 @@
 //! those that forming `XᵀX` can cost. Loss of rank is decided by integer arithmetic, not by a tolerance.
 //!
 //! Not supported: readings with fractions finer than 1/256 that are not decimals of few digits, and wrenches
-//! whose magnitudes on one axis span more than 250 binary places. They return an [`ExactError`]; use another
-//! solver for them.
+//! whose magnitudes on one axis span more than 250 binary places. For these, summation fails with an
+//! [`ExactError`]; use another solver.
 
 mod accumulator;
 mod block_sums;

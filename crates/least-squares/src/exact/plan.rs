@@ -120,7 +120,6 @@ impl SummationPlan {
         self.squares.iter().map(of_axis).collect()
     }
 
-    /// Number of sums.
     pub(crate) fn sums(&self) -> usize {
         let count = |operands: &Operands| operands.left.len() * operands.right.len();
         let gram: usize = self.groups.iter().map(|(_, operands)| count(operands)).sum();

@@ -12,7 +12,6 @@ use crate::r_factor::{
 };
 use shell_data::vectorised;
 
-/// A matrix in double-double.
 pub(super) type WideMatrix = Mat<DoubleDouble>;
 
 pub(super) fn rounded(matrix: &WideMatrix) -> Mat<f64> {
@@ -148,7 +147,6 @@ pub(super) struct LaneSums {
 }
 
 impl LaneSums {
-    /// The sum.
     pub(super) fn total(mut self) -> DoubleDouble {
         let mut count = LANES / 2;
         while count > 0 {
