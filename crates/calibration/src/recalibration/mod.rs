@@ -2,9 +2,9 @@
 //!
 //! The calibration is a prior. Only the effects of mounting and age are fitted: a zero and a gain for each
 //! channel, a lever offset and a turn ([`Change`]). Each has a normal prior with mean zero. The widths of the
-//! four priors, down to no change at all, are those that make the new observations most probable with all
-//! changes integrated out (Laplace's approximation; MacKay, Neural Computation 4, 415, 1992). A sensor that
-//! still reads the same is therefore left unchanged.
+//! four priors, down to no change at all, maximise the probability of the new observations with all changes
+//! integrated out (Laplace's approximation; MacKay, Neural Computation 4, 415, 1992). A sensor that still
+//! reads the same is therefore left unchanged.
 //!
 //! The comparison uses the predictions of the calibration. A polynomial predicts the wrench, with the errors
 //! on held-out loads. A physics model predicts the readings, which outnumber the axes, with the variances of
@@ -97,7 +97,7 @@ pub struct Recalibration {
     pub change: Change,
     /// Standard errors of the change; zero for unchanged quantities.
     pub standard_errors: Change,
-    /// Logarithm of the ratio by which the observations are more probable than without a change.
+    /// Log evidence: how much more probable the observations are than without a change.
     pub ln_evidence: f64,
     /// Root mean square of the differences before and after the change, in stated errors.
     pub disagreement: [f64; 2],

@@ -67,7 +67,7 @@ pub(super) struct FoundChange {
     pub(super) standard_errors: Change,
     /// Change found without each group of observations.
     pub(super) held_out: BTreeMap<u64, Change>,
-    /// Logarithm of the ratio by which the observations are more probable than without a change.
+    /// Log evidence: how much more probable the observations are than without a change.
     pub(super) ln_evidence: f64,
     /// Root mean square of the differences before and after the change, in stated errors. The second one
     /// includes the prior terms of the change.
