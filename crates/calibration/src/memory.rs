@@ -1,7 +1,7 @@
 //! Memory terms: the difference between a reading and its moving average.
 //!
-//! Flexures creep and gels relax, so a reading depends on earlier loads. In addition to its features a model may
-//! have, for each channel and each time constant τ, the term
+//! Flexures creep and gels relax, so a reading depends on earlier loads. In addition to its features a model
+//! may have, for each channel and each time constant τ, the term
 //!
 //! ```text
 //! m(t) = s(t) − e(t),    τ·de/dt = s − e

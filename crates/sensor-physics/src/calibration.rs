@@ -54,8 +54,8 @@ impl PhysicsCalibration {
     }
 
     /// Fits to rows. Held-out groups select λ, the width of the priors and the number of shared factors;
-    /// their errors also scale the standard errors and give the intervals. The intervals are therefore from
-    /// groups that took part in the selection, but of three numbers only.
+    /// their errors also scale the standard errors and give the intervals. The intervals thus come from the
+    /// same groups as the selection, but the selection sets only three numbers for all groups.
     ///
     /// # Errors
     /// [`FitError::Physics`], [`FitError::Interrupted`].

@@ -1,11 +1,11 @@
 //! Choice of λ, the width of the priors and the number of shared factors by cross-validation over groups.
 //!
-//! Each candidate is fitted without a fold of whole groups and tested on them. The chosen λ and width have
-//! the least squared error, relative to the mean square of each axis and averaged over the axes. One more
-//! factor is accepted if it raises the log density of the held-out groups' readings by more than a standard
-//! error of the mean gain over the folds. This criterion sees all sensors and the correlation of their
-//! errors, which the errors of a wrench hardly show. Then λ is chosen once more. Fits without a fold start
-//! from the fit to all observations, which is near.
+//! Each candidate is fitted without a fold of whole groups and tested on that fold. The chosen λ and width
+//! have the least squared error, relative to the mean square of each axis and averaged over the axes. One
+//! more factor is accepted if it raises the log density of the held-out groups' readings by more than a
+//! standard error of the mean gain over the folds. This criterion sees all sensors and the correlation of
+//! their errors, which the errors of a wrench hardly show. Then λ is chosen once more. Fits without a fold
+//! start from the fit to all observations, which is near.
 
 use std::collections::BTreeSet;
 

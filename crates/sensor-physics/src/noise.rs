@@ -7,10 +7,10 @@
 //! var(y − f) = σ² + τ²·(df/dq)²
 //! ```
 //!
-//! Both variances have maximum likelihood for normal errors. Fixed-point steps find them and keep them
-//! positive: each variance is multiplied by the ratio of the two sides of its likelihood equation. Fitted
-//! parameters absorb a part of each residual, so its expected square is `r² + gᵀCg`, with `C` the covariance
-//! of the parameters (Dempster, Laird & Rubin, J. R. Stat. Soc. B 39, 1977).
+//! Both variances are maximum-likelihood estimates for normal errors. Fixed-point steps find them and keep
+//! them positive: each variance is multiplied by the ratio of the two sides of its likelihood equation.
+//! Fitted parameters absorb a part of each residual, so its expected square is `r² + gᵀCg`, with `C` the
+//! covariance of the parameters (Dempster, Laird & Rubin, J. R. Stat. Soc. B 39, 1977).
 
 use std::ops::{Add, Mul};
 
@@ -50,7 +50,7 @@ impl Noise {
         self.variance_at(slope * slope)
     }
 
-    /// Variance of a response where the square of the slope is this number, or one of several numbers.
+    /// Variance of a response from the square of the slope: one number, or one for each lane.
     #[inline(always)]
     pub(super) fn variance_at<T: Add<f64, Output = T> + Mul<f64, Output = T>>(
         &self,

@@ -116,6 +116,8 @@ pub(super) struct Cells<'a> {
 type RowInCell = ([i16; 6], u32, u32);
 
 impl<'a> Cells<'a> {
+    /// Divides rows into cells.
+    ///
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub(super) fn new(rows: &'a TrainingRows) -> Result<Self, PhysicsError> {
@@ -262,6 +264,8 @@ impl ObservationSample {
         Self { count, tried: few(MOST_TRIED), fitted: few(MOST_FITTED) }
     }
 
+    /// Samples the observations of some rows.
+    ///
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub fn from_rows(rows: &TrainingRows) -> Result<Self, PhysicsError> {

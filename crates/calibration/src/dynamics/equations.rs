@@ -61,7 +61,8 @@ pub(super) struct FoldEquations<'a> {
 pub(super) struct FoldErrors {
     rows: u64,
     squares: PerAxis<f64>,
-    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those that vary.
+    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those that
+    /// vary.
     scores: Vec<(u64, f64)>,
     /// Scores minus the part caused by noise of readings and loads.
     systematic: Vec<(u64, f64)>,

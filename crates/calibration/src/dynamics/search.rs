@@ -147,7 +147,8 @@ impl DynamicsSearch<'_> {
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(lag, _)| lag)
     }
 
-    /// Returns a lag that is more than two standard errors from zero, and lowers the errors by more than one.
+    /// Returns a lag if it is more than two standard errors from zero, and lowers the errors by more than one
+    /// standard error.
     fn significant_lag(&self, terms: &Terms, start: f64) -> Option<LagEstimate> {
         let (lag, error) = self.lag(terms, start, STEPS)?;
         let without = self.equations.errors(terms, 0.0)?;

@@ -4,8 +4,9 @@
 //! s' = s + γ·(s − s₀) + ζ       F' = R·F       M' = R·M + o × F'
 //! ```
 //!
-//! Symbols without a dash are the readings and wrench of the original sensor; a dash marks the changed sensor. Both
-//! changes are absorbed into the numbers of a calibration of any kind, so conversion is as fast as before.
+//! Unprimed symbols are the readings and wrench of the original sensor; primed symbols belong to the changed
+//! sensor. Both changes are absorbed into the numbers of a calibration of any kind, so conversion is as fast
+//! as before.
 
 use crate::conversion::{Calibration, Kind};
 use least_squares::model::Term;

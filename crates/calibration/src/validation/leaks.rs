@@ -341,7 +341,7 @@ mod tests {
         }
         let grouped = sample(&part(&|_, pose| pose % 5 > 0), |x| x).poses().unwrap();
         assert_eq!(grouped.share_of(&sample(&part(&|_, pose| pose % 5 == 0), |x| x)), Some(0.0));
-        // Sets up the same weights again.
+        // A second setup with the same weights.
         let again: Vec<_> = test
             .iter()
             .map(|(load, readings, pose)| {

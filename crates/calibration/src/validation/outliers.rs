@@ -27,9 +27,9 @@
 //! without all rows that exceed a limit. Rows that turn out to be good go back, and the fit is repeated until
 //! it no longer changes.
 //!
-//! A slip of one channel may cause no larger error than fast motion, but the channel changes unusually fast. A row
-//! with a size above 4 is therefore also an outlier if a reading jumps from both neighbours by six standard
-//! deviations of that channel's changes from row to row.
+//! A slip of one channel may cause no larger error than fast motion, but the channel changes unusually fast.
+//! A row with a size above 4 is therefore also an outlier if a reading jumps from both neighbours by six
+//! standard deviations of that channel's changes from row to row.
 //!
 //! The [limit](LIMIT) is 10 because a row moves the predictions of `n` others by no more than `size·σ/√n` on
 //! average. To move a root mean square error by a tenth, it needs a size of `0.46·√n`, which is above 10 from
@@ -59,15 +59,15 @@ const FAR: f64 = 8.0;
 const LOOK_AT_ERROR: f64 = 3.6;
 const LOOK_AT_READING: f64 = 4.5;
 
-/// Limits for a row that dominates a fit: its leverage, its leverage in averages, its jump from both neighbours in
-/// standard deviations, and the size of its error.
+/// Limits for a row that dominates a fit: its leverage, its leverage in averages, its jump from both
+/// neighbours in standard deviations, and the size of its error.
 const TAKES_OVER: f64 = 0.5;
 const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
-/// Limits for a spike: its jump from both neighbours, in standard deviations of the changes of its channel, and the
-/// size of its error.
+/// Limits for a spike: its jump from both neighbours, in standard deviations of the changes of its channel,
+/// and the size of its error.
 const SPIKE: f64 = 6.0;
 const SIZE_WITH_SPIKE: f64 = 4.0;
 
@@ -111,7 +111,8 @@ pub struct TestedRow {
     is_far_alone: bool,
     /// True if a reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
     takes_over: bool,
-    /// True if a reading jumps from both neighbours by more than its channel changes, and the error is that large.
+    /// True if a reading jumps from both neighbours by more than its channel changes, and the error is that
+    /// large.
     is_spike: bool,
 }
 
@@ -124,8 +125,8 @@ impl TestedRow {
             || (self.errs_alone && self.is_spike)
     }
 
-    /// Returns true if the row, tested by a fit to all rows, justifies a search. A spike or a far reading with a
-    /// small error does not: one in some hundred thousand good rows looks like that.
+    /// Returns true if the row, tested by a fit to all rows, justifies a search. A spike or a far reading
+    /// with a small error does not: one in some hundred thousand good rows looks like that.
     pub fn starts_search(&self) -> bool {
         (self.size > LIMIT && self.errs_alone) || self.takes_over
     }
@@ -275,8 +276,8 @@ impl TestPosition {
     }
 }
 
-/// Copies of some rows of a block, in ascending order, with their neighbours, and the positions of the rows among the
-/// copies.
+/// Copies of some rows of a block, in ascending order, with their neighbours, and the positions of the rows
+/// among the copies.
 fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
     /// The largest distance in [`BESIDE`].
     const REACH: usize = 2;
@@ -353,7 +354,8 @@ fn change(values: &[f64], position: TestPosition) -> f64 {
     beside.map(|at| (values[position.at] - values[at]).abs()).fold(0.0, f64::max)
 }
 
-/// Returns true if a reading of a row jumps from both neighbours by `limit` times the deviation of its channel.
+/// Returns true if a reading of a row jumps from both neighbours by `limit` times the deviation of its
+/// channel.
 fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition) -> bool {
     let [before, after] = [position.before(1), position.after(1)];
     let (Some(before), Some(after)) = (before.or(after), after.or(before)) else { return false };

@@ -208,7 +208,7 @@ const START_NOISE: f64 = 0.02;
 /// A sensor is on a plateau where its curve is flatter than this share of its steepest slope.
 const FLAT: f64 = 0.05;
 
-/// Steps of the tables for the start, which is off by less than a hundredth of q.
+/// Steps of the tables for the start, which is off by less than 0.01 in q.
 const TABLE_STEPS: usize = 128;
 
 #[derive(Clone, Debug, PartialEq)]

@@ -41,8 +41,8 @@ const FAR: f64 = 5.0;
 /// Standard deviation of the priors of lo, ln h and ln ν: the middle one of the candidates of a fit.
 const WIDTH: f64 = 0.5;
 
-/// Number of rounds, and of steps of all parameters in a round, which uses the weights and the noise from the
-/// previous round.
+/// Number of rounds, and of steps of all parameters in a round. Each round uses the weights and the noise
+/// from the previous one.
 const ROUNDS: usize = 20;
 const STEPS: usize = 3;
 
@@ -74,8 +74,8 @@ pub struct CorrectedLoads {
     pub scatter: [f64; 3],
 }
 
-/// Corrects loads by the readings at them: `observations[j]` was made under `loads[j]`. `mounting_m` is the standard
-/// deviation of the lever offsets of `mountings` mountings, on each axis.
+/// Corrects loads by the readings at them: `observations[j]` was made under `loads[j]`. `mounting_m` is the
+/// standard deviation of the lever offsets of `mountings` mountings, on each axis.
 ///
 /// # Errors
 /// [`PhysicsError`] if there are too few observations or channels.
