@@ -220,7 +220,6 @@ impl CandidateData<'_> {
     }
 }
 
-/// Index of the least score.
 fn least(scores: &[f64]) -> usize {
     let scores = scores.iter().enumerate();
     scores.min_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(position, _)| position)

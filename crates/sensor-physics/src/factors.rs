@@ -40,7 +40,6 @@ pub(super) fn fit_factors(
     joint.rounds(ROUNDS)
 }
 
-/// State of the fit.
 struct Joint<'a> {
     sensors: Vec<Data<'a>>,
     rows: usize,
@@ -48,7 +47,6 @@ struct Joint<'a> {
     fitted: FittedParameters,
     /// Number of factors in use: the first columns of the loadings.
     count: usize,
-    /// Marquardt's damping.
     damping: f64,
 }
 

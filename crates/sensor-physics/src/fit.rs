@@ -56,7 +56,6 @@ pub fn wrench_scale(observations: &[&Observation]) -> PerAxis<f64> {
 pub(super) struct Scales {
     /// Root mean square of each axis, N and N·m; 1 for an axis that is never loaded.
     pub(super) wrench: PerAxis<f64>,
-    /// Number of channels of a frame.
     pub(super) frame_channels: usize,
     /// Position, least reading and range of each channel that varies.
     pub(super) channels: Vec<(usize, f64, f64)>,
@@ -77,7 +76,6 @@ pub(super) struct Scaled {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FittedParameters {
     pub(super) parameters: Vec<Parameters>,
-    /// The covariance of each sensor's parameters.
     pub(super) covariance: Vec<[Parameters; PARAMETERS]>,
     /// How far each shared factor moves a sensor's displacement.
     pub(super) loadings: Vec<Loadings>,

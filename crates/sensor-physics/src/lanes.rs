@@ -45,7 +45,6 @@ pub(super) const MOST_LANES: usize = 8;
 pub(super) struct Lanes<S: Simd>(pub(super) S, pub(super) S::f64s);
 
 impl<S: Simd> Lanes<S> {
-    /// Repeats one number for all rows.
     #[inline(always)]
     pub(super) fn splat(simd: S, value: f64) -> Self {
         Self(simd, simd.splat_f64s(value))
@@ -57,7 +56,6 @@ impl<S: Simd> Lanes<S> {
         Self(simd, S::as_simd_f64s(&column[first..first + S::F64_LANES]).0[0])
     }
 
-    /// Writes the rows of a column from `first` on.
     #[inline(always)]
     pub(super) fn store(self, column: &mut [f64], first: usize) {
         S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = self.1;
@@ -86,13 +84,11 @@ impl<S: Simd> Lanes<S> {
         Self(self.0, self.0.max_f64s(self.1, self.0.splat_f64s(least)))
     }
 
-    /// Mask of the rows where the number is less than `limit`.
     #[inline(always)]
     pub(super) fn is_below(self, limit: f64) -> S::m64s {
         self.0.less_than_f64s(self.1, self.0.splat_f64s(limit))
     }
 
-    /// Mask of the rows where the number is greater than 0.
     #[inline(always)]
     pub(super) fn is_positive(self) -> S::m64s {
         self.0.greater_than_f64s(self.1, self.0.splat_f64s(0.0))

@@ -83,7 +83,6 @@ impl Noise {
 type LikelihoodSums = [[f64; MOST_LANES]; 5];
 
 vectorised! {
-    /// Adds the residuals of a sensor.
     fn add(sums: &mut LikelihoodSums, noise: Noise, residuals: &Residuals) {
         let (squares, last_squares) = residuals.squares.as_chunks::<MOST_LANES>();
         let (slopes, last_slopes) = residuals.slope_squares.as_chunks::<MOST_LANES>();

@@ -51,16 +51,13 @@ impl Prior {
     }
 }
 
-/// Parameters during a fit.
 #[derive(Clone, Debug)]
 pub(super) struct ParameterEstimate {
     pub(super) parameters: Parameters,
-    /// Marquardt's damping.
     damping: f64,
 }
 
 impl ParameterEstimate {
-    /// Starts at these parameters.
     pub(super) fn at(parameters: Parameters) -> Self {
         Self { parameters, damping: 1e-2 }
     }
@@ -270,7 +267,6 @@ vectorised! {
     }
 }
 
-/// Multiplies a column by the weights.
 #[inline(always)]
 fn weigh(weighted: &mut [f64; ROWS_AT_ONCE], weights: &[f64], column: &[f64]) {
     for ((weighted, weight), x) in weighted.iter_mut().zip(weights).zip(column) {

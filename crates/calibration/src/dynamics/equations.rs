@@ -41,7 +41,6 @@ impl ProductColumns {
     }
 }
 
-/// Memory terms of one time constant.
 pub(super) struct MemoryColumns {
     pub(super) time_constant: f64,
     pub(super) terms: ProductColumns,
@@ -69,7 +68,6 @@ pub(super) struct FoldErrors {
 }
 
 impl FoldErrors {
-    /// The score of all rows.
     pub(super) fn score(&self) -> f64 {
         FoldMean::new(&self.scores).value
     }
@@ -101,7 +99,6 @@ impl FoldErrors {
     }
 }
 
-/// Decrease of a score.
 fn gain(before: &[(u64, f64)], after: &[(u64, f64)]) -> FoldMean {
     let lower = |(&(rows, before), (_, after)): (&(u64, f64), &(u64, f64))| (rows, before - after);
     FoldMean::new(&before.iter().zip(after).map(lower).collect::<Vec<_>>())

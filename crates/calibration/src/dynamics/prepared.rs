@@ -44,7 +44,6 @@ impl fmt::Display for ReferenceLag {
     }
 }
 
-/// Clock of some logs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RowClock {
     pub(super) time_base: TimeBase,

@@ -57,7 +57,6 @@ struct LogPart<'a> {
     group_ends: Vec<usize>,
 }
 
-/// Rows of several logs.
 pub(super) struct SearchRows<'a> {
     logs: Vec<LogPart<'a>>,
     pub(super) clock: RowClock,

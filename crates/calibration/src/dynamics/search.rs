@@ -63,7 +63,6 @@ pub(super) fn search(
     search.run(given).unwrap_or_else(|| given.clone())
 }
 
-/// Memory terms of some time constants.
 type Terms = [Arc<MemoryColumns>];
 
 struct DynamicsSearch<'a> {

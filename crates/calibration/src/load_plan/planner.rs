@@ -108,7 +108,6 @@ pub struct SensorKnowledge {
     inflation: PerAxis<f64>,
 }
 
-/// Response of a sensor to a load.
 struct SensorAnswer {
     /// Derivatives with respect to the parameters.
     gradient: Parameters,
@@ -130,7 +129,6 @@ impl SensorKnowledge {
         Self { model: model.clone(), inflation: [1.0; 6] }
     }
 
-    /// Response of each sensor to a load.
     fn answers(&self, load: &PerAxis<f64>) -> Vec<SensorAnswer> {
         let PhysicsModel { sensors, noise, wrench_scale, .. } = &self.model;
         let x: PerAxis<f64> = std::array::from_fn(|axis| load[axis] / wrench_scale[axis]);
@@ -223,7 +221,6 @@ impl Order {
     }
 }
 
-/// Knowledge about the sensors.
 #[derive(Clone, Debug)]
 enum Knowledge {
     Surface(Surface),

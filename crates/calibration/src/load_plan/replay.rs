@@ -121,7 +121,6 @@ impl Replay {
     }
 }
 
-/// One split.
 struct SplitReplay<'a> {
     training: &'a [ReplayPose<'a>],
     held_out: &'a [ReplayPose<'a>],
@@ -147,7 +146,6 @@ impl SplitReplay<'_> {
         Ok(errors)
     }
 
-    /// Next poses of an order.
     fn next(
         &self,
         order: Order,

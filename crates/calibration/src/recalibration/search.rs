@@ -59,7 +59,6 @@ struct Posterior {
     ln_evidence: f64,
 }
 
-/// Result of a search.
 #[derive(Clone, Debug)]
 pub(super) struct FoundChange {
     pub(super) shares: Shares,

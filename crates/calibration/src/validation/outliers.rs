@@ -256,7 +256,6 @@ vectorised! {
 /// A row of a block, and its index in columns that hold copies of this row and its neighbours.
 #[derive(Clone, Copy, Debug)]
 struct TestPosition {
-    /// The row of the block.
     row: usize,
     /// Its index in the columns.
     at: usize,

@@ -147,7 +147,6 @@ impl<const N: usize> Level<N> {
         }
     }
 
-    /// Adds the rows of `next`.
     fn merge(&mut self, next: &Self) {
         let MergeWeights { mean: share, product: weight } = MergeWeights::new(self.rows, next.rows);
         let away = next.position - self.position;
@@ -208,7 +207,7 @@ impl<const N: usize> PlateauFinder<N> {
         let times = before_s.zip(now_s);
         let starts_anew = times.is_some_and(|(before, now)| self.steps.starts_anew(before, now));
         let jumps = times.is_some_and(|(before, now)| self.steps.jumps(before, now));
-        // Stores about as many jumps as groups are allowed: more would be of no use.
+        // Stores about as many jumps as groups are allowed; more are useless.
         if jumps && self.jumps.len() <= MAX_GROUPS {
             self.jumps.push(row);
         }

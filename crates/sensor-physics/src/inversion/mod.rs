@@ -98,7 +98,6 @@ impl Inversion {
         inversion
     }
 
-    /// Replaces λ.
     pub(super) fn set_lambda(&mut self, lambda: f64) {
         self.model.lambda = lambda;
         for (i, row) in self.prior.iter_mut().enumerate() {

@@ -112,7 +112,6 @@ pub fn correct_loads(
     Ok(search.outcome(&at))
 }
 
-/// Unknowns of the search.
 #[derive(Clone, Debug)]
 struct Unknowns {
     parameters: Vec<Parameters>,
@@ -122,7 +121,6 @@ struct Unknowns {
     offsets: Vec<[f64; SHARED]>,
 }
 
-/// State of the search.
 struct LoadSearch<'a> {
     loads: &'a [StatedLoad],
     /// Readings and stated wrenches.
@@ -131,7 +129,6 @@ struct LoadSearch<'a> {
     mounting_m: f64,
     at: Unknowns,
     noise: Noise,
-    /// Marquardt's damping.
     damping: f64,
 }
 
