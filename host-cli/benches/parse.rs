@@ -208,7 +208,7 @@ fn all_digits(text: &mut String, value: f64) {
     write!(text, "{value}").expect("a string");
 }
 
-/// Rows like those of the lab's training files: `1425168310.852012,1482,…,-0.0630686291217`.
+/// Writes rows in the style of the lab's training files: `1425168310.852012,1482,…,-0.0630686291217`.
 fn training_file(write_number: fn(&mut String, f64)) -> tempfile::NamedTempFile {
     let mut random = Random(1);
     let mut text = String::new();

@@ -37,9 +37,9 @@ pub(super) struct BoardLog {
     pub(super) annotations: Annotations,
     /// Frames that wait for a label.
     pub(super) waiting: Vec<BoardFrame>,
-    /// Frames that wait for the reference to come up to them.
+    /// Frames that wait for the reference to reach their time.
     pub(super) behind: Vec<BoardFrame>,
-    /// Whether frames wait until they are settled.
+    /// True if frames wait until they get no more labels.
     pub(super) waits: bool,
     /// Frames that do not match the log's columns.
     pub(super) other_content: u64,
@@ -49,8 +49,8 @@ pub(super) struct BoardLog {
 }
 
 impl BoardLog {
-    /// Writes frames, and empties them; those that may be labelled wait, and those that a reference has not come up to
-    /// `now_s`.
+    /// Writes frames, and empties the list. Frames that may still be labelled wait, as do frames that the
+    /// reference has not reached at `now_s`.
     pub(super) fn write(
         &mut self,
         frames: &mut Vec<BoardFrame>,
@@ -91,7 +91,7 @@ impl BoardLog {
         self.write_rows(frames, false, reference)
     }
 
-    /// Writes frames to the log, if there are both.
+    /// Writes frames to the log, once it has columns.
     fn write_rows(
         &mut self,
         frames: &mut Vec<BoardFrame>,
@@ -105,7 +105,7 @@ impl BoardLog {
         Ok(log.append(&text)?)
     }
 
-    /// Ends the log, which may be followed by another.
+    /// Writes all waiting frames and closes the log. Another log may follow.
     pub(super) fn close(
         &mut self,
         reference: Option<&mut ReferenceBeside>,
@@ -118,7 +118,7 @@ impl BoardLog {
         Ok(())
     }
 
-    /// Writes the frames that wait for those after them.
+    /// Writes all waiting frames.
     pub(super) fn finish(
         &mut self,
         reference: Option<&mut ReferenceBeside>,

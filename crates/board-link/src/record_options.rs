@@ -11,7 +11,6 @@ use shell_data::wrench::AxisValues;
 use super::{LinkError, LogSink, Uplink};
 use crate::recording::{BoardFrame, LiveForces, Losses, NoFrame, UnsuitableCalibration};
 
-/// Options of a recording.
 #[derive(Clone, Debug, Default)]
 pub struct RecordOptions {
     /// The protocol; `None` to detect it.
@@ -41,7 +40,6 @@ pub trait Watcher: std::fmt::Debug + Send {
     }
 }
 
-/// A command of a watcher.
 #[derive(Debug)]
 pub enum RecordCommand {
     /// Starts a new log in place of the current ones; it belongs to the first board, and other boards get
@@ -68,7 +66,6 @@ pub struct RecordingProgress {
     pub frames: u64,
     /// Bytes so far.
     pub bytes: u64,
-    /// Losses so far.
     pub losses: Losses,
     /// The protocol, once it is known.
     pub protocol: Option<Protocol>,
@@ -83,22 +80,19 @@ pub struct RecordingProgress {
 /// An error that ends a recording early. The data received until then are in the files.
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
-    /// The source failed.
     #[error(transparent)]
     Link(#[from] LinkError),
-    /// A file failed.
     #[error(transparent)]
     Output(#[from] OutputError),
     /// No frame in the data of the port or file, with the reason.
     #[error("`{source_name}`: {problem}")]
     NoFrame { source_name: String, problem: NoFrame },
-    /// The calibration is unsuitable.
     #[error(transparent)]
     Calibration(#[from] UnsuitableCalibration),
-    /// A reference beside a board that sends wrenches of its own.
+    /// A reference was requested, but the board itself sends wrenches.
     #[error("the board sends wrenches, and the reference belongs beside readings")]
     ReferenceBesideWrenches,
-    /// The low-pass of the forces.
+    /// The low-pass of the forces is impossible.
     #[error(transparent)]
     Forces(#[from] forces::ForceError),
 }

@@ -24,20 +24,17 @@ const FLUSH: Duration = Duration::from_millis(400);
 /// Maximum number of waiting frames, which bounds memory in a replay.
 const BATCH: usize = 4096;
 
-/// Outputs of a recording.
 #[derive(Debug, Default)]
 pub struct Sinks {
     /// The log; with several boards, of the first one. Logs of the others are created next to it.
     pub log: Option<Box<dyn LogSink>>,
     /// The bytes as they arrive.
     pub raw: Option<Box<dyn LogSink>>,
-    /// The observer.
     pub watcher: Option<Box<dyn Watcher>>,
-    /// A reference sensor, whose forces are in the log of the first board.
+    /// A reference sensor, whose forces go to the log of the first board.
     pub reference: Option<ReferenceInput>,
 }
 
-/// Summary of a recording.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recorded {
     /// The protocol, `None` if no data arrived.
@@ -50,7 +47,6 @@ pub struct Recorded {
     pub board_time_s: f64,
     /// Duration of the recording, s.
     pub elapsed_s: f64,
-    /// Losses.
     #[serde(flatten)]
     pub losses: Losses,
     /// Frames that are not in the log because they hold wrenches and the first held readings, or vice versa.
@@ -60,10 +56,9 @@ pub struct Recorded {
     /// The board's message at its last start, if any.
     #[serde(skip)]
     pub boot: Option<Boot>,
-    /// The reference beside it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<RecordedReference>,
-    /// The boards, where there are several.
+    /// The results of the boards, if there are several.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub boards: Vec<RecordedBoard>,
 }
@@ -79,11 +74,11 @@ pub struct Recorder {
     options: RecordOptions,
     /// The outputs; the first board takes the log.
     sinks: Sinks,
-    /// The reference, once the time of the recording has begun.
+    /// The reference, once the recording has started.
     reference: Option<ReferenceBeside>,
-    /// The newest time since the start that is known.
+    /// The latest known time since the start.
     now: Duration,
-    /// Waiting frames of the first board that the watcher has seen.
+    /// Number of waiting frames of the first board that the watcher has seen.
     shown: usize,
     /// Annotations for the first board's log, until that exists.
     annotations: Annotations,
@@ -91,7 +86,7 @@ pub struct Recorder {
     logs: Vec<BoardLog>,
     bytes: u64,
     flushed_at: Duration,
-    /// Frames at that time.
+    /// Number of frames at that time.
     observed: u64,
 }
 
@@ -102,13 +97,14 @@ impl Recorder {
         Self { name: name.to_owned(), recognition, options, sinks, ..Self::default() }
     }
 
-    /// Listens to the reference from now on; times since the start are since `epoch`.
+    /// Starts to listen to the reference. `epoch` is the start of the recording.
     pub(crate) fn start_reference(&mut self, epoch: Instant) {
         let input = self.sinks.reference.take();
         self.reference = input.map(|input| ReferenceBeside::new(input, epoch));
     }
 
-    /// What to send at `arrival`, so that every board streams, if they are to be started: see [`RecordingProgress::commands`].
+    /// Returns the bytes to send at `arrival`, so that every board streams; none without
+    /// [`RecordOptions::start`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         let heard = self.receiving.as_mut().map_or(&mut [][..], |(_, boards)| &mut boards.heard);
@@ -212,7 +208,7 @@ impl Recorder {
         RecordError::NoFrame { source_name: self.name.clone(), problem }
     }
 
-    /// Shows the watcher and the reference what has arrived of the first board.
+    /// Passes newly arrived frames of the first board to the watcher and the reference.
     fn show(&mut self) {
         if self.sinks.watcher.is_none() && self.reference.is_none() {
             return;
@@ -233,7 +229,6 @@ impl Recorder {
         self.shown = waiting.len();
     }
 
-    /// Writes the waiting frames.
     fn flush(&mut self) -> Result<(), RecordError> {
         self.show();
         self.shown = 0;
@@ -403,7 +398,6 @@ mod tests {
     use std::collections::VecDeque;
     use std::sync::atomic::AtomicBool;
 
-    /// A watcher with these commands.
     #[derive(Debug)]
     struct Wants(VecDeque<RecordCommand>);
 

@@ -1,4 +1,4 @@
-//! Applying a calibration: from readings to wrenches.
+//! Conversion of readings to wrenches with a calibration.
 
 use std::borrow::Cow;
 
@@ -16,51 +16,52 @@ use shell_data::Converter;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// A fitted model and what is needed to apply and to trust it.
+/// A fitted model, with all data needed to apply it and to judge its accuracy.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Calibration {
     /// A polynomial or a physics model.
     pub kind: Kind,
-    /// The axes of the wrench that were measured in the training data. Output on other axes is meaningless.
+    /// Axes of the wrench that were measured in the training data. Output on other axes is meaningless.
     pub axes: Axes,
-    /// The covariance of errors and coefficients of a polynomial, where it is known.
+    /// Covariance of the errors and coefficients of a polynomial, if known.
     pub covariance: Option<Covariance>,
-    /// The range of each channel in the training data, where that is known.
+    /// Range of each channel in the training data, if known.
     pub valid_range: Option<Vec<ReadingRange>>,
-    /// The memory terms that must follow the readings.
+    /// Memory terms that must follow the readings.
     pub memory: Option<MemoryTerms>,
-    /// How much later than the readings the reference of the training logs was, which has been made up for: forces
-    /// are those at the time of the reading.
+    /// Lag of the training logs' reference behind the readings. The fit compensated it: forces refer to the
+    /// time of the reading.
     pub lag: Option<ReferenceLag>,
 }
 
-/// How a calibration gets from readings to wrenches.
+/// Method of conversion from readings to wrenches.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Kind {
-    /// By a polynomial in the readings.
+    /// A polynomial in the readings.
     Polynomial(Polynomial),
-    /// By inverting a model of the sensors' response to a wrench.
+    /// The inverse of a model of the sensors' response to a wrench.
     Physics(Box<PhysicsCalibration>),
 }
 
 impl Calibration {
-    /// A calibration from coefficients for standardised readings.
+    /// Creates a calibration from coefficients for standardised readings.
     ///
     /// `coefficients` has one entry per [term](Model::terms), in N and N·m per unit of the feature.
     ///
     /// # Panics
-    /// If there are not as many coefficients as terms, or as many scalings as channels.
+    /// If the number of coefficients differs from the number of terms, or the number of scalings from the
+    /// number of channels.
     pub fn new(model: Model, scaling: Scaling, coefficients: Vec<PerAxis<f64>>) -> Self {
         Self::from_kind(Kind::Polynomial(Polynomial::new(model, scaling, coefficients)))
     }
 
-    /// A calibration of this kind, of all six axes, without a covariance and valid for any reading.
+    /// Creates a calibration of this kind, for all six axes, without a covariance and valid for any reading.
     pub fn from_kind(kind: Kind) -> Self {
         Self { kind, axes: Axes::ALL, covariance: None, valid_range: None, memory: None, lag: None }
     }
 
-    /// The calibration of all six axes that a solver has found, valid over the ranges of its training data, without
-    /// a covariance.
+    /// Creates a calibration of all six axes from the solution of a solver, valid over the ranges of its
+    /// training data, without a covariance.
     pub fn from_solution(solution: &Solution, ranges: &ReadingRanges) -> Self {
         let c = &solution.coefficients;
         let rows = (0..c.nrows()).map(|j| std::array::from_fn(|axis| c[(j, axis)])).collect();
@@ -70,7 +71,7 @@ impl Calibration {
         }
     }
 
-    /// The polynomial, if it is one.
+    /// The polynomial, if the calibration has one.
     pub fn polynomial(&self) -> Option<&Polynomial> {
         match &self.kind {
             Kind::Polynomial(polynomial) => Some(polynomial),
@@ -78,7 +79,7 @@ impl Calibration {
         }
     }
 
-    /// The model that people read: `cubic + offset`, `physics`.
+    /// Name of the model for reports: `cubic + offset`, `physics`.
     pub fn name(&self) -> String {
         match &self.kind {
             Kind::Polynomial(polynomial) => polynomial.model().name(),
@@ -86,7 +87,7 @@ impl Calibration {
         }
     }
 
-    /// The memory terms before the first row of a log, if there are any.
+    /// State of the memory terms before the first row of a log; `None` without memory terms.
     pub fn start_memory(&self) -> Option<MemoryState> {
         self.memory.as_ref().map(MemoryTerms::start)
     }
@@ -96,7 +97,8 @@ impl Calibration {
         self.memory.as_ref().is_some_and(|memory| memory.time_base == TimeBase::Seconds)
     }
 
-    /// Rows to compare it with: memory terms beside their readings, the wrench at the time of the readings.
+    /// Prepares rows for a comparison with converted readings: appends memory terms to the readings, and
+    /// moves the wrench to the time of the readings.
     ///
     /// # Errors
     /// [`FitError::NoTime`] if the time constants are in seconds and a log has no time.
@@ -104,7 +106,7 @@ impl Calibration {
         prepared(data.clone(), self.memory.as_ref(), self.lag)
     }
 
-    /// Readings of the channels alone, with memory terms of zero; others as they are.
+    /// Appends memory terms of zero to readings of the channels alone; returns other readings unchanged.
     pub(super) fn with_terms<'a>(&self, readings: &'a [Vec<f64>]) -> Cow<'a, [Vec<f64>]> {
         let columns = self.columns();
         if readings.len() != self.channels() || readings.len() == columns {
@@ -116,7 +118,7 @@ impl Calibration {
         Cow::Owned(all)
     }
 
-    /// Columns of readings that it takes: one per channel, then its memory terms.
+    /// Number of columns of readings: one per channel, then one per memory term.
     pub fn columns(&self) -> usize {
         match &self.kind {
             Kind::Polynomial(polynomial) => polynomial.model().columns(),
@@ -132,15 +134,15 @@ impl Calibration {
         }
     }
 
-    /// The wrench of every row, untared: N and N·m.
+    /// Converts every row to an untared wrench: N and N·m.
     ///
-    /// `readings` has one column per channel, in counts, and its [memory terms](Self::memory) after them; without
-    /// these the sensor is assumed to have rested. `wrench` is resized to their length, with zeros on axes that
-    /// are not in [`Self::axes`]. The result is bit-identical on every machine, and does not depend on
-    /// neighbouring rows.
+    /// `readings` has one column per channel, in counts, and then the [memory terms](Self::memory); without
+    /// these the sensor is assumed to have been at rest. `wrench` is resized to the number of rows, with
+    /// zeros on axes that are not in [`Self::axes`]. The result is bit-identical on every machine, and does
+    /// not depend on neighbouring rows.
     ///
     /// # Panics
-    /// If `readings` are not the model's channels, or of different lengths.
+    /// If `readings` does not have these columns, or they differ in length.
     pub fn wrench(&self, readings: &[Vec<f64>], wrench: &mut PerAxis<Vec<f64>>) {
         let readings = &self.with_terms(readings);
         let rows = self.rows_of(readings);
@@ -153,9 +155,8 @@ impl Calibration {
         }
     }
 
-    /// For every row, the channels whose reading lies outside the range of the training data: bit
-    /// `i` for channel `i` from 0, all channels from 63 up sharing the last bit. Zero where the
-    /// range is not known.
+    /// Flags, for every row, the channels whose reading lies outside the range of the training data: bit `i`
+    /// for channel `i` from 0; all channels from 63 up share the last bit. Zero if the range is not known.
     pub fn out_of_range(&self, readings: &[Vec<f64>]) -> Vec<u64> {
         let mut flags = vec![0; readings.first().map_or(0, Vec::len)];
         for (channel, range) in self.valid_range.iter().flatten().enumerate() {
@@ -167,8 +168,8 @@ impl Calibration {
         flags
     }
 
-    /// The converter of the readings, by the range of the training data, of 12 bits where that is not known;
-    /// `full_scale` replaces its highest reading. `None` if readings are no counts.
+    /// Converter of the readings, from their range in the training data, or of 12 bits if that is unknown;
+    /// `full_scale` replaces its highest reading. `None` if readings are not counts.
     pub fn converter(&self, full_scale: Option<f64>) -> Option<Converter> {
         let found = match &self.valid_range {
             None => Some(Converter::new(4095.0)),
@@ -184,7 +185,7 @@ impl Calibration {
         }
     }
 
-    /// The number of rows with a reading outside the range of the training data.
+    /// Number of rows with a reading outside the range of the training data.
     pub fn rows_out_of_range(&self, readings: &[Vec<f64>]) -> u64 {
         match self.valid_range {
             Some(_) => self.out_of_range(readings).iter().filter(|&&of| of != 0).count() as u64,

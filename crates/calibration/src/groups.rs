@@ -108,7 +108,7 @@ impl FoundKind {
     }
 }
 
-/// Groups that were found in logs without a group column: how many, and how long they are.
+/// Number and length of the groups that were found in logs without a group column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FoundGroups {
     /// The kind of the groups.
@@ -124,7 +124,7 @@ pub struct FoundGroups {
 }
 
 impl GroupBy {
-    /// Returns true if groups are poses, as far as one can tell.
+    /// Returns true if groups are probably poses.
     pub fn is_poses(&self) -> bool {
         match self {
             Self::File => false,
@@ -167,7 +167,8 @@ impl From<GroupKind> for GroupBy {
 
 /// Labels the rows of a data set by the groups that can be held out: the groups asked for or, for
 /// [`HeldOut::Auto`] and folds, the first available of: a column that all logs have, several files, plateaus
-/// of constant load, recordings between jumps of the clock, forty stretches of time. `None` if there are none.
+/// of constant load, recordings between jumps of the clock, forty stretches of time. `None` if there are
+/// none.
 pub fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
     match held_out {
         HeldOut::File => Some((GroupBy::File, label_by_file(data))),
@@ -179,12 +180,13 @@ pub fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Datas
     }
 }
 
-/// The rows of a data set labelled by their group column, file or plateau.
+/// Labels the rows of a data set by their group column, file or plateau.
 pub fn label_poses_or_files(data: &Dataset) -> Dataset {
     label_poses(data).map_or_else(|| label_by_file(data), |(_, data)| data)
 }
 
-/// Labels the rows by groups within which errors may be alike, if a sample of the rows shows such groups.
+/// Labels the rows by groups within which errors may be correlated, if a sample of the rows shows such
+/// groups.
 pub(crate) fn label_poses(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     given(data).or_else(|| label_plateaus(data))
 }
@@ -198,7 +200,8 @@ fn label_plateaus(data: &Dataset) -> Option<(GroupBy, Dataset)> {
 /// Groups of a column are poses if at most this share of the variance of the loads is within them.
 const WITHIN_POSES: f64 = 0.1;
 
-/// Returns true if rows are in poses: groups of a column in which loads hardly change, or plateaus in all logs.
+/// Returns true if rows are in poses: groups of a column in which loads hardly change, or plateaus in all
+/// logs.
 pub(crate) fn has_poses(data: &Dataset) -> bool {
     match data.logs.iter().all(|log| log.has_groups) {
         true => loads_are_constant_in_groups(data),
@@ -271,8 +274,8 @@ fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     (groups > 1).then(|| label_found(data, FoundKind::Stretches, vec![rows]))
 }
 
-/// Labels the rows of several files by stretches of time, and returns the stretches of each file. Stretches are
-/// long enough that the errors of neighbours are nearly uncorrelated. `None` if the order of rows is not
+/// Labels the rows of several files by stretches of time, and returns the stretches of each file. Stretches
+/// are long enough that the errors of neighbours are nearly uncorrelated. `None` if the order of rows is not
 /// informative: rows in poses, shuffled rows, or loads that stay correlated for too long.
 pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<usize>>)> {
     let is_apart = |&lag: &usize| load_correlation(data, lag) < SHUFFLED_BELOW;
@@ -342,7 +345,7 @@ fn label_found(data: &Dataset, kind: FoundKind, rows: Vec<Vec<u64>>) -> (GroupBy
     (GroupBy::Found(found), data)
 }
 
-/// Labels the rows of a log by runs that follow each other; the last goes on to the end.
+/// Labels the rows of a log by consecutive runs; the last continues to the end.
 pub(crate) fn label_runs(log: &mut LogRows, runs: impl IntoIterator<Item = (String, u64)>) {
     let (mut runs, mut label, mut left) = (runs.into_iter(), String::new(), 0);
     for block in &mut log.blocks {

@@ -1,4 +1,4 @@
-//! Rows at which the readings of a recording without labels are still, matched with loads in their order.
+//! Stretches of still readings in a recording without labels, matched in order with a list of loads.
 
 use crate::groups::label_runs;
 use crate::validation::plateaus::{Level, PlateauFinder, SAME_LEVEL, Steps};
@@ -6,38 +6,38 @@ use sensor_physics::MOST_CHANNELS;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::extremes;
 
-/// A hold is one without a load if every channel is within this share of its range from the first: weights that are
-/// taken off leave play.
+/// A hold has no load if every channel is within this share of its range from the first hold: play remains
+/// when weights are taken off.
 const AT_REST: f64 = 0.03;
 
-/// Holds that are not as many as the loads.
+/// The error that the number of holds does not match the number of loads.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "readings are still in `{holds}` stretches, `{loaded}` of them unlike the first, for `{loads}` loads{times}"
 )]
 pub struct HoldMismatch {
-    /// Stretches.
+    /// Number of stretches of still readings.
     pub holds: usize,
-    /// Those that differ from the first.
+    /// Number of stretches that differ from the first.
     pub loaded: usize,
-    /// Loads.
+    /// Number of loads.
     pub loads: usize,
-    /// When readings are still, in words.
+    /// Times of the stretches, in words.
     pub times: String,
 }
 
-/// Shares of the range of a channel within which levels in succession are one: those that were looked for first, and wider
-/// ones for what springs creep by.
+/// Shares of a channel's range within which successive levels are merged. The plateau finder uses the first;
+/// the wider ones allow for creep of springs.
 const SAME: [f64; 3] = [SAME_LEVEL, 0.02, 0.04];
 
 type ReadingHold = Level<MOST_CHANNELS>;
 
-/// The rows of a data set labelled by the load that was hung: stretches of still readings, in their order, are the loads
-/// in theirs. If there are more, those that read like the first are taken for moments without a load. Rows in none have
-/// the empty label.
+/// Labels the rows of a data set by the hung load: stretches of still readings are matched with the labels in
+/// order. If there are more stretches than labels, those that read like the first are taken to have no load.
+/// Rows outside all stretches have the empty label.
 ///
 /// # Errors
-/// [`HoldMismatch`] if there are not as many stretches as labels either way.
+/// [`HoldMismatch`] if neither the stretches nor the loaded stretches are as many as the labels.
 pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMismatch> {
     let finders: Vec<_> = data.logs.iter().map(finder).collect();
     let found = |same: f64| -> Vec<(usize, ReadingHold)> {
@@ -46,7 +46,7 @@ pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMis
         };
         finders.iter().enumerate().flat_map(of).collect()
     };
-    // Springs creep: levels that are nearer than loads are one, as far as that gives as many as there are labels.
+    // Springs creep, so wider limits merge levels, until there are as many levels as labels.
     let chosen = SAME.into_iter().find_map(|same| {
         let holds = found(same);
         let loaded = unlike_the_first(&holds, AT_REST.max(same));
@@ -66,7 +66,7 @@ pub fn label_holds(data: &Dataset, labels: &[String]) -> Result<Dataset, HoldMis
     Ok(data)
 }
 
-/// When stretches of still readings begin and end, s: the first few, where logs have time.
+/// Times at which the first few stretches of still readings begin and end, s, if logs have time.
 fn times(data: &Dataset, holds: &[(usize, ReadingHold)]) -> String {
     const SHOWN: usize = 4;
     let time_s = |log: usize, row: u64| {
@@ -127,7 +127,8 @@ mod tests {
     use shell_data::block::Block;
     use shell_data::wrench::Axes;
 
-    /// Three loads with rest between them, moved to in 30 rows: 100 rows of rest, 200 of a load.
+    /// Three loads with rest in between: 100 rows of rest, 200 rows of a load, each after 30 rows of
+    /// transition.
     fn recording() -> Dataset {
         let mut random = Random(3);
         let loads = [[0.0; 3], [200.0, -50.0, 30.0], [-90.0, 100.0, 10.0], [40.0, 60.0, -150.0]];
@@ -154,7 +155,7 @@ mod tests {
         let runs = &labelled.logs[0].blocks[0].labels;
         let named: Vec<&(String, usize)> = runs.iter().filter(|run| !run.0.is_empty()).collect();
         assert_eq!(named.iter().map(|run| &run.0).collect::<Vec<_>>(), ["a", "b", "c"]);
-        // The end of the way there, of 30 rows, is nearer to the load than a step.
+        // The end of the transition, which takes 30 rows, is nearer to the load than a step.
         assert!(named.iter().all(|run| (200..=225).contains(&run.1)), "{named:?}");
         assert_eq!(runs.iter().map(|run| run.1).sum::<usize>(), recording().rows() as usize);
     }
@@ -164,21 +165,21 @@ mod tests {
         let labels = ["a", "b", "c"].map(str::to_owned);
         let mut last = recording();
         let rows = Arc::make_mut(&mut last.logs[0].blocks[0].rows);
-        // Six channels that see nothing come first.
+        // Puts six channels that measure nothing first.
         rows.readings.splice(0..0, vec![vec![500.0; rows.rows]; 6]);
         let runs =
             |data: &Dataset| label_holds(data, &labels).unwrap().logs[0].blocks[0].labels.clone();
         assert_eq!(runs(&last), runs(&recording()));
     }
 
-    /// A tenth of the way comes late, by an exponential of 1.5 s: at 50 Hz, 12 s of each load.
+    /// A tenth of each change is delayed by an exponential of 1.5 s. Each load takes 12 s at 50 Hz.
     #[test]
     fn loads_that_creep_are_found_too() {
         let (mut random, mut readings, mut times) = (Random(9), Vec::new(), Vec::new());
         let (mut crept, mut load) = (0.0, 0.0);
         for (at, target) in [0.0, 800.0, 0.0, -500.0, 0.0, 300.0, 0.0].into_iter().enumerate() {
             for row in 0..600 {
-                // Half a second to hang it.
+                // Hanging the load takes half a second.
                 load += (target - load) / if row < 25 { 5.0 } else { 1.0 };
                 crept += (0.1 * target - crept) * 0.02 / 1.5;
                 readings.push(2000.0 + 0.9 * load + crept + 2.0 * random.normal());
@@ -192,7 +193,7 @@ mod tests {
         let labelled = label_holds(&data, &labels).unwrap();
         let runs = &labelled.logs[0].blocks[0].labels;
         let named: Vec<&(String, usize)> = runs.iter().filter(|run| !run.0.is_empty()).collect();
-        // What comes before the first rows that agree is in none.
+        // Rows before the first that agree are in no stretch.
         assert!(named.len() == 3 && named.iter().all(|run| run.1 > 400), "{named:?}");
         let error = label_holds(&data, &labels[..2]).unwrap_err();
         assert!(error.to_string().contains("(still: 0.0 to 1"), "{error}");

@@ -1,12 +1,12 @@
-//! The calibration from sensor readings to a wrench.
+//! Calibration from sensor readings to a wrench.
 //!
-//! `W ≈ X(s)·C`: `X` holds one [feature](model) per column, products of up to three readings, `W`
-//! the six axes of the wrench. Or the other way round: a model of what each sensor answers to a wrench
-//! ([physics]), inverted.
+//! `W ≈ X(s)·C`: `X` holds one [feature](model) per column, a product of up to three readings, and `W` the
+//! six axes of the wrench. Alternatively, a model of each sensor's response to a wrench ([physics]) is
+//! inverted.
 //!
-//! [`fit()`] takes rows, finds groups and a model, and says how far the [`Calibration`] that it found can be trusted. How
-//! rows are summed, solved and held out is the crate [`least_squares`]; how a sensor answers is [`sensor_physics`].
-//! Everything here is pure: no files, no clocks, no printing.
+//! [`fit()`] takes rows, finds groups and a model, and reports how far the resulting [`Calibration`] can be
+//! trusted. The crate [`least_squares`] sums, solves and holds out rows; [`sensor_physics`] models the
+//! response of a sensor. Everything here is pure: no files, no clocks, no printing.
 //!
 //! ```
 //! use calibration::solver::{self, FitProblem, SolverKind};
@@ -50,14 +50,14 @@ pub use self::fit::{Fit, FitOptions, fit};
 pub use least_squares::error::FitError;
 pub use least_squares::model::{Basis, Model};
 pub use least_squares::polynomial::Polynomial;
-// Callers of this crate use these modules of the two below it.
+// Callers of this crate use these modules of the two crates below it.
 pub use least_squares::{
     double_double, exact, factored, features, magnitudes, methods, model, quality, rank_loss,
     reading_ranges, scaling, solver, sums,
 };
 pub use sensor_physics as physics;
 
-/// How sure coefficients and converted samples are.
+/// Uncertainty of coefficients and converted samples.
 pub mod uncertainty {
     pub use crate::prediction::{Tare, Trust};
     pub use least_squares::uncertainty::*;

@@ -1,16 +1,17 @@
 //! Memory terms: the difference between a reading and its moving average.
 //!
-//! Flexures creep and gels relax, so a reading depends on earlier loads. In addition to its features a model may
-//! have, for each channel and each time constant τ, the term
+//! Flexures creep and gels relax, so a reading depends on earlier loads. In addition to its features a model
+//! may have, for each channel and each time constant τ, the term
 //!
 //! ```text
 //! m(t) = s(t) − e(t),    τ·de/dt = s − e
 //! ```
 //!
 //! as a linear column. A reading is held until the next, so `e` at a row follows from the previous row by
-//! `e ← e + (1 − exp(−Δt/τ))·(s − e)`, exact however uneven the rows: repeating a row changes nothing, and a lost one
-//! is bridged by time. A row that comes late, after rows of later times, is compared with what `e` is by then and
-//! changes nothing. Where the clock jumps, the terms start anew at zero, as at the start of a log. They are causal.
+//! `e ← e + (1 − exp(−Δt/τ))·(s − e)`. This is exact for uneven rows, too: a repeated row changes nothing,
+//! and time bridges a lost one. A late row, which follows rows of later times, is compared with the current
+//! `e` and changes nothing. If the clock jumps, the terms restart at zero, as at the start of a log. The
+//! terms are causal.
 
 use shell_data::block::Block;
 
@@ -26,7 +27,7 @@ pub enum TimeBase {
 }
 
 impl TimeBase {
-    /// All of them.
+    /// All units.
     pub const ALL: [Self; 2] = [Self::Seconds, Self::Rows];
 
     /// The name of the unit in documents and messages.
@@ -45,7 +46,7 @@ pub struct MemoryTerms {
     pub time_base: TimeBase,
     /// Time constants, ascending, in units of the time base.
     pub time_constants: Vec<f64>,
-    /// A step of the clock beyond this, or back, starts the terms anew; `None` where rows are counted.
+    /// A step of the clock beyond this, in either direction, restarts the terms; `None` if rows are counted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gap: Option<f64>,
 }
@@ -74,10 +75,11 @@ impl MemoryTerms {
 }
 
 impl MemoryState {
-    /// The terms of the next rows: columns as long as `readings`, channel by channel for each time constant.
+    /// Computes the terms of the next rows: columns as long as those of `readings`, channel by channel for
+    /// each time constant.
     ///
     /// # Errors
-    /// [`NoTime`] if the time constants are in seconds and `times_s` has no time for each row.
+    /// [`NoTime`] if the time constants are in seconds and `times_s` does not have a time for each row.
     pub fn terms(
         &mut self,
         times_s: &[f64],

@@ -1,41 +1,43 @@
-//! Whether a calibration is plausible: its centre lies near its training readings, and the forces over their range
-//! are finite and not larger than a force can be.
+//! Check that a calibration is plausible: its centre lies near its training readings, and the forces over
+//! their range are finite and physically possible.
 //!
-//! This finds damaged files and mistyped numbers, not poor fits.
+//! The check finds damaged files and mistyped numbers, not poor fits.
 
 use shell_data::wrench::{Axis, PerAxis};
 
 use crate::conversion::Calibration;
 use least_squares::reading_ranges::ReadingRange;
 
-/// The largest force that is believed, in N or N·m, where the training loads are not larger themselves.
+/// Largest plausible force, in N or N·m, unless the training loads imply a larger one.
 const LARGEST_FORCE: f64 = 1e15;
 
-/// How many times the largest training load a force may be at a corner of the training range. Channels that
-/// move together leave coefficients that cancel each other only near the training data.
+/// Largest plausible ratio of a force at a corner of the training range to the largest training load.
+/// Channels that move together give coefficients that cancel only near the training data.
 const TIMES_LOAD: f64 = 1e12;
 
-/// How many widths of the training range the centre may lie outside it: outliers that were dropped move it.
+/// Largest plausible distance of the centre from the training range, in widths of that range: dropped
+/// outliers move the centre.
 const WIDTHS: f64 = 1e3;
 
-/// Channels whose corners are all looked at; of more, only those where all channels but one agree.
+/// Number of channels up to which all corners are checked; with more, only corners where all channels but one
+/// agree.
 const CORNER_CHANNELS: usize = 8;
 
 /// An implausible value in a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum Implausible {
-    /// Readings are centred where none were.
+    /// A centre far from all training readings.
     #[error(
         "the centre of channel {channel} is `{centre:e}`, its training data reached from `{min}` to `{max}`"
     )]
     Centre {
         /// The channel, from 1.
         channel: usize,
-        /// Its centre, in counts.
+        /// The centre of the channel, in counts.
         centre: f64,
         /// The smallest reading.
         min: f64,
-        /// The largest.
+        /// The largest reading.
         max: f64,
     },
     /// A force that is not finite or too large.
@@ -49,7 +51,7 @@ pub enum Implausible {
 }
 
 impl Calibration {
-    /// Whether centres and forces are believable over the range of the training data, if that is known.
+    /// Checks that centres and forces are plausible over the range of the training data, if that is known.
     /// `largest_load` is the largest magnitude of the training loads, N or N·m.
     ///
     /// # Errors
@@ -60,7 +62,7 @@ impl Calibration {
             for (at, (&centre, range)) in polynomial.scaling().centre.iter().zip(ranges).enumerate()
             {
                 let ReadingRange { min, max } = *range;
-                // Rounded to a count.
+                // The width is at least one count.
                 let reach = WIDTHS * (max - min).max(1.0);
                 if !(min - reach..=max + reach).contains(&centre) {
                     return Err(Implausible::Centre { channel: at + 1, centre, min, max });
@@ -80,14 +82,14 @@ impl Calibration {
     }
 }
 
-/// Corners of the box that readings lay in, one column for each channel.
+/// Corners of the box of training readings, one column for each channel.
 fn corners(ranges: &[ReadingRange]) -> Vec<Vec<f64>> {
     let channels = ranges.len();
     let has_all = channels <= CORNER_CHANNELS;
     let rows = if has_all { 1 << channels } else { 2 * (channels + 1) };
     let is_high = |row: usize, channel: usize| match has_all {
         true => row >> channel & 1 == 1,
-        // Rows of an even and an odd number are mirrored.
+        // Each odd row mirrors the even row before it.
         false => (row / 2 == channel) != (row % 2 == 1),
     };
     let column = |(channel, range): (usize, &ReadingRange)| {
@@ -130,7 +132,7 @@ mod tests {
                     "{found:?}"
                 );
             }
-            // Who has loads of 1e50 has forces of that size.
+            // Training loads of 1e50 allow forces of that size.
             assert_eq!(check(500.0, 1e50, Some(1e50)), Ok(()));
         }
     }

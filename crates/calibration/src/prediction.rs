@@ -8,25 +8,25 @@ use sensor_physics::Flags;
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
-/// The unloaded state that later samples are measured from.
+/// The unloaded state that later samples are measured against.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tare {
     /// Number of frames.
     pub frames: usize,
-    /// Their mean features.
+    /// Mean features of the frames.
     pub features: Vec<f64>,
-    /// Their mean wrench, N and N·m, to be subtracted.
+    /// Mean wrench of the frames, N and N·m, to be subtracted.
     pub wrench: PerAxis<f64>,
-    /// For a physics model the mean variance of the error at their pose, squares of N and N·m, which
-    /// does not fall with more frames; zero for a polynomial, where the features say it.
+    /// Mean variance of a physics model's error at the pose of the frames, squares of N and N·m, which does
+    /// not fall with more frames. Zero for a polynomial, where the features give it.
     pub variance: PerAxis<f64>,
 }
 
 impl Calibration {
-    /// The mean state of some frames; `None` for zero frames.
+    /// Mean state of some frames; `None` for zero frames.
     ///
     /// # Panics
-    /// If `readings` are not the model's channels, or of different lengths.
+    /// If `readings` does not have one column per channel of the model, or the columns differ in length.
     pub fn tare(&self, readings: &[Vec<f64>]) -> Option<Tare> {
         let readings = &*self.with_terms(readings);
         let frames = self.rows_of(readings);
@@ -59,11 +59,10 @@ impl Calibration {
         self.covariance.is_some() || matches!(self.kind, Kind::Physics(_))
     }
 
-    /// How far to trust every row: standard errors, if they are wanted and known, and channels that
-    /// say nothing.
+    /// Reliability of every row: standard errors, if requested and known, and channels without information.
     ///
     /// # Panics
-    /// If `readings` are not the model's channels, or of different lengths.
+    /// If `readings` does not have one column per channel of the model, or the columns differ in length.
     pub fn trust(&self, readings: &[Vec<f64>], tare: Option<&Tare>, errors: bool) -> Trust {
         let Kind::Physics(physics) = &self.kind else {
             let known = errors.then(|| self.standard_errors(readings, tare)).flatten();
@@ -78,12 +77,12 @@ impl Calibration {
         }
     }
 
-    /// The standard error of every row and axis, N and N·m; see the module for the formulas.
+    /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`] for the formulas.
     ///
     /// `readings` has one column per channel, in counts. `None` if the calibration carries no covariance.
     ///
     /// # Panics
-    /// If `readings` are not the model's channels, or of different lengths.
+    /// If `readings` does not have one column per channel of the model, or the columns differ in length.
     pub fn standard_errors(
         &self,
         readings: &[Vec<f64>],
@@ -103,21 +102,20 @@ impl Calibration {
     }
 }
 
-/// How far to trust some rows. Masks have bit `i` for channel `i`; there are none where the model
-/// does not tell.
+/// Reliability of some rows. Masks have bit `i` for channel `i`; they are empty if the model does not provide
+/// them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trust {
-    /// N and N·m.
+    /// Standard errors, N and N·m.
     pub standard_errors: PerAxis<Vec<f64>>,
-    /// Channels on a plateau of their curve, which say nothing about the wrench.
+    /// Channels on a plateau of their curve, which carry no information about the wrench.
     pub saturated: Vec<u64>,
-    /// Channels that a model left out: constant in its training data, not a number, or at odds with all
-    /// others.
+    /// Channels that the model left out: constant in its training data, not a number, or inconsistent with
+    /// all others.
     pub left_out: Vec<u64>,
 }
 
-/// The standard errors of differences from the tare: the errors of two poses have nothing to do with
-/// each other.
+/// Standard errors of differences from the tare: the errors of two poses are independent.
 fn tared(mut errors: PerAxis<Vec<f64>>, tare: Option<&Tare>) -> PerAxis<Vec<f64>> {
     if let Some(tare) = tare {
         for (column, variance) in errors.iter_mut().zip(tare.variance) {
@@ -234,7 +232,7 @@ mod tests {
         let errors = calibration.standard_errors(&new, None).unwrap();
         for (&s, &error) in new[0].iter().zip(&errors[2]) {
             let variance = 1.0 + 1.0 / 5.0 + (s - mean) * (s - mean) / squares;
-            // A handful of roundings.
+            // A few rounding errors.
             assert!((error - 0.5 * f64::sqrt(variance)).abs() < 1e-14);
         }
     }
@@ -259,7 +257,7 @@ mod tests {
             covariance.coefficients = CoefficientCovariance::Groups { groups: 5, factors };
         }
         let errors = calibration.standard_errors(&[vec![3.0]], None).unwrap();
-        // The row [3, 1]: 0.25 of its own, (3·axis)² and 2² of the coefficients.
+        // The row [3, 1]: the variance 0.25 of the row, and (3·axis)² and 2² from the coefficients.
         let expected = |axis: usize| (0.25 + 9.0 * (axis * axis) as f64 + 4.0).sqrt();
         (0..6).for_each(|axis| assert!((errors[axis][0] - expected(axis)).abs() < 1e-14));
     }

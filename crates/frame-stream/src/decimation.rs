@@ -2,7 +2,7 @@
 //!
 //! Every number of a row passes a causal 8th-order Butterworth low-pass with a cutoff of 0.4 of the new rate,
 //! and every n-th row is passed on. Components above 0.6 of the new rate, whose aliases would be below 0.4 of
-//! it, are attenuated by 1/√(1 + 1.5¹⁶) or more, 28 dB (S. Butterworth, 1930); components above the new rate
+//! it, are attenuated by at least √(1 + 1.5¹⁶), 28 dB (S. Butterworth, 1930); components above the new rate
 //! by 64 dB. The filter delays its passband by about 1/rate.
 
 use forces::filter::{Butterworth, Filter, FilterError};
@@ -17,7 +17,7 @@ const ORDER: usize = 8;
 /// The cutoff, as a fraction of the new rate.
 const CUTOFF: f64 = 0.4;
 
-/// Fraction of the signal before a pause at which the filter counts as settled.
+/// Remaining fraction of an old signal at which the filter counts as settled.
 const FORGOTTEN: f64 = 1e-6;
 
 /// Number of filtered values per row.
@@ -28,14 +28,15 @@ const COLUMNS: usize = CHANNELS + Axis::ALL.len();
 pub struct Decimator {
     rate_hz: f64,
     stage: Stage,
-    /// Flags of rows since the last that was passed on, and whether frames before them were lost.
+    /// Flags of the rows since the last one that was passed on.
     flags: String,
+    /// True if frames between these rows were lost.
     lost: bool,
 }
 
 #[derive(Clone, Debug)]
 enum Stage {
-    /// The clock is being determined from the first rows, which wait.
+    /// The clock is being determined from the first rows, which wait until then.
     Search(ClockSearch, Vec<StreamRow>),
     /// The rows are not faster than the requested rate.
     All,
@@ -49,7 +50,7 @@ struct Filtered {
     /// Number of slots after which the filter has settled.
     memory: u64,
     design: Butterworth,
-    /// Filters that include all values before the newest slot, with the newest value.
+    /// For each column, the filter after all values before the newest slot, and the newest value.
     filters: Vec<Option<(Filter, f64)>>,
     slot: u64,
     /// Period of the new rate in which the last row was passed on.
@@ -134,7 +135,7 @@ fn stage(clock: Option<Clock>, rate_hz: f64) -> Result<Stage, FilterError> {
 }
 
 impl Filtered {
-    /// Filters a row; returns whether to pass it on.
+    /// Filters a row; returns true if the row should be passed on.
     fn take(&mut self, row: &mut StreamRow, rate_hz: f64) -> bool {
         let slot = self.grid.slots(&[time_s(row)])[0];
         let steps = slot - std::mem::replace(&mut self.slot, slot);
@@ -218,7 +219,7 @@ mod tests {
             rows.iter().filter(|row| row.flags == "mark1").map(|row| row.index).collect();
         assert_eq!(marked, [780]);
         assert!(rows.iter().all(|row| row.lost == (row.index == 780)));
-        // 1000/300 is no whole number: three or four rows apart, as many as were asked for.
+        // 1000/300 is not an integer: rows are three or four apart, and their number is as requested.
         assert_eq!(decimated(300.0, 5.0).len(), 900);
         assert_eq!(decimated(1000.0, 5.0).len(), 3000);
         assert_eq!(decimated(5000.0, 5.0).len(), 3000);

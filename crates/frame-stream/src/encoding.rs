@@ -1,8 +1,9 @@
 //! Rows as text: a JSON object per line, or CSV.
 //!
-//! Names are as in `record` and `convert`: `t_s`, `index`, `host_s`, `s1` … `s8`, `fx_n` … `mz_nm`, `fx_se_n`
-//! … `mz_se_nm`, `flags`. At the end come `row`, the number of the row in this stream, and `lost`, the number
-//! of rows that this reader has lost so far. Numbers have the fewest digits that read back to the same bits.
+//! The names are those used by `record` and `convert`: `t_s`, `index`, `host_s`, `s1` … `s8`, `fx_n` …
+//! `mz_nm`, `fx_se_n` … `mz_se_nm`, `flags`. The last two are `row`, the number of the row in this stream,
+//! and `lost`, the number of rows that this reader has lost so far. Numbers have the fewest digits that read
+//! back to the same bits.
 
 use board_link::recording::write_time;
 use shared_proto::CHANNELS;
@@ -25,7 +26,7 @@ pub struct StreamRow {
     pub standard_errors: Option<PerAxis<f64>>,
     /// Flags as in a log, plus `tared` and `markN`.
     pub flags: String,
-    /// Frames between the row before and this one have not arrived.
+    /// True if frames between the previous row and this one were lost.
     pub lost: bool,
 }
 
@@ -35,16 +36,15 @@ pub enum StreamFormat {
     /// An object per line; unknown values are left out.
     #[default]
     JsonLines,
-    /// Columns determined by the first row, after a header line.
+    /// A header line, then the columns of the first row.
     Csv,
 }
 
-/// Encodes rows as text.
 #[derive(Clone, Debug)]
 pub struct RowEncoder {
     format: StreamFormat,
     axes: Axes,
-    /// The names of readings, wrench and standard errors, as far as present.
+    /// The names of readings, wrench and standard errors; empty if they are not written.
     names: [Vec<String>; 3],
 }
 
@@ -73,7 +73,7 @@ impl RowEncoder {
         (self.format == StreamFormat::Csv).then(|| line.into_bytes())
     }
 
-    /// Returns a row without its end, which [`end`](Self::end) adds for each reader.
+    /// Returns a row without its end, which [`end`](Self::end) returns for each reader.
     pub fn begin(&self, row: &StreamRow) -> Vec<u8> {
         let mut text = Vec::with_capacity(512);
         let [time, index, host, flags, end] = match self.format {

@@ -1,14 +1,14 @@
 //! Latency of rows at their readers.
 //!
-//! The offset between the clocks of board and computer is unknown. The fastest row of every ten seconds is
-//! taken as zero, which also follows clock drift, and the latency of a row is its additional delay. The delay
-//! of the fastest row itself (conversion and transmission) is not included.
+//! The offset between the clocks of the board and the computer is unknown. The latency of a row is therefore
+//! its delay beyond that of the fastest row within the same ten seconds, which also follows clock drift. The
+//! delay of the fastest row itself (conversion and transmission) is not included.
 
 use std::fmt;
 
 use calibration::magnitudes::Magnitudes;
 
-/// Duration for which a fastest row is the reference, in µs of the board's clock.
+/// Duration of a stretch, which has one fastest row, in µs of the board's clock.
 const STRETCH_US: i64 = 10_000_000;
 
 /// Unit of the counted delays, µs: delays up to 2.56 s are distinguished.
@@ -17,8 +17,9 @@ const UNIT_US: f64 = 10_000.0;
 /// Collects delays.
 #[derive(Clone, Debug, Default)]
 pub struct Latency {
-    /// Delays of the current stretch, µs, and its start.
+    /// Differences between the clocks in the current stretch, µs.
     stretch: Vec<i64>,
+    /// Start of the stretch on the board's clock, µs.
     start_us: i64,
     /// Delays of the earlier stretches, in [`UNIT_US`].
     delays: Magnitudes,
@@ -28,7 +29,6 @@ pub struct Latency {
 /// Summary of the latency of all rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LatencySummary {
-    /// Number of rows.
     pub rows: u64,
     /// Median delay, ms.
     pub median_ms: f64,
@@ -37,7 +37,8 @@ pub struct LatencySummary {
 }
 
 impl Latency {
-    /// Adds a row: its time on the board's clock, and the time of its output on the computer's clock, µs.
+    /// Adds a row, given its time on the board's clock and the time of its output on the computer's clock,
+    /// µs.
     pub fn push(&mut self, board_us: i64, host_us: i64) {
         if self.stretch.is_empty() {
             self.start_us = board_us;
@@ -85,15 +86,14 @@ mod tests {
     fn delays_are_beyond_the_fastest_row_of_their_stretch() {
         let mut latency = Latency::default();
         assert_eq!(latency.clone().summary(), None);
-        // 1 kHz for 60 s; the computer's clock gains 100 ppm, or 1 ms per stretch; one row in 50 is 5 ms
-        // late.
+        // 1 kHz for 60 s. The computer's clock gains 100 ppm, 1 ms per stretch. One row in 50 is 5 ms late.
         for i in 0..60_000_i64 {
             let late = if i % 50 == 49 { 5000 } else { 0 };
             latency.push(i * 1000, 77_000_000 + i * 1000 + i / 10 + late);
         }
         let found = latency.summary().unwrap();
         assert_eq!(found.rows, 60_000);
-        // Half the gain within a stretch; the late rows are two in a hundred.
+        // The median is half the gain of a stretch. 2 % of the rows are late, so the 99th percentile is too.
         assert!((0.45..=0.55).contains(&found.median_ms), "{found}");
         assert!((5.0..=6.0).contains(&found.p99_ms), "{found}");
     }

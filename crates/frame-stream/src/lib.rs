@@ -1,14 +1,14 @@
-//! Frames for other programs, in real time.
+//! Streams of frames to other programs in real time.
 //!
 //! ```text
 //! BoardFrame ─ FrameStream ─▶ StreamRow ─ Decimator ─▶ RowEncoder ─▶ Readers (a pipe, a file, UDP, TCP)
-//!                                                      └──▶ NetFtBox (records as an ATI box sends them)
+//!                                                      └──▶ NetFtBox (records in the format of an ATI box)
 //! ```
 //!
-//! [`FrameStream`] computes forces with the [pipeline](forces) of all commands, so a row has the same bits as
-//! in a log; [`Decimator`] reduces the rate without aliasing. [`Readers`] never block: a slow reader loses
-//! rows, every row contains the number lost, and other readers are not affected. A [`StreamWatcher`] is a
-//! [`Watcher`](board_link::Watcher) that streams a running recording.
+//! [`FrameStream`] computes forces with the same [pipeline](forces) as all commands, so a row has the same
+//! bits as in a log; [`Decimator`] reduces the rate without aliasing. [`Readers`] never block: a slow reader
+//! loses rows, every row contains the number lost, and other readers are not affected. A [`StreamWatcher`] is
+//! a [`Watcher`](board_link::Watcher) that streams a running recording.
 
 #![allow(
     clippy::disallowed_methods,

@@ -1,13 +1,13 @@
-//! A stream as an ATI Net F/T box sends it: records over UDP to the program that asked last.
+//! A stream in the format of an ATI Net F/T box: records over UDP to the client with the latest request.
 //!
 //! ```text
-//! request ─ a thread ─▶ who is served, how ┐
+//! request ─ a thread ─▶ client, mode ──────┐
 //! row ─▶ counts − bias, status word ───────┴─▶ a record, or several in one datagram
 //! ```
 //!
-//! Counts are millionths of N and N·m. `ft_sequence` is the number of the frame, so that frames that were lost on the way from
-//! the board leave a gap there; `rdt_sequence` counts records since the start. As a box does, it serves one
-//! program at a time, and takes the newest load as zero when it is asked for a bias.
+//! Counts are 1 µN and 1 µN·m. `ft_sequence` is the number of the frame, so that frames lost on the way from
+//! the board leave a gap in it; `rdt_sequence` counts the records since the start of the stream. Like a box,
+//! the stream serves one client at a time, and a bias request takes the newest load as zero.
 
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
@@ -23,21 +23,21 @@ use shell_data::lock::lock;
 use crate::encoding::StreamRow;
 use crate::summary::ReaderSummary;
 
-/// How soon the thread notices that it is to end.
+/// Timeout of a read, and thus the time in which the thread notices that it should end.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// How long a datagram may take to be handed over.
+/// Timeout for handing a datagram to the system.
 const HAND_OVER: Duration = Duration::from_millis(1);
 
-/// Between two estimates of the rate, µs.
+/// Interval between estimates of the rate, µs.
 const RATE_US: i64 = 1_000_000;
 
-/// Where a box answers.
+/// The address at which the stream answers requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NetFtAddress {
-    /// This machine alone, unless told otherwise.
+    /// IP address; the default accepts requests from this machine only.
     pub ip: IpAddr,
-    /// The port of UDP, where it is not that of a box.
+    /// UDP port; `None` for the port of a box.
     pub port: Option<u16>,
 }
 
@@ -47,22 +47,22 @@ impl Default for NetFtAddress {
     }
 }
 
-/// The page of a box: `netftapi2.xml`.
+/// The settings page of a box, `netftapi2.xml`.
 #[derive(Clone, Debug)]
 pub struct NetFtPage {
-    /// Where it belongs: the first of these that is free.
+    /// Addresses for the page; the first free one should serve it.
     pub addresses: Vec<SocketAddr>,
     state: Arc<Mutex<BoxState>>,
 }
 
 impl NetFtPage {
-    /// The page as it is now.
+    /// Returns the current page.
     pub fn text(&self) -> String {
         page::write(&BoxSettings::micro(), lock(&self.state).rate_hz, "shellcal")
     }
 }
 
-/// A stream that answers as a box does.
+/// A stream that answers like a box.
 #[derive(Debug)]
 pub(crate) struct NetFtBox {
     socket: Arc<UdpSocket>,
@@ -72,12 +72,12 @@ pub(crate) struct NetFtBox {
     ended: Arc<AtomicBool>,
 }
 
-/// Who is served.
+/// The client that receives the records.
 #[derive(Clone, Copy, Debug)]
 struct ServedClient {
     address: SocketAddr,
     is_buffered: bool,
-    /// Datagrams that are still to be sent; `None` of no end.
+    /// Number of datagrams still to be sent; `None` without end.
     left: Option<u32>,
 }
 
@@ -85,19 +85,19 @@ struct ServedClient {
 struct BoxState {
     client: Option<ServedClient>,
     rdt_sequence: u32,
-    /// Records of a datagram that is not full.
+    /// Records of a datagram that is not full yet.
     waiting: Vec<u8>,
-    /// The newest load, and what is taken off.
+    /// Counts of the newest load.
     newest: Option<[i32; 6]>,
+    /// Counts that are subtracted from every load.
     bias: [i32; 6],
-    /// A bias was asked for before there was a load.
+    /// True if a bias was requested before the first load.
     is_bias_due: bool,
     rate_hz: u32,
-    /// Since when rows are counted for the rate, and how many there were.
+    /// Start of the rate estimate, µs, and the number of rows since.
     counted: Option<(i64, u32)>,
     sent: u64,
     failed: u64,
-    /// Rows that had no forces.
     without_forces: u64,
 }
 
@@ -105,13 +105,14 @@ impl NetFtBox {
     /// Listens for requests.
     ///
     /// # Errors
-    /// What the system says.
+    /// The system's error.
     pub(crate) fn open(at: NetFtAddress) -> io::Result<Self> {
         let socket = UdpSocket::bind((at.ip, at.port.unwrap_or(rdt::PORT)))?;
         socket.set_read_timeout(Some(WAIT))?;
         socket.set_write_timeout(Some(HAND_OVER))?;
         let (socket, address) = (Arc::new(socket.try_clone()?), socket.local_addr()?);
-        // A box has its page at port 80, which not everybody may take; then it is where the records are.
+        // A box serves its page at port 80, which not every user may open. The alternative is the TCP port
+        // with the number of the UDP port.
         let page_ports = match at.port {
             None => vec![80, address.port()],
             Some(_) => vec![address.port()],
@@ -129,7 +130,7 @@ impl NetFtBox {
                         }
                     }
                     Err(error) if is_pause(&error) => {}
-                    // On some systems a client that has gone shows here.
+                    // Some systems report here that a client has gone.
                     Err(_) => thread::sleep(HAND_OVER),
                 }
             }
@@ -138,7 +139,7 @@ impl NetFtBox {
         Ok(Self { socket, address, page_ports, state, ended })
     }
 
-    /// Where it answers.
+    /// Returns the address on which it listens for requests.
     pub(crate) fn address(&self) -> SocketAddr {
         self.address
     }
@@ -151,7 +152,7 @@ impl NetFtBox {
         }
     }
 
-    /// Sends a row to whoever is served.
+    /// Sends a row to the client, if there is one.
     pub(crate) fn send(&self, row: &StreamRow) {
         let datagram = lock(&self.state).take(row);
         let Some((datagram, to)) = datagram else { return };
@@ -161,7 +162,6 @@ impl NetFtBox {
         *(if is_sent { &mut state.sent } else { &mut state.failed }) += records;
     }
 
-    /// What it was.
     pub(crate) fn summary(&self) -> ReaderSummary {
         let state = lock(&self.state);
         let problem = match state.without_forces {
@@ -211,7 +211,8 @@ impl BoxState {
         let goes_on = self.client.is_some_and(|client| {
             client.address == from && client.is_buffered == is_buffered && client.left.is_none()
         });
-        // Who is served already asks again after a bias, with records on their way: their numbers go on.
+        // A client that is already served may repeat its request after a bias, while records are on their
+        // way: `rdt_sequence` continues.
         if goes_on && left.is_none() {
             return;
         }
@@ -220,7 +221,7 @@ impl BoxState {
         self.waiting.clear();
     }
 
-    /// The datagram that is due with a row, and to whom.
+    /// Takes a row; returns the datagram that is due with it, and its destination.
     fn take(&mut self, row: &StreamRow) -> Option<(Vec<u8>, SocketAddr)> {
         self.count(row.time_us);
         let Some(wrench) = &row.wrench else {
@@ -260,7 +261,7 @@ impl BoxState {
         Some((std::mem::take(&mut self.waiting), to))
     }
 
-    /// Counts a row for the rate that the page tells.
+    /// Counts a row for the rate on the page.
     fn count(&mut self, time_us: i64) {
         let (since, rows) = self.counted.unwrap_or((time_us, 0));
         let elapsed = time_us - since;
@@ -275,7 +276,6 @@ impl BoxState {
     }
 }
 
-/// The status word of a row.
 fn status_of(row: &StreamRow, is_beyond: bool) -> u32 {
     let has = |ending: &str| row.flags.split(' ').any(|flag| flag.ends_with(ending));
     let errors = [

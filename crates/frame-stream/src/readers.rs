@@ -26,22 +26,19 @@ const ACCEPT: Duration = Duration::from_millis(10);
 /// Time for each reader to take pending rows at the end.
 const PATIENCE: Duration = Duration::from_millis(500);
 
-/// A destination of rows.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Destination {
-    /// The standard output.
     Stdout,
-    /// A file.
     File(PathBuf),
     /// This UDP address; each row is a datagram.
     Udp(SocketAddr),
     /// Programs that connect to this TCP address.
     Tcp(SocketAddr),
-    /// The program that asks for records as of an ATI Net F/T box.
+    /// A client of an ATI Net F/T box, which requests its records.
     NetFt(NetFtAddress),
 }
 
-/// A word that is not a destination.
+/// Text that does not name a destination.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "{0}; a destination is `-`, `udp:HOST:PORT`, `tcp:PORT`, `tcp:IP:PORT`, `netft`, `netft:PORT` or a file"
@@ -92,7 +89,7 @@ impl fmt::Display for Destination {
 }
 
 impl Destination {
-    /// Returns the format if none is requested, which depends on the name of a file.
+    /// Returns the default format, which depends on the extension of a file.
     fn format(&self) -> StreamFormat {
         let is_csv = |path: &PathBuf| {
             path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("csv"))
@@ -110,10 +107,11 @@ pub struct Readers {
     readers: Vec<StreamReader>,
     listeners: Vec<TcpListener>,
     boxes: Vec<NetFtBox>,
-    /// How rows are written, where that was said.
+    /// The requested format, if any.
     format: Option<StreamFormat>,
     /// An encoder per format, created for its first reader.
     encoders: [Option<RowEncoder>; 2],
+    /// Time of the last check for new connections.
     looked: Option<Instant>,
     /// Number of rows so far.
     rows: u64,
@@ -126,11 +124,12 @@ struct StreamReader {
     name: String,
     way: Transport,
     format: StreamFormat,
-    /// True if it is an output of the program, which must be complete; other readers may leave.
+    /// True for a file or the standard output, which must be complete; other readers may leave.
     is_output: bool,
     has_names: bool,
-    /// Rows handed to the reader, and rows lost.
+    /// Number of rows handed to the reader.
     handed: u64,
+    /// Number of rows lost.
     lost: u64,
 }
 
@@ -182,17 +181,17 @@ impl Readers {
         Ok(readers)
     }
 
-    /// Returns the addresses on which it listens for TCP readers.
+    /// Returns the TCP addresses to which readers can connect.
     pub fn addresses(&self) -> Vec<SocketAddr> {
         self.listeners.iter().filter_map(|listener| listener.local_addr().ok()).collect()
     }
 
-    /// Where it answers as a Net F/T box, and the page of each.
+    /// Returns the addresses that answer like a Net F/T box, each with its page.
     pub fn boxes(&self) -> impl Iterator<Item = (SocketAddr, NetFtPage)> {
         self.boxes.iter().map(|of| (of.address(), of.page()))
     }
 
-    /// Whether all readers are gone and none can connect.
+    /// Returns true if all readers are gone and none can connect.
     pub fn are_gone(&self) -> bool {
         self.readers.is_empty() && self.listeners.is_empty() && self.boxes.is_empty()
     }
@@ -227,7 +226,7 @@ impl Readers {
         }
         self.looked = Some(Instant::now());
         for listener in &self.listeners {
-            // A connection that is closed already is skipped.
+            // Skips a connection that is already closed.
             while let Ok((stream, peer)) = listener.accept() {
                 if let Ok(reader) = connection(stream) {
                     let (name, way) = (format!("tcp:{peer}"), Transport::Pipe(reader));
@@ -244,7 +243,7 @@ impl Readers {
         let rest: Vec<_> = rest.collect();
         let boxes = self.boxes.iter().map(NetFtBox::summary);
         let mut all: Vec<ReaderSummary> = self.gone.into_iter().chain(rest).chain(boxes).collect();
-        // An output was there from the first row on, and misses all that it does not hold.
+        // An output exists from the first row on, so every row that it does not hold is lost.
         for output in all.iter_mut().filter(|summary| summary.is_broken) {
             output.lost = self.rows - output.rows;
         }
@@ -253,7 +252,7 @@ impl Readers {
 }
 
 fn connection(stream: TcpStream) -> io::Result<PipeReader> {
-    // On some systems it inherits the mode of its listener.
+    // On some systems a connection inherits the mode of its listener.
     stream.set_nonblocking(false)?;
     stream.set_nodelay(true)?;
     PipeReader::new("tcp", stream)
@@ -328,8 +327,7 @@ impl StreamReader {
         let end = encoder.end(number, self.lost);
         let is_taken = match &mut self.way {
             Transport::Pipe(pipe) => pipe.send([&names, row, &end].concat())?,
-            // A datagram is one line. Errors mean that no program listens yet, or that the network is down;
-            // both may pass.
+            // A datagram is one line. Errors are temporary: no program listens yet, or the network is down.
             Transport::Udp(socket) => {
                 if !names.is_empty() {
                     _ = socket.send(&names);
@@ -378,14 +376,14 @@ const WAITING: usize = 4096;
 /// Maximum number of bytes per write.
 const PIECE: usize = 1 << 16;
 
-/// A reader with its own thread, since a pipe, a disk or a network may block: the sending end of its queue of
-/// rows.
+/// The sending end of a queue of rows to a reader with its own thread, since a pipe, a disk or a network may
+/// block.
 #[derive(Debug)]
 struct PipeReader {
     rows: Option<SyncSender<Vec<u8>>>,
     /// Number of rows written.
     written: Arc<AtomicU64>,
-    /// `None` after it was joined.
+    /// The writing thread; `None` after it was joined.
     thread: Option<JoinHandle<io::Result<()>>>,
 }
 
@@ -414,7 +412,7 @@ impl PipeReader {
         }
     }
 
-    /// Waits for pending rows, as long as each step takes less than `patience`; returns the total number of
+    /// Waits until pending rows are written, or none was written for `patience`; returns the total number of
     /// rows written.
     fn finish(&mut self, patience: Duration) -> (u64, io::Result<()>) {
         self.rows = None;

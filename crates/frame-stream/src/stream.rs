@@ -20,19 +20,20 @@ use crate::summary::ReaderSummary;
 use shell_data::lock::lock;
 use shell_data::wrench::Axes;
 
-/// The lowest row rate, Hz: at 2 kHz a low-pass below it cannot be computed in double precision.
+/// The lowest row rate, Hz. For frames at 2 kHz, a low-pass for a lower rate cannot be computed in double
+/// precision.
 pub const LEAST_RATE_HZ: f64 = 0.1;
 
 /// A command to a running stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StreamCommand {
-    /// Take the mean wrench of the next frames as zero.
+    /// Takes the mean wrench of the next frames as zero.
     Tare,
-    /// Remove that zero.
+    /// Removes that zero.
     Untare,
-    /// Flag the next row.
+    /// Flags the next row.
     Mark,
-    /// Set the number of rows per second; `None` for all.
+    /// Sets the number of rows per second; `None` for all.
     Rate(Option<f64>),
 }
 
@@ -73,7 +74,7 @@ pub struct FrameStream {
     /// The zero of the wrenches; the first row with a new zero has the flag `tared`.
     tare: RunningTare,
     last_index: Option<i64>,
-    /// Number of marks so far, and number of pending marks.
+    /// Number of marks so far, and of pending marks.
     marks: (u32, u32),
     commands: Option<Receiver<StreamCommand>>,
     decimator: Option<Decimator>,
@@ -84,15 +85,14 @@ pub struct FrameStream {
     newest: Option<i64>,
 }
 
-/// Options of a stream.
 #[derive(Debug, Default)]
 pub struct StreamOptions {
     /// Calibration for forces in addition to the readings.
     pub forces: Option<LiveForces>,
-    /// True if frames come from a log, so that times and readings need no alignment.
+    /// True if frames come from a log, whose times and readings need no alignment.
     pub from_log: bool,
-    /// True if channels are aligned to a common time, as in `record`; every frame then waits for the three
-    /// after it.
+    /// True if channels are aligned to a common time, as in `record`; every frame then waits for the next
+    /// three.
     pub one_time: bool,
     /// Maximum number of rows per second.
     pub rate_hz: Option<f64>,
@@ -100,16 +100,13 @@ pub struct StreamOptions {
     pub commands: Option<Receiver<StreamCommand>>,
 }
 
-/// Summary of a stream.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamSummary {
     /// Number of frames received.
     pub frames: u64,
     /// Number of rows made from them.
     pub rows: u64,
-    /// Results of the readers.
     pub readers: Vec<ReaderSummary>,
-    /// Latency of the rows.
     pub latency: Option<LatencySummary>,
 }
 
@@ -136,7 +133,7 @@ impl FrameStream {
         })
     }
 
-    /// Returns whether all readers have ended and no new one can connect.
+    /// Returns true if all readers have ended and no new one can connect.
     pub fn is_deserted(&self) -> bool {
         self.readers.are_gone()
     }
@@ -155,7 +152,7 @@ impl FrameStream {
         self.pass(frames, false)
     }
 
-    /// Sends the rows of frames; at the end also of those that waited for later frames.
+    /// Sends the rows of frames; at the end, also the rows of frames that waited for later ones.
     fn pass(&mut self, frames: &[BoardFrame], ended: bool) -> Result<(), RecordError> {
         let mut rows = self.rows(frames, now_us(), ended)?;
         if let Some(decimator) = &mut self.decimator {
@@ -167,11 +164,11 @@ impl FrameStream {
         Ok(())
     }
 
-    /// Returns the rows of frames that arrive at `host_us`. If channels are aligned to a common time, these
-    /// are rows of earlier frames.
+    /// Returns the rows that are complete when these frames arrive at `host_us`. If channels are aligned to a
+    /// common time, these are the rows of earlier frames.
     ///
     /// # Errors
-    /// [`RecordError`].
+    /// [`RecordError`] if forces cannot be computed.
     fn rows(
         &mut self,
         frames: &[BoardFrame],
@@ -207,7 +204,7 @@ impl FrameStream {
                 if self.tare.push(wrench) {
                     flags.push("tared".to_owned());
                 }
-                // Without a zero the wrench keeps its exact bits.
+                // Without a tare the zero is 0, and the wrench keeps its exact bits.
                 let zero = self.tare.zero;
                 std::array::from_fn(|axis| wrench[axis] - zero[axis])
             });
@@ -235,7 +232,8 @@ impl FrameStream {
     fn send(&mut self, row: &StreamRow, is_first: bool) {
         self.readers.send(row, self.axes);
         self.sent += 1;
-        // The radio's delays are not counted as latency of the stream.
+        // The first rows and late frames are not counted: delays of the start and the radio are not the
+        // stream's.
         if !is_first && self.newest.is_some_and(|newest| row.index > newest) {
             self.latency.push(row.time_us, now_us());
         }
@@ -258,7 +256,7 @@ impl FrameStream {
         }
     }
 
-    /// Ends the stream, including the rows that waited for later frames; returns its summary.
+    /// Sends the rows that waited for later frames, and ends the stream; returns its summary.
     ///
     /// # Errors
     /// [`RecordError`], after all readers have ended.
@@ -338,7 +336,7 @@ impl Watcher for StreamWatcher {
 }
 
 impl StreamHandle {
-    /// Ends the stream; returns its summary, or `None` if that was taken before.
+    /// Ends the stream; returns its summary, or `None` if it was already taken.
     ///
     /// # Errors
     /// [`RecordError`] if the stream has failed.

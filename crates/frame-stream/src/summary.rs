@@ -1,6 +1,5 @@
-//! The results of readers.
+//! Results of readers.
 
-/// The result of a reader.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReaderSummary {
     /// Name of the destination.
@@ -9,7 +8,7 @@ pub struct ReaderSummary {
     pub rows: u64,
     /// Rows lost because the reader was too slow.
     pub lost: u64,
-    /// Why the reader ended early.
+    /// The reason why the reader ended early, if it did.
     pub problem: Option<String>,
     /// True if a file or the standard output ended early.
     pub is_broken: bool,

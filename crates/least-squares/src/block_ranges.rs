@@ -8,11 +8,11 @@ use shell_data::vectorised;
 use shell_data::wrench::Axis;
 
 impl ReadingRanges {
-    /// The ranges of one block.
+    /// Scans one block.
     ///
     /// # Errors
-    /// [`FitError::NotFinite`] if a reading or a component of the wrench is infinite or not a
-    /// number; [`FitError::Channels`] if there are not `channels` channels.
+    /// [`FitError::NotFinite`] if a reading or a component of the wrench is infinite or not a number;
+    /// [`FitError::Channels`] if the number of channels is not `channels`.
     pub fn from_block(block: &Block, channels: usize) -> Result<Self, FitError> {
         if block.readings.len() != channels {
             return Err(FitError::Channels { expected: channels, found: block.readings.len() });
@@ -30,7 +30,7 @@ impl ReadingRanges {
         Ok(Self { rows: block.rows as u64, channels: ranges })
     }
 
-    /// The ranges of a data set.
+    /// Merges the ranges of all blocks of a data set.
     ///
     /// # Errors
     /// As [`Self::from_block`].
@@ -43,12 +43,12 @@ impl ReadingRanges {
     }
 }
 
-/// Interleaved extremes.
+/// Number of partial minima and maxima, so that the loop vectorises.
 const LANES: usize = 16;
 
 vectorised! {
     fn are_finite(column: &[f64]) -> bool {
-        // Without an early exit, which does not vectorise.
+        // No early exit: it would prevent vectorisation.
         column.iter().fold(true, |all, x| all & x.is_finite())
     }
 

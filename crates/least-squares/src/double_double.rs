@@ -1,10 +1,10 @@
 //! Numbers of twice the precision of `f64`: the unevaluated sum of a head and a tail.
 //!
-//! About 31 decimal digits, the exponent range of `f64`. Used where a few sums cancel and rounding
-//! would show; the error-free transformations are those of Knuth (TAOCP 2, §4.2.2) and Dekker
-//! (Numer. Math. 18, 1971), the operations the accurate ones of Joldes, Muller and Popescu (ACM
-//! TOMS 44, 2017), relative error below 2⁻¹⁰² for sums and 2⁻¹⁰⁰ for products and quotients.
-//! Products use the fused multiply-add of `f64::mul_add`, exact on every machine.
+//! About 31 decimal digits and the exponent range of `f64`. Used where sums cancel and rounding would show.
+//! The error-free transformations are by Knuth (TAOCP 2, §4.2.2) and Dekker (Numer. Math. 18, 1971). The
+//! operations are the accurate ones of Joldes, Muller and Popescu (ACM TOMS 44, 2017), with a relative error
+//! below 2⁻¹⁰² for sums and 2⁻¹⁰⁰ for products and quotients. Products use the fused multiply-add of
+//! `f64::mul_add`, which is exact on every machine.
 
 use std::iter::Sum;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
@@ -16,7 +16,7 @@ pub struct DoubleDouble {
     tail: f64,
 }
 
-/// `a + b` and its rounding error, exactly.
+/// Returns `a + b` and its rounding error, exactly.
 #[inline(always)]
 pub fn two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
@@ -24,14 +24,14 @@ pub fn two_sum(a: f64, b: f64) -> (f64, f64) {
     (sum, (a - (sum - b_part)) + (b - b_part))
 }
 
-/// `a·b` and its rounding error, exactly unless the error underflows.
+/// Returns `a·b` and its rounding error, exactly unless the error underflows.
 #[inline(always)]
 pub fn two_product(a: f64, b: f64) -> (f64, f64) {
     let product = a * b;
     (product, a.mul_add(b, -product))
 }
 
-/// As [`two_sum`], for `|a| ≥ |b|` or `a = 0`.
+/// Like [`two_sum`], for `|a| ≥ |b|` or `a = 0`.
 #[inline(always)]
 fn fast_two_sum(a: f64, b: f64) -> (f64, f64) {
     let sum = a + b;
@@ -44,28 +44,28 @@ impl DoubleDouble {
     /// One.
     pub const ONE: Self = Self { head: 1.0, tail: 0.0 };
 
-    /// The sum of any two numbers, exactly.
+    /// Adds any two numbers exactly.
     #[inline(always)]
     pub fn from_sum(a: f64, b: f64) -> Self {
         let (head, tail) = two_sum(a, b);
         Self { head, tail }
     }
 
-    /// The product of two numbers, exactly.
+    /// Multiplies two numbers exactly.
     #[inline(always)]
     pub fn from_product(a: f64, b: f64) -> Self {
         let (head, tail) = two_product(a, b);
         Self { head, tail }
     }
 
-    /// The number with this head and tail, `|tail| ≤ ulp(head) / 2`, as [`Self::to_f64`] and
-    /// [`Self::tail`] give them.
+    /// Builds a number from the head and tail that [`Self::to_f64`] and [`Self::tail`] return,
+    /// `|tail| ≤ ulp(head) / 2`.
     #[inline(always)]
     pub const fn from_parts(head: f64, tail: f64) -> Self {
         Self { head, tail }
     }
 
-    /// The product with a power of two, exact unless it under- or overflows.
+    /// Multiplies by a power of two, exactly unless the result under- or overflows.
     #[inline(always)]
     pub const fn scaled(self, power_of_two: f64) -> Self {
         Self { head: self.head * power_of_two, tail: self.tail * power_of_two }
@@ -77,19 +77,19 @@ impl DoubleDouble {
         self.head
     }
 
-    /// What the nearest `f64` leaves out.
+    /// The remainder after rounding to the nearest `f64`.
     #[inline(always)]
     pub const fn tail(self) -> f64 {
         self.tail
     }
 
-    /// Whether head and tail are finite.
+    /// Returns true if head and tail are finite.
     pub fn is_finite(self) -> bool {
         self.head.is_finite() && self.tail.is_finite()
     }
 
-    /// The square root by one step of Newton's method on the root of the head (Karp's trick).
-    /// Zero for zero, NaN for a negative number.
+    /// The square root, by one step of Newton's method from the root of the head (Karp's trick). Zero for
+    /// zero, NaN for a negative number.
     #[inline(always)]
     pub fn sqrt(self) -> Self {
         if self.head <= 0.0 {
@@ -214,8 +214,8 @@ mod tests {
     }
 
     proptest! {
-        // The bounds are those proved in the paper for these algorithms: 3u² + 13u³ for the sum,
-        // 5u² for the product (u = 2⁻⁵³), and twice the product's for quotient and root.
+        // Bounds proved in the paper for these algorithms: 3u² + 13u³ for the sum, 5u² for the product (u =
+        // 2⁻⁵³). Quotient and root get twice the bound of the product.
         #[test]
         fn operations_agree_with_exact_rational_arithmetic(a in number(), b in number()) {
             prop_assert!(close(a + b, &(exact(a) + exact(b)), 102));

@@ -1,4 +1,4 @@
-//! Why a calibration cannot be fitted.
+//! Errors of fits.
 
 use std::path::PathBuf;
 
@@ -10,7 +10,7 @@ use crate::reading_ranges::ReadingRanges;
 use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, Axis};
 
-/// Why a calibration cannot be fitted.
+/// The reason why a calibration cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum FitError {
@@ -25,36 +25,37 @@ pub enum FitError {
     /// Every row has the same readings.
     #[error("all `{0}` rows have the same readings")]
     IdenticalRows(u64),
-    /// More coefficients than are fitted.
+    /// More coefficients than the solvers accept.
     #[error(transparent)]
     TooLarge(#[from] TooLarge),
     /// The features are not independent.
     #[error("{0}")]
     RankDeficient(RankLoss),
-    /// The features are so nearly dependent that the solver cannot tell what the rows say, or does not come to rest.
+    /// The features are so nearly dependent that the solver cannot determine the coefficients, or does not
+    /// converge.
     #[error(transparent)]
     Solver(#[from] LeastSquaresError),
-    /// The features are independent, but so nearly not that the coefficients cannot be computed.
+    /// The features are independent, but too nearly dependent to compute their coefficients.
     #[error("the features are so nearly dependent that their coefficients cannot be computed")]
     NearlyDependent,
-    /// The rows cannot be summed exactly; another solver can do with them.
+    /// The rows cannot be summed exactly; another solver can fit them.
     #[error("the exact solver cannot take these rows: {0}")]
     NotExact(#[from] ExactError),
-    /// A time constant that is none.
+    /// An invalid time constant.
     #[error("a time constant of `{0}` is not positive")]
     TimeConstant(f64),
-    /// Memory terms or a lag by time, of a log that has no clock.
+    /// Memory terms or a lag in seconds were requested for a log without a clock.
     #[error("`{}` has no time, which memory terms and lag of the calibration are by", .0.display())]
     NoTime(PathBuf),
-    /// Memory terms or a lag were asked for of rows that are reduced to means.
+    /// Memory terms or a lag were requested for rows that are reduced to means.
     #[error("memory terms and a lag are of single rows, not of means")]
     DynamicsOfMeans,
-    /// A model of other features than were kept.
+    /// The model has features whose sums were not kept.
     #[error("the sums are for `{kept}` features, not for `{asked}`")]
     OtherFeatures {
         /// The largest model that can be fitted.
         kept: String,
-        /// The model that was asked for.
+        /// The requested model.
         asked: String,
     },
     /// A value is infinite or not a number.
@@ -65,10 +66,10 @@ pub enum FitError {
         /// The row within its block, from 0.
         row: usize,
     },
-    /// Finite values whose features are not.
+    /// Finite values whose features overflow.
     #[error("readings or wrenches are too large: products of them overflow")]
     Overflow,
-    /// Not the number of channels of the model.
+    /// The number of channels differs from that of the model.
     #[error("expected `{expected}` channels, found `{found}`")]
     Channels {
         /// Channels of the model.
@@ -76,33 +77,33 @@ pub enum FitError {
         /// Channels of the rows.
         found: usize,
     },
-    /// A ridge parameter that is not a finite number from zero up.
+    /// A ridge parameter that is negative or not finite.
     #[error("the ridge parameter is `{0}`, expected a finite number that is not negative")]
     Ridge(f64),
     /// The rows do not determine a physics model.
     #[error(transparent)]
     Physics(#[from] PhysicsError),
-    /// A model of all six axes, of rows that have fewer.
+    /// A physics model needs all six axes; the rows have fewer.
     #[error(
         "the physics model takes all six axes of the wrench, as sensors answer to each; there are {0}"
     )]
     PhysicsAxes(Axes),
-    /// Nothing to hold out, or nothing left.
+    /// Too few groups to hold one out.
     #[error("at least `2` groups are needed, found `{found}`")]
     TooFewGroups {
         /// Groups.
         found: usize,
     },
-    /// A column that is no group label, most likely.
+    /// Too many groups: the column probably holds no group labels.
     #[error("more than `{limit}` groups")]
     TooManyGroups {
         /// The largest number.
         limit: usize,
     },
-    /// Folds that the groups do not fill.
+    /// More folds than groups, or fewer than two.
     #[error("`{folds}` folds of `{groups}` groups, expected `2` to the number of groups")]
     Folds {
-        /// Folds asked for.
+        /// Number of folds requested.
         folds: usize,
         /// Groups.
         groups: usize,
@@ -110,55 +111,54 @@ pub enum FitError {
     /// No fold leaves enough rows to fit the model.
     #[error("the model cannot be fitted without any one of the groups: {0}")]
     Undetermined(Box<FitError>),
-    /// Some groups determine a coefficient alone, so that nothing can be learned from how groups
-    /// scatter.
+    /// Without some group a coefficient is undetermined, so that the scatter between groups is unknown.
     #[error("without {} the model cannot be fitted", names(groups))]
     Alone {
-        /// Their labels.
+        /// Labels of these groups.
         groups: Vec<String>,
     },
-    /// None of the models can be fitted.
+    /// The rows determine no candidate model.
     #[error("the rows determine none of the models")]
     NoModel,
-    /// The rows have no groups, and none are found in them.
+    /// The rows have no group labels, and no groups were detected.
     #[error(
         "there is nothing to hold out: the log has no group column, no plateaus of constant load and no \
          jumps of time; give several logs, or a column that is one value in each pose (`--group`)"
     )]
     NoGroups,
-    /// Sums that know nothing of groups, where something is asked of these.
+    /// The sums were not kept by group, but the request needs groups.
     #[error("the partial fits keep no sums of groups to hold out")]
     NoGroupSums,
-    /// Standard errors by group were asked for and cannot be had.
+    /// The requested standard errors by group cannot be computed.
     #[error("no covariance by groups: {0}")]
     NoGroupCovariance(Box<FitError>),
-    /// Rows that count more or less than one another, where each has to count as itself.
+    /// Weighted rows, for a method that needs equal or whole-number weights.
     #[error("{0} takes rows that all count the same, or weights that are whole numbers")]
     Weights(&'static str),
-    /// A log is a copy of another, and would be counted twice or tested on itself.
+    /// A log is a copy of another: it would be counted twice, or tested against itself.
     #[error("`{}` has the same rows as `{}`", later.display(), earlier.display())]
     Copy {
-        /// The one that was given first.
+        /// The log that was given first.
         earlier: PathBuf,
-        /// The other.
+        /// The copy.
         later: PathBuf,
     },
-    /// Nothing was left to fit.
+    /// No rows are left to fit.
     #[error("no training rows are left")]
     NoRows,
-    /// The caller wanted no more of it.
+    /// The caller cancelled the computation.
     #[error("it was interrupted")]
     Interrupted,
 }
 
-/// Rows that fit: sums of 2³⁰ sixth powers of 16-bit readings stay below 2¹²⁶.
+/// The largest number of rows: sums of 2³⁰ sixth powers of 16-bit readings stay below 2¹²⁶.
 pub const MAX_ROWS: u64 = 1 << 30;
 
-/// Why sums cannot be exact.
+/// The reason why rows cannot be summed exactly.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ExactError {
-    /// A reading is not an integer, nor one over a power of two or ten.
+    /// A reading is neither a 16-bit integer nor such an integer divided by a power of two or ten.
     #[error("reading `{value}` of channel `s{}` is not an integer of 16 bits, nor that over a power of two or ten", channel + 1)]
     NotAnInteger {
         /// The channel, from 0.
@@ -184,7 +184,7 @@ pub enum ExactError {
         /// The axis.
         axis: Axis,
     },
-    /// There are memory terms, which are no integers.
+    /// The model has memory terms, which are not integers.
     #[error("memory terms are not integers")]
     MemoryTerms,
     /// More than [`MAX_ROWS`] rows.
@@ -192,11 +192,11 @@ pub enum ExactError {
     TooManyRows,
 }
 
-/// Why a physics model cannot be fitted.
+/// The reason why a physics model cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum PhysicsError {
-    /// Fewer observations than parameters of a sensor.
+    /// Fewer observations than a sensor has parameters.
     #[error("`{found}` poses are too few for the `{needed}` parameters of a sensor")]
     TooFewObservations {
         /// Observations.
@@ -204,21 +204,21 @@ pub enum PhysicsError {
         /// Parameters.
         needed: usize,
     },
-    /// Fewer channels that vary than axes.
+    /// Fewer varying channels than axes.
     #[error("`{0}` channels vary, at least `6` are needed for six axes")]
     TooFewChannels(usize),
     /// Too many channels, or none.
     #[error("expected `1` to `16` channels, found `{0}`")]
     Channels(usize),
-    /// Nothing to hold out.
+    /// Too few groups to hold one out.
     #[error("at least `2` groups are needed to choose the priors, found `{0}`")]
     TooFewGroups(usize),
-    /// An infinite value or one that is not a number.
+    /// A value that is infinite or not a number.
     #[error("a reading or wrench is not a finite number")]
     NotFinite,
 }
 
-/// The first few of `labels`.
+/// Lists the first few labels.
 fn names(labels: &[String]) -> String {
     const SHOWN: usize = 5;
     let shown: Vec<String> = labels.iter().take(SHOWN).map(|label| format!("`{label}`")).collect();
@@ -265,7 +265,7 @@ impl Hint for FitError {
 }
 
 impl FitError {
-    /// Whether it says what is wrong with the groups of the rows.
+    /// Returns true if the error concerns the groups of the rows.
     pub fn is_about_groups(&self) -> bool {
         matches!(
             self,
@@ -278,7 +278,8 @@ impl FitError {
         )
     }
 
-    /// Whether it says what is wrong with the training rows, and so which logs they are of matters.
+    /// Returns true if the error concerns the training rows, so that you need to know which logs they are
+    /// from.
     pub fn is_about_rows(&self) -> bool {
         let is_other = matches!(
             self,
@@ -297,7 +298,7 @@ impl FitError {
         !is_other && !self.is_about_groups()
     }
 
-    /// An error of the least-squares solver in terms of channels and features.
+    /// Translates an error of the least-squares solver into channels and features.
     pub(crate) fn from_least_squares(
         error: LeastSquaresError,
         features: &Features,

@@ -1,11 +1,10 @@
-//! From readings to features: the columns of the design matrix.
+//! Features of readings: the columns of the design matrix.
 //!
-//! Every feature of degree two or three is the product of two features that come before it, so a
-//! row of the design matrix costs one multiplication per column whatever the model.
+//! Every feature of degree two or three is the product of two earlier features, so a row of the design matrix
+//! costs one multiplication per column for any model.
 //!
-//! Integer readings of up to 16 bits have features that are exact as they are. Readings in volts,
-//! or with decimals, do not: where that matters, features are in double-double, and what rounding would
-//! change is kept in tails.
+//! Features of integer readings of up to 16 bits are exact in `f64`. Features of readings in volts, or with
+//! decimals, are not. Where that matters, features are in double-double, with the rounding errors as tails.
 
 use std::ops::Range;
 
@@ -14,7 +13,7 @@ use crate::model::{Model, Term};
 use crate::scaling::Scaling;
 use shell_data::vectorised;
 
-/// The features of a model, in the order of its [terms](Model::terms), ready to be evaluated.
+/// The features of a model, in the order of its [terms](Model::terms), ready to evaluate.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Features {
     /// The model.
@@ -24,40 +23,40 @@ pub struct Features {
     recipe: Vec<Recipe>,
 }
 
-/// Rows that are worked on at once where features are used as soon as they are made.
+/// Rows evaluated together where features are used immediately.
 pub const LANES: usize = 16;
 
-/// One feature of that many rows.
+/// One feature of [`LANES`] rows.
 pub type RowLanes = [f64; LANES];
 
-/// How one feature is made.
+/// The rule that computes one feature.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Recipe {
     /// The standardised reading of a channel.
     Reading(usize),
-    /// The product of two features that come before.
+    /// The product of two earlier features.
     Product(usize, usize),
     /// The constant.
     One,
 }
 
 impl Features {
-    /// The features of `model` over readings standardised by `scaling`.
+    /// Prepares the features of `model` for readings standardised by `scaling`.
     ///
     /// # Panics
-    /// If `scaling` is not for as many columns as `model`.
+    /// If the numbers of columns of `scaling` and `model` differ.
     pub fn new(model: Model, scaling: Scaling) -> Self {
         assert_eq!(model.columns(), scaling.centre.len(), "one scaling per column");
         let recipe = recipe(&model.terms());
         Self { model, scaling, recipe }
     }
 
-    /// Number of features, the intercept among them.
+    /// Number of features, including the intercept.
     pub fn len(&self) -> usize {
         self.recipe.len()
     }
 
-    /// Whether there is no feature: no channels and no intercept.
+    /// Returns true if there are no channels and no intercept.
     pub fn is_empty(&self) -> bool {
         self.recipe.is_empty()
     }
@@ -68,11 +67,11 @@ impl Features {
 
     /// Fills `rows × len` features, column by column.
     ///
-    /// `readings` has one column per channel, in counts, of which `rows` are used. Feature `j` goes
-    /// to `columns[j·stride ..][..rows.len()]`, dimensionless.
+    /// `readings` has one column per channel, in counts; only the range `rows` is used. Feature `j` goes to
+    /// `columns[j·stride ..][..rows.len()]`, dimensionless.
     ///
     /// # Panics
-    /// If a reading column is shorter than `rows.end`, or `columns` too short.
+    /// If a reading column is shorter than `rows.end`, or `columns` is too short.
     pub fn fill(
         &self,
         readings: &[Vec<f64>],
@@ -83,7 +82,7 @@ impl Features {
         fill(self, readings, rows, columns, stride);
     }
 
-    /// The features of the [`LANES`] rows from `start`. The last may be missing: what is in their lanes stays.
+    /// Computes the features of the [`LANES`] rows from `start`. Beyond the last row, lanes stay unchanged.
     #[inline(always)]
     pub fn lanes(&self, readings: &[Vec<f64>], start: usize, features: &mut [RowLanes]) {
         let columns = features.as_flattened_mut();
@@ -92,20 +91,20 @@ impl Features {
             (&readings[channel][start..], centre, factor)
         };
         match readings.first().map_or(LANES, |column| column.len() - start) {
-            // A number that is known beforehand.
+            // A compile-time constant.
             LANES.. => fill_columns(&self.recipe, columns, LANES, |j| j * LANES, reading),
             rows => fill_columns(&self.recipe, columns, rows, |j| j * LANES, reading),
         }
     }
 
-    /// Centre of a channel and the reciprocal of its scale, exact for a power of two.
+    /// The centre of a channel and the reciprocal of its scale, which is exact for a power of two.
     #[inline(always)]
     pub fn standardise(&self, channel: usize) -> (f64, f64) {
         (self.scaling.centre[channel], self.scaling.scale[channel].recip())
     }
 
-    /// Fills features and what rounding leaves out of them, laid out as by [`Features::fill`].
-    /// Returns whether anything was left out.
+    /// Computes features and their rounding errors, in the layout of [`Features::fill`]. Returns true if any
+    /// rounding error is nonzero.
     pub(super) fn fill_wide(
         &self,
         readings: &[Vec<f64>],
@@ -163,8 +162,8 @@ vectorised! {
     }
 }
 
-/// Fills columns of so many rows with features, each from its `place` on. `reading` is the column of a channel, its
-/// centre and the reciprocal of its scale.
+/// Fills columns with the features of `rows` rows. Feature `j` starts at `place(j)`; `reading` returns the
+/// column of a channel, its centre and the reciprocal of its scale.
 #[inline(always)]
 pub(crate) fn fill_columns<'a>(
     recipe: &[Recipe],
@@ -194,7 +193,7 @@ pub(crate) fn fill_columns<'a>(
     }
 }
 
-/// How each of the terms of a model is made.
+/// The rules that compute the terms of a model.
 pub(crate) fn recipe(terms: &[Term]) -> Vec<Recipe> {
     let position = |factors: &[u8]| {
         let term = Term::product(factors);
@@ -209,7 +208,7 @@ pub(crate) fn recipe(terms: &[Term]) -> Vec<Recipe> {
 }
 
 vectorised! {
-    /// Products of two columns, each of heads and tails.
+    /// Multiplies two columns, each of heads and tails.
     fn fill_product(
         x: (&[f64], &[f64]),
         y: (&[f64], &[f64]),
@@ -275,7 +274,7 @@ mod tests {
                 });
                 let truth: BigRational = z.product();
                 let error = exact(heads[j * n + row]) + exact(tails[j * n + row]) - &truth;
-                // Two products, 2⁻¹⁰³ each.
+                // Two products, with a relative error of 2⁻¹⁰³ each.
                 assert!(error.clone() * error <= &truth * &truth * exact(2f64.powi(-204)));
             }
         }

@@ -1,4 +1,4 @@
-//! Rows by group: references into the blocks that were read, because a copy would take as much memory as all rows do.
+//! Rows by group, as references into the blocks that were read. A copy would take as much memory as all rows.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -18,30 +18,31 @@ pub const MAX_GROUPS: usize = 2000;
 #[derive(Clone, Debug, Default)]
 pub struct GroupedRows {
     blocks: Vec<Arc<Block>>,
-    /// In ascending order of groups, those of a group in the order of the data set.
+    /// Runs in ascending order of groups, and within a group in the order of the data set.
     pub runs: Vec<Run>,
 }
 
-/// Rows of a group that follow each other in a block.
+/// Consecutive rows of a group in a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Run {
     group: u32,
     block: u32,
     first: u32,
-    /// Their number.
+    /// Number of rows.
     pub rows: u32,
 }
 
-/// The number of a block, a group or a row of a block.
+/// Converts the number of a block, of a group, or of a row in a block.
 ///
 /// # Panics
-/// If there are 2³² of them.
+/// If it is 2³² or more.
 fn index(at: usize) -> u32 {
     u32::try_from(at).expect("fewer than 2³²")
 }
 
 impl GroupedRows {
-    /// Rows by the labels of a data set, with the labels of groups 0, 1, … in the order of first rows.
+    /// Groups the rows by the labels of a data set. Also returns the labels of groups 0, 1, … in the order of
+    /// their first rows.
     pub fn from_labels(data: &Dataset) -> (Self, Vec<String>) {
         let (mut labels, mut positions) = (Vec::<String>::new(), HashMap::new());
         let mut rows = Self::default();
@@ -61,7 +62,8 @@ impl GroupedRows {
         (rows, labels)
     }
 
-    /// Rows by the fold that a split assigns them to; those that it holds out in none are the group after those folds.
+    /// Groups the rows by the fold that a split assigns them to. Rows that are never held out form the group
+    /// after those folds.
     pub fn from_split(data: &Dataset, split: &RandomSplit) -> Self {
         let mut rows = Self::default();
         for (_, block) in data.blocks() {
@@ -81,14 +83,14 @@ impl GroupedRows {
         rows
     }
 
-    /// Adds rows of the block that will be added next.
+    /// Adds rows of the block that is added next.
     fn push(&mut self, group: usize, rows: Range<usize>) {
         let (group, block) = (index(group), index(self.blocks.len()));
         let (first, rows) = (index(rows.start), index(rows.len()));
         self.runs.push(Run { group, block, first, rows });
     }
 
-    /// The same rows, those of group g in group `groups[g]`.
+    /// Regroups the rows: group g becomes part of group `groups[g]`.
     pub fn regrouped(&self, groups: &[usize]) -> Self {
         let into = |run: &Run| Run { group: index(groups[run.group as usize]), ..*run };
         let mut runs: Vec<Run> = self.runs.iter().map(into).collect();
@@ -96,7 +98,7 @@ impl GroupedRows {
         Self { blocks: self.blocks.clone(), runs }
     }
 
-    /// Every n-th row of each group, beginning with its first.
+    /// Every n-th row of each group, starting with its first.
     pub fn every_nth(&self, n: usize) -> Self {
         let runs = self.groups().flat_map(|runs| every_nth(runs, n)).collect();
         Self { blocks: self.blocks.clone(), runs }
@@ -107,30 +109,31 @@ impl GroupedRows {
         count(&self.runs)
     }
 
-    /// The runs of each group that has rows.
+    /// The runs of each group with rows.
     pub fn groups(&self) -> impl Iterator<Item = &[Run]> {
         self.runs.chunk_by(|a, b| a.group == b.group)
     }
 
-    /// The runs of one group, which may have no rows.
+    /// The runs of one group; empty if it has no rows.
     pub fn group(&self, group: usize) -> &[Run] {
         let before = |end: usize| self.runs.partition_point(|run| (run.group as usize) < end);
         &self.runs[before(group)..before(group + 1)]
     }
 
-    /// A column along some runs: of the six axes, N and N·m, then of the readings, counts.
+    /// A column over some runs. Positions 0 to 5 are the axes in N and N·m, then follow the readings in
+    /// counts.
     pub fn column(&self, runs: &[Run], position: usize) -> impl Iterator<Item = f64> {
         runs.iter().flat_map(move |run| self.of_run(run, position).iter().copied())
     }
 
-    /// The part of a column that is a run's.
+    /// The part of a column in one run.
     pub fn of_run(&self, run: &Run, position: usize) -> &[f64] {
         let Block { wrench, readings, .. } = &*self.blocks[run.block as usize];
         let column = if position < 6 { &wrench[position] } else { &readings[position - 6] };
         &column[run.first as usize..(run.first + run.rows) as usize]
     }
 
-    /// The spread of a column, which is counted as in [`column`](Self::column), over some rows.
+    /// The variance of a column over some runs; `position` is as in [`column`](Self::column).
     pub fn spread(&self, runs: &[Run], position: usize) -> RunningVariance {
         let mut all = RunningVariance::default();
         for run in runs {
@@ -139,7 +142,7 @@ impl GroupedRows {
         all
     }
 
-    /// Copies of readings and wrench of some runs, `rows` at a time.
+    /// Copies readings and wrench of some runs, `rows` rows at a time.
     pub fn copied<'a>(&'a self, runs: &'a [Run], rows: usize) -> impl Iterator<Item = Block> + 'a {
         let (mut runs, mut taken) = (runs.iter().peekable(), 0);
         std::iter::from_fn(move || {
@@ -157,7 +160,7 @@ impl GroupedRows {
         })
     }
 
-    /// A data set of copies of the rows, labelled with the numbers of their groups.
+    /// A data set with copies of the rows, labelled with their group numbers.
     pub fn to_dataset(&self) -> Dataset {
         let labelled = |runs: &[Run]| {
             let groups = vec![(runs[0].group.to_string(), count(runs))];
@@ -166,18 +169,18 @@ impl GroupedRows {
         Dataset::from_blocks("groups", Axes::ALL, self.groups().filter_map(labelled).collect())
     }
 
-    /// All rows of the data set, whether they are in a group or not.
+    /// All rows of the data set, including rows without a group.
     pub fn all<'a>(&'a self, workers: Workers<'a>) -> Rows<'a> {
         Rows::from_blocks(self.blocks.iter().map(|block| &**block), workers)
     }
 
-    /// A few of them.
+    /// A small sample of all rows of the data set.
     pub fn sample(&self) -> Block {
         sample(self.blocks.iter().map(|block| &**block))
     }
 }
 
-/// Every n-th row of some runs, beginning with the first.
+/// Every n-th row of some runs, starting with the first.
 pub fn every_nth(runs: &[Run], n: usize) -> Vec<Run> {
     let mut before = 0;
     let nth = |run: &Run| {
@@ -206,7 +209,7 @@ impl Run {
 mod tests {
     use super::*;
 
-    /// Rows whose reading is their number, in blocks of ten, labelled a, b, c in turn every four rows.
+    /// Rows whose reading is their index, in blocks of ten, labelled a, b, c in turn every four rows.
     fn data() -> Dataset {
         let block = |start: u32| {
             let reading: Vec<f64> = (start..start + 10).map(f64::from).collect();

@@ -1,4 +1,4 @@
-//! Errors on rows that were held out, as sums.
+//! Sums of errors on held-out rows.
 
 use crate::quality::AxisQuality;
 use shell_data::wrench::PerAxis;
@@ -6,12 +6,12 @@ use shell_data::wrench::PerAxis;
 /// The level of the intervals whose coverage is counted.
 pub const COVERAGE_LEVEL: f64 = 0.95;
 
-/// Errors on rows that were not fitted, on one axis.
+/// Sums of the errors on rows that were not fitted, on one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct HeldOutErrors {
-    /// Rows.
+    /// Number of rows.
     pub rows: u64,
-    /// Sum of errors, predicted less measured, N or N·m.
+    /// Sum of errors, predicted minus measured, in N or N·m.
     pub sum: f64,
     /// Sum of squared errors.
     pub squares: f64,
@@ -25,7 +25,7 @@ impl HeldOutErrors {
         self.squares += other.squares;
     }
 
-    /// The sums over all parts of the rows, for each axis.
+    /// Adds up the sums of all parts, for each axis.
     pub fn total<'a>(parts: impl IntoIterator<Item = &'a PerAxis<Self>>) -> PerAxis<Self> {
         let mut total = PerAxis::<Self>::default();
         for part in parts {
@@ -44,8 +44,8 @@ impl HeldOutErrors {
         self.sum / self.rows as f64
     }
 
-    /// The figures beside the sum of squared differences of the measured wrench from its mean. There is
-    /// no largest error in sums.
+    /// The quality of a fit, given the sum of squared deviations of the measured wrench from its mean. The
+    /// sums contain no largest error.
     pub(crate) fn quality(&self, total: f64) -> AxisQuality {
         let r_squared = (total > 0.0).then(|| 1.0 - self.squares / total);
         AxisQuality { rms: self.rms(), max: None, bias: self.bias(), r_squared }

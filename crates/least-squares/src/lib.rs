@@ -1,14 +1,15 @@
-//! Least squares of many rows: features of readings on one side, six loads on the other.
+//! Linear least squares over many rows: features of readings on one side, six loads on the other.
 //!
 //! ```text
 //! rows ─▶ features ─▶ sums, all or by group ─▶ solution ─▶ errors on groups held out, covariance
 //! ```
 //!
-//! Rows leave little behind, which can be merged: [`exact`] sums of integer readings, the same bits in any order, or
-//! [R factors](factored) of readings of any kind. Either, as [`sums`], [holds groups out](validation), chooses a model, and
-//! says [how coefficients scatter](uncertainty) without the rows. [`solver`] goes over rows where they are, on several
-//! threads ([`passes`]), by one of several [methods]. Other crates know which sensor a reading is from, and how a model of
-//! one is fitted. Pure: no files, no clocks, no printing.
+//! Rows are reduced to small, mergeable results: [`exact`] sums of integer readings, with the same bits in
+//! any order, or [R factors](factored) of any readings. Through [`sums`], both support
+//! [cross-validation](validation), model selection and the [covariance of coefficients](uncertainty) without
+//! the rows. [`solver`] passes over rows in place, on several threads ([`passes`]), by one of several
+//! [methods]. Other crates know which sensor a reading comes from, and how to fit a model of a sensor. Pure:
+//! no files, no clocks, no printing.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

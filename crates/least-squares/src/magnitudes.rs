@@ -1,39 +1,39 @@
-//! How large numbers are, found while streaming: a histogram over bins of equal ratio.
+//! Streaming histograms of magnitudes, with bins of equal ratio.
 //!
-//! The bins are the leading bits of the numbers themselves, so that counting costs a shift. A quantile is
-//! interpolated within its bin: off by 1.6 % at worst, and by far less where numbers are many. Counts
-//! merge in any order to the same result: one histogram for each thread is enough.
+//! The leading bits of a number are its bin, so counting costs one shift. A quantile is interpolated within
+//! its bin: the error is at most 1.6 %, and much smaller for dense numbers. Histograms merge in any order to
+//! the same result, so each thread can have its own.
 
-/// A histogram of up to 2³² magnitudes, those that are zero or tiny all in the lowest bin:
-/// `2^BITS` bins per factor of two, over `OCTAVES` factors of two.
+/// A histogram of up to 2³² magnitudes: `2^BITS` bins per factor of two, over `OCTAVES` factors of two. Zero
+/// and tiny numbers share the lowest bin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram<const BITS: u32, const OCTAVES: u64> {
     counts: Vec<u32>,
 }
 
-/// As fine as prediction intervals need.
+/// A histogram with the resolution that prediction intervals need.
 pub type Magnitudes = Histogram<6, 24>;
 
-/// For the scale of a robust fit: quantiles to four parts in a thousand, of numbers that wild ones
-/// have made small beside their unit.
+/// A histogram for the scale of a robust fit: quantiles to 0.4 %, even if outliers have made the unit large
+/// relative to most numbers.
 pub type FineMagnitudes = Histogram<8, 48>;
 
-/// Numbers from this power of two on share the last bin.
+/// The power of two from which on numbers share the last bin.
 const TOP: u64 = 8;
 
 impl<const BITS: u32, const OCTAVES: u64> Default for Histogram<BITS, OCTAVES> {
-    /// Zero numbers.
+    /// A histogram of zero numbers.
     fn default() -> Self {
         Self { counts: vec![0; Self::BINS] }
     }
 }
 
 impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
-    /// The bin just past the last, in leading bits of a number.
+    /// The leading bits of the first number beyond the last bin.
     const END: u64 = (1023 + TOP) << BITS;
     const BINS: usize = (OCTAVES << BITS) as usize;
 
-    /// Counts a magnitude, not negative, best in a unit that most are not far from.
+    /// Counts a nonnegative magnitude. Choose the unit so that most numbers are not far from one.
     #[inline(always)]
     pub fn add(&mut self, size: f64) {
         let key = (size.to_bits() >> (52 - BITS)) as i64;
@@ -46,12 +46,12 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
         add_counts(&mut self.counts, &other.counts);
     }
 
-    /// The number that a share of all are not above; zero in the lowest bin and for zero numbers.
+    /// The quantile at a fraction of the numbers; zero in the lowest bin and for zero numbers.
     pub fn quantile(&self, share: f64) -> f64 {
         self.quantiles(&[share])[0]
     }
 
-    /// The same for several shares in ascending order.
+    /// The quantiles at several fractions, in ascending order.
     pub fn quantiles(&self, shares: &[f64]) -> Vec<f64> {
         let all = self.counts.iter().map(|&n| u64::from(n)).sum::<u64>() as f64;
         let edge = |bin: usize| {
@@ -75,14 +75,15 @@ impl<const BITS: u32, const OCTAVES: u64> Histogram<BITS, OCTAVES> {
 }
 
 impl Magnitudes {
-    /// Counts the sizes of the differences of two columns of the same length, in a unit.
+    /// Counts the magnitudes of the differences of two columns of the same length, in multiples of `unit`.
     pub fn add_differences(&mut self, predicted: &[f64], measured: &[f64], unit: f64) {
         let scale = unit.recip();
         predicted.iter().zip(measured).for_each(|(p, m)| self.add((p - m).abs() * scale));
     }
 }
 
-/// No generic function, so that it is compiled here, where inner loops are, and not where it is used.
+/// Not generic, so that it is compiled in this crate, where inner loops are optimised, and not in the calling
+/// crate.
 #[inline(never)]
 fn add_counts(sums: &mut [u32], counts: &[u32]) {
     sums.iter_mut().zip(counts).for_each(|(sum, n)| *sum += n);

@@ -1,11 +1,10 @@
-//! Which features of the readings a calibration uses, and in which order.
+//! The features of a calibration and their order.
 //!
-//! A feature is a product of up to three readings. The order is that of the lab's own tools, so
-//! that coefficients can be exchanged with them: `cubic` goes channel by channel (s1, s1², s1³,
-//! s2, …); the models with cross terms go degree by degree, each degree in lexicographic order
-//! (s1, …, s8, s1², s1·s2, …); `cubic+products` has the terms of `cubic`, then the products of two channels. After
-//! them come memory terms, linear, one of each channel by time constant. The intercept, the empty
-//! product, comes last.
+//! A feature is a product of up to three readings. The order is the same as in the lab's own tools, so that
+//! coefficients can be exchanged with them: `cubic` goes channel by channel (s1, s1², s1³, s2, …); the models
+//! with cross terms go degree by degree, each degree in lexicographic order (s1, …, s8, s1², s1·s2, …);
+//! `cubic+products` has the terms of `cubic`, then the products of two channels. The linear memory terms
+//! follow: for each time constant, one per channel. The intercept, the empty product, comes last.
 
 /// A family of features.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -18,7 +17,7 @@ pub enum Basis {
     Cubic,
     /// All products of up to two readings: 44 features for 8 channels.
     Quadratic,
-    /// Those of `Cubic`, and the products of two different readings: 52 features for 8 channels.
+    /// The features of `Cubic`, and the products of two different readings: 52 features for 8 channels.
     #[serde(rename = "cubic+products")]
     CubicProducts,
     /// All products of up to three readings: 164 features for 8 channels.
@@ -35,7 +34,7 @@ impl Basis {
         self.facts().0
     }
 
-    /// What its features are, in a few words.
+    /// A short description of the features.
     pub const fn description(self) -> &'static str {
         self.facts().1
     }
@@ -58,17 +57,17 @@ impl Basis {
     }
 }
 
-/// The largest number that a document may have: squares and products of such are still numbers.
+/// The largest number in a document: squares and products of such numbers do not overflow.
 pub const LARGEST: f64 = 1e100;
 
-/// The largest number of channels: their indices are bytes.
+/// The largest number of channels; their indices are bytes.
 pub const MAX_CHANNELS: usize = 255;
 
-/// The most coefficients of an axis that are fitted: their equations take some 40 MB, and their time
-/// grows with the cube.
+/// Maximum number of coefficients per axis. Their equations take some 40 MB, and the time grows with the
+/// cube.
 pub const MAX_TERMS: usize = 2200;
 
-/// A model of more coefficients than are fitted.
+/// A model with too many coefficients.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{}` of `{}` channels has `{}` coefficients, more than the `{MAX_TERMS}` that are fitted; {}",
@@ -78,7 +77,7 @@ pub struct TooLarge {
     model: Model,
 }
 
-/// Which models of the same channels would do.
+/// Lists the models of the same channels that are small enough.
 fn fitting(model: &Model) -> String {
     let fits = |&basis: &Basis| Model { basis, ..*model }.check_size().is_ok();
     let names: Vec<_> = Basis::ALL.iter().copied().filter(fits).map(Basis::name).collect();
@@ -94,11 +93,11 @@ fn fitting(model: &Model) -> String {
 pub struct Model {
     /// The family of features.
     pub basis: Basis,
-    /// Whether a constant is fitted beside them.
+    /// True if a constant is fitted too.
     pub intercept: bool,
-    /// Number of channels; with their memory terms at most 255.
+    /// Number of channels; including memory terms at most 255.
     pub channels: usize,
-    /// Number of time constants, for each of which every channel has a memory term. 0 for none.
+    /// Number of time constants. Each adds a memory term for every channel; 0 for none.
     #[serde(default, skip_serializing_if = "is_none")]
     pub memory: usize,
 }
@@ -107,7 +106,7 @@ fn is_none(memory_terms: &usize) -> bool {
     *memory_terms == 0
 }
 
-/// A product of up to three channels, named by their indices from 0 in ascending order.
+/// A product of up to three channels, given by their indices from 0 in ascending order.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Term {
     factors: [u8; 3],
@@ -115,7 +114,7 @@ pub struct Term {
 }
 
 impl Term {
-    /// The constant, which is the empty product.
+    /// The constant: the empty product.
     pub const INTERCEPT: Term = Term { factors: [0; 3], degree: 0 };
 
     /// The product of the channels in `factors`, at most three.
@@ -126,12 +125,12 @@ impl Term {
         term
     }
 
-    /// The channels that are multiplied, in ascending order, repeated where squared or cubed.
+    /// The factors in ascending order, repeated for squares and cubes.
     pub fn factors(&self) -> &[u8] {
         &self.factors[..usize::from(self.degree)]
     }
 
-    /// The name that people read, channels counted from 1: `s1`, `s1^2`, `s1*s3`, `1`.
+    /// The displayed name, with channels counted from 1: `s1`, `s1^2`, `s1*s3`, `1`.
     pub fn name(&self) -> String {
         if self.degree == 0 {
             return "1".to_owned();
@@ -148,7 +147,7 @@ impl Term {
 }
 
 impl Model {
-    /// Columns that features are made of: the channels, then their memory terms.
+    /// Number of input columns of the features: the channels, then their memory terms.
     pub fn columns(&self) -> usize {
         self.channels * (1 + self.memory)
     }
@@ -185,7 +184,7 @@ impl Model {
         terms
     }
 
-    /// The number of [terms](Self::terms).
+    /// Number of [terms](Self::terms).
     pub fn term_count(&self) -> usize {
         let n = self.channels;
         let pairs = n * (n + 1) / 2;
@@ -199,8 +198,8 @@ impl Model {
         features + self.memory * n + usize::from(self.intercept)
     }
 
-    /// The name of a term that people read, as [`Term::name`]; of a memory term `s2-EMA3(s2)`, where 3 is the
-    /// number of the time constant.
+    /// The displayed name of a term: that of [`Term::name`], or for a memory term `s2-EMA3(s2)`, where 3 is
+    /// the number of the time constant.
     pub fn term_name(&self, term: &Term) -> String {
         match term.factors() {
             &[column] if usize::from(column) >= self.channels => {
@@ -212,7 +211,7 @@ impl Model {
         }
     }
 
-    /// Whether its coefficients are few enough to be fitted. Found without listing them.
+    /// Checks that the model has few enough coefficients to fit, without listing them.
     ///
     /// # Errors
     /// [`TooLarge`].
@@ -220,7 +219,8 @@ impl Model {
         if self.term_count() > MAX_TERMS { Err(TooLarge { model: *self }) } else { Ok(()) }
     }
 
-    /// The name people read: `cubic`, `cubic + offset` with an intercept, `cubic + memory + offset` with memory terms.
+    /// The displayed name: `cubic`, `cubic + offset` with an intercept, `cubic + memory + offset` with memory
+    /// terms.
     pub fn name(&self) -> String {
         let memory = if self.memory > 0 { " + memory" } else { "" };
         format!("{}{memory}{}", self.basis.name(), if self.intercept { " + offset" } else { "" })
@@ -253,7 +253,7 @@ mod tests {
         let model = Model { basis: Basis::Poly3, intercept: true, channels: 64, memory: 0 };
         let error = model.check_size().unwrap_err().to_string();
         assert!(error.contains("`47905` coefficients"), "{error}");
-        // `quadratic` has 2145 and `cubic+products` 2209.
+        // `quadratic` has 2145 coefficients and `cubic+products` 2209.
         assert!(
             error.ends_with("`linear`, `cubic`, `quadratic` would do, or `21` channels"),
             "{error}"

@@ -1,8 +1,8 @@
 //! Passes over rows in memory, on several threads.
 //!
-//! Threads take one block after the other. What comes of the blocks is folded in their order, by whichever thread
-//! has finished the next; what does not depend on order ([`Pass::ANY_ORDER`]) is summed in a state of each thread and
-//! merged at the end. So results have the same bits for any number of threads.
+//! Threads take one block after another. Results of blocks are folded in block order, by whichever thread has
+//! finished the next one. Results that do not depend on order ([`Pass::ANY_ORDER`]) are summed in one state
+//! per thread and merged at the end. So the results have the same bits for any number of threads.
 
 use std::collections::VecDeque;
 use std::panic::resume_unwind;
@@ -14,31 +14,32 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::lock::lock;
 
-/// Who works on the rows, and who watches.
+/// The threads for a computation, and callbacks for its progress.
 #[derive(Clone, Copy, Default)]
 pub struct Workers<'a> {
-    /// Number of threads; 0 for one per core. No result depends on it.
+    /// Number of threads; 0 for one per core. Results do not depend on it.
     pub threads: usize,
-    /// Told how many more rows a pass has handled; says whether to go on.
+    /// Called with the number of rows that a pass has just handled; returns false to cancel.
     pub watch: Option<&'a (dyn Fn(usize) -> bool + Sync)>,
-    /// Told how many folds of the physics model, or splits of a replay, are done, and of how many.
+    /// Called with the number of completed folds of the physics model, or splits of a replay, and their total
+    /// number.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
 }
 
 impl Workers<'_> {
-    /// So many threads, unwatched; 0 for one per core.
+    /// `threads` threads without callbacks; 0 for one per core.
     pub fn new(threads: usize) -> Self {
         Self { threads, ..Self::default() }
     }
 
-    /// The same, on one thread where the blocks are not worth more.
+    /// Reduces the number of threads to one if the blocks are too small for more.
     fn worth<'b>(self, blocks: impl Iterator<Item = &'b Block>) -> Self {
         let numbers = blocks.map(|block| block.rows * (block.readings.len() + 6)).sum::<usize>();
         let threads = if self.threads == 0 && numbers < WORTH_A_THREAD { 1 } else { self.threads };
         Self { threads, ..self }
     }
 
-    /// One thread, unwatched.
+    /// One thread without callbacks.
     pub const ONE: Self = Self { threads: 1, watch: None, folds: None };
 }
 
@@ -48,14 +49,14 @@ impl std::fmt::Debug for Workers<'_> {
     }
 }
 
-/// One per core. Determined once, because the system reads several files for it.
+/// The number of cores. Determined once, because the system reads several files for it.
 static AVAILABLE_THREADS: LazyLock<usize> =
     LazyLock::new(|| std::thread::available_parallelism().map_or(1, usize::from));
 
-/// Numbers that one thread handles before another would be ready.
+/// The number of values that one thread handles in the time that starting another thread takes.
 const WORTH_A_THREAD: usize = 1 << 16;
 
-/// Blocks that can be passed over any number of times, always in the same order.
+/// Blocks that can be passed over repeatedly, always in the same order.
 #[derive(Clone, Debug)]
 pub struct Rows<'a> {
     blocks: Vec<&'a Block>,
@@ -73,11 +74,11 @@ impl<'a> Rows<'a> {
         Self { blocks: blocks.into_iter().collect(), workers }
     }
 
-    /// Reduces every block and merges the results, in the order of the blocks where that matters. `empty` is the
-    /// result for zero rows, which every reduction starts from.
+    /// Reduces every block and merges the results, in block order if the order matters. Every reduction
+    /// starts from `empty`, the result for zero rows.
     ///
     /// # Errors
-    /// [`FitError`] if the pass rejects a block, or whoever watches wants no more.
+    /// [`FitError`] if the pass rejects a block, or [`Workers::watch`] cancels it.
     pub fn reduce<P: Pass>(&self, empty: &P) -> Result<P, FitError> {
         let mut all = empty.clone();
         let work = |own: &mut Option<P>, run: &&[&Block]| {
@@ -99,7 +100,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Blocks that follow each other, of at least so many rows together but for the last.
+/// Splits blocks into runs of consecutive blocks. Each run except the last has at least `rows` rows.
 fn runs<'b>(blocks: &'b [&'b Block], rows: usize) -> Vec<&'b [&'b Block]> {
     let (mut runs, mut start, mut found) = (Vec::new(), 0, 0);
     for (at, block) in blocks.iter().enumerate() {
@@ -113,14 +114,14 @@ fn runs<'b>(blocks: &'b [&'b Block], rows: usize) -> Vec<&'b [&'b Block]> {
 }
 
 impl<'a> From<&'a [Block]> for Rows<'a> {
-    /// Passed over by one thread.
+    /// Uses one thread.
     fn from(blocks: &'a [Block]) -> Self {
         Self::from_blocks(blocks, Workers::ONE)
     }
 }
 
 impl<'a> From<&'a Block> for Rows<'a> {
-    /// Passed over by one thread.
+    /// Uses one thread.
     fn from(block: &'a Block) -> Self {
         Self::from(std::slice::from_ref(block))
     }
@@ -128,11 +129,12 @@ impl<'a> From<&'a Block> for Rows<'a> {
 
 /// The result of a pass over rows. It starts as the result for zero rows.
 pub trait Pass: Clone + Send + Sync {
-    /// Whether `merge` is commutative and associative, bit for bit: the result does not depend on the
+    /// True if `merge` is commutative and associative, bit for bit, so that the result does not depend on the
     /// order and grouping of the rows.
     const ANY_ORDER: bool = false;
 
-    /// Rows that are best reduced together, where order matters: merging may cost as much as adding that many.
+    /// Number of rows to reduce together if the order matters: a merge may cost as much as adding that many
+    /// rows.
     fn rows_together(&self) -> usize {
         1
     }
@@ -140,23 +142,22 @@ pub trait Pass: Clone + Send + Sync {
     /// Adds the rows of a block. May be called on any thread.
     ///
     /// # Errors
-    /// [`FitError`] where the solver cannot work with these readings or wrenches; what is left is
-    /// of no further use.
+    /// [`FitError`] if the solver cannot use these readings or wrenches; discard `self` then.
     fn absorb(&mut self, block: &Block) -> Result<(), FitError>;
 
     /// Adds the rows of `later`.
     ///
     /// # Errors
-    /// [`FitError`] where the solver can work with either, but not with both.
+    /// [`FitError`] if the solver can use either, but not both together.
     fn merge(&mut self, later: Self) -> Result<(), FitError>;
 }
 
-/// Passes every item to `work`, on as many threads as its rows are worth; see [`on_threads`]. `rows_of` is the block of
-/// an item.
+/// Passes every item to `work`, on as many threads as its rows justify; see [`on_threads`]. `rows_of` returns
+/// the block of an item.
 ///
 /// # Errors
-/// The first error in the order of the items, of `work` or `fold`; [`FitError::Interrupted`] if whoever watches wants
-/// no more.
+/// The first error of `work` or `fold` in the order of the items; [`FitError::Interrupted`] if
+/// [`Workers::watch`] cancels.
 pub fn each<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> &Block + Sync,
@@ -169,7 +170,7 @@ pub fn each<I: Sync, S: Send, T: Send>(
     on_threads(items, |item| rows_of(item).rows, workers, init, work, fold)
 }
 
-/// What `work` makes of every item, on any thread, in the order of the items.
+/// Applies `work` to every item, on any thread. Returns the results in the order of the items.
 ///
 /// # Errors
 /// As [`each`].
@@ -181,7 +182,7 @@ pub fn map<I: Sync, T: Send>(
     map_folds(items, Workers { folds: None, ..workers }, work)
 }
 
-/// The same of folds that take seconds each: whoever watches is told how many are done.
+/// Like [`map`], for folds that take seconds each: reports progress to [`Workers::folds`].
 ///
 /// # Errors
 /// As [`each`].
@@ -202,8 +203,8 @@ pub fn map_folds<I: Sync, T: Send>(
     Ok(results)
 }
 
-/// Passes every item to `work`, on any thread, and what comes of it to `fold`, in the order of the items; whoever
-/// watches is told of the rows of each. Returns the states of the threads, made by `init`.
+/// Passes every item to `work`, on any thread, and the results to `fold`, in the order of the items. Reports
+/// the rows of each item to [`Workers::watch`]. Returns the states of the threads, created by `init`.
 pub fn on_threads<I: Sync, S: Send, T: Send>(
     items: &[I],
     rows_of: impl Fn(&I) -> usize + Sync,
@@ -213,7 +214,8 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
     fold: impl FnMut(T) -> Result<(), FitError> + Send,
 ) -> Result<Vec<S>, FitError> {
     let threads = match workers.threads {
-        // There are no others in a browser: known here, what starts them is not compiled.
+        // A browser has no other threads. With the constant condition, the code that starts them is not
+        // compiled.
         _ if cfg!(target_family = "wasm") => 1,
         0 => *AVAILABLE_THREADS,
         threads => threads,
@@ -230,7 +232,7 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
                 let goes_on = workers.watch.is_none_or(|watch| watch(rows_of(item)));
                 if goes_on { Ok(value) } else { Err(FitError::Interrupted) }
             });
-            // A poisoned lock means that a thread has panicked, and the panic will be passed on.
+            // A poisoned lock means that a thread has panicked; that panic is propagated.
             if !lock(&folded).add(position, result) {
                 return state;
             }
@@ -251,18 +253,18 @@ pub fn on_threads<I: Sync, S: Send, T: Send>(
     Ok(states)
 }
 
-/// Results that are folded in order and come in any.
+/// Folds results in order that arrive in any order.
 struct OrderedFold<T, F> {
-    /// Position of the first result that is not folded yet.
+    /// Position of the first result that is not yet folded.
     next: usize,
-    /// The results from there on; `None` for those that have not come.
+    /// The results from there on; `None` for those still missing.
     waiting: VecDeque<Option<Result<T, FitError>>>,
     fold: F,
     outcome: Result<(), FitError>,
 }
 
 impl<T, F: FnMut(T) -> Result<(), FitError>> OrderedFold<T, F> {
-    /// Adds the result of the item at a position; `false` if no more are wanted.
+    /// Adds the result of the item at a position; `false` if no further results are needed.
     fn add(&mut self, position: usize, result: Result<T, FitError>) -> bool {
         let ahead = position - self.next;
         while self.waiting.len() <= ahead {

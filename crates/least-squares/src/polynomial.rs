@@ -1,4 +1,4 @@
-//! Wrenches as sums of features of the readings.
+//! Wrenches as linear combinations of features of the readings.
 
 use std::collections::HashMap;
 
@@ -10,21 +10,21 @@ use crate::solution::Solution;
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
-/// `W = X(s)·C`: the features of standardised readings, and their coefficients.
+/// The model `W = X(s)·C`: features of standardised readings, and their coefficients.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Polynomial {
-    /// The features that the coefficients are for.
+    /// The features.
     pub features: Features,
     /// One row per [term](Model::terms), in N and N·m per unit of the feature of standardised readings.
     pub coefficients: Vec<PerAxis<f64>>,
 }
 
 impl Polynomial {
-    /// From coefficients for standardised readings, one entry per [term](Model::terms), in N and N·m
-    /// per unit of the feature.
+    /// Builds the model from coefficients for standardised readings, one row per [term](Model::terms), in N
+    /// and N·m per unit of the feature.
     ///
     /// # Panics
-    /// If there are not as many coefficients as terms, or as many scalings as channels.
+    /// If the numbers of coefficients and terms, or of scalings and channels, differ.
     pub fn new(model: Model, scaling: Scaling, coefficients: Vec<PerAxis<f64>>) -> Self {
         let features = Features::new(model, scaling);
         assert_eq!(coefficients.len(), features.len(), "one row of coefficients per term");
@@ -41,13 +41,14 @@ impl Polynomial {
         &self.features.scaling
     }
 
-    /// The coefficients for the powers of raw readings: one row per [term](Model::terms), in N and N·m per product of
-    /// counts. In this form labs exchange calibrations: no centre, no scale, counts in. The products of shifted readings are
-    /// multiplied out in double-double arithmetic, so that only the last rounding of each coefficient is left. For
-    /// prediction the shifted form is the better one; the raw form can lose digits where its terms cancel.
+    /// The coefficients for powers of raw readings: one row per [term](Model::terms), in N and N·m per
+    /// product of counts. Labs exchange calibrations in this form, because it needs only counts, no centre or
+    /// scale. The products of shifted readings are expanded in double-double arithmetic, so each coefficient
+    /// is rounded only once. Use the shifted form for prediction; the raw form can lose digits where its
+    /// terms cancel.
     ///
-    /// A feature is `Π (sᵢ − cᵢ)/kᵢ` over its factors; choosing `sᵢ` or `−cᵢ` from each gives the raw
-    /// terms it contributes to.
+    /// A feature is `Π (sᵢ − cᵢ)/kᵢ` over its factors. Choosing `sᵢ` or `−cᵢ` from each factor gives the raw
+    /// terms that it contributes to.
     pub fn raw_coefficients(&self) -> Vec<PerAxis<f64>> {
         let terms = self.model().terms();
         let scaling = self.scaling();
@@ -55,7 +56,7 @@ impl Polynomial {
         let mut raw = vec![PerAxis::<DoubleDouble>::default(); terms.len()];
         for (term, coefficients) in terms.iter().zip(&self.coefficients) {
             let factors = term.factors();
-            // Scales are powers of two: dividing by them is exact.
+            // Scales are powers of two, so the division is exact.
             let scale: f64 = factors.iter().map(|&c| scaling.scale[usize::from(c)]).product();
             for chosen in 0..1_u32 << factors.len() {
                 let is_chosen = |i: &usize| chosen & (1 << i) != 0;
@@ -78,8 +79,8 @@ impl Polynomial {
         raw.into_iter().map(|row| row.map(DoubleDouble::to_f64)).collect()
     }
 
-    /// The wrench of the first `rows` rows. The sum over features is one fused multiply-add each, so
-    /// the bits are the same on any machine.
+    /// Computes the wrench of the first `rows` rows. The sum over features uses fused multiply-adds, so the
+    /// bits are the same on any machine.
     pub fn wrench(&self, readings: &[Vec<f64>], rows: usize, wrench: &mut PerAxis<Vec<f64>>) {
         wrench.iter_mut().for_each(|axis| axis.resize(rows, 0.0));
         convert(self, readings, rows, wrench);
@@ -106,8 +107,8 @@ vectorised! {
         for start in (0..rows).step_by(LANES) {
             polynomial.features.lanes(readings, start, &mut features);
             let mut sums = [[0.0; LANES]; 6];
-            // Two vectors of rows at a time: their twelve sums stay in registers, and are as many as
-            // it takes for none to wait for its last addition.
+            // Two vectors of rows at a time. Their twelve sums fit in registers and are enough to hide the
+            // latency of additions.
             for vector in (0..LANES / S::F64_LANES).step_by(2) {
                 let mut vectors = [[simd.splat_f64s(0.0); 2]; 6];
                 for (feature, coefficients) in features.iter().zip(&polynomial.coefficients) {

@@ -1,12 +1,12 @@
-//! How well a calibration does: errors against a measured wrench, and noise at zero load.
+//! The quality of a calibration: errors against a measured wrench, and noise at zero load.
 //!
-//! Everything is a [`RunningVariance`], computed block by block and merged.
+//! All values come from a [`RunningVariance`], computed block by block and merged.
 
 use shell_data::statistics::RunningVariance;
 use shell_data::vectorised;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// How far predictions are from measurements, on one axis, while it is being summed.
+/// Running sums of prediction errors on one axis.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct AxisErrors {
     error: RunningVariance,
@@ -14,25 +14,25 @@ pub struct AxisErrors {
     max: f64,
 }
 
-/// How far predictions are from measurements, on one axis, in N or N·m.
+/// Prediction errors on one axis, in N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AxisQuality {
     /// Root mean square of the error.
     pub rms: f64,
-    /// Largest magnitude of the error; absent where only sums over the rows are left.
+    /// Largest magnitude of the error; absent if only sums over the rows are known.
     pub max: Option<f64>,
-    /// Mean error, predicted less measured.
+    /// Mean error, predicted minus measured.
     pub bias: f64,
-    /// Coefficient of determination, 1 − Σ error² / Σ (measured − mean)²; absent where the
-    /// measured wrench never changes.
+    /// Coefficient of determination, 1 − Σ error² / Σ (measured − mean)²; absent if the measured wrench is
+    /// constant.
     pub r_squared: Option<f64>,
 }
 
 impl AxisErrors {
-    /// Of one block: `predicted` and `measured` are as long as each other, N or N·m.
+    /// The errors of one block; `predicted` and `measured` have the same length, in N or N·m.
     ///
     /// # Panics
-    /// If they are not.
+    /// If the lengths differ.
     pub fn new(predicted: &[f64], measured: &[f64]) -> Self {
         assert_eq!(predicted.len(), measured.len(), "a prediction for every measurement");
         axis_errors(predicted, measured)
@@ -50,7 +50,7 @@ impl AxisErrors {
         self.error.count
     }
 
-    /// The figures; `None` for zero rows.
+    /// The quality; `None` for zero rows.
     pub fn quality(&self) -> Option<AxisQuality> {
         let RunningVariance { count, mean, squares } = self.error;
         let total = self.measured.squares;
@@ -63,7 +63,7 @@ impl AxisErrors {
     }
 }
 
-/// The errors of all axes over one block. Columns are as long as each other, N and N·m.
+/// The errors of all axes over one block. Columns have the same length, in N and N·m.
 pub fn errors(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> PerAxis<AxisErrors> {
     std::array::from_fn(|axis| AxisErrors::new(&predicted[axis], &measured[axis]))
 }
@@ -73,13 +73,13 @@ pub fn merge(all: &mut PerAxis<AxisErrors>, other: &PerAxis<AxisErrors>) {
     all.iter_mut().zip(other).for_each(|(all, other)| all.merge(other));
 }
 
-/// A value for each axis, written between its name and its unit: `Fx 0.12 N, Fy 0.1 N`.
+/// Formats a value for each axis between its name and its unit: `Fx 0.12 N, Fy 0.1 N`.
 pub fn in_units(axes: impl IntoIterator<Item = Axis>, value: impl Fn(usize) -> String) -> String {
     let of = |axis: Axis| format!("{} {} {}", axis.name(), value(axis.index()), axis.unit());
     axes.into_iter().map(of).collect::<Vec<_>>().join(", ")
 }
 
-/// `value` with so many significant digits, with an exponent where that is shorter to read.
+/// Formats `value` with the given number of significant digits, with an exponent if that is shorter.
 pub fn significant(value: f64, digits: usize) -> String {
     let magnitude = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
     if !value.is_finite() || !(-4..6).contains(&magnitude) {
@@ -89,7 +89,7 @@ pub fn significant(value: f64, digits: usize) -> String {
     fixed(value, decimals)
 }
 
-/// `value` with so many decimals; what rounds to zero has no sign.
+/// Formats `value` with the given number of decimals, without a sign if it rounds to zero.
 pub fn fixed(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     match text.strip_prefix('-') {
@@ -115,7 +115,7 @@ vectorised! {
     }
 }
 
-/// Interleaved sums.
+/// Number of parallel sums.
 const LANES: usize = 16;
 
 #[cfg(test)]

@@ -1,24 +1,24 @@
-//! Rows that are assigned to folds at random.
+//! Random assignment of rows to folds.
 
 use shell_data::block::Block;
 use shell_data::fingerprint::row_hashes;
 
-/// How rows are assigned at random, for the naive figure.
+/// A random assignment of rows to folds, for comparison with folds of groups.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct RandomSplit {
-    /// Folds that all rows are assigned to.
+    /// Number of folds that all rows are assigned to.
     #[serde(rename = "random_folds")]
     pub folds: usize,
-    /// Folds that are summed, to be held out. Two of ten tell an error to a hundredth
-    /// from some thousand rows, at a fifth of the work.
+    /// Number of folds that are summed, to be held out. From some thousand rows, two of ten folds determine
+    /// an error to 1 %, at a fifth of the work.
     #[serde(rename = "held_out_folds")]
     pub held_out: usize,
-    /// Which way the rows are assigned.
+    /// The seed of the assignment.
     pub seed: u64,
 }
 
-/// The rows of the folds that are held out: at random, but a row, and all that equal it, always to the
-/// same fold, whatever blocks a log is cut into and whatever other columns it has.
+/// The rows of each held-out fold. The fold of a row is a hash of its values and the seed, so equal rows are
+/// always in the same fold, however a log is divided into blocks and whatever other columns it has.
 pub fn assign(block: &Block, split: &RandomSplit) -> Vec<Vec<usize>> {
     let mut assigned = vec![Vec::new(); split.held_out];
     if split.held_out == 0 {

@@ -1,7 +1,7 @@
-//! Which channels cause a loss of rank.
+//! The channels and features that cause a loss of rank.
 //!
-//! Worked out from the R factor of the QR factorisation alone: its columns have the same lengths
-//! and angles as the columns of features, so channels can be compared without the rows.
+//! Determined from the R factor of the QR factorisation alone: its columns have the same lengths and angles
+//! as the columns of features, so channels can be compared without the rows.
 
 use std::fmt;
 
@@ -13,14 +13,14 @@ use crate::features::{Features, Recipe};
 use crate::model::Term;
 use crate::reading_ranges::ReadingRanges;
 
-/// A relation that holds in every row of the training data, to rounding.
+/// A relation that holds in every row of the training data, except for rounding.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Dependence {
-    /// A channel, counted from 0, always has the same value, in counts.
+    /// A channel, counted from 0, that always has the same value, in counts.
     Constant {
         /// The channel.
         channel: usize,
-        /// Its one value.
+        /// The constant value.
         value: f64,
     },
     /// `s[second] = ratio·s[first] + offset`, channels counted from 0, offset in counts.
@@ -31,12 +31,13 @@ pub enum Dependence {
         second: usize,
         /// Counts of the second per count of the first.
         ratio: f64,
-        /// The second where the first is 0.
+        /// Value of the second channel where the first is 0.
         offset: f64,
     },
-    /// A combination of features that is always zero: each with its share, the largest being one.
+    /// A combination of features that is always zero: each feature with its coefficient, the largest being
+    /// one.
     Combination(Vec<(Term, f64)>),
-    /// A feature that is a combination of others, found in integers.
+    /// A feature that is a combination of others, found in integer arithmetic.
     Relation(Relation),
 }
 
@@ -45,36 +46,36 @@ pub enum Dependence {
 pub struct Relation {
     /// The feature.
     pub feature: Term,
-    /// What it is the sum of: features and their shares, in counts, simplest features first. Empty
-    /// and not [`Self::exact`] if the shares are no fractions of moderate size.
+    /// The features whose sum it is, with their coefficients in counts, simplest features first. Empty, and
+    /// not [`Self::exact`], if the coefficients are not fractions of moderate size.
     pub shares: Vec<(Term, f64)>,
-    /// Whether the relation was found and checked in exact integers.
+    /// True if the relation was found and checked in exact integers.
     pub exact: bool,
 }
 
-/// How many features are independent, and what makes the others depend on them.
+/// The number of independent features, and the relations that make the others depend on them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RankLoss {
-    /// Independent features.
+    /// Number of independent features.
     pub rank: usize,
-    /// Features.
+    /// Number of features.
     pub features: usize,
-    /// What was found, constant channels first.
+    /// The relations found, constant channels first.
     pub dependences: Vec<Dependence>,
 }
 
-/// Relative distance below which one column counts as a combination of two others. Rounding in the
-/// factorisation is some hundred times smaller, one count in a 16-bit reading a billion times larger.
+/// Relative distance below which a column counts as a combination of two others. Rounding in the
+/// factorisation is some hundred times smaller; one count in a 16-bit reading is a billion times larger.
 const SAME_LINE: f64 = 1e-13;
 
-/// Shares of a combination that are smaller than this are left out: rounding has made them.
+/// Coefficients of a combination below this are rounding errors and omitted.
 const NEGLIGIBLE_SHARE: f64 = 1e-6;
 
 impl RankLoss {
     /// Explains a rank loss.
     ///
-    /// `r` is the p × p R factor of the features; `null_space`, p × (p − rank), holds directions in
-    /// which its columns, scaled to norm one, cancel.
+    /// `r` is the p × p R factor of the features; `null_space`, p × (p − rank), contains directions in which
+    /// its columns, scaled to norm one, cancel.
     pub fn explain(
         features: &Features,
         ranges: &ReadingRanges,
@@ -94,7 +95,7 @@ impl RankLoss {
         Self { rank: features.len() - null_space.ncols(), features: features.len(), dependences }
     }
 
-    /// The same from relations that were found in integers: those of constant channels need not be said.
+    /// Explains a rank loss by relations that were found in integers. Omits relations of constant channels.
     pub(crate) fn from_relations(
         rank: usize,
         features: usize,
@@ -109,7 +110,7 @@ impl RankLoss {
     }
 }
 
-/// Pairs of channels of which one is a straight-line function of the other.
+/// Pairs of channels in which one is a linear function of the other.
 fn lines(features: &Features, r: MatRef<'_, f64>, channels: &[usize]) -> Vec<Dependence> {
     let column_of = |wanted: Recipe| features.recipe().iter().position(|&recipe| recipe == wanted);
     let constant = column_of(Recipe::One).map(|j| r.col(j));
@@ -135,7 +136,7 @@ fn lines(features: &Features, r: MatRef<'_, f64>, channels: &[usize]) -> Vec<Dep
     found
 }
 
-/// `slope` and `offset` of `y = slope·x + offset·one`, if `y` is that.
+/// Returns `slope` and `offset` of `y = slope·x + offset·one`, if that holds.
 fn line(
     x: ColRef<'_, f64>,
     y: ColRef<'_, f64>,
@@ -152,8 +153,8 @@ fn line(
     (distance <= SAME_LINE * y.norm_l2()).then_some((slope, y_mean - slope * x_mean))
 }
 
-/// The same space, by directions each of which has a feature of its own: Gauss–Jordan elimination
-/// on columns with the largest element left as the pivot.
+/// A basis of the same space in which each direction has a feature that no other direction has: Gauss–Jordan
+/// elimination on columns, with the largest remaining element as the pivot.
 fn echelon(mut v: Mat<f64>) -> Mat<f64> {
     for k in 0..v.ncols() {
         let pivots = (k..v.ncols()).flat_map(|j| (0..v.nrows()).map(move |i| (i, j)));
@@ -186,7 +187,7 @@ fn shares(terms: &[Term], direction: ColRef<'_, f64>) -> Vec<(Term, f64)> {
 }
 
 impl Dependence {
-    /// The channels that are constant, and that they are.
+    /// The constant channels, and a dependence for each.
     fn constants(ranges: &ReadingRanges) -> (Vec<usize>, Vec<Self>) {
         let constant = ranges.constant_channels();
         let of = |&channel: &usize| Dependence::Constant {
@@ -199,12 +200,12 @@ impl Dependence {
 }
 
 impl Relation {
-    /// The share of `term`, zero if it has none.
+    /// The coefficient of `term`; zero if it is not in the relation.
     pub fn share(&self, term: Term) -> f64 {
         self.shares.iter().find(|(t, _)| *t == term).map_or(0.0, |&(_, share)| share)
     }
 
-    /// If the relation says that `s_j − s_i`, or `s_j` itself, has only two values: these.
+    /// Returns the values if the relation means that `s_j − s_i`, or `s_j` itself, has only two values.
     fn two_values(&self) -> Option<(Vec<u8>, f64, f64)> {
         let j = *self.feature.factors().first().filter(|j| self.feature.factors() == [**j; 2])?;
         // d² = (a + b)·d − a·b for d = s_j or d = s_j − s_i.
@@ -231,7 +232,7 @@ impl Relation {
 
 impl fmt::Display for Relation {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// Longer sums are cut short.
+        /// Number of terms to show; longer sums are truncated.
         const SHOWN: usize = 8;
         let name = self.feature.name();
         if !self.exact {
@@ -296,7 +297,7 @@ impl fmt::Display for RankLoss {
 
 impl fmt::Display for Dependence {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        /// More names than this do not help to find the cause.
+        /// Number of names to show; more do not help to find the cause.
         const NAMES: usize = 6;
         match self {
             Dependence::Constant { channel, value } => {
@@ -326,7 +327,7 @@ impl fmt::Display for Dependence {
     }
 }
 
-/// Nine digits: what is left of an exact ratio after rounding in the factorisation looks exact.
+/// Rounds to nine digits, so that an exact ratio looks exact despite rounding in the factorisation.
 fn rounded(value: f64) -> f64 {
     format!("{value:.9e}").parse().unwrap_or(value)
 }

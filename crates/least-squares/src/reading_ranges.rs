@@ -1,7 +1,7 @@
-//! Which readings a calibration has seen: rows, and the range of each channel.
+//! The range of the readings that a calibration has seen: the number of rows, and the range of each channel.
 //!
-//! Found in the same pass as the fit, whatever the solver. It says where a calibration may be
-//! trusted, and names channels that never moved.
+//! Determined in the same pass as the fit, for any solver. It shows where a calibration can be trusted, and
+//! names channels that never moved.
 
 /// The smallest and the largest reading of one channel, in counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -12,7 +12,7 @@ pub struct ReadingRange {
     pub max: f64,
 }
 
-/// Rows seen and the range of each channel over them. Merges in any order.
+/// The number of rows and the range of each channel over them. Merges in any order.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReadingRanges {
     /// Number of rows.
@@ -24,17 +24,17 @@ pub struct ReadingRanges {
 impl ReadingRange {
     const NOTHING: ReadingRange = ReadingRange { min: f64::INFINITY, max: f64::NEG_INFINITY };
 
-    /// Whether `reading` lies within.
+    /// Returns true if `reading` is in the range.
     pub fn contains(&self, reading: f64) -> bool {
         self.min <= reading && reading <= self.max
     }
 
-    /// Whether there was only ever one value.
+    /// Returns true if the range is a single value.
     pub fn is_constant(&self) -> bool {
         self.min == self.max
     }
 
-    /// Widens it by another.
+    /// Widens the range to include another.
     pub fn merge(&mut self, other: ReadingRange) {
         self.min = self.min.min(other.min);
         self.max = self.max.max(other.max);
@@ -42,7 +42,7 @@ impl ReadingRange {
 }
 
 impl ReadingRanges {
-    /// No rows of `channels` channels.
+    /// The ranges over zero rows of `channels` channels.
     pub fn new(channels: usize) -> Self {
         Self { rows: 0, channels: vec![ReadingRange::NOTHING; channels] }
     }
@@ -55,7 +55,7 @@ impl ReadingRanges {
         }
     }
 
-    /// The channels, from 0, that only ever had one value.
+    /// The channels, from 0, whose range is a single value.
     pub fn constant_channels(&self) -> Vec<usize> {
         (0..self.channels.len()).filter(|&i| self.channels[i].is_constant()).collect()
     }

@@ -1,25 +1,25 @@
-//! How coefficients scatter where errors are alike within groups of rows: what the groups add up to.
+//! The scatter of coefficients if errors are correlated within groups of rows, from sums over the groups.
 //!
-//! With `F·Fᵀ = A⁻¹`, `A = XᵀX` over all rows, and for each group of rows its Gram matrix `A_g` and
-//! its score `s_g = X_gᵀ(W_g − X_g·C)`,
+//! Let `F·Fᵀ = A⁻¹`, with `A = XᵀX` over all rows. For each group of rows with the Gram matrix `A_g` and the
+//! score `s_g = X_gᵀ(W_g − X_g·C)`,
 //!
 //! ```text
 //! K_g = FᵀA_gF    u_g = Fᵀs_g    v_g = (I − K_g)^(−½)·u_g
 //! cov(C) = F·(Σ v_g·v_gᵀ)·Fᵀ
 //! ```
 //!
-//! for each axis: the sandwich over clusters with the correction CR2 of Bell and McCaffrey (Survey
-//! Methodology 28, 2002, p. 169), who take the residuals `(I − H_g)^(−½)·e_g`, `H_g = X_gA⁻¹X_gᵀ`.
-//! That `A_g` and `s_g` are sufficient follows from `Xᵀ·f(X·A⁻¹·Xᵀ) = f(XᵀX·A⁻¹)·Xᵀ`. Likewise
+//! for each axis. This is the sandwich estimator over clusters with the correction CR2 of Bell and McCaffrey
+//! (Survey Methodology 28, 2002, p. 169), who use the residuals `(I − H_g)^(−½)·e_g`, `H_g = X_gA⁻¹X_gᵀ`.
+//! `A_g` and `s_g` are sufficient because `Xᵀ·f(X·A⁻¹·Xᵀ) = f(XᵀX·A⁻¹)·Xᵀ`. Likewise
 //!
 //! ```text
 //! Σ e_gᵀ(I − H_g)⁻¹e_g = Σ eᵀe + Σ u_gᵀ(I − K_g)⁻¹u_g
 //! ```
 //!
-//! whose mean over all rows is the variance of one row: without bias where errors are independent,
-//! and where the errors of a group are one and the same and so are its readings.
+//! whose mean over all rows is the variance of one row. It is unbiased if errors are independent, and also if
+//! a group has one and the same error and equal readings.
 //!
-//! Where `K_g` and `u_g` come from, exact sums or R factors of a QR factorisation, is not said here.
+//! The source of `K_g` and `u_g`, exact sums or R factors, does not matter here.
 
 use faer::{Accum, Mat, MatRef};
 
@@ -30,56 +30,56 @@ use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
-/// `u_g` or `v_g` of each axis.
+/// `u_g` or `v_g` for each axis.
 type Scores = PerAxis<Vec<f64>>;
 
-/// A group whose `K_g` has an eigenvalue this near to one determines a direction alone.
+/// A group alone determines a direction if an eigenvalue of its `K_g` is this close to one.
 const ALONE: f64 = 1e-8;
 
-/// By how much the `K_g` may fail to add up to the identity.
+/// The largest deviation of the sum of all `K_g` from the identity.
 const LARGEST_DEFECT: f64 = 1e-4;
 
-/// What groups of rows say about the scatter of the coefficients.
+/// The scatter of the coefficients over groups of rows.
 #[derive(Clone, Debug)]
 pub struct GroupScatter {
-    /// Groups that have rows.
+    /// Number of groups with rows.
     pub groups: usize,
-    /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`: rows are features of centred and
-    /// scaled readings, N and N·m.
+    /// For each axis an upper triangular `T`, `T·Tᵀ = cov(C)`. Rows are features of centred and scaled
+    /// readings, in N and N·m.
     pub factors: PerAxis<Mat<f64>>,
     /// `Σ e_gᵀ(I − H_g)⁻¹e_g`, in products of N and N·m.
     pub residual_products: PerAxis<PerAxis<f64>>,
-    /// The share of the squared errors that the rows of a group have in common: their mean, squared.
+    /// The fraction of the squared errors that the rows of a group share: their mean, squared.
     pub shared: PerAxis<f64>,
 }
 
 impl GroupScatter {
-    /// The covariance of the errors of one of so many rows, in products of N and N·m.
+    /// The covariance of the errors of one row, from `rows` rows, in products of N and N·m.
     pub fn residual_covariance(&self, rows: u64) -> PerAxis<PerAxis<f64>> {
         self.residual_products.map(|row| row.map(|product| product / rows as f64))
     }
 }
 
-/// The scatter of a fit while its groups are being added.
+/// The sums for the scatter of a fit while groups are being added.
 #[derive(Debug)]
 pub(crate) struct ScatterSums {
     groups: usize,
-    /// `v_g` of every group that has one.
+    /// `v_g` of every group that does not determine a direction alone.
     scores: PerAxis<Vec<Vec<f64>>>,
     products: PerAxis<PerAxis<f64>>,
-    /// The identity less all `K_g`, where these must add up to it.
+    /// The identity minus all `K_g`, if the `K_g` must add up to it.
     pub(crate) defect: Option<SymmetricMatrix>,
-    /// The labels of the groups that alone determine a direction.
+    /// The labels of the groups that determine a direction alone.
     alone: Vec<String>,
     common: PerAxis<f64>,
     squares: PerAxis<f64>,
 }
 
 impl ScatterSums {
-    /// Of a solution, before any group.
+    /// Starts the sums for a solution, before any group.
     pub(crate) fn new(solution: &Solution) -> Self {
         let (features, products) = (solution.factor.nrows(), &solution.residual_products);
-        // Without a ridge, and if no direction was left out, the `K_g` must add up to the identity.
+        // Without a ridge, and if no direction was dropped, the `K_g` must add up to the identity.
         let all_directions = solution.ridge == 0.0 && solution.rank == features;
         Self {
             groups: 0,
@@ -94,7 +94,7 @@ impl ScatterSums {
         }
     }
 
-    /// Takes the `K_g` of groups off what must be left of the identity.
+    /// Subtracts the `K_g` of groups from the defect.
     pub(crate) fn take_off(&mut self, shares: &SymmetricMatrix) {
         let Some(defect) = &mut self.defect else { return };
         for i in 0..shares.size {
@@ -102,7 +102,7 @@ impl ScatterSums {
         }
     }
 
-    /// Adds a group by its `v_g`: `None` if it alone determines a direction.
+    /// Adds a group with its `v_g`, or `None` if it determines a direction alone.
     pub(crate) fn add(
         &mut self,
         label: &str,
@@ -126,10 +126,10 @@ impl ScatterSums {
         }
     }
 
-    /// The scatter, after all groups. `F` is in the units that the covariance is wanted in.
+    /// The scatter, after all groups. The units of `F` determine the units of the covariance.
     ///
     /// # Errors
-    /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly dependent.
+    /// [`FitError`] if one group alone determines a coefficient, or the features are too nearly dependent.
     pub(crate) fn finish(self, factor: &UpperTriangle) -> Result<GroupScatter, FitError> {
         let features = factor.size();
         if let Some(defect) = &self.defect {
@@ -157,7 +157,8 @@ impl ScatterSums {
     }
 }
 
-/// `v_g` of `K_g`, features × features, and `u_g`; `None` if the group alone determines a direction.
+/// Computes `v_g` from `K_g`, features × features, and `u_g`; `None` if the group determines a direction
+/// alone.
 ///
 /// # Errors
 /// [`FitError::NearlyDependent`].
@@ -175,8 +176,9 @@ pub(crate) fn corrected(share: SymmetricMatrix, score: Scores) -> Result<Option<
     })))
 }
 
-/// The same of `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g = Mᵀe`. Where rows are fewer,
-/// `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. Beside it is `K_g`, if that was made or is wanted.
+/// Computes `v_g` from `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g = Mᵀe`. With
+/// fewer rows than features it uses `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. Also returns `K_g`, if it
+/// was computed or `wants_share` is true.
 ///
 /// # Errors
 /// [`FitError::NearlyDependent`].
@@ -202,7 +204,7 @@ pub(crate) fn corrected_rows(
     Ok((share, score))
 }
 
-/// `M·Mᵀ`.
+/// Computes `M·Mᵀ`.
 fn gram(rows: MatRef<'_, f64>) -> SymmetricMatrix {
     let mut products = Mat::zeros(rows.nrows(), rows.nrows());
     lower_product(products.as_mut(), Accum::Replace, rows);

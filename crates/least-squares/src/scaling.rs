@@ -1,38 +1,38 @@
-//! Shifting and scaling readings before powers are taken.
+//! Shift and scale of readings before powers are computed.
 //!
-//! Raw cubic features of 12-bit readings span ten orders of magnitude and are nearly collinear;
-//! about their mean they are not. The shift is an integer and the scale a power of two, so that for
-//! integer readings of up to 16 bits every feature is an exact `f64`: a calibration is then a least
-//! squares fit to the very numbers that were recorded.
+//! Raw cubic features of 12-bit readings span ten orders of magnitude and are nearly collinear; relative to
+//! their mean they are not. The shift is an integer and the scale a power of two, so for integer readings of
+//! up to 16 bits every feature is an exact `f64`. A calibration is then a least-squares fit to exactly the
+//! recorded numbers.
 
 use shell_data::statistics::extremes;
 
-/// How readings become standardised readings: `z = (s − centre) / scale`, channel by channel.
+/// The standardisation of readings: `z = (s − centre) / scale`, channel by channel.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Scaling {
-    /// What is subtracted, in counts. Zero for models without an intercept.
+    /// The offset that is subtracted, in counts. Zero for models without an intercept.
     pub centre: Vec<f64>,
-    /// What is divided by, in counts: a power of two.
+    /// The divisor, in counts: a power of two.
     pub scale: Vec<f64>,
 }
 
 impl Scaling {
-    /// No shift and no scaling: the features are those of the raw readings.
+    /// No shift and no scaling: features of raw readings.
     pub fn identity(channels: usize) -> Self {
         Self { centre: vec![0.0; channels], scale: vec![1.0; channels] }
     }
 
     /// Chooses centre and scale from a sample of the readings, one column per channel.
     ///
-    /// The centre is the rounded mean, the scale the power of two next above the largest distance
-    /// from it, so that |z| ≤ 1 over the sample. Without an intercept the centre is zero: the
-    /// powers of a shifted reading span the powers of the reading only together with a constant,
-    /// so a shift would change the model and not only its basis.
+    /// The centre is the rounded mean. The scale is the next power of two above the largest distance from the
+    /// centre, so |z| ≤ 1 over the sample. Without an intercept the centre is zero: the powers of a shifted
+    /// reading span the powers of the reading only together with a constant, so a shift would change the
+    /// model and not only its basis.
     pub fn from_sample(readings: &[Vec<f64>], intercept: bool) -> Self {
         Self::from_channels(readings.iter().map(|column| ChannelSample::new(column)), intercept)
     }
 
-    /// The same from what is known of all rows.
+    /// Chooses centre and scale from a summary of all rows.
     pub(crate) fn from_channels(
         channels: impl Iterator<Item = ChannelSample>,
         intercept: bool,
@@ -47,12 +47,12 @@ impl Scaling {
     }
 }
 
-/// The readings of a channel, in short.
+/// A summary of the readings of a channel.
 pub(crate) struct ChannelSample {
     pub(crate) min: f64,
     pub(crate) max: f64,
     pub(crate) mean: f64,
-    /// Whether all of them are.
+    /// True if all readings are integers.
     pub(crate) integers: bool,
 }
 
@@ -63,8 +63,8 @@ impl ChannelSample {
         Self { min, max, mean, integers: column.iter().all(|s| s.fract() == 0.0) }
     }
 
-    /// The mean, rounded to an integer; where readings carry decimals and stay within a few counts, to
-    /// a fraction of their range that is a power of two, which keeps the subtraction exact.
+    /// The mean, rounded to an integer. If readings have decimals and stay within a few counts, it is rounded
+    /// to a power-of-two fraction of their range, which keeps the subtraction exact.
     fn rounded_mean(&self) -> f64 {
         let Self { min, max, mean, integers } = *self;
         if min > max {
@@ -81,7 +81,7 @@ impl ChannelSample {
     }
 }
 
-/// The smallest power of two that is not below `value`; 1 for zero and where there is none.
+/// The smallest power of two not below `value`; 1 for zero and if there is none.
 fn power_of_two_above(value: f64) -> f64 {
     if !value.is_normal() {
         return 1.0;
@@ -89,11 +89,11 @@ fn power_of_two_above(value: f64) -> f64 {
     let mantissa_bits = (1u64 << 52) - 1;
     let below = f64::from_bits(value.abs().to_bits() & !mantissa_bits);
     let power = if below == value.abs() { below } else { 2.0 * below };
-    // The reciprocal is what is multiplied by; it must be a normal number too.
+    // The reciprocal is the factor, so it must be a normal number too.
     if power.recip().is_normal() && power.is_finite() { power } else { 1.0 }
 }
 
-/// Whether dividing by it is exact.
+/// Returns true if division by `value` is exact.
 pub fn is_power_of_two(value: f64) -> bool {
     value > 0.0 && value.recip().is_normal() && value.to_bits().trailing_zeros() >= 52
 }

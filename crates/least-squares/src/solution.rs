@@ -1,4 +1,4 @@
-//! What solvers find.
+//! The result of a fit.
 
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par};
@@ -11,13 +11,13 @@ use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// Coefficients and all that is known about them. Rows and columns of features are in the order of
-/// [`Model::terms`], those of axes in the order of [`shell_data::wrench::Axis::ALL`].
+/// Coefficients with their covariance factors and diagnostics. Rows and columns of features are in the order
+/// of [`Model::terms`]; axes are in the order of [`shell_data::wrench::Axis::ALL`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Solution {
     /// The features.
     pub model: Model,
-    /// Centre and scale of the readings that the coefficients are for.
+    /// Centre and scale of the readings.
     pub scaling: Scaling,
     /// `C`, features × 6, in N and N·m.
     pub coefficients: Mat<f64>,
@@ -25,13 +25,13 @@ pub struct Solution {
     pub factor: Mat<f64>,
     /// `(W − X·C)ᵀ(W − X·C)`, 6 × 6, in products of N and N·m.
     pub residual_products: Mat<f64>,
-    /// Rows fitted.
+    /// Number of rows fitted.
     pub rows: u64,
-    /// Condition number of the features, columns scaled to norm one.
+    /// Condition number of the features, with columns scaled to norm one.
     pub condition: f64,
-    /// Independent features.
+    /// Number of independent features.
     pub rank: usize,
-    /// λ of the ridge: that which was asked for, or which the solver found.
+    /// λ of the ridge, as requested or as found by the solver.
     pub ridge: f64,
 }
 
@@ -50,13 +50,13 @@ impl Solution {
         }
     }
 
-    /// What is left of it without some of its rows, from its factor alone (downdating by Woodbury's identity): with
-    /// their features `X`, their errors `E` and `Uᵀ·U = I − (X·F)ᵀ·(X·F)`, the factor is `F·U⁻¹`. Condition number and
-    /// rank stay as they were.
+    /// The solution without some of its rows, from its factor alone (downdating by Woodbury's identity). With
+    /// the features `X` of these rows, their errors `E` and `Uᵀ·U = I − (X·F)ᵀ·(X·F)`, the new factor is
+    /// `F·U⁻¹`. Condition number and rank stay unchanged.
     ///
-    /// `None` where these rows alone say what some of the coefficients are, and too few digits would be left.
+    /// `None` if these rows alone determine some of the coefficients, so that too few digits would remain.
     pub fn without(&self, rows: &Block) -> Option<Self> {
-        /// What is left of a direction of the features, squared: eight digits of sixteen.
+        /// The smallest remaining fraction of a direction of the features, squared: eight digits of sixteen.
         const LEAST_LEFT: f64 = 1e-8;
         let features = Features::new(self.model, self.scaling.clone());
         let count = features.len();

@@ -1,8 +1,7 @@
-//! From rows to coefficients: what all solvers have in common.
+//! From rows to coefficients: the common part of all solvers.
 //!
-//! A solver reduces blocks of rows to partial fits, merges partial fits in the order of the rows
-//! and solves what is left. Memory does not grow with the number of rows, and blocks may be
-//! reduced on several threads.
+//! A solver reduces blocks of rows to partial fits, merges partial fits in the order of the rows and solves
+//! the result. Memory does not grow with the number of rows, and blocks may be reduced on several threads.
 
 pub use crate::methods::SolverKind;
 pub use crate::passes::{Pass, Rows, Workers};
@@ -19,26 +18,26 @@ use crate::scaling::{ChannelSample, Scaling};
 use shell_data::block::Block;
 use shell_data::wrench::Axis;
 
-/// The input of a solver besides the rows.
+/// The input of a solver, without the rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FitProblem {
     /// The features.
     pub model: Model,
     /// Centre and scale of the readings.
     pub scaling: Scaling,
-    /// λ ≥ 0 of a ridge on columns of norm one; the intercept is not penalised. 0 for none.
+    /// λ ≥ 0 of a ridge on columns of norm one; the intercept is not penalised. 0 for no ridge.
     pub ridge: f64,
 }
 
-/// What is known of the readings of all rows, for centre and scale where the answer depends on them.
+/// Sums over the readings of all rows. They determine centre and scale if the result depends on them.
 ///
-/// A least-squares fit is the same about any centre. A penalty is not: it is on the coefficients of
-/// the powers of readings about the centre. A sample of the rows would make the answer depend on their
-/// order; the mean of all of them does not.
+/// A least-squares fit is the same for any centre. A ridge fit is not, because it penalises the coefficients
+/// of the powers of readings relative to the centre. With the mean of a sample the result would depend on the
+/// order of the rows; with the mean of all rows it does not.
 #[derive(Clone, Debug)]
 pub struct ReadingSums {
     ranges: ReadingRanges,
-    /// Exact as long as readings span fewer than some fifty binary places.
+    /// Exact if readings span fewer than some fifty binary places.
     sums: Vec<DoubleDouble>,
     integers: Vec<bool>,
 }
@@ -53,7 +52,7 @@ impl ReadingSums {
         }
     }
 
-    /// Centre and scale of the rows; `intercept` says whether readings are shifted at all.
+    /// Centre and scale of the rows; without `intercept`, readings are not shifted.
     pub fn scaling(&self, intercept: bool) -> Scaling {
         let Self { ranges, sums, integers } = self;
         let channel = |i: usize| ChannelSample {
@@ -87,8 +86,7 @@ impl Pass for ReadingSums {
     }
 }
 
-/// Fits the calibration of `problem` by the solver of that name. Also returns the ranges of the
-/// readings that it was fitted to.
+/// Fits the calibration of `problem` with the given solver. Also returns the ranges of the fitted readings.
 ///
 /// # Errors
 /// [`FitError`] if the rows do not determine the coefficients, or not for this solver.
@@ -98,7 +96,7 @@ pub fn fit(
     rows: &Rows<'_>,
 ) -> Result<(Solution, ReadingRanges), FitError> {
     if kind == SolverKind::Exact {
-        // One pass is enough, and its sums know the ranges.
+        // One pass is enough, and its sums contain the ranges.
         let moments = exact_sums(problem.model, rows)?;
         let ranges = moments.reading_ranges();
         return Ok((moments.solve(&problem.model, problem.ridge)?.solution, ranges));
@@ -106,7 +104,7 @@ pub fn fit(
     fit_by(kind.into(), problem, rows)
 }
 
-/// The exact sums of the rows, for [`ExactSums::solve`] and all else that can be told from them.
+/// The exact sums of the rows, for [`ExactSums::solve`] and everything else that uses them.
 ///
 /// # Errors
 /// [`FitError::NotExact`] if they cannot be exact.
@@ -130,7 +128,7 @@ impl Pass for Accumulator {
     }
 }
 
-/// As [`fit`], by a method of [`methods`] on the features.
+/// Like [`fit`], by a method of [`methods`] on the features.
 ///
 /// # Errors
 /// As [`fit`].
@@ -163,7 +161,7 @@ pub fn fit_by(
 struct FeatureRows<'a> {
     rows: &'a Rows<'a>,
     features: &'a Features,
-    /// That of all rows, once they have been passed over.
+    /// The ranges of all rows, known after the first pass.
     ranges: Option<ReadingRanges>,
 }
 
@@ -184,14 +182,14 @@ impl methods::RowSource for FeatureRows<'_> {
     }
 }
 
-/// Multiplies rows by the roots of their weights, so that their squares count by the weights.
+/// Multiplies rows by the square roots of their weights, which weights their squares.
 fn scale_rows(columns: &mut [f64], stride: usize, weights: &[f64]) {
     for column in columns.chunks_mut(stride) {
         column.iter_mut().zip(weights).for_each(|(x, weight)| *x *= weight.sqrt());
     }
 }
 
-/// A reduction of features as a pass over blocks, which finds the ranges of the readings as it goes.
+/// A reduction of features as a pass over blocks. It also determines the ranges of the readings.
 #[derive(Clone)]
 struct OverFeatures<'a, R> {
     features: &'a Features,
@@ -278,7 +276,7 @@ mod tests {
                 fit(kind, problem, &block.into()).unwrap().0
             };
             let (found, expected) = (solve(&weighted), solve(&repeated));
-            // Roots of weights are rounded, and the features have a condition of some hundred.
+            // Roots of weights are rounded, and the features have a condition number of some hundred.
             let difference = (&found.coefficients - &expected.coefficients).norm_max();
             assert!(difference < 1e-11, "{}: {difference}", kind.name());
             let difference = (&found.residual_products - &expected.residual_products).norm_max();
@@ -305,7 +303,7 @@ mod tests {
         };
         let (found, expected) = (solve(&all).without(&some).unwrap(), solve(&others));
         assert_eq!(found.rows, 160);
-        // Doubles, and features with a condition of some hundred.
+        // Double precision, and features with a condition number of some hundred.
         let products = |solution: &Solution| {
             let factor = &solution.factor;
             factor * factor.transpose()
@@ -318,7 +316,7 @@ mod tests {
         for difference in differences {
             assert!(difference.norm_max() < 1e-11, "{}", difference.norm_max());
         }
-        // A row that alone says what a coefficient is: without it, no digits are left.
+        // A row that alone determines a coefficient: without it, no digits remain.
         let mut lone = others.clone();
         lone.append(&some, 0..1);
         lone.readings[0][160] = 1e9;

@@ -1,13 +1,13 @@
-//! What is kept of rows, all together and by group, whatever kind it is.
+//! The reduced form of rows, in total and by group, in any of three kinds.
 //!
-//! | kind | rows | held out | why it is there |
+//! | kind | rows | held-out groups | reason |
 //! | --- | --- | --- | --- |
 //! | [`ExactSums`] | integers, or decimals of few digits | subtracted exactly | the same bits in any order |
-//! | [R factors](crate::factored) | any | the others are merged | sums of rounded products would cancel |
-//! | copies of rows | any, with a solver that clips them | fitted again | the clipped rows differ from fit to fit |
+//! | [R factors](crate::factored) | any | the other groups are merged | sums of rounded products would cancel |
+//! | copies of rows | any, with a solver that clips them | the others are fitted again | the clipped rows differ from fit to fit |
 //!
-//! Callers fit, hold groups out, choose a model and get a covariance by [`RowSums`] and [`GroupedSums`], and need not know
-//! which kind they have.
+//! [`RowSums`] and [`GroupedSums`] fit, hold groups out, choose a model and compute a covariance for any
+//! kind.
 
 use std::collections::HashSet;
 use std::ops::Range;
@@ -32,19 +32,19 @@ use crate::validation::selection::{self, Advice, Candidate, Selection};
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// What is kept of some rows, in memory and in a document.
+/// The reduced form of rows, in memory and in a document.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(try_from = "SumsDocument")]
 pub enum RowSums {
-    /// Exact sums: merged in any order they are the same, bit for bit.
+    /// Exact sums: the same bits in any order of merging.
     #[serde(rename = "moments")]
     Exact(ExactSums),
-    /// The R factor of rows that cannot be summed exactly: merged in another order it differs in its last digits.
+    /// The R factor of rows that cannot be summed exactly: the last digits depend on the order of merging.
     #[serde(rename = "triangle")]
     Factored(FactoredRows),
 }
 
-/// The fields of a document, one of which has them.
+/// The fields of a document; exactly one is present.
 #[derive(Deserialize)]
 struct SumsDocument {
     moments: Option<ExactSums>,
@@ -64,7 +64,7 @@ impl TryFrom<SumsDocument> for RowSums {
     }
 }
 
-/// A solution of what is kept of some rows.
+/// A solution from reduced rows.
 #[derive(Clone, Debug)]
 pub struct SolvedSums {
     /// The solution.
@@ -94,7 +94,7 @@ impl RowSums {
         }
     }
 
-    /// Whether they are of the features of a model.
+    /// Returns true if the channels and the basis match `model`.
     pub fn suit(&self, model: &Model) -> bool {
         let basis = match self {
             Self::Exact(sums) => sums.basis(),
@@ -103,7 +103,7 @@ impl RowSums {
         (self.channels(), basis) == (model.channels, model.basis)
     }
 
-    /// The field of a document that has them.
+    /// The name of the field in a document.
     pub fn field(&self) -> &'static str {
         match self {
             Self::Exact(_) => "moments",
@@ -111,7 +111,7 @@ impl RowSums {
         }
     }
 
-    /// What they are called.
+    /// The displayed name of the kind.
     pub fn kind(&self) -> &'static str {
         match self {
             Self::Exact(_) => "exact sums",
@@ -119,13 +119,13 @@ impl RowSums {
         }
     }
 
-    /// Adds the rows of `other`, of the same features.
+    /// Adds the rows of `other`, with the same features.
     ///
     /// # Errors
     /// [`ExactError`] if both together cannot be summed exactly.
     ///
     /// # Panics
-    /// If `other` is of another [kind](Self::kind), or of other features.
+    /// If `other` has another [kind](Self::kind), or other features.
     pub fn merge(&mut self, other: &Self) -> Result<(), ExactError> {
         match (&mut *self, other) {
             (Self::Exact(own), Self::Exact(other)) => own.merge(other)?,
@@ -138,7 +138,7 @@ impl RowSums {
     /// Fits `model` with λ = `ridge`.
     ///
     /// # Errors
-    /// [`FitError`] if the rows do not determine the coefficients, or lack features of the model.
+    /// [`FitError`] if the rows do not determine the coefficients, or features of the model were not kept.
     pub fn solve(&self, model: &Model, ridge: f64) -> Result<SolvedSums, FitError> {
         match self {
             Self::Exact(sums) => {
@@ -161,20 +161,20 @@ impl RowSums {
     }
 }
 
-/// What is kept of rows by group.
+/// The reduced form of rows by group.
 #[derive(Clone, Debug)]
 pub enum GroupedSums {
     /// Exact sums.
     Exact(SumsByGroup),
     /// R factors.
     Factored(FactoredGroups),
-    /// The rows with their labels, for Huber's estimator: what a row counts depends on the fit, so sums of rows that were
-    /// clipped by one fit say nothing of a fit without a group.
+    /// The rows with their labels, for Huber's estimator: the weight of a row depends on the fit, so sums of
+    /// rows that one fit has clipped do not apply to a fit without a group.
     Rows(Block),
 }
 
 impl GroupedSums {
-    /// Number of groups that are kept apart.
+    /// Number of groups, or sets of groups, with separate sums.
     pub fn groups(&self) -> usize {
         match self {
             Self::Exact(sums) => sums.groups.len(),
@@ -186,7 +186,7 @@ impl GroupedSums {
         }
     }
 
-    /// Number of groups that there are: more than are kept apart where sets of them were summed.
+    /// Number of groups; more than [`groups`](Self::groups) if sets of groups were summed.
     pub fn group_count(&self) -> usize {
         match self {
             Self::Exact(sums) => sums.group_count,
@@ -214,7 +214,7 @@ impl GroupedSums {
         }
     }
 
-    /// The exact sums, if that is what was kept.
+    /// The exact sums, if they are of that kind.
     pub fn exact(&self) -> Option<&SumsByGroup> {
         match self {
             Self::Exact(sums) => Some(sums),
@@ -222,16 +222,17 @@ impl GroupedSums {
         }
     }
 
-    /// Whether rows themselves were kept.
+    /// Returns true if the rows themselves were kept.
     pub fn are_rows(&self) -> bool {
         matches!(self, Self::Rows(_))
     }
 
-    /// The errors of `model` with λ = `ridge` on each group, or each of so many folds of groups, of fits without it.
+    /// The errors of `model` with λ = `ridge` on each group, or each of `folds` folds of groups, each from a
+    /// fit without it.
     ///
     /// # Errors
-    /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit; [`FitError::NoGroupSums`] where
-    /// rows themselves were kept.
+    /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit;
+    /// [`FitError::NoGroupSums`] if the rows themselves were kept.
     pub fn cross_validate(
         &self,
         model: &Model,
@@ -245,12 +246,13 @@ impl GroupedSums {
         }
     }
 
-    /// Compares all families of features that were kept by their errors on folds of groups, each with `ridges` and, where
-    /// the largest is best, larger ones. R factors give no advice: the errors on each fold are too dear to find twice.
+    /// Compares all families of features within those kept by their errors on folds of groups, each with
+    /// `ridges` and, if the largest is best, larger ones. R factors give no advice, because computing the
+    /// errors on each fold twice is too expensive.
     ///
     /// # Errors
-    /// [`FitError`] if there are too few groups, or no model can be fitted; [`FitError::NoGroupSums`] where rows themselves
-    /// were kept.
+    /// [`FitError`] if there are too few groups, or no model can be fitted; [`FitError::NoGroupSums`] if the
+    /// rows themselves were kept.
     pub fn select(
         &self,
         intercept: bool,
@@ -267,8 +269,8 @@ impl GroupedSums {
         }
     }
 
-    /// What to say of `model` beside the smaller ones that were kept; `None` if there are none, it cannot be fitted without
-    /// one of the folds, or finding out would take as long as the fit.
+    /// A comparison of `model` with the smaller models within it; `None` if there are none, if `model` cannot
+    /// be fitted without one of the folds, or if the comparison would take as long as the fit.
     ///
     /// # Errors
     /// As [`select`](Self::select).
@@ -282,12 +284,12 @@ impl GroupedSums {
         Ok(given.map(|given| Advice::new(&tried, Some(given))))
     }
 
-    /// The covariance of a solution by `method` of all these rows, errors being alike within groups. `ridge` is what was
-    /// asked for. Groups that are stretches of time are held out together as `stretches` says; exact sums hold each out
-    /// alone.
+    /// The covariance of a solution by `method` of all these rows, with errors that are correlated within
+    /// groups. `ridge` is the requested value. If groups are stretches of time, `stretches` lists the ranges
+    /// of groups that are held out together; exact sums hold out each group alone.
     ///
     /// # Errors
-    /// [`FitError`] if there are too few groups, or without one of them the model cannot be fitted.
+    /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
     pub fn covariance(
         &self,
         solution: &Solution,

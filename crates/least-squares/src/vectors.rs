@@ -1,16 +1,16 @@
-//! Inner products and multiples of columns, compiled for the widest vectors that the machine has, and
-//! products of a matrix with itself.
+//! Inner products and multiples of columns, compiled for the widest vectors of the machine, and products of a
+//! matrix with itself.
 
 use faer::linalg::matmul::triangular::{BlockStructure, matmul};
 use faer::{Accum, MatMut, MatRef, Par};
 
 use shell_data::vectorised;
 
-/// Sums carried side by side: enough to hide how long one addition takes.
+/// Number of parallel sums: enough to hide the latency of one addition.
 const LANES: usize = 16;
 
 vectorised! {
-    /// `xᵀy`, of equal lengths.
+    /// Computes `xᵀy` for vectors of equal length.
     pub(super) fn dot(x: &[f64], y: &[f64]) -> f64 {
         let mut sums = [0.0; LANES];
         let ((x, x_rest), (y, y_rest)) = (x.as_chunks(), y.as_chunks());
@@ -24,7 +24,7 @@ vectorised! {
         sums.iter().sum::<f64>() + rest
     }
 
-    /// `y += c·x`, of equal lengths.
+    /// Computes `y += c·x` for vectors of equal length.
     pub(super) fn add_multiple(y: &mut [f64], c: f64, x: &[f64]) {
         for (y, &x) in y.iter_mut().zip(x) {
             *y = c.mul_add(x, *y);
@@ -32,7 +32,7 @@ vectorised! {
     }
 }
 
-/// The lower half of `M·Mᵀ`, in place of what is there or added to it.
+/// Computes the lower triangle of `M·Mᵀ`, which replaces the content of `to` or is added to it.
 pub(crate) fn lower_product(to: MatMut<'_, f64>, add: Accum, m: MatRef<'_, f64>) {
     use BlockStructure::{Rectangular, TriangularLower};
     matmul(to, TriangularLower, add, m, Rectangular, m.transpose(), Rectangular, 1.0, Par::Seq);

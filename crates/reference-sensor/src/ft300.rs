@@ -1,20 +1,21 @@
-//! Frames of Robotiq's FT 300: 20 4E, six values of 16 bits low byte first, and a CRC-16 of Modbus over the 14 bytes before.
+//! Frames of the Robotiq FT 300: the header 20 4E, six little-endian values of 16 bits, and the Modbus CRC-16
+//! of these 14 bytes.
 //!
-//! Forces are in hundredths of N, moments in thousandths of N·m. The header's two bytes occur inside frames, too: 200.00 N
-//! is 20000, which is 20 4E. So a frame is where the CRC says so, and the search goes on one byte after
-//! a header whose frame does not match.
+//! Forces are in hundredths of N, moments in thousandths of N·m. The header's bytes also occur inside frames:
+//! 200.00 N is 20000, which is 20 4E. The CRC therefore decides where a frame is; if it does not match, the
+//! search continues one byte later.
 
 use shell_data::PerAxis;
 
-/// Bytes of a frame.
+/// Size of a frame, bytes.
 pub const FRAME_SIZE: usize = 16;
 
 const HEADER: [u8; 2] = [0x20, 0x4e];
 
-/// The registers that start the stream, by Modbus: 0x0200 is written to register 410 of slave 9.
+/// The Modbus request that starts the stream: writes 0x0200 to register 410 of slave 9.
 pub const START: [u8; 11] = [0x09, 0x10, 0x01, 0x9a, 0x00, 0x01, 0x02, 0x02, 0x00, 0xcd, 0xca];
 
-/// The CRC-16 of Modbus.
+/// Returns the Modbus CRC-16.
 pub fn crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xffff, |crc, byte| {
         (0..8).fold(crc ^ u16::from(*byte), |crc, _| {
@@ -23,7 +24,6 @@ pub fn crc(bytes: &[u8]) -> u16 {
     })
 }
 
-/// The bytes of a frame.
 pub fn encode(values: [i16; 6]) -> [u8; FRAME_SIZE] {
     let mut bytes = [0; FRAME_SIZE];
     bytes[..2].copy_from_slice(&HEADER);
@@ -35,25 +35,25 @@ pub fn encode(values: [i16; 6]) -> [u8; FRAME_SIZE] {
     bytes
 }
 
-/// Cuts frames out of a stream.
+/// Extracts frames from a stream of bytes.
 #[derive(Clone, Debug, Default)]
 pub struct FrameReader {
     waiting: Vec<u8>,
-    /// Bytes that belong to no frame since the last.
+    /// Bytes since the last frame that belong to no frame.
     skipped: usize,
 }
 
-/// A frame, and what lay before it.
+/// A frame, and the number of bytes skipped before it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ft300Frame {
-    /// N and N·m.
+    /// Forces in N, moments in N·m.
     pub wrench: PerAxis<f64>,
-    /// Bytes between the frame before and this one, which belong to no frame.
+    /// Bytes between the previous frame and this one, which belong to no frame.
     pub skipped: usize,
 }
 
 impl FrameReader {
-    /// Takes bytes; the frames that are whole now.
+    /// Takes bytes, and returns the frames that are complete now.
     pub fn feed(&mut self, bytes: &[u8]) -> Vec<Ft300Frame> {
         self.waiting.extend_from_slice(bytes);
         let (mut frames, mut at) = (Vec::new(), 0);

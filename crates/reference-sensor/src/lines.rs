@@ -1,31 +1,31 @@
-//! Samples of any program, a line each: CSV below a line of names, or objects of JSON.
+//! Samples from any program, one per line: CSV below a header line, or JSON objects.
 //!
-//! Names say what a column is, and its unit, as in a log: `fx_n`, `Mz [N·mm]`, `force_x_lbf`, `time_ms`; nested objects of JSON are
-//! joined by dots (`wrench.force.x`). What has no unit is SI. A time is the program's own clock; a column `index`, `seq`,
-//! `sequence` or `sample` numbers the samples, so that losses are counted. Other columns are left out.
+//! A column's name gives its meaning and unit, as in a log: `fx_n`, `Mz [N·mm]`, `force_x_lbf`, `time_ms`.
+//! Names in nested JSON objects are joined by dots (`wrench.force.x`). A column without a unit is in SI
+//! units. A time is on the program's clock; a column `index`, `seq`, `sequence` or `sample` numbers the
+//! samples, so that losses are counted. Other columns are ignored.
 
 use log_file::{LogFormat, Meaning, StatedUnit, meaning_of};
 use serde_json::Value;
 use shell_data::{Axes, Axis, PerAxis, Scale};
 
-/// A sample.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LineSample {
-    /// The program's own clock, s.
+    /// Time on the program's clock, s.
     pub time_s: Option<f64>,
-    /// The program's own number.
+    /// Number assigned by the program.
     pub number: Option<i64>,
-    /// N and N·m; what is not there is 0.
+    /// Forces in N, moments in N·m; 0 for axes without a column.
     pub wrench: PerAxis<f64>,
 }
 
-/// What is wrong with the names of a program's lines.
+/// An error in the column names of a program's lines.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadNames {
-    /// There is no force and no moment among them.
+    /// No column is a force or moment.
     #[error("no force or moment is among the names `{0}`")]
     NoLoad(String),
-    /// A unit is not understood.
+    /// A column has an unknown unit.
     #[error("the unit `{unit}` of `{name}` is not understood")]
     Unit {
         /// The column.
@@ -33,12 +33,11 @@ pub enum BadNames {
         /// Its unit.
         unit: String,
     },
-    /// An axis is there twice.
+    /// Two columns are the same axis.
     #[error("`{0}` is there twice")]
     Twice(&'static str),
 }
 
-/// What a column is.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Role {
     Time(Scale),
@@ -47,10 +46,10 @@ enum Role {
     Other,
 }
 
-/// Reads lines.
+/// Parses lines into samples.
 #[derive(Clone, Debug, Default)]
 pub struct LineReader {
-    /// The names that were read last, and what they are.
+    /// The column names read last; `roles` has their meanings.
     names: Vec<String>,
     roles: Vec<Role>,
     axes: Axes,
@@ -58,15 +57,15 @@ pub struct LineReader {
 }
 
 impl LineReader {
-    /// What is measured, once that is known.
+    /// Returns the measured axes, none until column names were read.
     pub fn axes(&self) -> Axes {
         self.axes
     }
 
-    /// Reads a line; `None` if it names columns, says nothing, or is no sample.
+    /// Reads a line; returns `None` if it is a header, empty, or no valid sample.
     ///
     /// # Errors
-    /// [`BadNames`]: no line of this program can be read.
+    /// [`BadNames`] if the column names are unsuitable, so that no line of this program can be read.
     pub fn read(&mut self, line: &str) -> Result<Option<LineSample>, BadNames> {
         let line = line.trim();
         if line.starts_with('{') {
@@ -77,7 +76,7 @@ impl LineReader {
             let found = marks.into_iter().max_by_key(|mark| line.matches(*mark).count());
             let separator = found.filter(|mark| line.contains(*mark)).unwrap_or(' ');
             let names: Vec<_> = fields(line.trim_start_matches('#'), separator).collect();
-            // Numbers, or a greeting, are no names.
+            // A line of numbers or a greeting is no header.
             let is_name =
                 |name: &String| name.parse::<f64>().is_err() && role_of(name).is_ok_and(is_load);
             if names.len() > 1 && names.iter().any(|name| role_of(name).is_err() || is_name(name)) {
@@ -117,7 +116,7 @@ impl LineReader {
         if axes.is_empty() {
             return Err(BadNames::NoLoad(names.join(", ")));
         }
-        // A program that leaves out an axis now and then measures it still.
+        // An axis that is missing from some lines is still a measured one.
         self.axes = Axis::ALL
             .into_iter()
             .filter(|axis| self.axes.contains(*axis) || axes.contains(axis))
@@ -126,7 +125,7 @@ impl LineReader {
         Ok(())
     }
 
-    /// A sample, if all that belongs to it is a number.
+    /// Returns a sample if it has a load, and its loads, time and number are all finite.
     fn sample(&self, values: &[Option<f64>]) -> Option<LineSample> {
         let mut sample = LineSample { time_s: None, number: None, wrench: [0.0; 6] };
         let mut has_load = false;
@@ -138,7 +137,7 @@ impl LineReader {
                     sample.wrench[axis.index()] = scale.to_si(value?);
                     has_load = true;
                 }
-                // Beyond 2⁵³ neighbours are one number.
+                // Above 2⁵³, neighbouring integers are the same `f64`.
                 Role::Number => sample.number = Some(value.filter(|it| it.abs() < 9e15)? as i64),
                 Role::Other => {}
             }
@@ -172,7 +171,7 @@ fn fields(line: &str, separator: char) -> impl Iterator<Item = String> {
     all.map(|field| field.trim().trim_matches('"').to_owned())
 }
 
-/// The numbers of an object and of those in it.
+/// Collects the numbers of an object and of nested ones; `null` is a missing number.
 fn flatten(name: &str, value: &Value, found: &mut Vec<(String, Option<f64>)>) {
     match value {
         Value::Object(members) => {

@@ -1,9 +1,9 @@
-//! `netftapi2.xml`, the page on which a Net F/T box says its counts per unit and its units.
+//! `netftapi2.xml`, the page on which a Net F/T box states its units and counts per unit.
 
 use shell_data::escape::markup;
 use shell_data::{Axis, PerAxis, Quantity, Scale, Unit};
 
-/// What the page says that a reader of records needs.
+/// The settings from the page that are needed to read records.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BoxSettings {
     /// Counts per unit of force (`cfgcpf`).
@@ -17,38 +17,38 @@ pub struct BoxSettings {
 }
 
 impl BoxSettings {
-    /// A millionth of N and of N·m: to ±2147 N in 32 bits.
+    /// Returns settings of 1 µN and 1 µN·m per count, which reach ±2147 N and N·m in 32 bits.
     pub fn micro() -> Self {
         let (force_unit, torque_unit) = ("N".to_owned(), "N-m".to_owned());
         Self { counts_per_force: 1e6, counts_per_torque: 1e6, force_unit, torque_unit }
     }
 }
 
-/// A page that does not say what is needed.
+/// A page without usable settings.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum BadPage {
-    /// A field is not there.
+    /// A field is missing.
     #[error("`netftapi2.xml` has no field `{0}`")]
     Missing(&'static str),
-    /// Counts that are none.
+    /// A field for counts does not hold a positive number.
     #[error("`netftapi2.xml` has `{text}` in `{field}`, which is no number of counts")]
     Counts {
         /// The field.
         field: &'static str,
-        /// What is in it.
+        /// Its text.
         text: String,
     },
-    /// A unit that is not understood.
+    /// A unit is unknown.
     #[error("`netftapi2.xml` has the unit `{text}` in `{field}`, which is not understood")]
     Unit {
         /// The field.
         field: &'static str,
-        /// What is in it.
+        /// Its text.
         text: String,
     },
 }
 
-/// The page of a box with these settings that sends so many records per second.
+/// Returns the page of a box with these settings that sends `rate_hz` records per second.
 pub fn write(settings: &BoxSettings, rate_hz: u32, product: &str) -> String {
     let BoxSettings { counts_per_force, counts_per_torque, force_unit, torque_unit } = settings;
     let fields = [
@@ -70,10 +70,10 @@ pub fn write(settings: &BoxSettings, rate_hz: u32, product: &str) -> String {
     format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<netft>\n{}</netft>\n", fields.concat())
 }
 
-/// What a page says. Fields are found by their names, wherever they stand.
+/// Reads the settings from a page. Fields are found by name, in any order.
 ///
 /// # Errors
-/// [`BadPage`] if counts or units are missing or not understood.
+/// [`BadPage`] if counts or units are missing or unusable.
 pub fn read(page: &str) -> Result<BoxSettings, BadPage> {
     let counts = |name: &'static str| {
         let text = field(page, name).ok_or(BadPage::Missing(name))?;
@@ -95,19 +95,19 @@ pub fn read(page: &str) -> Result<BoxSettings, BadPage> {
     })
 }
 
-/// The text of the first element of a name.
+/// Returns the text of the first element with this name.
 fn field<'a>(page: &'a str, name: &str) -> Option<&'a str> {
     let opened = page.split_once(&format!("<{name}>"))?.1;
     Some(opened.split_once("</")?.0.trim())
 }
 
-/// ATI's `klbf` is the kip.
+/// Returns the scale of a unit, if it is known. ATI's `klbf` is the kip.
 fn understood(text: &str, quantity: Quantity) -> Option<Scale> {
     Unit::parse(text, quantity).map(|unit| unit.scale)
 }
 
 impl BoxSettings {
-    /// A wrench in N and N·m.
+    /// Converts counts to a wrench in N and N·m.
     pub fn wrench(&self, counts: [i32; 6]) -> PerAxis<f64> {
         let scales = [(&self.force_unit, Quantity::Force), (&self.torque_unit, Quantity::Moment)]
             .map(|(unit, quantity)| understood(unit, quantity).unwrap_or(Scale::ONE));
@@ -116,12 +116,12 @@ impl BoxSettings {
                 false => (scales[0], self.counts_per_force),
                 true => (scales[1], self.counts_per_torque),
             };
-            // Rounded once for units that are powers of ten.
+            // In this order, units that are powers of ten are rounded only once.
             f64::from(counts[axis.index()]) * scale.times / (scale.per * per_unit)
         })
     }
 
-    /// Counts of a wrench in N and N·m, and whether it is beyond what a count can tell.
+    /// Converts a wrench in N and N·m to counts; also returns true if a value is NaN or out of range.
     pub fn counts(&self, wrench: &PerAxis<f64>) -> ([i32; 6], bool) {
         let mut beyond = false;
         let counts = Axis::ALL.map(|axis| {
@@ -131,7 +131,7 @@ impl BoxSettings {
             };
             let counts = (wrench[axis.index()] * per_unit).round();
             beyond |= !(f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(&counts);
-            // Saturates; what is no number becomes 0.
+            // The conversion saturates; NaN becomes 0.
             counts as i32
         });
         (counts, beyond)

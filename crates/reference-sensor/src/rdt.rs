@@ -1,42 +1,41 @@
-//! ATI's "raw data transfer" (RDT) of Net F/T boxes: requests and records, over UDP.
+//! Requests and records of ATI's "raw data transfer" (RDT), which Net F/T boxes speak over UDP.
 //!
 //! ```text
 //! request   header 0x1234 u16 · command u16 · count u32                                  8 bytes
 //! record    rdt_sequence u32 · ft_sequence u32 · status u32 · Fx Fy Fz Tx Ty Tz i32     36 bytes
 //! ```
 //!
-//! Big-endian throughout (ATI 9620-05-Net FT, section 9). `rdt_sequence` counts what the box has sent since a start,
-//! `ft_sequence` what it has measured. A count of 0 is no end. In buffered mode a datagram holds several records.
+//! Everything is big-endian (ATI 9620-05-Net FT, section 9). `rdt_sequence` counts the records sent since the
+//! start of the stream, `ft_sequence` the samples measured. A count of 0 requests records without end. In
+//! buffered mode a datagram holds several records.
 
-/// The port of the box.
+/// The UDP port of a box.
 pub const PORT: u16 = 49152;
 
-/// Bytes of a request.
+/// Size of a request, bytes.
 pub const REQUEST_SIZE: usize = 8;
 
-/// Bytes of a record.
+/// Size of a record, bytes.
 pub const RECORD_SIZE: usize = 36;
 
-/// Records of a datagram in buffered mode, at most (field `comrdtbsiz` of the page).
+/// Maximum number of records per datagram in buffered mode (field `comrdtbsiz` of the page).
 pub const BUFFERED: usize = 40;
 
 const HEADER: u16 = 0x1234;
 
-/// What a box is asked for.
+/// A request to a box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RdtCommand {
-    /// Send no more.
     Stop,
-    /// Send each record as it is measured; so many, or without end.
+    /// Sends each record as it is measured; with the number of records, 0 for no end.
     Start(u32),
-    /// Send records several at a time; so many datagrams, or without end.
+    /// Sends several records per datagram; with the number of datagrams, 0 for no end.
     StartBuffered(u32),
-    /// Take the present load as zero.
+    /// Takes the present load as zero.
     Bias,
 }
 
 impl RdtCommand {
-    /// The bytes of the request.
     pub fn encode(self) -> [u8; REQUEST_SIZE] {
         let (command, count) = match self {
             Self::Stop => (0_u16, 0),
@@ -51,7 +50,7 @@ impl RdtCommand {
         bytes
     }
 
-    /// What a datagram asks for; `None` if it is no request, or one for something else.
+    /// Decodes a datagram; `None` if it is no request, or an unknown one.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let bytes: [u8; REQUEST_SIZE] = bytes.try_into().ok()?;
         let [high, low, command_high, command_low, count @ ..] = bytes;
@@ -71,31 +70,29 @@ impl RdtCommand {
 
 /// Bits of the status word (ATI 9610-05-Ethernet Axia, table 4.7).
 pub mod status {
-    /// The box was too busy, and may have left samples out. This is no error.
+    /// The box was too busy, and may have skipped samples. This is no error.
     pub const BUSY: u32 = 1 << 3;
-    /// A gage is at the end of its range.
+    /// A strain gauge is at the end of its range.
     pub const GAGE_OUT_OF_RANGE: u32 = 1 << 27;
     /// Force or torque is out of range.
     pub const LOAD_OUT_OF_RANGE: u32 = 1 << 30;
-    /// A bit is set that means an error.
+    /// At least one bit that means an error is set.
     pub const ERROR: u32 = 1 << 31;
 }
 
-/// A record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RdtRecord {
-    /// Records sent since the start.
+    /// Number of records sent since the start of the stream.
     pub rdt_sequence: u32,
-    /// Samples measured.
+    /// Number of samples measured.
     pub ft_sequence: u32,
-    /// See [`status`].
+    /// Status word; see [`status`].
     pub status: u32,
     /// Fx, Fy, Fz, Tx, Ty, Tz, in counts.
     pub counts: [i32; 6],
 }
 
 impl RdtRecord {
-    /// The bytes of the record.
     pub fn encode(&self) -> [u8; RECORD_SIZE] {
         let mut bytes = [0; RECORD_SIZE];
         let words = [self.rdt_sequence, self.ft_sequence, self.status];
@@ -106,7 +103,7 @@ impl RdtRecord {
         bytes
     }
 
-    /// The records of a datagram; `None` if it does not hold whole ones.
+    /// Decodes the records of a datagram; `None` if its size is not a multiple of a record's.
     pub fn decode_all(datagram: &[u8]) -> Option<Vec<Self>> {
         let whole = !datagram.is_empty() && datagram.len().is_multiple_of(RECORD_SIZE);
         whole.then(|| datagram.chunks_exact(RECORD_SIZE).map(Self::decode).collect())
@@ -123,33 +120,33 @@ impl RdtRecord {
     }
 }
 
-/// How a record came.
+/// How a record arrived.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RdtArrival {
-    /// The next, or one after a gap; the number of records that the gap holds so far.
+    /// In order, after this number of missing records.
     Next(u32),
-    /// After a later one.
+    /// After a later record.
     Late,
     /// For the second time.
     Duplicate,
-    /// The box has begun to count anew.
+    /// As the first record after the box restarted its count.
     Restarted,
 }
 
-/// How far behind the newest record one may come and still be told from a box that counts anew.
+/// How many records behind the newest a late one can still be distinguished from a restarted count.
 const WINDOW: usize = 128;
 
-/// Records in their order: numbers that do not wrap, and how each came.
+/// Numbers records without wraps, and determines how each arrived.
 ///
-/// A number that goes back is a late record, a double one or a restart. It is late where its place is still
-/// empty and it was measured before the newest; double where its place holds the same record; else the box has restarted.
+/// A record whose sequence number does not increase is late, a duplicate, or the first after a restart. It is
+/// late if its place is still empty and it was measured before the newest record; a duplicate if its place
+/// holds the same record. Otherwise the box has restarted.
 #[derive(Clone, Debug)]
 pub struct RdtTracker {
-    /// The newest record and its number.
     newest: Option<(RdtRecord, i64)>,
-    /// Where the run of the box began.
+    /// The number of the first record since the last restart.
     first: i64,
-    /// The last records, by number.
+    /// The last records, each at its number modulo the size.
     recent: Vec<Option<(i64, RdtRecord)>>,
 }
 
@@ -160,7 +157,7 @@ impl Default for RdtTracker {
 }
 
 impl RdtTracker {
-    /// The number of a record, which goes on over wraps and restarts, and how it came.
+    /// Returns the number of a record, which continues across wraps and restarts, and how the record arrived.
     pub fn place(&mut self, record: RdtRecord) -> (i64, RdtArrival) {
         let Some((newest, last)) = self.newest else {
             self.first = i64::from(record.rdt_sequence);
@@ -247,10 +244,10 @@ mod tests {
         let wanted = [Next(0), Next(0), Next(2), Late, Duplicate, Next(0)];
         assert_eq!(found.iter().map(|it| it.1).collect::<Vec<_>>(), wanted);
         assert_eq!(found.iter().map(|it| it.0).collect::<Vec<_>>(), [1, 2, 5, 4, 4, 6]);
-        // Started again: its count begins anew, what it has measured goes on.
+        // A restarted stream: `rdt_sequence` begins again, `ft_sequence` continues.
         assert_eq!(placed(&[(1, 71), (2, 72), (1, 90)])[2], (3, Restarted));
         assert_eq!(placed(&[(5000, 1), (1, 2), (2, 3)])[1..], [(5001, Restarted), (5002, Next(0))]);
-        // Switched off and on: both begin anew.
+        // Power off and on: both begin again.
         assert_eq!(placed(&[(1, 71), (2, 72), (1, 1)])[2], (3, Restarted));
         assert_eq!(placed(&[(u32::MAX, 9), (1, 11)])[1], (i64::from(u32::MAX) + 2, Next(1)));
     }

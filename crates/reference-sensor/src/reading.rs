@@ -1,4 +1,4 @@
-//! Threads that read a reference until they are told to stop.
+//! Threads that read a reference until they are stopped.
 
 use std::io::{self, Read, Write};
 use std::net::{SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
@@ -20,28 +20,26 @@ use super::page::{self, BoxSettings};
 use super::rdt::{self, RdtArrival, RdtCommand, RdtRecord, RdtTracker, status};
 use super::source::{ReferenceError, ReferenceSource};
 
-/// How long the first sample is waited for. A program in Python takes a second to start.
+/// Timeout for the first sample. A Python program takes a second to start.
 const FIRST: Duration = Duration::from_secs(8);
 
-/// How long a connection may take.
 const CONNECT: Duration = Duration::from_secs(3);
 
-/// How long a read waits, and how soon a thread notices that it is to stop.
+/// Timeout of a read, and thus the time in which a thread notices that it should stop.
 const WAIT: Duration = Duration::from_millis(100);
 
-/// A sensor that is silent so long is asked to start again.
+/// Duration of silence after which the start request is sent again.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// Between two reads, at least: to wake for each record of 1 kHz takes thrice the processor time.
+/// Pause after each read. Waking for each record at 1 kHz would take three times the processor time.
 const PACE: Duration = Duration::from_millis(3);
 
-/// Of the page of a box, and of a line.
+/// Maximum length of a box's page, and of a line, bytes.
 const LONGEST: usize = 1 << 18;
 
-/// Robotiq's.
 const FT300_BAUD: u32 = 19_200;
 
-/// What a thread that reads has of the recording.
+/// The reading thread's connection to the recording.
 #[derive(Clone, Debug)]
 struct Teller {
     samples: Sender<ReferenceSample>,
@@ -63,7 +61,7 @@ impl Teller {
             counts.with_status += u64::from(sample.status != 0);
             counts.missing = sample.missing;
         }
-        // Where nobody listens any more, the thread is about to be told to stop.
+        // If the receiver is gone, the thread is about to be stopped.
         let _ = self.samples.send(sample);
     }
 
@@ -73,10 +71,10 @@ impl Teller {
 }
 
 impl ReferenceSource {
-    /// Opens it, starts it, and waits for the first sample.
+    /// Opens the reference, starts it, and waits for the first sample.
     ///
     /// # Errors
-    /// [`ReferenceError`].
+    /// [`ReferenceError`] if it cannot be opened, ends, or sends no sample in time.
     pub fn open(&self) -> Result<ReferenceInput, ReferenceError> {
         let (sender, samples) = channel();
         let (state, axes, stop): (Arc<Mutex<ReferenceState>>, Arc<Mutex<Axes>>, Arc<AtomicBool>) =
@@ -162,7 +160,7 @@ impl ReferenceSource {
         connect(at).map_err(|error| self.refused(&error))
     }
 
-    /// A socket to a box, and what its page says.
+    /// Opens a socket to a box, and reads the settings from its page.
     fn open_box(
         &self,
         host: &str,
@@ -179,7 +177,8 @@ impl ReferenceSource {
         let socket = UdpSocket::bind(own).map_err(refused)?;
         socket.connect(address).map_err(refused)?;
         socket.set_read_timeout(Some(WAIT)).map_err(refused)?;
-        // A box has its page at port 80; one that has other ports, as `shellcal stream` may, at that of its records.
+        // A box serves its page at port 80; a program such as `shellcal stream` may serve it at the TCP port
+        // with the number of its RDT port.
         let ports = [port.filter(|port| *port != rdt::PORT), Some(80), Some(rdt_port)];
         let mut reasons = Vec::new();
         for port in ports.into_iter().flatten() {
@@ -209,7 +208,7 @@ fn connect(at: impl ToSocketAddrs) -> io::Result<TcpStream> {
     Err(last)
 }
 
-/// `GET /netftapi2.xml`, by HTTP 1.0, whose answer ends with the connection.
+/// Requests `/netftapi2.xml` by HTTP 1.0, where closing the connection ends the answer.
 fn get_page(at: SocketAddr) -> io::Result<String> {
     let mut stream = connect(at)?;
     stream.set_read_timeout(Some(CONNECT))?;
@@ -227,7 +226,7 @@ fn get_page(at: SocketAddr) -> io::Result<String> {
             Ok(0) => break,
             Ok(count) => answer.extend_from_slice(&buffer[..count]),
             Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
-            // Some boxes leave the connection open.
+            // Some boxes leave the connection open, so that the read times out.
             Err(_) if answer.len() > 100 => break,
             Err(error) => return Err(error),
         }
@@ -247,7 +246,7 @@ fn read_box(socket: &UdpSocket, settings: &BoxSettings, bias: bool, teller: &Tel
     let (mut tracker, mut missing) = (RdtTracker::default(), 0_i64);
     let mut datagram = [0; 1 << 12];
     let send = |command: RdtCommand| {
-        // A box that is off for now refuses; it is asked again.
+        // The request may be refused while the box is off; it is repeated.
         let _ = socket.send(&command.encode());
     };
     if bias {
@@ -261,15 +260,15 @@ fn read_box(socket: &UdpSocket, settings: &BoxSettings, bias: bool, teller: &Tel
                 send(RdtCommand::Start(0));
                 heard = Instant::now();
             }
-            // A refusal comes at once.
+            // A refusal returns without waiting.
             thread::sleep(PACE);
             continue;
         };
         let mut count = Some(count);
-        // All that has arrived meanwhile, too.
+        // Also takes everything that has arrived since.
         let is_pacing = socket.set_nonblocking(true).is_ok();
         while let Some(length) = count {
-            // Not once for all: to take them takes a while, in which more arrive.
+            // Read for each datagram, since more arrive while others are processed.
             let arrival = Instant::now();
             heard = arrival;
             match RdtRecord::decode_all(&datagram[..length]) {
@@ -319,7 +318,7 @@ fn take_record(
         arrival,
         wrench: is_usable.then(|| settings.wrench(record.counts)),
         status: record.status,
-        // One that came before the first of a run was never counted.
+        // Negative after a late record from before the first of a run, which was never counted as missing.
         missing: u64::try_from(*missing).unwrap_or(0),
     });
 }
@@ -330,7 +329,7 @@ fn read_ft300(mut connection: Box<dyn Connection>, teller: &Teller) {
     let mut asked = None::<Instant>;
     let mut heard = Instant::now();
     while teller.goes_on() {
-        // A sensor that streams already does not notice.
+        // A sensor that already streams ignores the request.
         if asked.is_none()
             || heard.elapsed() >= SILENCE && asked.is_some_and(|at| at.elapsed() >= SILENCE)
         {
@@ -346,7 +345,7 @@ fn read_ft300(mut connection: Box<dyn Connection>, teller: &Teller) {
         let arrival = Instant::now();
         for frame in frames.feed(&buffer[..count]) {
             heard = arrival;
-            // What lies before the first frame is the rest of one, or the answer to the start.
+            // Bytes before the first frame are the end of another, or the answer to the start request.
             let lost = (frame.skipped + FRAME_SIZE / 2) / FRAME_SIZE;
             if number > 0 && frame.skipped > 0 {
                 lock(&teller.state).counts.damaged += 1;
@@ -366,7 +365,7 @@ fn read_ft300(mut connection: Box<dyn Connection>, teller: &Teller) {
         }
         thread::sleep(PACE);
     }
-    // A burst of these ends the stream.
+    // A burst of 0xff bytes ends the stream.
     let _ = connection.write_all(&[0xff; 50]);
 }
 
@@ -375,7 +374,7 @@ fn is_pause(error: &io::Error) -> bool {
     matches!(error.kind(), Interrupted | TimedOut | WouldBlock)
 }
 
-/// A program, by the shell of the system.
+/// Returns the command that runs a program by the system's shell.
 fn shell(command: &str) -> Command {
     let (name, flag) = if cfg!(windows) { ("cmd", "/C") } else { ("sh", "-c") };
     let mut shell = Command::new(name);
@@ -383,7 +382,7 @@ fn shell(command: &str) -> Command {
     shell
 }
 
-/// Reads a program on a thread of its own, which waits in the read: this one ends it.
+/// Reads a program's output on a second thread, which blocks in the read, while this one waits and kills it.
 fn read_program(mut child: Child, teller: &Teller) {
     let Some(output) = child.stdout.take() else { return teller.end("it has no output") };
     let of_thread = teller.clone();
@@ -396,7 +395,7 @@ fn read_program(mut child: Child, teller: &Teller) {
     }
     let _ = child.kill();
     let status = child.wait();
-    // A program that is told to end may wait in its own programs, which hold its output open.
+    // Children of a killed program may hold its output open: a thread that still reads is not joined.
     let read = if reading.is_finished() { reading.join() } else { Ok(Ok(())) };
     match (read, status) {
         (Ok(Err(problem)), _) => teller.end(problem),
@@ -407,7 +406,6 @@ fn read_program(mut child: Child, teller: &Teller) {
     }
 }
 
-/// Reads lines until there are no more.
 fn read_lines(mut input: impl Read, teller: &Teller) -> Result<(), String> {
     let mut reader = LineReader::default();
     let mut waiting = Vec::new();
@@ -434,7 +432,7 @@ fn read_lines(mut input: impl Read, teller: &Teller) -> Result<(), String> {
         for line in lines.lines() {
             match reader.read(line) {
                 Ok(Some(sample)) => samples.push(sample),
-                // Names, and what is said before them.
+                // The header, and lines before it.
                 Ok(None) if reader.axes().is_empty() || line.trim().is_empty() => {}
                 Ok(None) if order.number == 0 && samples.is_empty() => {}
                 Ok(None) => lock(&teller.state).counts.damaged += 1,
@@ -471,17 +469,19 @@ fn read_lines(mut input: impl Read, teller: &Teller) -> Result<(), String> {
     Ok(())
 }
 
-/// The numbers of lines, which come in the order in which they were sent.
+/// Numbers lines, which arrive in the order in which they were sent.
 #[derive(Clone, Copy, Debug, Default)]
 struct LineOrder {
-    /// That of the last sample, and what it said of itself.
+    /// The number of the last sample.
     number: i64,
+    /// The last sample's number and time as sent.
     last: Option<(Option<i64>, Option<f64>)>,
     missing: u64,
 }
 
 impl LineOrder {
-    /// The number of a sample, and whether the program has begun anew; `None` if the sample is the one before.
+    /// Returns the number of a sample, and true if the program has restarted; `None` if the sample repeats
+    /// the previous one.
     fn place(&mut self, own: Option<i64>, tick: Option<f64>) -> Option<(i64, bool)> {
         let last = self.last.replace((own, tick));
         let step = match (last.and_then(|(own, _)| own), own) {

@@ -1,4 +1,4 @@
-//! Where a reference is, and what may be wrong with it.
+//! The location of a reference sensor, and errors in opening it.
 
 use std::fmt;
 use std::str::FromStr;
@@ -8,27 +8,26 @@ use shell_data::hint::Hint;
 use super::page::BadPage;
 use super::rdt;
 
-/// A reference sensor.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ReferenceSource {
-    /// An ATI Net F/T or a box that answers as one.
+    /// An ATI Net F/T box, or a device that answers like one.
     NetFt {
-        /// Its name or address.
+        /// Host name or address.
         host: String,
-        /// The UDP port; where it is given, the page may be at the TCP port of this number, too.
+        /// UDP port, if not the usual one; the page may then be at the TCP port of this number.
         port: Option<u16>,
-        /// Whether the load at the start is taken as zero.
+        /// True if the load at the start is taken as zero.
         bias: bool,
     },
     /// A Robotiq FT 300 at a serial port.
     Ft300(String),
-    /// A program, which a shell starts, that prints lines.
+    /// A shell command that prints lines.
     Command(String),
-    /// A program that sends lines to whoever connects: `HOST:PORT`.
+    /// A TCP server that sends lines: `HOST:PORT`.
     Tcp(String),
 }
 
-/// A word that is no reference.
+/// Text that does not name a reference.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` is no reference; there are `netft:HOST[:PORT][,bias]`, `ft300:PORT`, `lines:COMMAND` and `lines:tcp:HOST:PORT`"
@@ -65,7 +64,7 @@ impl FromStr for ReferenceSource {
     }
 }
 
-/// A host and its port, if it has one: an address of IPv6 that has one stands in brackets.
+/// Splits a host from its port, if one is given. An IPv6 address with a port is in brackets.
 fn split_port(text: &str) -> Option<(String, Option<u16>)> {
     if let Some((host, after)) = text.strip_prefix('[').and_then(|rest| rest.split_once(']')) {
         let port = after.strip_prefix(':').map(|port| port.parse().ok());
@@ -96,52 +95,51 @@ impl fmt::Display for ReferenceSource {
     }
 }
 
-/// A reference that cannot be read. What the system said is kept as text.
+/// An error in opening a reference. Errors of the system are kept as text.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum ReferenceError {
-    /// It cannot be reached.
+    /// The reference cannot be reached.
     #[error("cannot open the reference `{source_name}`: {reason}")]
     Open {
         /// Its name.
         source_name: String,
-        /// What the system said.
+        /// Error of the system.
         reason: String,
     },
-    /// Its page cannot be got.
+    /// The page of a box cannot be read.
     #[error("cannot get `netftapi2.xml` from the reference `{source_name}`: {reason}")]
     NoPage {
         /// Its name.
         source_name: String,
-        /// Why, at each port that was tried.
+        /// The reason for each port that was tried.
         reason: String,
     },
-    /// Its page does not say what is needed.
+    /// The page of a box has no usable settings.
     #[error("the reference `{source_name}`: {problem}")]
     Page {
         /// Its name.
         source_name: String,
-        /// What is wrong with it.
+        /// The fault of the page.
         problem: BadPage,
     },
-    /// The serial port.
     #[error("the reference: {0}")]
     Port(#[from] board_link::LinkError),
-    /// No sample came.
+    /// No sample arrived.
     #[error("no sample from the reference `{source_name}` in {seconds} s{more}")]
     Silent {
         /// Its name.
         source_name: String,
-        /// How long it was waited for.
+        /// Waiting time, s.
         seconds: u64,
-        /// What came instead.
+        /// Data that arrived instead, if any.
         more: String,
     },
-    /// It ended before its first sample.
+    /// The reference ended before its first sample.
     #[error("the reference `{source_name}`: {reason}")]
     Ended {
         /// Its name.
         source_name: String,
-        /// Why.
+        /// The reason.
         reason: String,
     },
 }

@@ -1,5 +1,5 @@
-//! A physics model as a calibration: inverted, with what is known of its errors; and the errors of the whole procedure on
-//! groups that it has not seen.
+//! A physics model as a calibration: its inversion with error estimates from held-out groups, and
+//! cross-validation of the whole procedure.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,24 +15,24 @@ use least_squares::passes::{Workers, map_folds};
 use least_squares::uncertainty::{GroupIntervals, Scores};
 use shell_data::wrench::PerAxis;
 
-/// Groups that the model's own standard errors count as, when held-out groups correct them.
+/// Weight of the model's own standard errors, in groups, when held-out groups correct them.
 const MODEL_GROUPS: f64 = 4.0;
 
-/// Rows of each group that tell its quantiles: rows of a group resemble each other.
+/// Most rows scored in each group for its quantiles: rows of a group resemble each other.
 const MOST_SCORED: usize = 64;
 
 /// A physics model, ready to convert readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsCalibration {
     inversion: Inversion,
-    /// What the model's standard errors are multiplied by on each axis: the root mean square of held-out errors in
-    /// them.
+    /// Factor for the model's standard errors on each axis: the root mean square of held-out errors in units
+    /// of these standard errors.
     pub error_scale: PerAxis<f64>,
-    /// Intervals from groups that were held out, where those are known.
+    /// Intervals from held-out groups, if known.
     pub intervals: Option<GroupIntervals>,
 }
 
-/// The scores of some rows of each group, by the model that was fitted without it.
+/// Scores of some rows of each group, from the model fitted without that group.
 fn scores_of(rows: &TrainingRows, choice: &Choice) -> Scores {
     let mut scores = Scores::default();
     for (groups, model) in &choice.fold_models {
@@ -47,14 +47,15 @@ fn scores_of(rows: &TrainingRows, choice: &Choice) -> Scores {
 }
 
 impl PhysicsCalibration {
-    /// Makes a model ready, without intervals. Its standard errors are multiplied by `error_scale`.
+    /// Prepares a model for conversion, without intervals. Its standard errors are multiplied by
+    /// `error_scale`.
     pub fn new(model: PhysicsModel, error_scale: PerAxis<f64>) -> Self {
         Self { inversion: Inversion::new(&model), error_scale, intervals: None }
     }
 
-    /// Fits to rows: chooses λ, the width of the priors and shared factors by groups that are held out, whose
-    /// errors scale the standard errors and give the intervals. They were chosen on these groups, too: three
-    /// numbers, for all of them.
+    /// Fits to rows. Held-out groups select λ, the width of the priors and the number of shared factors;
+    /// their errors also scale the standard errors and give the intervals. The intervals thus come from the
+    /// same groups as the selection, but the selection sets only three numbers for all groups.
     ///
     /// # Errors
     /// [`FitError::Physics`], [`FitError::Interrupted`].
@@ -62,8 +63,8 @@ impl PhysicsCalibration {
         Self::fit_sample(rows, ObservationSample::from_rows(rows)?, None, workers)
     }
 
-    /// Like [`fit`](Self::fit), on a sample of the observations of these rows; holds out `folds` of groups, where they
-    /// are given.
+    /// Like [`fit`](Self::fit), on a sample of the observations of these rows. Holds out `folds` of groups,
+    /// if given.
     pub fn fit_sample(
         rows: &TrainingRows,
         sample: ObservationSample,
@@ -75,7 +76,7 @@ impl PhysicsCalibration {
         Ok((Self::with_scores(choice.model.clone(), scores), choice))
     }
 
-    /// A model with the standard errors and intervals that scores of held-out rows tell.
+    /// Builds a calibration with standard errors and intervals from the scores of held-out rows.
     fn with_scores(model: PhysicsModel, mut scores: Scores) -> Self {
         let error_scale = scores.rescale(MODEL_GROUPS);
         Self { intervals: Some(scores.intervals()), ..Self::new(model, error_scale) }
@@ -86,10 +87,10 @@ impl PhysicsCalibration {
         &self.inversion.model
     }
 
-    /// The wrenches of all rows, with standard errors as held-out groups have them; see [`Inversion::estimates`].
+    /// Wrenches of all rows, with standard errors rescaled by held-out groups; see [`Inversion::estimates`].
     ///
     /// # Panics
-    /// If `readings` are not the model's channels, or of different lengths.
+    /// If `readings` does not have one column per channel of the model, or the columns differ in length.
     pub fn estimates(&self, readings: &[Vec<f64>]) -> Estimates {
         let mut estimates = self.inversion.estimates(readings);
         for (errors, scale) in estimates.standard_errors.iter_mut().zip(self.error_scale) {
@@ -99,12 +100,12 @@ impl PhysicsCalibration {
     }
 }
 
-/// Errors are computed on about this many rows at most, evenly spread over the groups: the root mean square of so many
-/// is right to two thousandths.
+/// Approximate limit of the rows on which errors are computed, spread evenly over the groups: the root mean
+/// square of so many rows is accurate to two thousandths.
 const MOST_JUDGED: usize = 200_000;
 
-/// Groups whose rows were each converted by a model that was fitted without their fold, with the priors that were chosen
-/// on all folds: three numbers.
+/// Cross-validation: a model fitted without a fold converts the rows of the fold's groups. The priors, three
+/// numbers, were chosen on all folds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PhysicsValidation {
     /// For each fold, its groups in ascending order.
@@ -114,19 +115,20 @@ pub struct PhysicsValidation {
 /// Errors on one group.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GroupErrors {
-    /// Predicted less measured.
+    /// Predicted minus measured.
     pub errors: PerAxis<HeldOutErrors>,
-    /// Rows within their intervals of [`COVERAGE_LEVEL`]; `None` if those could not be given.
+    /// Rows within their intervals of [`COVERAGE_LEVEL`]; `None` without intervals.
     pub covered: Option<PerAxis<u64>>,
-    /// Sum over the rows of half the width of those, N and N·m.
+    /// Sum over the rows of the half-widths of these intervals, N and N·m.
     pub half_widths: PerAxis<f64>,
-    /// Sum over the rows of the squares of their errors in standard errors.
+    /// Sum over the rows of the squared errors, in squared standard errors.
     pub scores: PerAxis<f64>,
 }
 
 impl PhysicsValidation {
-    /// Converts the rows of each of `folds` by the chosen model, fitted without the fold, with intervals from the scores of
-    /// all other groups. The folds that it was chosen on are known; others are fitted, on several threads.
+    /// Converts the rows of each of `folds` with the chosen model refitted without the fold, and intervals
+    /// from the scores of all other groups. The models of the folds used for the choice are reused; others
+    /// are fitted here, on several threads.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -144,11 +146,11 @@ impl PhysicsValidation {
         Self::by(fit, rows, folds, workers)
     }
 
-    /// Like [`new`](Self::new), by the model with usual priors, without factors: tells what it is worth here, in a tenth of
-    /// the time of a choice.
+    /// Like [`new`](Self::new), with the usual priors and without factors: shows how well the model works on
+    /// these data, in a tenth of the time of a choice.
     ///
     /// # Errors
-    /// [`FitError::Physics`], of any part that is left; [`FitError::Interrupted`].
+    /// [`FitError::Physics`] if the rows outside of any fold cannot be fitted; [`FitError::Interrupted`].
     pub fn usual(
         rows: &TrainingRows,
         sample: &ObservationSample,
@@ -193,7 +195,7 @@ impl PhysicsValidation {
         self.folds.iter().map(total).collect()
     }
 
-    /// The median over the groups of the size of their mean error, N and N·m.
+    /// Median over the groups of the absolute value of their mean error, N and N·m.
     pub fn median(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| {
             let mut sizes: Vec<f64> =
@@ -204,7 +206,7 @@ impl PhysicsValidation {
         })
     }
 
-    /// The root mean square over the rows of their errors in standard errors: 1 where those are right.
+    /// Root mean square over the rows of the errors in standard errors: 1 if the standard errors are right.
     pub fn scores(&self) -> PerAxis<f64> {
         let rows: u64 = self.groups().map(|group| group.errors[0].rows).sum();
         std::array::from_fn(|axis| {
@@ -213,8 +215,8 @@ impl PhysicsValidation {
         })
     }
 
-    /// The share of rows within their intervals of [`COVERAGE_LEVEL`], each group with the same
-    /// weight, and half the mean width of those; `None` if they could not be given.
+    /// Share of rows within their intervals of [`COVERAGE_LEVEL`], and mean half-width of the intervals, with
+    /// the same weight for each group; `None` if a group has no intervals.
     pub fn coverage(&self) -> Option<PerAxis<(f64, f64)>> {
         let mut sums = PerAxis::<(f64, f64)>::default();
         let mut count = 0.0;

@@ -1,10 +1,11 @@
-//! λ, the width of the priors and the number of shared factors, by groups that were held out.
+//! Choice of λ, the width of the priors and the number of shared factors by cross-validation over groups.
 //!
-//! Each candidate is fitted without a fold of whole groups and judged on them. λ and width are those of the least
-//! squared error, relative to the mean square of each axis, averaged over the axes. A factor more is taken where
-//! the readings of the held-out groups become more probable, by more than a standard error of the mean gain over the
-//! folds: that sees all sensors and how they err together, of which errors of a wrench show little. Then λ is
-//! chosen once more. Fits without a fold start from the fit to all, which is near.
+//! Each candidate is fitted without a fold of whole groups and tested on that fold. The chosen λ and width
+//! have the least squared error, relative to the mean square of each axis and averaged over the axes. One
+//! more factor is accepted if it raises the log density of the held-out groups' readings by more than a
+//! standard error of the mean gain over the folds. This criterion sees all sensors and the correlation of
+//! their errors, which the errors of a wrench hardly show. Then λ is chosen once more. Fits without a fold
+//! start from the fit to all observations, which is near.
 
 use std::collections::BTreeSet;
 
@@ -18,65 +19,65 @@ use super::rows::ObservationSample;
 use least_squares::error::FitError;
 use least_squares::passes::{Workers, map};
 
-/// The λ that are tried: half decades below what Bayes' rule would take for normal loads. That itself, 1, pulls a
-/// load at the edge of the range to a minimum far off, which other loads do not show.
+/// Candidate λ: half decades below 1, the value that Bayes' rule gives for normal loads. λ = 1 pulls a load
+/// at the edge of the range to a distant minimum; other loads do not show this.
 const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 
-/// The widths that are tried.
+/// Candidate widths.
 const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 
-/// λ and width that are mostly near the chosen ones.
+/// λ and width that are usually near the chosen ones.
 pub(super) const USUAL: (f64, f64) = (LAMBDAS[2], WIDTHS[1]);
 
-/// Up to this many groups each is held out alone; more are assigned to [`FOLDS`] folds.
+/// Up to this many groups are held out one by one; more are assigned to [`FOLDS`] folds.
 const MOST_ALONE: usize = 40;
 const FOLDS: usize = 10;
 
-/// Fewest folds that tell whether factors are shared: a standard error of fewer gains says little.
+/// Fewest folds to test for shared factors: with fewer, the standard error of the gain says little.
 const FEWEST_FOLDS: usize = 8;
 
-/// A number of shared factors beside the best of fewer.
+/// Comparison of a number of shared factors with the best smaller number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FactorTrial {
-    /// Factors.
+    /// Number of factors.
     pub factors: usize,
-    /// Mean gain of the log density of a held-out fold's readings.
+    /// Mean gain in the log density of a held-out fold's readings.
     pub gain: f64,
-    /// Its standard error.
+    /// Standard error of the gain.
     pub standard_error: f64,
 }
 
 impl FactorTrial {
-    /// Whether the gain is more than a standard error.
+    /// Returns true if the gain is more than a standard error.
     pub fn is_taken(&self) -> bool {
         self.gain > self.standard_error
     }
 }
 
-/// The chosen model and what it was chosen from.
+/// The chosen model, with the fits and comparisons behind the choice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Choice {
     /// The model, fitted to all observations.
     pub model: PhysicsModel,
     /// The numbers of factors that were tried.
     pub factor_trials: Vec<FactorTrial>,
-    /// Each fold of groups, with the chosen candidate fitted to the others.
+    /// Each fold of groups, with the chosen candidate fitted to all other groups.
     pub(super) fold_models: Vec<(BTreeSet<u64>, PhysicsModel)>,
     scales: Scales,
-    /// The fit to all observations that were tried, where fits to most of them start.
+    /// Fit to all observations in `sample.tried`: the start for fits to most of them.
     fitted: FittedParameters,
-    /// Observations that it was chosen on.
+    /// Observations used for the choice.
     pub sample: ObservationSample,
 }
 
-/// What all candidates are fitted to.
+/// Data for the fits of all candidates.
 struct CandidateData<'a> {
     scales: Scales,
     folds: Vec<ObservationFold<'a>>,
     workers: Workers<'a>,
 }
 
-/// Fits without one fold and their squared errors on it for each λ.
+/// A fit without one fold, and its squared errors on the fold for each λ.
 type Fits = (FittedParameters, [f64; LAMBDAS.len()]);
 
 impl Choice {
@@ -146,7 +147,7 @@ impl Choice {
         Ok(Self { model, factor_trials, fold_models, scales, fitted: of_tried, sample })
     }
 
-    /// The chosen candidate, fitted to the observations of all groups but some.
+    /// Fits the chosen candidate to the observations outside `groups`.
     pub(super) fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
         if let Some((_, known)) = self.fold_models.iter().find(|(fold, _)| fold == groups) {
             return known.clone();
@@ -159,7 +160,7 @@ impl Choice {
     }
 }
 
-/// Fits again, from what was found for nearly the same observations, with as many factors.
+/// Refits with the same number of factors, from the result for nearly the same observations.
 fn refit(data: &Scaled, width: f64, start: &FittedParameters) -> FittedParameters {
     match factor_count(&start.loadings) {
         0 => fit_from(data, width, start),
@@ -172,7 +173,7 @@ impl CandidateData<'_> {
         PhysicsModel::from_fit(&self.scales, &self.folds[fold].rest, fitted, at)
     }
 
-    /// Fits without each fold, on all threads, with their squared errors there.
+    /// Fits without each fold, on all threads, and computes the squared errors on the fold.
     fn fits(
         &self,
         width: f64,
@@ -192,14 +193,16 @@ impl CandidateData<'_> {
         })
     }
 
-    /// For each λ the squared error on held-out groups relative to the mean square of each axis, averaged.
+    /// Squared error on held-out groups for each λ, relative to the mean square of each axis and averaged
+    /// over the axes.
     fn scores(&self, fits: &[Fits]) -> [f64; LAMBDAS.len()] {
         let count = 6.0 * self.folds.iter().map(|fold| fold.held_out.len()).sum::<usize>() as f64;
         let sum = |at: usize| fits.iter().map(|(_, squares)| squares[at]).sum::<f64>();
         std::array::from_fn(|at| sum(at) / count)
     }
 
-    /// How much more probable the readings of each fold are by the first of two fits without it.
+    /// Mean gain in the log density of the readings of a fold, from the fits `best` to the fits `fits`, all
+    /// made without the fold.
     fn compare(&self, factors: usize, width: f64, fits: &[Fits], best: &[Fits]) -> FactorTrial {
         let gains: Vec<f64> = (fits.iter().zip(best).enumerate())
             .map(|(fold, (fit, best))| {
@@ -217,7 +220,6 @@ impl CandidateData<'_> {
     }
 }
 
-/// The position of the least score.
 fn least(scores: &[f64]) -> usize {
     let scores = scores.iter().enumerate();
     scores.min_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(position, _)| position)
@@ -242,7 +244,8 @@ fn as_sets(folds: &[Vec<u64>]) -> Vec<BTreeSet<u64>> {
     folds.iter().map(|fold| fold.iter().copied().collect()).collect()
 }
 
-/// Up to [`MOST_ALONE`] groups, each alone; more, assigned in turn to [`FOLDS`].
+/// Puts each of up to [`MOST_ALONE`] groups into a separate fold; assigns more groups in turn to [`FOLDS`]
+/// folds.
 fn folds_in_turn(observations: &[&Observation]) -> Vec<BTreeSet<u64>> {
     let groups: BTreeSet<u64> = observations.iter().map(|o| o.group).collect();
     let count = if groups.len() > MOST_ALONE { FOLDS } else { groups.len() };

@@ -1,13 +1,13 @@
 //! Cholesky factors of small symmetric matrices, on the stack.
 //!
-//! Sizes are known at compile time (6 axes, 10 parameters), so that nothing is allocated for a
-//! frame. Only the lower triangle of a matrix is read. (Golub & Van Loan, 4th ed., §4.2.)
+//! Sizes are known at compile time (6 axes, 10 parameters), so a frame needs no allocation. Only the lower
+//! triangle of a matrix is read. (Golub & Van Loan, 4th ed., §4.2.)
 
 use pulp::{Scalar, Simd};
 
 use super::lanes::Lanes;
 
-/// The matrix with these numbers on its diagonal.
+/// Matrix with these numbers on its diagonal.
 pub fn diagonal<const N: usize>(of: [f64; N]) -> [[f64; N]; N] {
     std::array::from_fn(|i| std::array::from_fn(|j| if i == j { of[i] } else { 0.0 }))
 }
@@ -56,7 +56,7 @@ fn scalar(x: f64) -> Lanes<Scalar> {
     Lanes(Scalar, x)
 }
 
-/// The same of one matrix per lane; not numbers in a lane whose `A` is not positive definite.
+/// Lower factors of one matrix per lane; NaN in a lane whose `A` is not positive definite.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LaneCholesky<S: Simd, const N: usize> {
     l: [[Lanes<S>; N]; N],

@@ -10,11 +10,13 @@ use super::response::{FACTORS, Loadings};
 use super::sensor::Curve;
 use shell_data::vectorised;
 
-/// `1/s²` of the prior `N(0, s²)` of a loading: s is 0.06, what a displacement's own play is, a hundredth of the
-/// way from plateau to plateau. A weaker prior lets a second factor follow the loads of single poses.
+/// `1/s²` of the prior `N(0, s²)` of a loading. s is 0.06: about the play of a single displacement, and a
+/// hundredth of the way from plateau to plateau. With a weaker prior, a second factor follows the loads of
+/// single poses.
 const LOADING_PRECISION: f64 = 300.0;
 
-/// Expected moments of the factors of each row, given its residuals. Columns are as long as those of the curves.
+/// Expected moments of the factors of each row, given its residuals. Columns are as long as the curves'
+/// columns.
 pub(super) struct Expectation {
     /// `E[uuᵀ]`.
     square: [[Vec<f64>; FACTORS]; FACTORS],
@@ -22,7 +24,7 @@ pub(super) struct Expectation {
     with_residual: Vec<[Vec<f64>; FACTORS]>,
 }
 
-/// The slopes of a curve at some rows, and those over the variance of the readings there.
+/// Slopes of a curve at some rows, and the slopes divided by the variance of the readings there.
 #[inline(always)]
 fn slopes<S: Simd>(simd: S, curve: &Curve, first: usize, noise: Noise) -> (Lanes<S>, Lanes<S>) {
     let slope = Lanes::load(simd, &curve.gradient[0], first);
@@ -44,7 +46,7 @@ fn add_square<S: Simd>(
 }
 
 vectorised! {
-    /// The E step. `variances` are those of each curve that come from its parameters.
+    /// The E step. `variances` holds the variance of each curve that comes from its parameters.
     pub(super) fn expect<S: Simd>(
         simd: S,
         curves: &[Curve],
@@ -103,7 +105,7 @@ vectorised! {
 }
 
 vectorised! {
-    /// The M step for a sensor: its most likely loadings, and its first `rows` residuals less the factors.
+    /// The M step for a sensor: its most likely loadings, and its first `rows` residuals without the factors.
     pub(super) fn maximise<S: Simd>(
         simd: S,
         of: &Expectation,

@@ -1,14 +1,14 @@
-//! Factors that the sensors share: what moves several reflectors at once beside the wrench.
+//! Factors that the sensors share: causes other than the wrench that move several reflectors at once.
 //!
 //! ```text
 //! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ + cᵢᵀuⱼ) + e      uⱼ ~ N(0, I)      Vⱼ = diag(σ² + τ²d²) + D·C·Cᵀ·D      D = diag f'
 //! ```
 //!
-//! Play and mounting move the plate as a whole, so sensors err together, along what looks like a wrench. Loadings
-//! C and variances are those of greatest posterior density by expectation and maximisation (Rubin & Thayer,
-//! Psychometrika 47, 1982), with a normal prior of C; what the parameters took from the residuals is given back,
-//! as in [`noise`](super::noise). In turn with that, Levenberg's and Marquardt's steps are made over the parameters
-//! of all sensors at once, on residuals whitened by V.
+//! Play and mounting move the plate as a whole, so the sensors' errors are correlated and look like a wrench.
+//! Expectation maximisation finds the loadings C and the variances at the maximum of the posterior density
+//! (Rubin & Thayer, Psychometrika 47, 1982), with a normal prior of C. It corrects the residuals for the part
+//! that the parameters absorbed, as in [`noise`](super::noise). In turn with that, Levenberg-Marquardt steps
+//! run over the parameters of all sensors at once, on residuals whitened by V.
 
 use super::cholesky::{Cholesky, identity};
 use super::expectation::{expect, maximise};
@@ -19,15 +19,15 @@ use super::response::{
 use super::sensor::{Curve, Data, Prior, curve_at, parameter_variances};
 use least_squares::symmetric::SymmetricMatrix;
 
-/// Effort of a fit, and of one from nearly the same observations. In a round the loadings and variances make
-/// [`EM_STEPS`], the parameters [`STEPS`].
+/// Effort of a fit, and of a fit that starts from the result for nearly the same observations. A round makes
+/// [`EM_STEPS`] steps of the loadings and variances and [`STEPS`] steps of the parameters.
 const ROUNDS: usize = 12;
 const WARM_ROUNDS: usize = 5;
 const EM_STEPS: usize = 6;
 const STEPS: usize = 2;
 
-/// Fits so many `new` factors, from a fit without; or as many as `start` has, which was found for nearly the same
-/// observations in the same scales.
+/// Fits `new` factors, from a fit without factors. If `new` is `None`, fits as many as `start` has, which was
+/// found for nearly the same observations in the same scales.
 pub(super) fn fit_factors(
     data: &Scaled,
     width: f64,
@@ -40,23 +40,21 @@ pub(super) fn fit_factors(
     joint.rounds(ROUNDS)
 }
 
-/// The fit under way.
 struct Joint<'a> {
     sensors: Vec<Data<'a>>,
     rows: usize,
     width: f64,
     fitted: FittedParameters,
-    /// Factors in use: the first so many columns of the loadings.
+    /// Number of factors in use: the first columns of the loadings.
     count: usize,
-    /// Marquardt's damping.
     damping: f64,
 }
 
-/// What makes `Vⱼ⁻¹` of the variances `v` alone, at the slopes that a round begins with: `F⁻¹·L/v` of each sensor
-/// and row, with `L = D·C` and `F·Fᵀ = I + LᵀL/v`.
+/// `F⁻¹·L/v` of each sensor and row, with `L = D·C` and `F·Fᵀ = I + LᵀL/v`, at the slopes with which a round
+/// begins. Together with the variances `v` it gives `Vⱼ⁻¹`.
 type Whitening = Vec<Vec<Loadings>>;
 
-/// What is minimised, its curvature and descent, over the parameters of all sensors.
+/// The minimised sum, its curvature and its descent, over the parameters of all sensors.
 struct FactorEquations {
     cost: f64,
     curvature: SymmetricMatrix,
@@ -80,7 +78,7 @@ impl<'a> Joint<'a> {
         pairs.map(|(sensor, p)| curve_at(p, sensor)).collect()
     }
 
-    /// Loadings along the principal components of the standardised residuals.
+    /// Starts the loadings along the principal components of the standardised residuals.
     fn start(&mut self, count: usize) {
         let (curves, noise) = (self.curves(), self.fitted.noise);
         let pull = |curve: &Curve, row: usize| {
@@ -95,7 +93,7 @@ impl<'a> Joint<'a> {
             product(&curves[i], &curves[j]) / (sizes[i] * sizes[j])
         });
         let Some(eigen) = correlation.eigen() else { return };
-        // Where the curve is as steep as over most of its range, in units of q.
+        // In units of q, at a slope that the curve has over most of its range.
         let size = (noise.displacement + noise.reading / 0.03).sqrt();
         self.count = count.min(curves.len());
         let mut positions: Vec<usize> = (0..curves.len()).collect();
@@ -120,7 +118,7 @@ impl<'a> Joint<'a> {
         self.fitted
     }
 
-    /// Steps of expectation and maximisation of the loadings and the variances.
+    /// Makes expectation-maximisation steps of the loadings and the variances.
     fn refine_loadings(&mut self, curves: &[Curve]) {
         let pairs = curves.iter().zip(&self.fitted.covariance);
         let variances: Vec<Vec<f64>> =
@@ -139,7 +137,7 @@ impl<'a> Joint<'a> {
         }
     }
 
-    /// Makes the weights those of the noise, and what is shared the whitening.
+    /// Sets the weights from the noise, and returns the whitening by the shared factors.
     fn whiten(&mut self, curves: &[Curve]) -> Whitening {
         let Self { sensors, fitted, rows, .. } = self;
         let mut m = vec![identity(); *rows];
@@ -162,7 +160,7 @@ impl<'a> Joint<'a> {
         whitening
     }
 
-    /// Steps over the parameters of all sensors, each of which lowers the sum or is not taken.
+    /// Makes steps over the parameters of all sensors; rejects steps that do not lower the sum.
     fn refine_parameters(&mut self, whitening: &[Vec<Loadings>], prior: &Prior) {
         let mut at = self.equations(&self.fitted.parameters, whitening, prior);
         for _ in 0..STEPS {
@@ -204,7 +202,7 @@ impl<'a> Joint<'a> {
         let mut curvature = SymmetricMatrix::zeros(size);
         let mut descent = Vec::with_capacity(size);
         let mut cost = 0.0;
-        // What is shared: one of each of the factors for every row of the data.
+        // The shared part: one vector for each factor of every row of the data.
         let mut shared = vec![vec![0.0; size]; self.rows * self.count];
         let mut pulls = vec![0.0; shared.len()];
         for (sensor, (data, p)) in self.sensors.iter().zip(parameters).enumerate() {

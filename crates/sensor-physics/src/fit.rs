@@ -1,10 +1,10 @@
-//! All sensors together: plateaus and shapes near a common mean, noise of greatest likelihood.
+//! Joint fit of all sensors: plateaus and shapes near a common mean, noise of maximum likelihood.
 //!
-//! Sensors of one make resemble each other. The parameters of the curve (lo, ln h, ln ν) of each
-//! have a normal prior about a mean that all share, which itself has the weak prior of
-//! [`Prior::weak`], ten times as wide in variance (a hierarchical model; Gelman et al., Bayesian
-//! Data Analysis, 3rd ed., §5.4). Rounds of steps over the sensors' parameters, the common means
-//! and the two variances of [`Noise`] each raise the posterior density.
+//! Sensors of one make resemble each other. The parameters of each curve (lo, ln h, ln ν) have a normal prior
+//! about a mean that all sensors share. The mean has the weak prior of [`Prior::weak`], with ten times the
+//! variance (a hierarchical model; Gelman et al., Bayesian Data Analysis, 3rd ed., §5.4). A round makes steps
+//! over the sensors' parameters, the common means and the two variances of [`Noise`]; each step raises the
+//! posterior density.
 
 use super::PhysicsError;
 use super::cholesky::{Cholesky, diagonal};
@@ -15,27 +15,27 @@ use super::sensor::{Data, ParameterEstimate, Prior, curve_at, residuals};
 use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
-/// Variance of the prior of a common mean, over that of a sensor about it.
+/// Prior variance of a common mean, divided by the variance of a sensor about it.
 const MEAN_VARIANCE: f64 = 10.0;
 
-/// Effort of a fit. Predictions of more rounds differ by a twentieth of their standard errors.
+/// Effort of a fit. More rounds change predictions by a twentieth of their standard errors.
 const FIRST_STEPS: usize = 15;
 const ROUNDS: usize = 12;
 const STEPS: usize = 4;
 
-/// Rounds from the fit to nearly the same observations.
+/// Rounds of a fit that starts from the result for nearly the same observations.
 const WARM_ROUNDS: usize = 4;
 
 /// Steps of the variances in a round.
 const NOISE_STEPS: usize = 20;
 
-/// Most channels of a model: a frame's flags are bits, its values are on the stack.
+/// Most channels of a model: the flags of a frame are bits of a 16-bit mask, and its values are on the stack.
 pub const MOST_CHANNELS: usize = 16;
 
 /// The mean of some rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observation {
-    /// Which rows are one observation or hang together: validation holds out whole groups.
+    /// Group of related rows, for example of one observation: validation holds out whole groups.
     pub group: u64,
     /// Mean wrench, N and N·m.
     pub wrench: PerAxis<f64>,
@@ -43,7 +43,7 @@ pub struct Observation {
     pub readings: Vec<f64>,
 }
 
-/// The root mean square of each axis of the wrench, N and N·m; 1 for one that is never loaded.
+/// Root mean square of each axis of the wrench, N and N·m; 1 for an axis that is never loaded.
 pub fn wrench_scale(observations: &[&Observation]) -> PerAxis<f64> {
     std::array::from_fn(|axis| {
         let squares: f64 = observations.iter().map(|o| o.wrench[axis].powi(2)).sum();
@@ -54,18 +54,17 @@ pub fn wrench_scale(observations: &[&Observation]) -> PerAxis<f64> {
 /// Wrenches and readings in the scales of a model.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Scales {
-    /// Root mean square of each axis, N and N·m; 1 for one that is never loaded.
+    /// Root mean square of each axis, N and N·m; 1 for an axis that is never loaded.
     pub(super) wrench: PerAxis<f64>,
-    /// Channels of a frame.
     pub(super) frame_channels: usize,
-    /// Least reading and range of each channel that varies, with its position.
+    /// Position, least reading and range of each channel that varies.
     pub(super) channels: Vec<(usize, f64, f64)>,
 }
 
 /// The training data in these scales.
 #[derive(Clone, Debug)]
 pub(super) struct Scaled {
-    /// Rows; columns go on with zeros to a multiple of [`MOST_LANES`].
+    /// Number of rows; columns are padded with zeros to a multiple of [`MOST_LANES`].
     pub(super) rows: usize,
     /// One column per axis.
     pub(super) wrench: PerAxis<Vec<f64>>,
@@ -77,7 +76,6 @@ pub(super) struct Scaled {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FittedParameters {
     pub(super) parameters: Vec<Parameters>,
-    /// The covariance of each sensor's parameters.
     pub(super) covariance: Vec<[Parameters; PARAMETERS]>,
     /// How far each shared factor moves a sensor's displacement.
     pub(super) loadings: Vec<Loadings>,
@@ -85,7 +83,7 @@ pub(super) struct FittedParameters {
 }
 
 impl Scales {
-    /// Those of observations that a model can be fitted to.
+    /// Computes the scales of observations that a model can be fitted to.
     ///
     /// # Errors
     /// [`PhysicsError`] if there are too few observations or channels.
@@ -117,7 +115,7 @@ impl Scales {
         Ok(Self { wrench: wrench_scale(observations), frame_channels, channels })
     }
 
-    /// Observations in these scales.
+    /// Converts observations to these scales.
     pub(super) fn apply(&self, observations: &[&Observation]) -> Scaled {
         let rows = observations.len();
         let padded = |mut column: Vec<f64>| {
@@ -137,7 +135,7 @@ impl Scales {
     }
 }
 
-/// Fits all sensors, from the start.
+/// Fits all sensors from scratch.
 pub(super) fn fit(data: &Scaled, width: f64) -> FittedParameters {
     let prior = Prior::weak(width);
     let mut sensors = sensors(data);
@@ -145,7 +143,7 @@ pub(super) fn fit(data: &Scaled, width: f64) -> FittedParameters {
     rounds(&mut sensors, estimates, Noise::START, width, ROUNDS)
 }
 
-/// Fits all sensors, from what was found for nearly the same observations in the same scales.
+/// Fits all sensors from the result for nearly the same observations in the same scales.
 pub(super) fn fit_from(data: &Scaled, width: f64, start: &FittedParameters) -> FittedParameters {
     let estimates = start.parameters.iter().map(|&p| ParameterEstimate::at(p)).collect();
     let mut sensors = sensors(data);
@@ -157,7 +155,7 @@ pub(super) fn fit_from(data: &Scaled, width: f64, start: &FittedParameters) -> F
 }
 
 pub(super) fn sensors(data: &Scaled) -> Vec<Data<'_>> {
-    // The slope of a curve that runs through its range over some six units of q.
+    // The slope is 0.15 if a curve runs through its range over some six units of q.
     let weight = Noise::START.variance(0.15).recip();
     let mut weights = vec![weight; data.rows];
     weights.resize(data.wrench[0].len(), 0.0);
@@ -170,7 +168,7 @@ pub(super) fn sensors(data: &Scaled) -> Vec<Data<'_>> {
     data.readings.iter().map(|readings| sensor(readings)).collect()
 }
 
-/// Weights by the noise where the curve is as steep as these residuals say.
+/// Sets the weights to the inverse variances of the noise, at the slopes in these residuals.
 fn weigh(sensor: &mut Data<'_>, residuals: &Residuals, noise: Noise) {
     for (weight, &slope_square) in sensor.weights.iter_mut().zip(&residuals.slope_squares) {
         *weight = noise.variance_at(slope_square).recip();
@@ -210,7 +208,7 @@ fn rounds(
     }
 }
 
-/// The prior about the most likely common means, given the sensors.
+/// Prior about the most likely common means, given the sensors.
 pub(super) fn common_prior<'a>(
     sensors: impl Iterator<Item = &'a Parameters> + Clone,
     width: f64,
@@ -232,7 +230,7 @@ fn covariances(
     let of = |(sensor, estimate): (&Data<'_>, &ParameterEstimate)| {
         let p = &estimate.parameters;
         let information = sensor.cost_along(&curve_at(p, sensor), p, prior).information;
-        // The prior makes it positive definite; where rounding does not, the prior is what is left.
+        // The prior makes it positive definite. If rounding spoils that, the covariance of the prior remains.
         Cholesky::new(&information)
             .map_or_else(|| diagonal(prior.sd.map(|sd| sd.powi(2))), |f| f.inverse())
     };

@@ -1,9 +1,9 @@
-//! The curve of a sensor, several rows at a time.
+//! Evaluation of a sensor's curve for several rows at a time.
 //!
-//! Additions, multiplications, divisions and square roots alone: these are
-//! rounded alike on every machine, so a row has the same bits in vectors of any width.
+//! The code uses additions, multiplications, divisions and square roots only. They are rounded alike on every
+//! machine, so a row has the same bits in vectors of any width.
 //!
-//! Loops and not `fold`: its closure may stay a function of its own, without wide vectors, as in
+//! Loops replace `fold`: its closure may remain a separate function without wide vectors, as in
 //! `least_squares::vectors`.
 
 use std::ops::{Add, Div, Mul, Sub};
@@ -15,7 +15,7 @@ use super::response::{PARAMETERS, SHAPE};
 /// Beyond this, `e⁻ˣ` is below a tenth of the last bit of one.
 const FAR: f64 = 40.0;
 
-/// Squarings in `e⁻ˣ = (e^(−x/256))^256`, with which a short series does.
+/// Number of squarings in `e⁻ˣ = (e^(−x/256))^256`, for which a short series suffices.
 const SQUARINGS: usize = 8;
 
 /// `1/k!` for `k` from 10 to 0. For `|r| ≤ 40/256` the next term is below 4e-17.
@@ -27,7 +27,7 @@ const EXP: [f64; 11] =
 const ARTANH: [f64; 14] =
     shares(2.0, [27.0, 25.0, 23.0, 21.0, 19.0, 17.0, 15.0, 13.0, 11.0, 9.0, 7.0, 5.0, 3.0, 1.0]);
 
-/// A number divided by each of some others.
+/// Divides a number by each element of an array.
 const fn shares<const N: usize>(of: f64, mut by: [f64; N]) -> [f64; N] {
     let mut position = 0;
     while position < N {
@@ -37,33 +37,31 @@ const fn shares<const N: usize>(of: f64, mut by: [f64; N]) -> [f64; N] {
     by
 }
 
-/// The most rows in a vector.
+/// Largest number of rows in a vector.
 pub(super) const MOST_LANES: usize = 8;
 
-/// A number for each of several rows. Every operation is inlined into code for the vectors in use.
+/// One number for each of several rows. Every operation is inlined into code for the vectors in use.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Lanes<S: Simd>(pub(super) S, pub(super) S::f64s);
 
 impl<S: Simd> Lanes<S> {
-    /// The same number for all rows.
     #[inline(always)]
     pub(super) fn splat(simd: S, value: f64) -> Self {
         Self(simd, simd.splat_f64s(value))
     }
 
-    /// The rows of a column from `first` on, as many as a vector holds.
+    /// Loads the rows of a column from `first` on, as many as a vector holds.
     #[inline(always)]
     pub(super) fn load(simd: S, column: &[f64], first: usize) -> Self {
         Self(simd, S::as_simd_f64s(&column[first..first + S::F64_LANES]).0[0])
     }
 
-    /// Writes the rows of a column from `first` on.
     #[inline(always)]
     pub(super) fn store(self, column: &mut [f64], first: usize) {
         S::as_mut_simd_f64s(&mut column[first..first + S::F64_LANES]).0[0] = self.1;
     }
 
-    /// The numbers, and then zeros.
+    /// The numbers, padded with zeros.
     #[inline(always)]
     pub(super) fn values(self) -> [f64; MOST_LANES] {
         let mut values = [0.0; MOST_LANES];
@@ -86,26 +84,24 @@ impl<S: Simd> Lanes<S> {
         Self(self.0, self.0.max_f64s(self.1, self.0.splat_f64s(least)))
     }
 
-    /// In which rows it is less than `limit`.
     #[inline(always)]
     pub(super) fn is_below(self, limit: f64) -> S::m64s {
         self.0.less_than_f64s(self.1, self.0.splat_f64s(limit))
     }
 
-    /// In which rows it is greater than 0.
     #[inline(always)]
     pub(super) fn is_positive(self) -> S::m64s {
         self.0.greater_than_f64s(self.1, self.0.splat_f64s(0.0))
     }
 
-    /// `other` in the rows of `mask`.
+    /// Takes `other` in the rows of `mask`.
     #[inline(always)]
     pub(super) fn replaced(self, mask: S::m64s, other: Self) -> Self {
         Self(self.0, self.0.select_f64s(mask, other.1, self.1))
     }
 }
 
-/// With other lanes, and with one number for all rows.
+/// Operators with other lanes, and with one number for all rows.
 macro_rules! operators {
     ($($Operator:ident $method:ident $vectors:ident)*) => {$(
         impl<S: Simd> $Operator for Lanes<S> {
@@ -130,14 +126,14 @@ macro_rules! operators {
 
 operators!(Add add add_f64s Sub sub sub_f64s Mul mul mul_f64s Div div div_f64s);
 
-/// Adds rows from `first` on to the lanes of a sum that those rows belong to.
+/// Adds the rows from `first` on to their lanes of a sum.
 #[inline(always)]
 pub(super) fn add_rows<S: Simd>(sums: &mut [f64; MOST_LANES], first: usize, rows: Lanes<S>) {
     let lane = first % MOST_LANES;
     (rows + Lanes::load(rows.0, sums, lane)).store(sums, lane);
 }
 
-/// `start + aᵀx`, of as many numbers as the shorter has.
+/// `start + aᵀx`, over the length of the shorter slice.
 #[inline(always)]
 pub(super) fn linear<S: Simd>(start: f64, a: &[f64], x: &[Lanes<S>]) -> Lanes<S> {
     let mut sum = Lanes::splat(x[0].0, start);
@@ -147,7 +143,7 @@ pub(super) fn linear<S: Simd>(start: f64, a: &[f64], x: &[Lanes<S>]) -> Lanes<S>
     sum
 }
 
-/// `gᵀCg`, not below zero. `rows` are those of `C`, which may end early.
+/// `gᵀCg`, at least zero. `rows` are the rows of `C`, which may end early.
 #[inline(always)]
 pub(super) fn quadratic_form<'a, S: Simd>(
     g: &[Lanes<S>; PARAMETERS],
@@ -160,19 +156,19 @@ pub(super) fn quadratic_form<'a, S: Simd>(
     sum.max(0.0)
 }
 
-/// [`Answer`](crate::response::Answer) in lanes: the answer less `lo`, and its derivatives.
+/// [`Answer`](crate::response::Answer) in lanes: the response minus `lo`, and its derivatives.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Answers<S: Simd> {
-    /// `y − lo`, also the derivative by ln h.
+    /// `y − lo`, which is also the derivative with respect to ln h.
     pub(super) height: Lanes<S>,
     /// `dy/dq`.
     pub(super) slope: Lanes<S>,
-    /// The derivative by ln ν.
+    /// Derivative with respect to ln ν.
     pub(super) by_shape: Lanes<S>,
 }
 
 impl<S: Simd> Answers<S> {
-    /// At the displacements `q`, to some 1e-13 of `h`.
+    /// Evaluates the curves at the displacements `q`, to some 1e-13 of `h`.
     #[inline(always)]
     pub(super) fn at(q: Lanes<S>, h: f64, nu: f64) -> Self {
         let simd = q.0;
@@ -218,7 +214,7 @@ fn ln_of_one_and<S: Simd>(e: Lanes<S>) -> Lanes<S> {
     z * polynomial(z * z, &ARTANH)
 }
 
-/// The polynomial with these coefficients, that of the highest power first.
+/// Polynomial with these coefficients, highest power first.
 #[inline(always)]
 fn polynomial<S: Simd, const N: usize>(x: Lanes<S>, coefficients: &[f64; N]) -> Lanes<S> {
     let mut sum = Lanes::splat(x.0, coefficients[0]);
@@ -259,7 +255,7 @@ mod tests {
             for nu in [0.3, 1.0, 2.7] {
                 let found = arch().dispatch(At { q, h: 1.3, nu });
                 let expected = Answer::at_displacement(q, 0.0, 1.3, nu);
-                // The derivative by ln ν is the last of the gradient.
+                // The derivative with respect to ln ν is the last of the gradient.
                 let by_shape = expected.gradient(&[0.0; 6])[9];
                 let expected = [expected.value, expected.slope, by_shape];
                 for (found, expected) in found.iter().zip(expected) {

@@ -1,19 +1,20 @@
 //! A forward model of the sensors' physics, fitted sensor by sensor and inverted for the wrench.
 //!
-//! A reflective photointerrupter answers one displacement, monotonically; the displacement is linear
-//! in the wrench. So each sensor is ten parameters, `y = lo + h·σ(b + aᵀx)^ν` ([`response`]), fitted
-//! from the wrench to the reading: the noise is in the readings, the reference is good. Conversion
-//! inverts all sensors at once ([`Inversion`]).
+//! A reflective photointerrupter responds monotonically to one displacement, which is linear in the wrench.
+//! Each sensor therefore has ten parameters, `y = lo + h·σ(b + aᵀx)^ν` ([`response`]), fitted from the wrench
+//! to the reading because the noise is in the readings and the reference is accurate. Conversion inverts all
+//! sensors at once ([`Inversion`]).
 //!
 //! ```text
 //! rows → one mean per pose → sensors (priors, noise) → shared factors → model
 //!                            └── λ, prior width and number of factors by held-out poses ──┘
 //! ```
 //!
-//! Polynomials in the readings need a coefficient per power and axis and go astray between poses;
-//! this has 80 numbers for eight sensors, all with a meaning, and flattens where sensors saturate.
+//! Polynomials in the readings need a coefficient per power and axis and are inaccurate between poses. This
+//! model has 80 numbers for eight sensors, each with a physical meaning, and it flattens where the sensors
+//! saturate.
 //!
-//! Left out: play and creep as states (they are in the noise and in the factors), and temperature.
+//! Not modelled: play and creep as states (they are part of the noise and the factors), and temperature.
 
 #![forbid(unsafe_code)]
 #![warn(missing_docs)]

@@ -9,25 +9,25 @@ use super::response::{
 };
 use shell_data::wrench::PerAxis;
 
-/// A share of the identity that keeps the prior of an axis that is never loaded finite.
+/// Multiple of the identity that keeps the prior finite for an axis that is never loaded.
 const LEAST_LOAD: f64 = 1e-6;
 
-/// All that is needed to convert readings.
+/// A fitted model, with all data needed to convert readings.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct PhysicsModel {
-    /// Channels of a frame, those without a sensor here included.
+    /// Number of channels of a frame, including channels without a sensor here.
     pub channels: usize,
-    /// What a wrench is divided by, N and N·m: the root mean square of the training loads.
+    /// Divisors of a wrench, N and N·m: the root mean square of the training loads.
     pub wrench_scale: PerAxis<f64>,
     /// `Σ_w⁻¹`, the inverse second moments of the training loads, in these scales.
     pub load_precision: PerAxis<PerAxis<f64>>,
-    /// λ, how strongly that holds the wrench back.
+    /// λ, the weight of this prior of the wrench.
     pub lambda: f64,
     /// Standard deviation of the priors of lo, ln h and ln ν.
     pub prior_width: f64,
-    /// Variances of an answer.
+    /// Noise variances.
     pub noise: Noise,
-    /// The channels that vary.
+    /// One sensor for each channel that varies.
     pub sensors: Vec<Sensor>,
 }
 
@@ -36,21 +36,22 @@ pub struct PhysicsModel {
 pub struct Sensor {
     /// Its channel, from 0.
     pub channel: usize,
-    /// The least reading of the training data, counts.
+    /// Least reading in the training data, counts.
     pub least: f64,
-    /// The greatest less the least, counts; `y = (reading − least)/range`.
+    /// Greatest minus least reading, counts; `y = (reading − least)/range`.
     pub range: f64,
     /// b, a (six), lo, ln h, ln ν.
     pub parameters: Parameters,
-    /// Their covariance.
+    /// Covariance of the parameters.
     pub covariance: [Parameters; PARAMETERS],
-    /// c: how far each shared factor of variance one moves its displacement; zero for none.
+    /// c: displacement per shared factor, which has variance 1; zero without factors.
     #[serde(default)]
     pub loadings: Loadings,
 }
 
 impl Sensor {
-    /// The answer to a wrench in the model's scales, and its variance: noise, and what the parameters are unsure about.
+    /// Response to a wrench in the model's scales, and its variance: noise plus the uncertainty of the
+    /// parameters.
     pub fn answer(&self, x: &PerAxis<f64>, noise: &Noise) -> (Answer, f64) {
         let answer = Answer::at(&self.parameters, x);
         let g = answer.gradient(x);
@@ -61,24 +62,24 @@ impl Sensor {
 }
 
 impl PhysicsModel {
-    /// Parameters of all sensors.
+    /// Number of parameters of all sensors.
     pub fn parameter_count(&self) -> usize {
         self.sensors.iter().map(|sensor| sensor.parameters.len()).sum()
     }
 
-    /// The channels that are left out because they never change, from 0.
+    /// Channels left out because they never change, from 0.
     pub fn dead_channels(&self) -> Vec<usize> {
         let is_dead = |channel: &usize| self.sensors.iter().all(|of| of.channel != *channel);
         (0..self.channels).filter(is_dead).collect()
     }
 
-    /// Factors that the sensors share.
+    /// Number of factors that the sensors share.
     pub fn factor_count(&self) -> usize {
         factor_count(self.sensors.iter().map(|sensor| &sensor.loadings))
     }
 
-    /// The same curves without shared factors: what those add to the displacements' variance, on average over
-    /// the sensors, counts as noise of each by itself.
+    /// Returns the same curves without shared factors. The variance that the factors add to the
+    /// displacements, averaged over the sensors, becomes independent noise of each sensor.
     #[must_use]
     pub fn without_factors(&self) -> Self {
         let mut model = self.clone();
@@ -88,8 +89,8 @@ impl PhysicsModel {
         model
     }
 
-    /// The logarithm of the probability density of an observation's readings at its wrench, up to a constant
-    /// that all models in the same scales have.
+    /// Log probability density of an observation's readings at its wrench, up to a constant that is equal for
+    /// all models in the same scales.
     pub(super) fn ln_density(&self, o: &Observation) -> f64 {
         let x = std::array::from_fn(|axis| o.wrench[axis] / self.wrench_scale[axis]);
         // V = diag(v) + LLᵀ, so r·V⁻¹·r = Σr²/v − |M^(−½)·Lᵀr/v|² and det V = Πv·det M, M = I + LᵀL/v.
@@ -112,7 +113,7 @@ impl PhysicsModel {
         -0.5 * (sum - explained + factor.ln_determinant())
     }
 
-    /// What a fit has found, with the λ and width that it was asked for.
+    /// Builds a model from a fit, and the λ and width requested for it.
     pub(super) fn from_fit(
         scales: &Scales,
         data: &Scaled,

@@ -1,28 +1,27 @@
-//! How far readings are from the curves: noise of the readings and play of the displacement.
+//! Noise about the curves: noise of the readings and play of the displacement.
 //!
-//! A reading is off by noise of its own, and because the reflector does not come to rest at the
-//! same place twice (play, creep): where the curve is steep the second counts, on a plateau not.
+//! A reading is off because it is noisy itself, and because the reflector does not come to rest at the same
+//! place twice (play, creep). Play counts where the curve is steep, and not on a plateau.
 //!
 //! ```text
 //! var(y − f) = σ² + τ²·(df/dq)²
 //! ```
 //!
-//! Both variances are those of greatest likelihood for normal errors, found by fixed-point steps
-//! that keep them positive (each is multiplied by the ratio of the two sides of its likelihood
-//! equation). What the fitted parameters took from a residual is given back: its expected square
-//! is `r² + gᵀCg`, with `C` the covariance of the parameters (Dempster, Laird & Rubin, J. R. Stat.
-//! Soc. B 39, 1977).
+//! Both variances are maximum-likelihood estimates for normal errors. Fixed-point steps find them and keep
+//! them positive: each variance is multiplied by the ratio of the two sides of its likelihood equation.
+//! Fitted parameters absorb a part of each residual, so its expected square is `r² + gᵀCg`, with `C` the
+//! covariance of the parameters (Dempster, Laird & Rubin, J. R. Stat. Soc. B 39, 1977).
 
 use std::ops::{Add, Mul};
 
 use super::lanes::MOST_LANES;
 use shell_data::vectorised;
 
-/// Least variances, of a reading in units of its range: a thousandth squared, less than one count
-/// of ten bits.
+/// Lower limit of the variances. For a reading it is the square of a thousandth of the range: less than one
+/// count of ten bits.
 const LEAST: f64 = 1e-6;
 
-/// The two variances.
+/// The two variances of the noise.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Noise {
     /// `σ²`, in squared ranges of a channel.
@@ -31,27 +30,27 @@ pub struct Noise {
     pub displacement: f64,
 }
 
-/// The residuals of a sensor that the variances are estimated from, a row each.
+/// Residuals of a sensor for the estimate of the variances, one per row.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Residuals {
-    /// Their expected squares.
+    /// Expected squares of the residuals.
     pub(super) squares: Vec<f64>,
-    /// `(df/dq)²` there.
+    /// `(df/dq)²` at each row.
     pub(super) slope_squares: Vec<f64>,
 }
 
 impl Noise {
-    /// Where an estimate begins: readings repeat to a fiftieth of their range, displacements to
-    /// 0.15 units of q (of some 6 from plateau to plateau).
+    /// Start of an estimate: readings repeat to a fiftieth of their range, displacements to 0.15 units of q
+    /// (of some 6 from plateau to plateau).
     pub(super) const START: Self = Self { reading: 4e-4, displacement: 0.0225 };
 
-    /// The variance of an answer where the curve has this slope.
+    /// Variance of a response where the curve has this slope.
     #[inline(always)]
     pub fn variance(&self, slope: f64) -> f64 {
         self.variance_at(slope * slope)
     }
 
-    /// The variance of an answer where the curve has a slope of this square, or of several.
+    /// Variance of a response from the square of the slope: one number, or one for each lane.
     #[inline(always)]
     pub(super) fn variance_at<T: Add<f64, Output = T> + Mul<f64, Output = T>>(
         &self,
@@ -60,7 +59,7 @@ impl Noise {
         slope_square * self.displacement + self.reading
     }
 
-    /// The variances of greatest likelihood, `steps` fixed-point steps on from these.
+    /// Returns the variances after `steps` fixed-point steps towards maximum likelihood.
     pub(super) fn refine(self, residuals: &[Residuals], steps: usize) -> Self {
         (0..steps).fold(self, |noise, _| {
             let mut sums = [[0.0; MOST_LANES]; 5];
@@ -84,7 +83,6 @@ impl Noise {
 type LikelihoodSums = [[f64; MOST_LANES]; 5];
 
 vectorised! {
-    /// Adds the residuals of a sensor.
     fn add(sums: &mut LikelihoodSums, noise: Noise, residuals: &Residuals) {
         let (squares, last_squares) = residuals.squares.as_chunks::<MOST_LANES>();
         let (slopes, last_slopes) = residuals.slope_squares.as_chunks::<MOST_LANES>();
@@ -117,7 +115,7 @@ mod tests {
     #[test]
     fn finds_the_variances_that_made_the_residuals() {
         let truth = Noise { reading: 3e-4, displacement: 0.01 };
-        // Squares that are exactly as expected: the likelihood is then greatest at the truth.
+        // The squares equal their expectations, so the likelihood is greatest at the truth.
         let slopes = (0..100).map(|i| f64::from(i) / 300.0);
         let residuals = Residuals {
             squares: slopes.clone().map(|slope| truth.variance(slope)).collect(),

@@ -1,43 +1,43 @@
-//! What one sensor answers to a wrench, and how that changes with its parameters.
+//! Response of one sensor to a wrench, and its derivatives with respect to the parameters.
 //!
 //! ```text
 //! y = lo + h·σ(q)^ν      q = b + aᵀx      σ(q) = 1/(1 + e⁻ᵠ)
 //! ```
 //!
-//! The displacement `q` of the reflector before a sensor is linear in the wrench; the answer of a
-//! reflective photointerrupter to it is monotone between two plateaus, which ν makes unlike at its
-//! ends (Richards, J. Exp. Botany 10, 1959, with Q = 1). `h` and `ν` are positive and are kept as
-//! logarithms. `y` and `x` are without unit: readings and wrench in the scales of the model.
-//! `exp` and `ln` are those of `libm`, the same bits on every machine.
+//! The displacement `q` of the reflector in front of a sensor is linear in the wrench. The response of a
+//! reflective photointerrupter to it is monotone between two plateaus; ν makes its two ends different
+//! (Richards, J. Exp. Botany 10, 1959, with Q = 1). `h` and `ν` are positive and are stored as logarithms.
+//! `y` and `x` are dimensionless: readings and wrench in the scales of the model. `exp` and `ln` come from
+//! `libm`, which gives the same bits on every machine.
 
 use shell_data::wrench::PerAxis;
 
 /// Parameters of a sensor: b, a (six), lo, ln h, ln ν.
 pub const PARAMETERS: usize = 10;
 
-/// The parameters in this order.
+/// Parameters in the order of [`PARAMETERS`].
 pub type Parameters = [f64; PARAMETERS];
 
-/// Place of b.
+/// Index of b.
 pub(super) const OFFSET: usize = 0;
-/// Place of lo; ln h and ln ν follow.
+/// Index of lo; ln h and ln ν follow.
 pub(super) const SHAPE: usize = 7;
 
-/// The answer at one wrench.
+/// Response at one wrench.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Answer {
     /// `y`.
     pub value: f64,
     /// `dy/dq`.
     pub slope: f64,
-    /// `y − lo`, also the derivative by ln h.
+    /// `y − lo`, which is also the derivative with respect to ln h.
     height: f64,
-    /// The derivative by ln ν.
+    /// Derivative with respect to ln ν.
     by_shape: f64,
 }
 
 impl Answer {
-    /// The answer of a sensor with parameters `p` to the wrench `x`.
+    /// Response of a sensor with parameters `p` to the wrench `x`.
     #[inline]
     pub fn at(p: &Parameters, x: &PerAxis<f64>) -> Self {
         let q = (0..6).fold(p[OFFSET], |q, axis| p[1 + axis].mul_add(x[axis], q));
@@ -45,7 +45,7 @@ impl Answer {
         Self::at_displacement(q, p[SHAPE], h, nu)
     }
 
-    /// The answer at the displacement `q`.
+    /// Response at the displacement `q`.
     #[inline]
     pub(super) fn at_displacement(q: f64, lo: f64, h: f64, nu: f64) -> Self {
         // e^(−|q|) never overflows; beyond 40 the curve is a plateau to the last bit of its height.
@@ -71,8 +71,8 @@ impl Answer {
     }
 }
 
-/// Moves the parameters of some sensors by a step over all of them. h and ν change at most by a factor of e: further
-/// the line is not straight.
+/// Moves the parameters of some sensors by one step over all of them. h and ν change at most by a factor of
+/// e, beyond which the linear approximation fails.
 pub(super) fn move_by<'a>(parameters: impl IntoIterator<Item = &'a mut Parameters>, step: &[f64]) {
     for (p, step) in parameters.into_iter().zip(step.as_chunks::<PARAMETERS>().0) {
         for (position, (p, step)) in p.iter_mut().zip(step).enumerate() {
@@ -81,8 +81,8 @@ pub(super) fn move_by<'a>(parameters: impl IntoIterator<Item = &'a mut Parameter
     }
 }
 
-/// The displacement at which the answer is `y`, by inverting the curve, and the slope there. `y` is
-/// first brought to within `margin·h` of the plateaus, where the inverse would be infinite.
+/// Displacement at which the response is `y`, from the inverse of the curve, and the slope there. `y` is
+/// first kept `margin·h` away from the plateaus, where the inverse would be infinite.
 #[inline]
 pub(super) fn displacement(y: f64, lo: f64, h: f64, nu: f64, margin: f64) -> (f64, f64) {
     let share = ((y - lo) / h).clamp(margin, 1.0 - margin);
@@ -93,13 +93,13 @@ pub(super) fn displacement(y: f64, lo: f64, h: f64, nu: f64, margin: f64) -> (f6
     (ln_sigma - libm::log(rest), h * nu * share * (1.0 - sigma))
 }
 
-/// Most factors: beyond two, held-out groups of no recording that was tried gain.
+/// Largest number of factors: with more than two, held-out groups improved in no recording that was tried.
 pub const FACTORS: usize = 2;
 
-/// How far each factor of variance one moves a sensor's displacement.
+/// Displacement of a sensor per factor, each with variance 1.
 pub type Loadings = [f64; FACTORS];
 
-/// Factors that sensors with these loadings share.
+/// Number of factors that sensors with these loadings share.
 pub(super) fn factor_count<'a>(loadings: impl IntoIterator<Item = &'a Loadings> + Clone) -> usize {
     let is_used = |&factor: &usize| loadings.clone().into_iter().any(|c| c[factor] != 0.0);
     (0..FACTORS).rev().find(is_used).map_or(0, |last| last + 1)

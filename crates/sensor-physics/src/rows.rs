@@ -1,14 +1,14 @@
-//! The rows that a model is trained on, in groups that are held out together, and what the sensors are fitted to: their
-//! cells, means of wrench and readings over the rows of a cell, rows of like wrench, and a sample
-//! of these.
+//! Training rows in groups that are held out together, and the observations that the sensors are fitted to.
+//! An observation is the mean of wrench and readings over a cell, the rows of a group with similar wrench. A
+//! fit uses a sample of the observations.
 //!
-//! Rows of a pose are one observation many times over, so their means are what the fit sees, each
-//! with the same weight. Where the wrench changes within a group of rows, as in a push by hand, there
-//! is a mean for each cell of the wrench, [`CELL_WIDTH`] wide, with the group's mean in the middle of
-//! one: a pose of constant load is then a single cell.
+//! Rows of a pose repeat one observation many times, so the fit sees their mean, and every mean has the same
+//! weight. Where the wrench changes within a group of rows, as in a push by hand, each cell of the wrench has
+//! a mean. Cells are [`CELL_WIDTH`] wide, and the group's mean is in the middle of one: a pose of constant
+//! load is then a single cell.
 //!
-//! Sums are integers: every value is rounded once, to 2⁻⁶⁰ of the largest size of its column, and
-//! then added without error. So means do not depend on the order of the rows.
+//! Sums are integers: every value is rounded once, to 2⁻⁶⁰ of the largest magnitude in its column, and then
+//! added without error. Means therefore do not depend on the order of the rows.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,7 +19,7 @@ use least_squares::grouped_rows::{GroupedRows, Run, count, every_nth};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
-/// Most rows that are converted at a time: their results take memory.
+/// Most rows that are converted at a time, because the results take memory.
 const ROWS_AT_ONCE: usize = 4096;
 
 /// Rows for training.
@@ -27,16 +27,17 @@ const ROWS_AT_ONCE: usize = 4096;
 pub struct TrainingRows {
     pub(super) rows: GroupedRows,
     pub(super) channels: usize,
-    /// What conversions of a group's rows are judged by, where that is not their wrench: loads as they are stated,
-    /// where the wrench is corrected by readings of these rows.
+    /// Reference for conversions of a group's rows, if it differs from their wrench: the stated loads, where
+    /// the wrench is corrected with readings of these rows.
     pub judged_by: BTreeMap<u64, PerAxis<f64>>,
 }
 
 impl TrainingRows {
-    /// The labelled rows of a data set, with the labels of their groups in the order of first rows.
+    /// Takes the labelled rows of a data set. Also returns the labels of their groups in the order of first
+    /// rows.
     ///
     /// # Panics
-    /// If there are 2³² blocks or groups, or a block has so many rows.
+    /// If there are 2³² blocks or groups, or a block has that many rows.
     pub fn from_dataset(data: &Dataset) -> (Self, Vec<String>) {
         let (rows, labels) = GroupedRows::from_labels(data);
         (Self { rows, channels: data.channels(), judged_by: BTreeMap::new() }, labels)
@@ -52,14 +53,14 @@ impl TrainingRows {
         self.rows.groups().count()
     }
 
-    /// Rows of each group, in ascending order of groups.
+    /// Number of rows of each group, in ascending order of groups.
     pub fn group_sizes(&self) -> Vec<u64> {
         self.rows.groups().map(|runs| count(runs) as u64).collect()
     }
 
-    /// Converts every n-th row of some groups, beginning with the first of each, in parts of at most [`ROWS_AT_ONCE`]
-    /// rows. `every` is n for a group's number of rows. `take` takes the group of each row, the predicted wrench less
-    /// what it is judged by, and its standard errors as the model says, N and N·m.
+    /// Converts every n-th row of some groups, starting with the first of each, in parts of at most
+    /// [`ROWS_AT_ONCE`] rows. `every` returns n for a group's number of rows. `take` receives the group of
+    /// each row, the predicted wrench minus the reference, and the model's standard errors, N and N·m.
     pub(super) fn convert(
         &self,
         groups: &BTreeSet<u64>,
@@ -85,11 +86,11 @@ impl TrainingRows {
     }
 }
 
-/// Edge of a cell, in root mean squares of an axis: far below what bends a response.
+/// Edge of a cell, in root mean squares of an axis: a response hardly bends over such a length.
 const CELL_WIDTH: f64 = 0.25;
 
 impl TrainingRows {
-    /// The observations that these rows are, in ascending order of groups.
+    /// Observations from these rows, in ascending order of groups.
     ///
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
@@ -98,22 +99,25 @@ impl TrainingRows {
     }
 }
 
-/// The cells of the wrench that some rows lie in, in ascending order of groups and, within a group, of their indices.
+/// Cells of the wrench that contain some rows, in ascending order of groups and, within a group, of their
+/// indices.
 ///
 /// Only their number is stored: there may be as many cells as rows, and a fit uses few.
 pub(super) struct Cells<'a> {
     rows: &'a GroupedRows,
-    /// Of the columns of wrench and readings.
+    /// Grids of the columns of wrench and readings.
     grids: Vec<RoundingGrid>,
-    /// N and N·m.
+    /// Width of a cell, N and N·m.
     width: PerAxis<f64>,
     pub(super) count: usize,
 }
 
-/// A cell's index along each axis with a row in it: its run and its position there.
+/// Index of a row's cell along each axis, and the row: its run and its position there.
 type RowInCell = ([i16; 6], u32, u32);
 
 impl<'a> Cells<'a> {
+    /// Divides rows into cells.
+    ///
     /// # Errors
     /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub(super) fn new(rows: &'a TrainingRows) -> Result<Self, PhysicsError> {
@@ -132,7 +136,7 @@ impl<'a> Cells<'a> {
         Ok(cells)
     }
 
-    /// The means of at most `most` cells, at equal strides: neighbours resemble each other.
+    /// Means of at most `most` cells, at equal strides because neighbours resemble each other.
     pub(super) fn observations(&self, most: usize) -> Vec<Observation> {
         let step = step(self.count, most);
         let (mut observations, mut of_group, mut at) = (Vec::new(), Vec::new(), 0_usize);
@@ -148,7 +152,7 @@ impl<'a> Cells<'a> {
         observations
     }
 
-    /// The rows of a group, cell by cell.
+    /// Lists the rows of a group, cell by cell.
     fn sort(&self, runs: &[Run], cells: &mut Vec<RowInCell>) {
         cells.clear();
         for (position, run) in (0..).zip(runs) {
@@ -181,7 +185,7 @@ impl<'a> Cells<'a> {
     }
 }
 
-/// The stride that takes at most `most` of `count`.
+/// Stride that takes at most `most` of `count`.
 pub(super) fn step(count: usize, most: usize) -> usize {
     count.div_ceil(most).max(1)
 }
@@ -190,15 +194,15 @@ fn are_in_one_cell(a: &RowInCell, b: &RowInCell) -> bool {
     a.0 == b.0
 }
 
-/// Index of the cell along one axis. With N rows no value exceeds √N root mean squares, so indices fit into 16 bits
-/// up to 67 million rows; values beyond the last cell would be counted in it.
+/// Index of the cell along one axis. With N rows no value exceeds √N root mean squares, so indices fit into
+/// 16 bits up to 67 million rows; larger values would be counted in the last cell.
 fn index(x: f64) -> i16 {
     x.round_ties_even() as i16
 }
 
-/// N and N·m.
+/// Width of a cell along each axis, N and N·m.
 fn cell_width(rows: &GroupedRows) -> Result<PerAxis<f64>, PhysicsError> {
-    // Squares on the same grid, so that the width does not depend on the order of the rows either.
+    // Squares are rounded to a grid, too, so that the width does not depend on the order of the rows either.
     let mut width = [1.0; 6];
     for (axis, width) in width.iter_mut().enumerate() {
         let squares = || rows.column(&rows.runs, axis).map(|x| x * x);
@@ -210,14 +214,15 @@ fn cell_width(rows: &GroupedRows) -> Result<PerAxis<f64>, PhysicsError> {
     Ok(width)
 }
 
-/// The grid that a column is rounded to.
+/// Grid to which a column is rounded.
 struct RoundingGrid {
-    /// Steps in one.
+    /// Number of steps per unit.
     steps: f64,
 }
 
 impl RoundingGrid {
-    /// 2⁻⁶⁰ of the least power of two above every value: i128 then holds 2⁶⁶ of them.
+    /// Sets the step to 2⁻⁶⁰ of the least power of two above every value: an i128 then holds the sum of 2⁶⁶
+    /// values.
     fn new(mut column: impl Iterator<Item = f64>) -> Result<Self, PhysicsError> {
         let larger = |most: f64, x: f64| x.is_finite().then(|| most.max(x.abs()));
         let largest = column.try_fold(0.0, larger).ok_or(PhysicsError::NotFinite)?;
@@ -234,21 +239,21 @@ impl RoundingGrid {
     }
 }
 
-/// Most observations that candidates are tried on.
+/// Most observations for the comparison of candidates.
 const MOST_TRIED: usize = 600;
 
-/// Most observations that a model is fitted to: with more of them the errors of some ten parameters a sensor are a
-/// two-hundredth of the squared error.
+/// Most observations that a model is fitted to. At this number, the uncertainty of some ten parameters per
+/// sensor adds a two-hundredth to the squared error.
 const MOST_FITTED: usize = 2_000;
 
 /// A sample of observations.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ObservationSample {
-    /// Number of observations that it was drawn from.
+    /// Number of observations before sampling.
     pub count: usize,
-    /// Those that candidates are tried on.
+    /// Observations for the comparison of candidates.
     pub(super) tried: Vec<Observation>,
-    /// Those that the chosen model is fitted to.
+    /// Observations for the fit of the chosen model.
     pub(super) fitted: Vec<Observation>,
 }
 
@@ -259,8 +264,10 @@ impl ObservationSample {
         Self { count, tried: few(MOST_TRIED), fitted: few(MOST_FITTED) }
     }
 
+    /// Samples the observations of some rows.
+    ///
     /// # Errors
-    /// As `Cells::new`.
+    /// [`PhysicsError::NotFinite`], [`PhysicsError::Channels`].
     pub fn from_rows(rows: &TrainingRows) -> Result<Self, PhysicsError> {
         let cells = Cells::new(rows)?;
         let [tried, fitted] = [MOST_TRIED, MOST_FITTED].map(|most| cells.observations(most));
@@ -278,7 +285,8 @@ mod tests {
 
     #[test]
     fn every_third_row_of_a_group_is_converted_and_held_against_its_own_wrench() {
-        // Groups of 6000 rows take turns every 1500; a reading is the row's number, each load twice that.
+        // Three groups of 6000 rows alternate every 1500 rows; a reading is the row's number, each load twice
+        // that.
         let number: Vec<f64> = (0..18_000).map(f64::from).collect();
         let groups = (0..12).map(|run| ((run % 3).to_string(), 1500)).collect();
         let wrench = vec![number.iter().map(|n| 2.0 * n).collect(); 6];
@@ -311,7 +319,7 @@ mod tests {
         assert_eq!(errors, expected(0).chain(expected(2)).collect::<Vec<_>>());
     }
 
-    /// Rows in blocks of `size`: a label, six columns of wrench and readings.
+    /// Rows in blocks of `size`: a label, six columns of wrench, and readings.
     fn training_rows(rows: &[(u64, Vec<f64>)], size: usize) -> TrainingRows {
         let block = |rows: &[(u64, Vec<f64>)]| {
             let column = |at: usize| rows.iter().map(|row| row.1[at]).collect::<Vec<f64>>();
@@ -338,7 +346,7 @@ mod tests {
         let found = training_rows(&rows, 200).observations().unwrap();
         assert!(found.len() > 5 && found.iter().all(|o| o.group < 5));
         assert_eq!(training_rows(&rows, 7).observations().unwrap(), found);
-        // Within the groups, whose order is that of their first rows.
+        // Reorders rows only within the groups: the order of groups depends on their first rows.
         rows[5..].reverse();
         rows[5..].sort_by_key(|row| row.0);
         assert_eq!(training_rows(&rows, 64).observations().unwrap(), found);

@@ -1,16 +1,17 @@
-//! The parameters of one sensor, by weighted least squares with weak priors.
+//! Fit of one sensor's parameters by weighted least squares with weak priors.
 //!
 //! ```text
 //! minimise  Σ weightᵢ·(yᵢ − f(xᵢ; p))² + Σ ((p − m)/s)²
 //! ```
 //!
-//! by Levenberg's and Marquardt's steps with the analytic gradient (Nocedal & Wright, Numerical
-//! Optimization, 2nd ed., §10.3). The curve's tail bends either way, so there are two starts, at two
-//! values of ν; each makes the displacement linear in the wrench by inverting the curve (the
-//! *logit-linear* fit) and solves for b and a.
+//! Levenberg-Marquardt steps with the analytic gradient find the minimum (Nocedal & Wright, Numerical
+//! Optimization, 2nd ed., §10.3). The curve's tail bends either way, so there are two starts, at two values
+//! of ν. Each inverts the curve, which makes the displacement linear in the wrench (the *logit-linear* fit),
+//! and solves for b and a.
 //!
-//! Sums are over several rows at a time: rows are assigned in turn to [`MOST_LANES`] sums, which are added at the end,
-//! in vectors of any width, so the bits are the same on every machine.
+//! Sums run over several rows at a time: rows are assigned in turn to [`MOST_LANES`] partial sums, which are
+//! added at the end. The order is the same for vectors of any width, so the bits are the same on every
+//! machine.
 
 use pulp::Simd;
 
@@ -21,16 +22,16 @@ use super::response::{PARAMETERS, Parameters, SHAPE, displacement, move_by};
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
-/// Rows whose products are summed before those of the next.
+/// Rows whose products are summed before the next rows.
 const ROWS_AT_ONCE: usize = 64;
 
-/// Values of ν to start from, on either side of the logistic curve's 1.
+/// Values of ν to start from, on either side of 1, the value of the logistic curve.
 const STARTS: [f64; 2] = [0.7, 1.6];
 
-/// A start takes readings to within this share of the plateaus, beyond which noise would rule.
+/// A start keeps readings this share of h away from the plateaus, where noise would dominate.
 const MARGIN: f64 = 0.02;
 
-/// Priors: means and standard deviations.
+/// Normal priors: means and standard deviations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Prior {
     pub(super) mean: Parameters,
@@ -38,9 +39,9 @@ pub(super) struct Prior {
 }
 
 impl Prior {
-    /// Before any sensor is known: displacements of a few units of q over the loads of the training
-    /// data, and a curve that reaches a twentieth of the range beyond the readings at either end,
-    /// each of its parameters uncertain by `width` (lo in ranges, h and ν in factors of e).
+    /// Prior before any sensor is known. Displacements are a few units of q over the loads of the training
+    /// data. The curve reaches a twentieth of the range beyond the readings at either end, and each of its
+    /// parameters is uncertain by `width` (lo in ranges, h and ν in factors of e).
     pub(super) fn weak(width: f64) -> Self {
         let (wide, lo, ln_h) = (3.0, -0.05, 0.1);
         Self {
@@ -50,16 +51,13 @@ impl Prior {
     }
 }
 
-/// Parameters under way.
 #[derive(Clone, Debug)]
 pub(super) struct ParameterEstimate {
     pub(super) parameters: Parameters,
-    /// Marquardt's damping.
     damping: f64,
 }
 
 impl ParameterEstimate {
-    /// One at these parameters.
     pub(super) fn at(parameters: Parameters) -> Self {
         Self { parameters, damping: 1e-2 }
     }
@@ -76,7 +74,7 @@ impl Data<'_> {
         if second_cost < first_cost { second } else { first }
     }
 
-    /// Makes `steps` steps, each of which lowers the cost or is not taken. Returns what it is then.
+    /// Makes `steps` steps, rejects those that do not lower the cost, and returns the final cost.
     pub(super) fn refine(
         &self,
         estimate: &mut ParameterEstimate,
@@ -103,7 +101,7 @@ impl Data<'_> {
         cost.value
     }
 
-    /// What is minimised, at the parameters `p`, whose curve is this.
+    /// The minimised cost at the parameters `p` of `curve`, with the prior.
     pub(super) fn cost_along(&self, curve: &Curve, p: &Parameters, prior: &Prior) -> Cost {
         let mut cost = cost_of(curve, &self.weights);
         for (i, value) in p.iter().enumerate() {
@@ -115,7 +113,7 @@ impl Data<'_> {
         cost
     }
 
-    /// The logit-linear fit at this ν and the prior's plateaus.
+    /// Logit-linear fit at this ν, with the prior's plateaus.
     fn start(&self, prior: &Prior, nu: f64) -> Parameters {
         let mut p = prior.mean;
         p[SHAPE + 2] = libm::log(nu);
@@ -141,33 +139,33 @@ impl Data<'_> {
     }
 }
 
-/// What one sensor is fitted to. Columns are as long as a multiple of
-/// [`MOST_LANES`] from `rows` on; what is added has no weight.
+/// Data for the fit of one sensor. Columns are padded from `rows` on to a multiple of [`MOST_LANES`]; the
+/// padding has no weight.
 #[derive(Clone, Debug)]
 pub(super) struct Data<'a> {
     /// Wrenches, in units of the model's scales.
     pub(super) wrench: &'a PerAxis<Vec<f64>>,
     /// Readings, in ranges above the least.
     pub(super) readings: &'a [f64],
-    /// Rows of the data.
+    /// Number of rows without the padding.
     pub(super) rows: usize,
     /// Inverse variances.
     pub(super) weights: Vec<f64>,
 }
 
-/// A sum of squares at some parameters, its curvature and where it falls: of the residuals `r = y − f` with their
-/// weights and gradients `g = df/dp`, and then of a prior.
+/// A sum of squares at some parameters, its curvature and its descent: for the residuals `r = y − f` with
+/// their weights and gradients `g = df/dp`, and then for a prior.
 pub(super) struct Cost {
     /// `Σ weight·r²`.
     pub(super) value: f64,
-    /// `Σ weight·g·gᵀ`, lower triangle: Gauss's and Newton's curvature of half the cost. With that of the prior, the
-    /// inverse of the parameters' covariance.
+    /// `Σ weight·g·gᵀ`, lower triangle: the Gauss-Newton curvature of half the cost. With the curvature of
+    /// the prior, it is the inverse of the parameters' covariance.
     pub(super) information: [Parameters; PARAMETERS],
     /// `Σ weight·r·g`: the steepest descent of half the cost.
     pub(super) descent: Parameters,
 }
 
-/// The residuals as [`Noise`](super::Noise) wants it, for parameters with a covariance.
+/// Residuals in the form for [`Noise`](super::Noise), for parameters with a covariance.
 pub(super) fn residuals(
     p: &Parameters,
     covariance: &[Parameters; PARAMETERS],
@@ -183,17 +181,18 @@ pub(super) fn residuals(
     }
 }
 
-/// The residuals and gradients of a sensor along its rows, columns as long as those of the data: zeros beyond its rows.
+/// Residuals and gradients of a sensor along its rows. Columns are as long as the data's, with zeros beyond
+/// `rows`.
 #[derive(Clone, Debug)]
 pub(super) struct Curve {
     /// `y − f`.
     pub(super) residual: Vec<f64>,
-    /// `df/dp`, of which the first is the slope `df/dq`.
+    /// `df/dp`; the first is the slope `df/dq`.
     pub(super) gradient: [Vec<f64>; PARAMETERS],
 }
 
 vectorised! {
-    /// The curve with the parameters `p`.
+    /// Evaluates the curve with the parameters `p`.
     pub(super) fn curve_at<S: Simd>(simd: S, p: &Parameters, data: &Data<'_>) -> Curve {
         let column = || vec![0.0; data.readings.len()];
         let mut curve = Curve { residual: column(), gradient: std::array::from_fn(|_| column()) };
@@ -218,13 +217,13 @@ vectorised! {
 }
 
 vectorised! {
-    /// The sum over the rows of a curve with these weights.
+    /// Sum over the rows of a curve with these weights.
     fn cost_of<S: Simd>(simd: S, curve: &Curve, weights: &[f64]) -> Cost {
         let Curve { residual, gradient } = curve;
         let mut information = [[[0.0; MOST_LANES]; PARAMETERS]; PARAMETERS];
         let mut descent = [[0.0; MOST_LANES]; PARAMETERS];
         let mut value = [0.0; MOST_LANES];
-        // Sums of products of two columns stay in registers along these rows.
+        // Keeps the sums of products of two columns in registers over these rows.
         let mut weighted = [0.0; ROWS_AT_ONCE];
         for start in (0..weights.len()).step_by(ROWS_AT_ONCE) {
             let rows = start..weights.len().min(start + ROWS_AT_ONCE);
@@ -249,7 +248,7 @@ vectorised! {
 }
 
 vectorised! {
-    /// `gᵀCg` along the rows of a curve, with the covariance `C` of the parameters.
+    /// `gᵀCg` for each row of a curve, with the covariance `C` of the parameters.
     pub(super) fn parameter_variances<S: Simd>(
         simd: S,
         curve: &Curve,
@@ -268,7 +267,6 @@ vectorised! {
     }
 }
 
-/// The products of weights and a column.
 #[inline(always)]
 fn weigh(weighted: &mut [f64; ROWS_AT_ONCE], weights: &[f64], column: &[f64]) {
     for ((weighted, weight), x) in weighted.iter_mut().zip(weights).zip(column) {
@@ -276,7 +274,7 @@ fn weigh(weighted: &mut [f64; ROWS_AT_ONCE], weights: &[f64], column: &[f64]) {
     }
 }
 
-/// Adds the products of two columns, the rows in turn to the lanes of a sum.
+/// Adds the products of two columns; rows are assigned in turn to the lanes of a sum.
 #[inline(always)]
 fn add_products<S: Simd>(
     simd: S,

@@ -1,16 +1,17 @@
-//! Recordings of Lab Streaming Layer: streams of samples, each with its time stamp ("XDF Specification 1.0").
+//! Recordings of Lab Streaming Layer: streams of samples with time stamps ("XDF Specification 1.0").
 //!
 //! ```text
 //! "XDF:" · chunks: length (1, 4 or 8 bytes) · tag u16 · content
 //! ```
 //!
-//! Time stamps are those that were recorded: no straight line is laid through them, which would hide a pause. Stamps of another
-//! computer are brought to the clock of the recorder by the line through the clock offsets that were recorded with them, by least
-//! squares. Where a stamp was left out, as the format allows, the sample is one nominal period after that before.
+//! Time stamps are used as recorded, without a straight line fitted through them, which would hide a pause.
+//! Stamps of another computer are converted to the recorder's clock by a least-squares line through the
+//! recorded clock offsets. If a stamp was left out, as the format allows, the sample is one nominal period
+//! after the previous one.
 //!
-//! A table has one stream: the one that is named, or the one with readings (`s1`, `s2`, …), or the only one of numbers. Beside a
-//! stream with readings stand the forces and moments of others, by a straight line between the two samples around its time; rows
-//! before, after and in pauses of those are left out.
+//! A table holds one stream: the named one, or the one with readings (`s1`, `s2`, …), or the only one with
+//! numbers. Forces and moments of other streams are added to a stream with readings, by linear interpolation
+//! between the two samples around each time. Rows before, after and in pauses of these streams are left out.
 
 use std::io::Read;
 use std::sync::Arc;
@@ -26,25 +27,23 @@ use crate::xml::Xml;
 
 const KIND: FileKind = FileKind::Xdf;
 
-/// The most streams of a recording.
 const STREAMS: usize = 256;
 
-/// Between samples further apart than so many periods nothing is interpolated.
+/// Maximum distance of two samples for interpolation, in median periods.
 const PAUSE_PERIODS: f64 = 5.0;
 
-/// A stream of a recording.
 #[derive(Debug, Default)]
 struct LslStream {
     id: u32,
     name: String,
     channels: Vec<TableColumn>,
     rate_hz: f64,
-    /// `None` of texts.
+    /// Type of the values; `None` for text.
     element: Option<Element>,
     times_s: Vec<f64>,
-    /// Channel by channel.
+    /// Values by channel.
     values: Vec<Vec<f64>>,
-    /// When the clock was compared, and what to add to its time, s.
+    /// Clock offsets, s: the time on the stream's clock, and the offset to add to it.
     offsets: Vec<(f64, f64)>,
 }
 
@@ -83,7 +82,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     Ok(FoundTable { columns: Some(columns), rows: Arc::new(XdfRows(rows)), notes })
 }
 
-/// Reads all streams, with their times by the recorder's clock.
+/// Reads all streams, with their times on the recorder's clock.
 fn read(bytes: &[u8], notes: &mut Vec<String>) -> Result<Vec<LslStream>, TableError> {
     let mut file = ByteReader::new(bytes);
     if file.take(4) != Some(b"XDF:") {
@@ -94,7 +93,7 @@ fn read(bytes: &[u8], notes: &mut Vec<String>) -> Result<Vec<LslStream>, TableEr
         let at = bytes.len() - file.rest.len();
         let content = length(&mut file).and_then(|length| file.take(usize::try_from(length).ok()?));
         let Some(content) = content else {
-            // A recorder that was ended in the middle of a write.
+            // The recorder was killed in the middle of a write.
             notes.push("the file is cut off: its last piece is left out".to_owned());
             break;
         };
@@ -109,7 +108,7 @@ fn read(bytes: &[u8], notes: &mut Vec<String>) -> Result<Vec<LslStream>, TableEr
     Ok(streams)
 }
 
-/// A number of 1, 4 or 8 bytes, which stands behind the number of its bytes.
+/// Reads a length of 1, 4 or 8 bytes, which follows the number of its bytes.
 fn length(bytes: &mut ByteReader<'_>) -> Option<u64> {
     match bytes.u8()? {
         1 => bytes.u8().map(u64::from),
@@ -123,11 +122,11 @@ fn double(bytes: &mut ByteReader<'_>) -> Option<f64> {
     bytes.u64().map(f64::from_bits)
 }
 
-/// Reads a piece; `None` if it is damaged.
+/// Reads a chunk; `None` if it is damaged.
 fn read_chunk(streams: &mut Vec<LslStream>, content: &[u8]) -> Option<Result<(), TableError>> {
     let mut content = ByteReader::new(content);
     let tag = content.u16()?;
-    // Headers of the file, marks to find pieces by, footers.
+    // The file's header, boundaries and footers are skipped.
     if !(2..=4).contains(&tag) {
         return Some(Ok(()));
     }
@@ -151,7 +150,7 @@ fn read_chunk(streams: &mut Vec<LslStream>, content: &[u8]) -> Option<Result<(),
     Some(Ok(()))
 }
 
-/// What a stream is called, what it holds, and its channels.
+/// Reads the header of a stream: its name, the type of its values, and its channels.
 fn header(id: u32, text: &[u8]) -> Result<LslStream, TableError> {
     let mut xml = Xml::new(text);
     let mut stream = LslStream { id, ..LslStream::default() };
@@ -237,7 +236,7 @@ fn samples(stream: &mut LslStream, content: &mut ByteReader<'_>) -> Option<()> {
     Some(())
 }
 
-/// The straight line `a + b·t` through clock offsets, by least squares; of one of them that alone.
+/// Fits the line `a + b·t` through clock offsets by least squares; for a single offset, b is 0.
 fn line(offsets: &[(f64, f64)]) -> Option<(f64, f64)> {
     let count = offsets.len() as f64;
     let mean = |of: fn(&(f64, f64)) -> f64| offsets.iter().map(of).sum::<f64>() / count;
@@ -251,7 +250,7 @@ fn line(offsets: &[(f64, f64)]) -> Option<(f64, f64)> {
     Some((offset - slope * at, slope))
 }
 
-/// A label without case, blanks and marks.
+/// Returns a label in lower case, letters and digits only.
 fn plain(label: &str) -> String {
     label.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }
@@ -279,7 +278,7 @@ impl LslStream {
     }
 }
 
-/// The stream that a table is made of.
+/// Returns the position of the stream for the table.
 fn choose(streams: &[LslStream], part: Option<&str>) -> Result<usize, TableError> {
     let those = |is: &dyn Fn(&LslStream) -> bool| -> Vec<usize> {
         (0..streams.len()).filter(|at| is(&streams[*at])).collect()
@@ -301,7 +300,7 @@ fn choose(streams: &[LslStream], part: Option<&str>) -> Result<usize, TableError
     }
 }
 
-/// The columns of a stream, and those of others that it is joined by.
+/// Returns the columns of a stream, with the columns of the streams joined to it.
 fn table(
     streams: &[LslStream],
     base: usize,
@@ -346,9 +345,9 @@ fn table(
     (columns, rows)
 }
 
-/// The channels of a stream at other times, NaN where it has no samples around them.
+/// Interpolates the channels of a stream to other times; NaN where it has no samples around them.
 fn join(times_s: &[f64], other: &LslStream) -> Vec<Vec<f64>> {
-    // Stamps may go back, by a clock that was set.
+    // Stamps may go back if a clock was set.
     let mut order: Vec<usize> = (0..other.times_s.len()).collect();
     order.sort_by(|a, b| other.times_s[*a].total_cmp(&other.times_s[*b]));
     let times: Vec<f64> = order.iter().map(|at| other.times_s[*at]).collect();
@@ -474,13 +473,13 @@ mod tests {
         assert!(open_bytes(&two, Some("b")).is_ok());
         let short = [stream(1, "a", "float32", &["x"]), sample(1, Some(1.0), &[0; 3])];
         assert!(matches!(open_bytes(&short, None), Err(TableError::Damaged { .. })));
-        // A recorder that was killed.
+        // The recorder was killed.
         let mut cut = two.to_vec();
         cut.truncate(3);
         cut.push(ByteWriter(vec![4, 200, 0, 0, 0, 3, 0]));
         let found = open_bytes(&cut, None).unwrap();
         assert!(found.notes.iter().any(|note| note.contains("cut off")), "{:?}", found.notes);
-        // Whatever bytes follow, nothing is taken that is not there.
+        // A damaged byte never makes the reader read beyond the data.
         for at in 0..two[0].0.len() {
             let mut damaged = two.to_vec();
             damaged[0].0[at] ^= 0xff;

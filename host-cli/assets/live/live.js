@@ -1,12 +1,12 @@
 "use strict";
-// A live view in `root`, a document or a shadow root that holds view.html. What it is shown is drawn as it comes: each is a whole
-// picture, so that one that is missed is no loss. `obey` gets the name of each order, and answers whether it has arrived.
+// A live view in `root`, a document or a shadow root that holds view.html. It draws each picture when it arrives; a picture is
+// complete, so a missed one is no loss. `obey` gets the name of each order, and returns true if the order has arrived.
 const liveView = (root, obey) => {
   const byId = (id) => root.getElementById(id);
   const put = (element, text) => { if (element.textContent !== text) element.textContent = text; };
   const add = (parent, tag, name = "") => { const child = parent.appendChild(document.createElement(tag)); child.className = name; return child; };
   const short = (value) => String(Number(value.toPrecision(6)));
-  // Decimals that tell values apart on a scale of this length.
+  // Number of decimals that distinguish values on a scale of this length.
   const decimals = (length) => Math.min(6, Math.max(0, 2 - Math.floor(Math.log10(length))));
   const signed = (value, digits) => (value < 0 ? "−" : "+") + Math.abs(value).toFixed(digits);
 
@@ -17,7 +17,7 @@ const liveView = (root, obey) => {
   };
   readColours();
 
-  // A canvas as fine as the screen, cleared; points are those of CSS.
+  // Clears a canvas and sets its resolution to the screen's; coordinates are CSS pixels.
   const begin = (canvas) => {
     const { clientWidth: width, clientHeight: height } = canvas, scale = window.devicePixelRatio || 1;
     const [columns, rows] = [Math.max(1, Math.round(width * scale)), Math.max(1, Math.round(height * scale))];
@@ -35,7 +35,7 @@ const liveView = (root, obey) => {
     context.stroke();
   };
 
-  // Elements of traces and channels, made anew where there are others than before.
+  // Elements of traces and channels, rebuilt if the traces or channels have changed.
   let traces = [], channels = [], shape = "";
   const build = (picture) => {
     const wanted = picture.traces.map((trace) => trace.name + trace.unit).join() + "/" + picture.channels.length;
@@ -88,7 +88,7 @@ const liveView = (root, obey) => {
       if (ends) {
         const x = (at + 0.5) / trace.columns.length * width;
         isDown ? context.lineTo(x, y(ends[1])) : context.moveTo(x, y(ends[1]));
-        // A column of one value is a point, which a line of no length would not show.
+        // A column with a single value gets a short line, since a line of length 0 is not drawn.
         context.lineTo(x, y(ends[0]) + (ends[0] === ends[1] ? 0.01 : 0));
       }
       isDown = ends !== null;
@@ -98,7 +98,7 @@ const liveView = (root, obey) => {
 
   const drawChannel = ({ row, reading, range, head, word }, channel) => {
     put(reading, channel.reading.toFixed(0));
-    // Some room on either side of the calibrated range, to see by how far it is left.
+    // Some room on both sides of the calibrated range shows how far a value is outside.
     const room = channel.range ? 0.2 * Math.max(1, channel.range[1] - channel.range[0]) : 0;
     const [low, high] = channel.range ? [channel.range[0] - room, channel.range[1] + room] : [0, 4095];
     const place = (value) => 100 * Math.min(1, Math.max(0, (value - low) / (high - low)));
@@ -115,7 +115,7 @@ const liveView = (root, obey) => {
 
   const drawArrow = (canvas, right, up, reach, names) => {
     const { context, width, height } = begin(canvas), x = width / 2, y = height / 2, radius = Math.min(x, y) - 14;
-    // A window that is not yet laid out, or all but closed, has no room for one.
+    // A window without layout, or an almost closed one, has no room for an arrow.
     if (radius <= 0) return;
     line(context, colours.line, 1, [x - radius, y], [x + radius, y]);
     line(context, colours.line, 1, [x, y - radius], [x, y + radius]);
@@ -136,7 +136,7 @@ const liveView = (root, obey) => {
     line(context, colours.force, 3, barb(0.5), tip, barb(-0.5));
   };
 
-  // The next planned load, what to do, and how much is done.
+  // The next planned load, the instruction, and the progress.
   const WHAT = { rest: "leave the sensor unloaded", hang: "hang it", hold: "hold still", release: "recorded: hang the next", done: "" };
   const drawGuide = (guide, traces) => {
     byId("guide").hidden = !guide;

@@ -123,8 +123,8 @@ struct BlockStream<'a> {
 }
 
 impl BlockStream<'_> {
-    /// The model of the sums, after a check that all logs have the same number of channels and that there are
-    /// not too many features.
+    /// Returns the model of the sums, after checks of the channels, whose number must be the same in all
+    /// logs, and of the number of features.
     fn model(&self) -> Result<Model, WorkflowError> {
         let channels = check_logs(self.logs, &[], &self.wanted())?.channels();
         let model = Model { basis: self.options.basis, intercept: true, channels, memory: 0 };

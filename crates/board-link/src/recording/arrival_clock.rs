@@ -1,66 +1,70 @@
-//! When a sensor measured, by the clock of this computer, from when its samples arrived.
+//! Times of measurement on this computer's clock, estimated from the arrivals of samples.
 //!
 //! ```text
 //! arrival = a + b · tick + delay,  delay ≥ 0
 //! ```
 //!
-//! `tick` is the sensor's own clock or number, b what a tick lasts. What arrives is delayed by whatever lies between: a radio,
-//! a queue of the system, a program that was held up. The fastest samples tell the clock: the line lies under all of them, along
-//! the edge of their lower convex hull that spans the middle of the time looked at (S. Moon, P. Skelly, D.
-//! Towsley: Estimation and removal of clock skew from network delay measurements, INFOCOM 1999). So a sample that was held up gets the
-//! time at which it was measured, not that at which it was read. The delay of the fastest sample itself cannot be told from
-//! arrivals.
+//! `tick` is the sensor's time or sample number, b the duration of a tick. A radio, a queue of the system or
+//! a program that was held up delays samples. The fastest samples determine the clock: the line lies below
+//! all arrivals, along the edge of their lower convex hull that spans the middle of the time observed (S.
+//! Moon, P. Skelly, D. Towsley: Estimation and removal of clock skew from network delay measurements, INFOCOM
+//! 1999). A delayed sample thus gets the time at which it was measured, not the time at which it was read.
+//! The delay of the fastest sample itself cannot be determined from arrivals.
 
 use std::collections::VecDeque;
 
-/// What is looked back at, s: long enough to tell 1e-5 of skew from 1 ms of delay, short against a clock that warms up.
+/// Time span of the arrivals used, s: long enough to distinguish a skew of 1e-5 from a delay of 1 ms, and
+/// short compared with the warm-up of a clock.
 const SPAN_S: f64 = 60.0;
 
-/// Before so much has been seen a line is no line, s; where it is known what a tick lasts, and where it is not.
+/// Minimum time span before the line is used, s: if the duration of a tick is known, and if it is not.
 const SETTLED_S: [f64; 2] = [0.3, 0.6];
 
-/// From then on it is known what a tick lasts, s, but for a share that delays of some ms make in that time.
+/// Time span after which the duration of a tick counts as known, s.
 const SURE_S: f64 = 1.0;
+
+/// Tolerance of that duration, as a fraction of it: the error from delays of some ms in [`SURE_S`].
 const SAME_TICK: f64 = 5e-3;
 
-/// How long a clock may be off the line before it is taken for another clock, s.
+/// Time after which a clock that is off the line counts as another clock, s.
 const PATIENCE_S: f64 = 0.5;
 
-/// Delays that are kept for the error.
+/// Number of delays kept for the error.
 const DELAYS: usize = 255;
 
-/// A running estimate of a line under arrivals.
+/// A running estimate of the line below arrivals.
 #[derive(Clone, Debug, Default)]
 pub struct ArrivalClock {
     /// Vertices of the lower hull of (tick, arrival).
     hull: VecDeque<(f64, f64)>,
     newest: Option<(f64, f64)>,
-    /// What a tick lasts, s, and how far that may be off, as a share of it.
+    /// Duration of a tick, s, and its relative tolerance, if known.
     known: Option<(f64, f64)>,
-    /// The line: seconds at tick `origin`, and seconds for a tick.
+    /// The line: a tick, its time, s, and the duration of a tick, s.
     line: Option<(f64, f64, f64)>,
-    /// The newest delays over the line, s.
+    /// The newest delays above the line, s.
     delays: VecDeque<f64>,
-    /// Since when every sample has been further over the line than the clock explains, with those samples.
+    /// The newest samples (tick, arrival), if all of them are too far above the line to be on this clock.
     adrift: Vec<(f64, f64)>,
 }
 
 impl ArrivalClock {
-    /// A clock of which it is known what a tick lasts, s, but for a share `tolerance`.
+    /// Creates a clock whose tick lasts `tick_s`, s, within the relative `tolerance`.
     pub fn known(tick_s: f64, tolerance: f64) -> Self {
         Self { known: Some((tick_s, tolerance)), ..Self::default() }
     }
 
-    /// The clock of a sensor that has begun to count anew: a tick lasts what it did, if that is known.
+    /// Returns a clock for a sensor that has restarted its count. It keeps the duration of a tick, if known.
     pub fn begun_anew(&self) -> Self {
         let tick_s = self.tick_s().filter(|_| self.span_s() >= SURE_S);
         tick_s.map_or_else(Self::default, |tick_s| Self::known(tick_s, SAME_TICK))
     }
 
-    /// A sample with this tick arrived at this time, s. Ticks that go back are left out.
+    /// Adds the arrival of a sample. Ticks that do not increase are ignored.
     ///
-    /// `jump_s` is how far beyond the line all samples may lie for half a second before the sensor's clock is taken to have
-    /// been set: a sample's period where it counts samples.
+    /// `jump_s` is the distance from the line beyond which the sensor's clock is assumed to have been set, if
+    /// all samples of half a second lie later, or one sample lies earlier. For a sensor that counts samples
+    /// it is about their period.
     pub fn push(&mut self, tick: f64, arrival_s: f64, jump_s: f64) {
         if self.newest.is_some_and(|(last, _)| tick <= last) {
             return;
@@ -68,7 +72,7 @@ impl ArrivalClock {
         self.newest = Some((tick, arrival_s));
         let delay = self.time_s(tick).map(|time| arrival_s - time);
         if let Some(delay) = delay.filter(|_| self.is_settled()) {
-            // Far ahead of the line, which was laid under samples that were all held up, or the clock was set.
+            // Far ahead of the line: either all samples so far were delayed, or the clock was set.
             if delay < -jump_s && self.span_s() >= SURE_S {
                 *self = self.begun_anew();
                 return self.push(tick, arrival_s, jump_s);
@@ -102,10 +106,11 @@ impl ArrivalClock {
         self.line = self.fitted();
     }
 
-    /// The line along the edge in the middle.
+    /// Returns the line along the middle edge of the hull, within the tolerance of a known tick.
     fn fitted(&self) -> Option<(f64, f64, f64)> {
         let (first, last) = (self.hull.front()?, self.hull.back()?);
-        // By arrival: what was held up and came all at once is at the side, however much it is.
+        // The middle by arrival: samples that were held up and arrived all at once are then at the side,
+        // however many they are.
         let middle = f64::midpoint(first.1, last.1);
         let after = self.hull.partition_point(|(_, arrival_s)| *arrival_s < middle).max(1);
         let (&left, &right) = (self.hull.get(after - 1)?, self.hull.get(after)?);
@@ -115,36 +120,37 @@ impl ArrivalClock {
         if within == per_tick {
             return Some((left.0, left.1, per_tick));
         }
-        // The line of that slope which touches the hull from below.
+        // The line with this slope that touches the hull from below.
         let above =
             |(tick, arrival_s): &(f64, f64)| (arrival_s - left.1) - within * (tick - left.0);
         let touched = self.hull.iter().min_by(|a, b| above(a).total_cmp(&above(b)))?;
         Some((touched.0, touched.1, within))
     }
 
-    /// Whether enough has arrived to tell times.
+    /// Returns true if enough samples have arrived to use the times.
     pub fn is_settled(&self) -> bool {
         self.line.is_some() && self.span_s() >= SETTLED_S[usize::from(self.known.is_none())]
     }
 
-    /// How long it has been looked at, s.
+    /// Returns the time span of the arrivals used, s.
     fn span_s(&self) -> f64 {
         let span = self.hull.front().zip(self.hull.back());
         span.map_or(0.0, |(first, last)| last.1 - first.1)
     }
 
-    /// The time of a tick by the clock of this computer, s.
+    /// Returns the time of a tick on this computer's clock, s.
     pub fn time_s(&self, tick: f64) -> Option<f64> {
         let (origin, time_s, per_tick) = self.line?;
         Some(time_s + per_tick * (tick - origin))
     }
 
-    /// What a tick lasts, s.
+    /// Returns the duration of a tick, s.
     pub fn tick_s(&self) -> Option<f64> {
         self.line.map(|(.., per_tick)| per_tick)
     }
 
-    /// How far times may be off, s: the median delay over the line. The constant part of the delay is not in it.
+    /// Returns the error of the times, s: the median delay above the line, without the constant part of the
+    /// delay.
     pub fn error_s(&self) -> f64 {
         let mut delays: Vec<f64> = self.delays.iter().copied().collect();
         let middle = delays.len() / 2;
@@ -155,7 +161,8 @@ impl ArrivalClock {
     }
 }
 
-/// Whether the middle of three points, of which each is further right, lies under the line of the outer ones.
+/// Returns true if the middle of three points, ordered from left to right, lies below the line through the
+/// outer ones.
 fn is_convex(left: (f64, f64), middle: (f64, f64), right: (f64, f64)) -> bool {
     (middle.0 - left.0) * (right.1 - left.1) > (middle.1 - left.1) * (right.0 - left.0)
 }
@@ -174,7 +181,7 @@ mod tests {
             let mut worst: f64 = 0.0;
             for tick in 0..60_000_u32 {
                 let sent = 17.3 + f64::from(tick) * 1e-3 * (1.0 + 80e-6);
-                // Half a millisecond as a rule, now and then 300 ms.
+                // A mean of half a millisecond, plus 300 ms now and then.
                 let delay = -5e-4 * (1.0 - random.uniform()).ln();
                 let delay = if tick % 7000 > 6700 { delay + 0.3 } else { delay };
                 clock.push(f64::from(tick), sent + delay, 1.0);
@@ -194,7 +201,7 @@ mod tests {
         let mut clock = ArrivalClock::default();
         for tick in 0..2000_u32 {
             let sent = f64::from(tick) * 1e-3;
-            // A second's samples are read at once, those of another are lost.
+            // The first 0.3 s of samples are read all at once, at 1.25 s; the samples between are lost.
             if !(300..1250).contains(&tick) {
                 clock.push(f64::from(tick), sent.max(1.25), 1.5e-3);
             }
@@ -208,7 +215,7 @@ mod tests {
         let mut clock = ArrivalClock::known(1e-3, SAME_TICK);
         for tick in 0..400_u32 {
             let sent = f64::from(tick) * 1e-3;
-            // A machine that catches up.
+            // The delay shrinks as a machine catches up.
             clock.push(f64::from(tick), sent + 0.02 - sent / 20.0, 1.5e-3);
         }
         assert!(clock.is_settled());
@@ -221,7 +228,7 @@ mod tests {
         let mut arrival = 0.0;
         for tick in 0..3000_u32 {
             arrival = f64::from(tick) * 1e-3;
-            // 40 samples are lost that nobody has counted, later 60 are counted that were never sent.
+            // 40 samples are lost without being counted; later 60 are counted that were never sent.
             let lost = if tick > 1000 { 40.0 } else { 0.0 } - if tick > 2000 { 60.0 } else { 0.0 };
             let tick = f64::from(tick) - lost;
             clock.push(tick, arrival, 1.5e-3);

@@ -1,12 +1,12 @@
-//! A reference sensor beside a board: its samples on the board's time.
+//! A reference sensor that is recorded with a board: its samples on the board's clock.
 //!
 //! ```text
 //! samples, their arrival ─ ArrivalClock ─▶ time of this computer ─┐
 //! frames, their arrival  ─ ArrivalClock ─▶ time of this computer ─┴─▶ the sample nearest to each frame
 //! ```
 //!
-//! A row gets the sample that was measured nearest to its frame, as it was sent: nothing is interpolated, and a frame without a
-//! sample nearby has none. The columns are described in [`rows`](super::rows).
+//! A row gets the sample measured closest in time to its frame, without interpolation, or none if no sample
+//! is close. The columns are described in [`rows`](super::rows).
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -21,29 +21,27 @@ use shell_data::{Axes, PerAxis};
 use super::arrival_clock::ArrivalClock;
 use super::reception::BoardFrame;
 
-/// A sample of a reference.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceSample {
-    /// Its number, which goes on over wraps and restarts of the sensor.
+    /// Number that continues across wraps and restarts of the sensor.
     pub number: i64,
-    /// The sensor's own clock in any unit, or its number, where it has either.
+    /// Time on the sensor's clock in any unit, or the sensor's number, if it sends either.
     pub tick: Option<f64>,
-    /// The sensor counts anew from this sample on.
+    /// True for the first sample after the sensor has restarted its count.
     pub restarted: bool,
-    /// When it arrived.
     pub arrival: Instant,
-    /// N and N·m; what is not measured is 0. `None` if the sensor says that it is not to be used.
+    /// Forces in N, moments in N·m, 0 for axes that are not measured; `None` if the sensor reports an error.
     pub wrench: Option<PerAxis<f64>>,
-    /// The sensor's word on itself, 0 if all is well.
+    /// The sensor's status word, 0 if all is well.
     pub status: u32,
-    /// Samples lost so far.
+    /// Number of samples lost so far.
     pub missing: u64,
 }
 
-/// What came of a reference, and what did not.
+/// Counts of a reference's samples and losses.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct ReferenceCounts {
-    /// Samples that arrived, each once.
+    /// Distinct samples that arrived.
     pub samples: u64,
     /// Samples that were sent and did not arrive.
     pub missing: u64,
@@ -51,19 +49,19 @@ pub struct ReferenceCounts {
     pub late: u64,
     /// Samples that arrived twice.
     pub duplicates: u64,
-    /// Times that the sensor has begun to count anew.
+    /// Restarts of the sensor's count.
     pub restarts: u64,
     /// Samples whose status word is not 0.
     pub with_status: u64,
     /// Datagrams, frames and lines that are damaged.
     pub damaged: u64,
-    /// Samples without a time of their own that arrived in one piece with a later one: nobody knows how old they are, so they
-    /// are beside no frame.
+    /// Samples without a time that arrived together with a later one. Their age is unknown, so they are in no
+    /// row.
     pub untimed: u64,
 }
 
 impl ReferenceCounts {
-    /// In words: `none lost`, or what was.
+    /// Describes the losses in words; `none lost` without losses.
     pub fn in_words(&self) -> String {
         let Self { missing, late, duplicates, restarts, with_status, damaged, untimed, .. } = *self;
         let counts = [
@@ -81,25 +79,21 @@ impl ReferenceCounts {
     }
 }
 
-/// What a thread that reads a reference tells besides samples.
+/// State of the thread that reads a reference.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReferenceState {
-    /// The books so far.
     pub counts: ReferenceCounts,
-    /// Why nothing more comes, if so.
+    /// The reason why the reference has ended, if it has.
     pub problem: Option<String>,
 }
 
-/// The end of a reference at which its samples arrive. Dropped, it ends the reading.
+/// The receiving end of a reference. Dropping it ends the reading thread.
 #[derive(Debug)]
 pub struct ReferenceInput {
-    /// What it is called.
     pub name: String,
-    /// What it measures.
+    /// Axes that it measures.
     pub axes: Axes,
-    /// The samples.
     pub samples: Receiver<ReferenceSample>,
-    /// What the reading thread tells besides.
     pub state: Arc<Mutex<ReferenceState>>,
     /// Ends the reading thread.
     pub stop: Arc<AtomicBool>,
@@ -111,79 +105,78 @@ impl Drop for ReferenceInput {
     }
 }
 
-/// What came of a reference.
+/// Summary of a recorded reference.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordedReference {
-    /// What it is called.
     pub source: String,
-    /// The books.
     #[serde(flatten)]
     pub counts: ReferenceCounts,
-    /// Rows without a sample beside them.
+    /// Rows without a wrench of the reference.
     pub rows_without: u64,
-    /// How far the times of the reference may be off on the board's clock at the end, beside the constant parts of both delays,
-    /// s.
+    /// Error of the reference's times on the board's clock at the end, s, without the constant parts of both
+    /// delays.
     pub clock_error_s: f64,
-    /// Why it ended before the recording.
+    /// The reason why the reference ended before the recording, if it did.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub problem: Option<String>,
 }
 
-/// A sample and its time by the clock of this computer.
+/// A sample and its time on this computer's clock.
 #[derive(Clone, Debug)]
 struct TimedSample {
     time_s: f64,
     sample: ReferenceSample,
 }
 
-/// Most samples that wait for frames: 8 s at 8 kHz.
+/// Maximum number of samples that wait for frames: 8 s at 8 kHz.
 const MOST_SAMPLES: usize = 1 << 16;
 
-/// How old a sample may be before no frame is expected for it any more, s. A radio may hold frames that long.
+/// Age at which a sample is dropped, since no frame is expected for it any more, s. A radio may delay frames
+/// for that long.
 const OLDEST_S: f64 = 5.0;
 
-/// How long a frame waits for the reference, s: longer than its clock takes to be found.
+/// Maximum time that a frame waits for the reference, s: longer than the reference's clock takes to settle.
 const PATIENCE_S: f64 = 1.0;
 
-/// How far a second of the board may be off, as a share: some have no crystal.
+/// Relative tolerance of the board's clock: some boards have no crystal.
 const BOARD_CLOCK: f64 = 0.02;
 
-/// How far all samples may be beyond a clock's line, in periods, before that is another clock.
+/// Distance of samples from the line of the reference's clock, in periods, that means another clock.
 const JUMP_PERIODS: f64 = 1.5;
 
-/// Of a clock that counts time, s: a radio is never quicker.
+/// Distance of frames from the line of the board's clock, s, that means another clock. A radio is never that
+/// much faster.
 const BOARD_JUMP_S: f64 = 1.0;
 
-/// A reference that is recorded beside a board.
+/// A reference that is recorded with a board.
 #[derive(Debug)]
 pub(crate) struct ReferenceBeside {
     input: ReferenceInput,
-    /// The start of the recording's time.
+    /// The start of the recording.
     epoch: Instant,
-    /// The reference's clock.
     clock: ArrivalClock,
-    /// Those of the board, each from a time of the board's on: it may start anew.
+    /// The board's clocks, each with the board's time, µs, from which it applies: the board may restart.
     board: VecDeque<(i64, ArrivalClock)>,
-    /// Samples that wait for their clock, and when they arrived, s.
+    /// Samples that wait until their clock is settled, with their arrival times, s.
     pending: Vec<(f64, ReferenceSample)>,
     /// Samples in the order of their times.
     samples: VecDeque<TimedSample>,
-    /// The number of the sample of the row before.
+    /// The highest number of a sample in a row so far.
     last: Option<i64>,
-    /// The newest time there is of the reference, and when that was, s.
+    /// Time of the newest sample, s.
     newest_s: f64,
     rows_without: u64,
     period_s: f64,
 }
 
-/// What stands in a row of the reference.
+/// The reference's values in a row.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct BesideRow {
     pub(crate) wrench: Option<PerAxis<f64>>,
     pub(crate) number: i64,
     pub(crate) missing: u64,
     pub(crate) status: u32,
-    /// When the sample was measured, on the board's clock, µs, and how far that may be off.
+    /// Time of the sample on the board's clock and its error, µs.
     pub(crate) time_us: i64,
     pub(crate) error_us: i64,
 }
@@ -225,7 +218,7 @@ impl ReferenceBeside {
             };
             self.clock.push(tick, arrival_s, (JUMP_PERIODS * self.period_s).max(2e-3));
             self.pending.push((arrival_s, sample));
-            // Until then a sample may be as old as the queue that it was in.
+            // Before that, a sample may have waited in a queue for an unknown time.
             if self.clock.is_settled() {
                 self.settle();
             }
@@ -237,7 +230,7 @@ impl ReferenceBeside {
         self.period_s = self.period();
     }
 
-    /// Gives the samples that wait the times of their clock, if it has been found.
+    /// Assigns times to the waiting samples if their clock is settled; otherwise drops them.
     fn settle(&mut self) {
         let is_settled = self.clock.is_settled();
         for (arrival_s, sample) in std::mem::take(&mut self.pending) {
@@ -254,7 +247,7 @@ impl ReferenceBeside {
         self.samples.insert(at, TimedSample { time_s, sample });
     }
 
-    /// The median time between two samples of the last, s.
+    /// Returns the median time between the latest samples, s.
     fn period(&self) -> f64 {
         let last = self.samples.len().saturating_sub(64);
         let times: Vec<f64> = self.samples.range(last..).map(|of| of.time_s).collect();
@@ -266,7 +259,7 @@ impl ReferenceBeside {
         *steps.select_nth_unstable_by(middle, f64::total_cmp).1
     }
 
-    /// Frames of the board arrived `now`, s: the last of them just then.
+    /// Takes the board's frames that have arrived, the last of them at `now_s`.
     pub(crate) fn see(&mut self, frames: &[BoardFrame], now_s: f64) {
         let restart = frames.iter().rev().find(|frame| frame.restarted);
         if let Some(first) = restart.or(frames.first().filter(|_| self.board.is_empty())) {
@@ -285,17 +278,18 @@ impl ReferenceBeside {
         of.or(self.board.front()).map(|(_, clock)| clock)
     }
 
-    /// When a frame was measured, by the clock of this computer, s.
+    /// Returns the time of a frame on this computer's clock, s.
     fn frame_s(&self, frame: &BoardFrame) -> Option<f64> {
         let clock = self.clock_at(frame.time_us).filter(|clock| clock.is_settled())?;
         clock.time_s(frame.time_us as f64 / 1e6)
     }
 
-    /// How many of the first frames may be written `now`, s: the reference has come as far, or they have waited for it long enough.
+    /// Returns the number of leading frames that may be written at `now_s`: the reference has reached them,
+    /// or they have waited for it long enough.
     pub(crate) fn due(&self, frames: &[BoardFrame], now_s: f64) -> usize {
         let waits = |frame: &BoardFrame| match self.frame_s(frame) {
             Some(time_s) => time_s > self.newest_s && now_s - time_s < PATIENCE_S,
-            // Its clock is still being found.
+            // The frame's clock is not settled yet.
             None => {
                 let is_newest = self.board.back().is_none_or(|(from, _)| *from <= frame.time_us);
                 is_newest && frames.len() < 4096
@@ -304,7 +298,7 @@ impl ReferenceBeside {
         frames.iter().position(waits).unwrap_or(frames.len())
     }
 
-    /// What stands beside a frame; `None` if no sample is near.
+    /// Returns the reference's values for a frame; `None` if no sample is close.
     pub(crate) fn beside(&mut self, frame: &BoardFrame) -> Option<BesideRow> {
         let found = self.nearest(frame);
         self.rows_without += u64::from(found.as_ref().is_none_or(|row| row.wrench.is_none()));
@@ -322,7 +316,7 @@ impl ReferenceBeside {
         if distance(&nearest) > 0.75 * self.period_s + 1e-3 {
             return None;
         }
-        // Counted now, when those that were late are here.
+        // Losses are counted only now, since late samples have arrived by now.
         let number = nearest.sample.number;
         let last = self.last.unwrap_or(number);
         let here = self.samples.range(..=at).rev().map(|of| of.sample.number);
@@ -339,15 +333,15 @@ impl ReferenceBeside {
         })
     }
 
-    /// Of the times of the reference on the board's clock, s.
+    /// Returns the error of the reference's times on the board's clock, s.
     fn error_s(&self) -> f64 {
         let board = self.board.back().map_or(0.0, |(_, clock)| clock.error_s());
-        // Without a clock of its own a sample may have been under way for as long as the next takes.
+        // A sample without a clock may have been under way for up to one period.
         let own = if self.clock.is_settled() { self.clock.error_s() } else { self.period_s };
         board + own
     }
 
-    /// How it is going: the books, and why nothing more comes.
+    /// Returns the summary so far.
     pub(crate) fn recorded(&self) -> RecordedReference {
         let ReferenceState { counts, problem } = lock(&self.input.state).clone();
         RecordedReference {
@@ -367,7 +361,7 @@ mod tests {
 
     use super::*;
 
-    /// A reference at 1 kHz beside a board at 100 Hz whose clocks run apart; both are held up now and then.
+    /// A reference at 1 kHz, read late now and then, and a board at 100 Hz whose clock drifts.
     #[test]
     fn every_row_has_a_sample_that_was_sent_at_its_time() {
         let (sender, samples) = channel();
@@ -383,7 +377,7 @@ mod tests {
         let mut rows = 0;
         for ms in 0..20_000_u64 {
             let now_s = ms as f64 / 1e3;
-            // 30 ms at every second in which nobody reads, then all at once.
+            // In every second the samples of 30 ms are read late, all at once.
             let read_at = if ms % 1000 < 30 { ms - ms % 1000 + 30 } else { ms };
             let sample = ReferenceSample {
                 number: ms as i64,
@@ -402,7 +396,7 @@ mod tests {
                 continue;
             }
             beside.listen();
-            // The board was started 7 s before, and its clock is 100 ppm fast.
+            // The board was started 7 s earlier, and its clock is 100 ppm fast.
             let time_us = ((7.0 + now_s) * 1e6 * 1.0001).round() as i64;
             let frame = BoardFrame { time_us, index: ms as i64 / 10, ..BoardFrame::default() };
             beside.see(std::slice::from_ref(&frame), now_s + 3e-4);
@@ -412,7 +406,7 @@ mod tests {
             match beside.beside(&frame) {
                 Some(row) => {
                     rows += 1;
-                    // In the pauses the newest sample may be one ms old.
+                    // In a pause the newest sample may be 1 ms old.
                     let own_s = row.wrench.unwrap()[0];
                     assert!((own_s - now_s).abs() <= 1e-3 + 1e-9, "{own_s} at {now_s}");
                     let on_board = (row.time_us - time_us) as f64 / 1e6;

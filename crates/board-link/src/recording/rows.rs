@@ -11,24 +11,28 @@
 //! about once a second, and empty elsewhere, except that the temperature is repeated until the next report.
 //! `vrefint` and `dark` are in steps of the converter.
 //!
-//! `sync` and `sync_s` are number and time of an edge at the board's sync input, in the row after it, and
+//! `sync` and `sync_s` are the number and time of an edge at the board's sync input, in the row after it, and
 //! empty elsewhere; `sync_s` is on the clock of `t_s`.
 //!
 //! `missing` counts the frames lost between this row and the previous one; `dropped` is the board's own
 //! count, which wraps at 256. `flags` is empty for a regular row. Flags are `s3:saturated` and `s3:range` as
 //! in the output of `convert`, `late` for a frame that came after a later one was written, `skewed` if the
 //! channels could not be aligned to a common time, `restart` if the board has restarted, `untared` and
-//! `unfiltered` while tare and clock of the forces were still being determined. These rows are not delayed,
-//! so their forces come from the calibration alone. Later rows match `convert` with a causal low-pass.
-//! `mark1`, `mark2`, … are marks set by the user.
+//! `unfiltered` while the tare and the clock of the forces were still being determined. These rows are not
+//! delayed, so their forces come from the calibration alone. Later rows match `convert` with a causal
+//! low-pass. `mark1`, `mark2`, … are marks set by the user.
 //!
-//! Beside a reference sensor `fx_n` … `mz_nm` are those of the reference: of the sample that was measured nearest to the frame, as it was
-//! sent. They are empty where there is none nearby, or the sensor says that it is not to be used. Before the flags stand
-//! `ref_index`, the number of the sample, `ref_missing`, the samples lost between this row's and that of the row before, `ref_status`,
-//! the sensor's status word, `ref_t_s`, when the sample was measured, on the clock of `t_s`, and `ref_t_error_s`, how far
-//! that may be off, beside the constant parts of both delays.
+//! With a reference sensor, `fx_n` … `mz_nm` are the wrench as the reference sent it, from the sample
+//! measured closest in time to the frame. They are empty if no sample is close, or if the sensor reports an
+//! error. These columns precede the flags:
 //!
-//! Where stretches are labelled while they are recorded, as planned loads are, `group` stands before the flags; it is
+//! - `ref_index`: the number of the sample;
+//! - `ref_missing`: the number of samples lost between the samples of the previous row and of this one;
+//! - `ref_status`: the sensor's status word;
+//! - `ref_t_s`: the time of the sample, on the clock of `t_s`;
+//! - `ref_t_error_s`: the error of that time, without the constant parts of both delays.
+//!
+//! If stretches are labelled during the recording, as planned loads are, `group` precedes the flags; it is
 //! empty in rows outside the stretches.
 
 use std::collections::VecDeque;
@@ -49,7 +53,6 @@ use shell_data::wrench::Axes;
 pub(crate) struct Annotations {
     /// Pending marks, each for the first row from the frame of an index on.
     pub(crate) marks: VecDeque<(i64, u32)>,
-    /// Labels of stretches.
     pub(crate) labels: Vec<FrameLabel>,
     /// The index of the first frame that may still be labelled.
     pub(crate) settled: Option<i64>,
@@ -64,10 +67,9 @@ pub(crate) struct RowWriter {
     is_numbered: bool,
     pub(crate) forces: Option<RunningForces>,
     last_index: Option<i64>,
-    /// True if there is a column for labels.
     has_labels: bool,
     simultaneous: Simultaneous,
-    /// The axes of a reference beside the readings.
+    /// The axes of the reference, if there is one.
     reference: Option<Axes>,
     has_rssi: bool,
     /// The last reported temperature, °C.
@@ -75,12 +77,12 @@ pub(crate) struct RowWriter {
 }
 
 impl RowWriter {
-    /// For frames such as the `first`, which have numbers or not, with forces if there is a calibration;
-    /// with `as_sampled` channels are not brought to one time, `has_labels` makes a column for labels, a `reference` its
-    /// own columns in place of the forces.
+    /// Creates a writer for frames like `first`. `numbered` frames have sequence numbers, and `forces` adds a
+    /// calibration's forces. `as_sampled` leaves the channels at their sampling times, `has_labels` adds a
+    /// column for labels, and the axes of a `reference` add its columns in place of the forces.
     ///
     /// # Errors
-    /// [`UnsuitableCalibration`].
+    /// [`UnsuitableCalibration`] if the calibration does not suit the frames.
     pub(crate) fn new(
         first: &BoardFrame,
         numbered: bool,
@@ -107,7 +109,6 @@ impl RowWriter {
         })
     }
 
-    /// Returns the header line.
     pub(crate) fn header(&self) -> String {
         let mut names = vec!["t_s".to_owned()];
         if self.holds_readings {
@@ -220,10 +221,10 @@ impl RowWriter {
     }
 }
 
-/// The columns of a reference beside its wrench.
+/// The columns of a reference, without its wrench.
 const REFERENCE: [&str; 5] = ["ref_index", "ref_missing", "ref_status", "ref_t_s", "ref_t_error_s"];
 
-/// The wrench of a reference, empty fields where there is none.
+/// Writes the wrench of a reference, or empty fields if it has none.
 fn write_reference_wrench(axes: Axes, beside: Option<&BesideRow>, text: &mut Vec<u8>) {
     match beside.and_then(|row| row.wrench) {
         Some(wrench) => write_numbers(&axes.of(&wrench), text),
@@ -231,7 +232,7 @@ fn write_reference_wrench(axes: Axes, beside: Option<&BesideRow>, text: &mut Vec
     }
 }
 
-/// What a reference says beside its wrench, empty fields where no sample is near.
+/// Writes the other columns of a reference, or empty fields if no sample is close.
 fn write_reference(beside: Option<&BesideRow>, text: &mut Vec<u8>) {
     let Some(row) = beside else { return text.extend([b','; REFERENCE.len()]) };
     text.extend_from_slice(format!(",{},{},{},", row.number, row.missing, row.status).as_bytes());
@@ -240,7 +241,7 @@ fn write_reference(beside: Option<&BesideRow>, text: &mut Vec<u8>) {
     write_time(row.error_us, text);
 }
 
-/// Time in s with all digits of the µs.
+/// Writes a time in s with all digits of the µs.
 pub fn write_time(time_us: i64, text: &mut Vec<u8>) {
     let sign = if time_us < 0 { "-" } else { "" };
     let (whole, part) = (time_us.unsigned_abs() / 1_000_000, time_us.unsigned_abs() % 1_000_000);
@@ -275,7 +276,7 @@ fn write_health(health: Option<&Health>, temperature_c: &mut Option<f64>, text: 
     write_numbers(&dark.map(steps), text);
 }
 
-/// Writes the fields of an edge at the sync input, empty if there is none.
+/// Writes the fields of an edge at the sync input, or empty ones without an edge.
 fn write_edge(edge: Option<&BoardEdge>, text: &mut Vec<u8>) {
     let Some(BoardEdge { number, time_us }) = edge else { return text.extend(b",,") };
     text.extend_from_slice(format!(",{number},").as_bytes());

@@ -1,4 +1,4 @@
-//! Normal equations of each fold, put together from those of features and of memory terms.
+//! Normal equations of each fold, composed of products of features and of memory terms.
 
 use std::sync::Arc;
 
@@ -10,7 +10,7 @@ use least_squares::validation::comparison::FoldMean;
 use least_squares::validation::normal_equations::NormalEquations;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// λ on columns of norm one: what condition numbers of memory terms need.
+/// λ on columns of norm one, which the condition numbers of memory terms require.
 const RIDGE: f64 = 1e-10;
 
 /// `AᵀB` of the rows of each fold.
@@ -24,7 +24,7 @@ fn products(samples: &SearchRows<'_>, a: &Mat<f64>, b: &Mat<f64>) -> Vec<Mat<f64
     samples.folds.iter().map(of).collect()
 }
 
-/// Columns with their products by the features and by each other, fold by fold.
+/// Columns with their products with the features and with each other, fold by fold.
 pub(super) struct ProductColumns {
     pub(super) columns: Mat<f64>,
     with_features: Vec<Mat<f64>>,
@@ -41,50 +41,49 @@ impl ProductColumns {
     }
 }
 
-/// The memory terms of one time constant.
 pub(super) struct MemoryColumns {
     pub(super) time_constant: f64,
     pub(super) terms: ProductColumns,
 }
 
-/// The equations of features and some memory terms.
+/// Equations for features and some memory terms.
 pub(super) struct FoldEquations<'a> {
     pub(super) samples: &'a SearchRows<'a>,
     /// `XᵀX` of the features of each fold.
     features: Vec<Mat<f64>>,
-    /// Variances of the axes; 0 of those that do not vary.
+    /// Variances of the axes; 0 for axes that do not vary.
     pub(super) variances: PerAxis<f64>,
 }
 
-/// Squared errors on each fold that was held out, per axis.
+/// Squared errors on each held-out fold, per axis.
 #[derive(Clone, Debug)]
 pub(super) struct FoldErrors {
     rows: u64,
     squares: PerAxis<f64>,
-    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those that vary.
+    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those that
+    /// vary.
     scores: Vec<(u64, f64)>,
-    /// The same less what noise of readings and loads makes of it.
+    /// Scores minus the part caused by noise of readings and loads.
     systematic: Vec<(u64, f64)>,
 }
 
 impl FoldErrors {
-    /// The score of all rows.
     pub(super) fn score(&self) -> f64 {
         FoldMean::new(&self.scores).value
     }
 
-    /// The score less the part of noise: what a search is to lower. Terms that only average noise raise it.
+    /// Score minus the part of noise, which a search minimises. Terms that only average noise raise it.
     pub(super) fn systematic(&self) -> f64 {
         FoldMean::new(&self.systematic).value
     }
 
-    /// Whether errors of `later` are lower by more than a standard error.
+    /// Returns true if the errors of `later` are lower by more than a standard error.
     pub(super) fn are_lowered_by(&self, later: &Self) -> bool {
         let gain = gain(&self.scores, &later.scores);
         gain.value > gain.standard_error
     }
 
-    /// Whether they are lower by this share too, and still are without the part of noise.
+    /// Returns true if the errors are also lower by this share, both with and without the part of noise.
     pub(super) fn are_explained_by(&self, later: &Self, share: f64) -> bool {
         let least = share * self.score();
         let of = [(&self.scores, &later.scores), (&self.systematic, &later.systematic)];
@@ -94,13 +93,12 @@ impl FoldErrors {
         })
     }
 
-    /// Root mean squares, N and N·m.
+    /// Root mean square errors, N and N·m.
     pub(super) fn rms(&self) -> PerAxis<f64> {
         self.squares.map(|squares| (squares / self.rows as f64).sqrt())
     }
 }
 
-/// By how much a score is lower.
 fn gain(before: &[(u64, f64)], after: &[(u64, f64)]) -> FoldMean {
     let lower = |(&(rows, before), (_, after)): (&(u64, f64), &(u64, f64))| (rows, before - after);
     FoldMean::new(&before.iter().zip(after).map(lower).collect::<Vec<_>>())
@@ -122,7 +120,7 @@ impl<'a> FoldEquations<'a> {
         }
     }
 
-    /// The position of the constant.
+    /// Index of the constant feature.
     fn ones(&self) -> Option<usize> {
         self.samples.has_intercept.then(|| self.samples.features.ncols() - 1)
     }
@@ -169,7 +167,7 @@ impl<'a> FoldEquations<'a> {
         (0..self.samples.folds.len()).map(of_fold).collect()
     }
 
-    /// The errors on each fold of fits without it, at a lag; `None` where one cannot be made.
+    /// Errors on each fold of fits without it, at a lag; `None` if a fit fails.
     pub(super) fn errors(&self, terms: &[Arc<MemoryColumns>], lag: f64) -> Option<FoldErrors> {
         let loads = ProductColumns::new(self.samples, self.samples.loads(lag));
         let folds = self.of_folds(terms, &loads);
@@ -197,7 +195,7 @@ impl<'a> FoldEquations<'a> {
         Some(errors)
     }
 
-    /// What is left of columns, rows × 6, when all that features and memory terms explain is taken off.
+    /// Residual of columns (rows × 6) after a fit of all features and memory terms.
     pub(super) fn unexplained(
         &self,
         terms: &[Arc<MemoryColumns>],

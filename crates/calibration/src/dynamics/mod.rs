@@ -1,14 +1,15 @@
-//! What time does to a sensor: a reference that lags behind the readings, and readings that remember.
+//! Dynamics of a sensor: a reference that lags behind the readings, and readings with memory.
 //!
 //! ```text
 //! Dataset ─▶ is it in order of time? ─▶ lag, time constants, by held-out files or blocks of time ─▶ Dataset with memory
 //!                                                                                    terms, the wrench moved by the lag
 //! ```
 //!
-//! Everything after it, the choice of a model, its errors, intervals, takes the data set that comes of it as any other.
-//! Both are searched for on one family of features, the largest that the rows bear, by the errors on rows
-//! that were held out. A lag or a memory term is kept if it lowers these by more than one standard error of their
-//! difference between folds, and still does when the part of noise is taken off: a filter is no memory.
+//! Later steps (choice of a model, its errors, intervals) use the resulting data set like any other. Both
+//! searches use one family of features, the largest that the number of rows supports, and the errors on
+//! held-out rows. A lag or a memory term is kept if it lowers these errors by more than one standard error of
+//! their difference between folds, and still does after the part of noise is subtracted: a filter is not a
+//! memory.
 
 mod equations;
 mod prepared;
@@ -30,81 +31,82 @@ use least_squares::quality::{in_units, significant};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// A step of the clock of more than so many usual ones is a gap.
+/// A step of the clock is a gap if it exceeds this many usual ones.
 const GAP_PERIODS: f64 = 10.0;
 
-/// What is given of lag and memory, s; rows where logs have no clock. What is `None` is searched for.
+/// Given lag and memory, s, or rows if logs have no clock. `None` requests a search.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DynamicsRule<'a> {
-    /// The lag of the reference.
+    /// Lag of the reference.
     pub lag: Option<f64>,
-    /// The time constants of the memory terms that a polynomial gets.
+    /// Time constants of the memory terms of a polynomial.
     pub memory: Option<&'a [f64]>,
 }
 
 impl DynamicsRule<'_> {
-    /// Neither.
+    /// Neither lag nor memory.
     pub const NOTHING: Self = Self { lag: Some(0.0), memory: Some(&[]) };
-    /// Both are searched for.
+    /// A search for both.
     pub const AUTO: Self = Self { lag: None, memory: None };
 
-    /// Whether rows stay as they are.
+    /// Returns true if rows stay unchanged.
     pub fn is_nothing(&self) -> bool {
         *self == Self::NOTHING
     }
 }
 
-/// What was found, or given.
+/// Lag and memory, found or given.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Dynamics {
-    /// What time is counted in.
+    /// Unit of time.
     pub time_base: TimeBase,
-    /// The lag that was made up for.
+    /// Lag that was compensated.
     pub lag: Option<ReferenceLag>,
-    /// Its standard error, where it was searched for.
+    /// Standard error of the lag, after a search.
     pub lag_standard_error: Option<f64>,
-    /// The memory terms that were kept.
+    /// Memory terms that were kept.
     pub memory: Option<MemoryTerms>,
-    /// What they gain, where anything was searched for.
+    /// Gain of lag and memory, after a search.
     pub gain: Option<Gain>,
 }
 
-/// Root mean square errors on rows that were held out, N and N·m.
+/// Root mean square errors on held-out rows, N and N·m.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Gain {
-    /// Folds of files or blocks of time.
+    /// Number of folds: files or blocks of time.
     pub folds: usize,
-    /// Rows as they were recorded.
+    /// Errors with rows as recorded.
     pub plain: PerAxis<f64>,
-    /// With the lag made up for, without memory terms.
+    /// Errors with the compensated lag, without memory terms.
     pub with_lag: PerAxis<f64>,
-    /// With all that was kept.
+    /// Errors with the compensated lag and all kept memory terms.
     pub with_all: PerAxis<f64>,
 }
 
-/// Why neither lag nor memory was searched for.
+/// Reason not to search for lag and memory.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NotSearched {
-    /// Nothing moves within a pose.
+    /// Loads are constant in each pose.
     #[error("the loads are constant in each pose")]
     Poses,
-    /// Neighbouring rows have nothing to do with each other; this is their largest correlation.
+    /// Neighbouring rows are uncorrelated; this is their largest correlation.
     #[error(
         "the rows are not in the order of time: neighbouring loads are not alike (correlation {0:.2})"
     )]
     Shuffled(f64),
-    /// There are too few rows to hold some out.
+    /// Too few rows to hold some out.
     #[error("there are too few rows to hold some out")]
     FewRows,
-    /// Rows count more or less than one another.
+    /// Rows have weights.
     #[error("rows with weights are not in the order of time")]
     Weights,
 }
 
-/// Finds what is asked for. What a search is refused for is a value: the rows are then as good as they were.
+/// Finds the requested lag and memory. A refusal to search is a value, not an error, because the rows remain
+/// usable.
 ///
 /// # Errors
-/// [`FitError::TimeConstant`] if a time constant that is given is not positive.
+/// [`FitError::TimeConstant`] if a given time constant is not positive.
 pub fn find(
     data: &Dataset,
     rule: &DynamicsRule<'_>,
@@ -125,7 +127,7 @@ pub fn find(
         return Ok(Ok(given));
     }
     if let Some(reason) = refusal(data) {
-        // What was given is taken, whatever the rows are.
+        // Given values apply to any rows.
         let has_given = given.lag.is_some() || given.memory.is_some();
         return Ok(if has_given { Ok(given) } else { Err(reason) });
     }
@@ -134,12 +136,12 @@ pub fn find(
     Ok(found.ok_or(NotSearched::FewRows))
 }
 
-/// Why nothing should be searched for in these rows, if there is a reason.
+/// Reason not to search in these rows, if there is one.
 fn refusal(data: &Dataset) -> Option<NotSearched> {
     if data.has_weights() {
         return Some(NotSearched::Weights);
     }
-    // Before poses, which loads in any order might seem to be.
+    // Checked before poses, because shuffled loads may look like poses.
     let correlation = load_correlation(data, 1);
     if correlation < SHUFFLED_BELOW {
         return Some(NotSearched::Shuffled(correlation));
@@ -148,7 +150,7 @@ fn refusal(data: &Dataset) -> Option<NotSearched> {
 }
 
 impl Dynamics {
-    /// Lag and memory in words, without what they gain.
+    /// Describes lag and memory in words, without their gain.
     pub fn words(&self) -> String {
         let lag = match &self.lag {
             Some(lag) => {
@@ -193,7 +195,7 @@ impl fmt::Display for Dynamics {
 }
 
 impl Gain {
-    /// `Fx 0.113 → 0.078 → 0.055 N, …`
+    /// Text such as `Fx 0.113 → 0.078 → 0.055 N, …`.
     fn steps(&self, of: &Dynamics) -> String {
         let mut columns: Vec<&PerAxis<f64>> = vec![&self.plain];
         columns.extend(of.lag.map(|_| &self.with_lag));
@@ -206,7 +208,7 @@ impl Gain {
     }
 }
 
-/// The factor and the unit that times are printed with.
+/// Factor and unit for printing times.
 fn unit(time: f64, base: TimeBase) -> (f64, &'static str) {
     match base {
         TimeBase::Rows => (1.0, "rows"),

@@ -1,4 +1,4 @@
-//! Time along the rows of logs, and data sets with memory terms beside their readings and the wrench at the time of the
+//! Time along the rows of logs, and data sets with memory terms and with the wrench at the time of the
 //! readings.
 
 use std::fmt;
@@ -12,20 +12,21 @@ use shell_data::block::Block;
 use shell_data::dataset::{Dataset, LogRows, sample};
 use shell_data::statistics::upper_median;
 
-/// How much later the reference shows a load than the readings of the same row do.
+/// Delay with which the reference shows a load, relative to the readings of the same row.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ReferenceLag {
-    /// What time is counted in.
+    /// Unit of time.
     pub time_base: TimeBase,
-    /// In units of the time base; negative if the readings lag behind the reference.
+    /// Lag in units of the time base; negative if the readings lag behind the reference.
     pub by: f64,
 }
 
 impl ReferenceLag {
-    /// The time of a force on the clock of the reference, s, from that of its readings. As it is where the lag is in
-    /// rows.
+    /// Converts the time of readings, s, to the time of the same force on the clock of the reference.
+    /// Unchanged if the lag is in rows.
     pub fn moved_s(&self, time_s: f64) -> f64 {
-        /// Up to here a double resolves a nanosecond, to which times are rounded: digits beyond are none of the clock.
+        /// Largest time at which a double resolves a nanosecond, to which times are rounded: further digits
+        /// do not come from the clock.
         const LARGEST_S: f64 = 1e6;
         match self.time_base {
             TimeBase::Rows => time_s,
@@ -35,7 +36,7 @@ impl ReferenceLag {
     }
 }
 
-/// Its length, as `4.38 ms`.
+/// Size of the lag, as `4.38 ms`.
 impl fmt::Display for ReferenceLag {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (factor, unit) = super::unit(self.by.abs(), self.time_base);
@@ -43,16 +44,15 @@ impl fmt::Display for ReferenceLag {
     }
 }
 
-/// How time passes in some logs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct RowClock {
     pub(super) time_base: TimeBase,
-    /// The usual time between rows, in units of the time base.
+    /// Usual time between rows, in units of the time base.
     pub(super) period: f64,
 }
 
 impl RowClock {
-    /// By rows where a log has no time, or where it stands still.
+    /// Counts rows if a log has no time, or if time stands still.
     pub(super) fn new(data: &Dataset) -> Self {
         let by_rows = Self { time_base: TimeBase::Rows, period: 1.0 };
         let mut steps = Vec::new();
@@ -66,15 +66,15 @@ impl RowClock {
         Self { time_base: TimeBase::Seconds, period }
     }
 
-    /// A longer step of the clock is a gap.
+    /// Longest step of the clock that is not a gap.
     pub(super) fn gap(&self) -> Option<f64> {
         (self.time_base == TimeBase::Seconds).then_some(GAP_PERIODS * self.period)
     }
 
-    /// The memory of time constants.
+    /// Memory terms with these time constants.
     ///
     /// # Errors
-    /// [`FitError::TimeConstant`] if one is not positive.
+    /// [`FitError::TimeConstant`] if a time constant is not positive.
     pub(super) fn memory(&self, time_constants: &[f64]) -> Result<MemoryTerms, FitError> {
         let is_wrong = |tau: &&f64| !(**tau > 0.0 && tau.is_finite());
         if let Some(&wrong) = time_constants.iter().find(is_wrong) {
@@ -87,7 +87,7 @@ impl RowClock {
     }
 }
 
-/// The median of the steps that move on.
+/// Median of the positive steps.
 fn median_step(mut steps: Vec<f64>) -> Option<f64> {
     steps.retain(|&step| step > 0.0);
     upper_median(&mut steps)
@@ -98,13 +98,14 @@ fn median_step(mut steps: Vec<f64>) -> Option<f64> {
 pub(super) struct BetweenRows {
     before: usize,
     after: usize,
-    /// How far from the one to the other.
+    /// Share of the way from one to the other.
     share: f64,
 }
 
 impl BetweenRows {
-    /// For each of some rows, in ascending order, where the time `by` after its own lies: between two rows, or up to one
-    /// row beyond the ends of its segment; further out the last value is held. `times` ascend within each of `segments`.
+    /// Finds, for each of some rows in ascending order, the time `by` after the row's time: between two rows,
+    /// or up to one row beyond the ends of its segment; further out, the last value is held. `times` ascend
+    /// within each of `segments`.
     pub(super) fn later(
         times: &[f64],
         segments: &[Range<usize>],
@@ -136,13 +137,13 @@ impl BetweenRows {
         rows.into_iter().map(of_row).collect()
     }
 
-    /// The value of a column at that time, linear between the rows.
+    /// Value of a column at that time, linear between the rows.
     pub(super) fn value(&self, column: &[f64]) -> f64 {
         column[self.before] + self.share * (column[self.after] - column[self.before])
     }
 }
 
-/// The rows of stretches in which time does not go back or jump by more than `gap`, if that is given.
+/// Divides rows into stretches in which time does not go back or jump by more than `gap`, if that is given.
 pub(super) fn segments(times: &[f64], gap: Option<f64>) -> Vec<Range<usize>> {
     let goes_on = |before: &f64, after: &f64| {
         let step = after - before;
@@ -156,10 +157,10 @@ pub(super) fn segments(times: &[f64], gap: Option<f64>) -> Vec<Range<usize>> {
     times.chunk_by(goes_on).map(rows).collect()
 }
 
-/// The rows as a calibration with this memory and lag takes them.
+/// Prepares rows for a calibration with this memory and lag.
 ///
 /// # Errors
-/// [`FitError::NoTime`] if either is by time and a log has none.
+/// [`FitError::NoTime`] if memory or lag is by time and a log has no time.
 pub fn prepared(
     mut data: Dataset,
     memory: Option<&MemoryTerms>,
@@ -178,7 +179,7 @@ fn prepare(
     memory: Option<&MemoryTerms>,
     lag: Option<ReferenceLag>,
 ) -> Result<(), NoTime> {
-    // Blocks that nobody else has are changed where they are.
+    // Blocks without another owner are changed in place.
     let mut blocks: Vec<&mut Block> =
         log.blocks.iter_mut().map(|block| Arc::make_mut(&mut block.rows)).collect();
     if let Some(lag) = lag {
@@ -192,7 +193,8 @@ fn prepare(
     Ok(())
 }
 
-/// Replaces the wrench of every row by that of the time when the reference shows what the readings do.
+/// Replaces the wrench of every row by the wrench at the time when the reference shows the load of the
+/// readings.
 fn move_wrench(blocks: &mut [&mut Block], lag: ReferenceLag) -> Result<(), NoTime> {
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
     let (times, gap) = match lag.time_base {

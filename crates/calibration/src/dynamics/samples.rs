@@ -1,11 +1,12 @@
-//! The rows that are searched on: some of the data set's, in order, each with all that came before it.
+//! Rows for the search: some rows of the data set, in order, each with its history.
 //!
 //! # Noise of the readings in the wrench
 //!
-//! `s` and `s − EMA_τ(s)` of a few time constants add up to a filter. Where loads move slowly, one that averages noise
-//! lowers errors though the sensor remembers nothing, and its delay looks like a lag; between rows, noise of the loads is
-//! averaged. So the part of noise is known apart: with `g` the gradient of a wrench by a reading, `d_k` the coefficients of its memory terms, and white noise of
-//! variance σ²,
+//! `s` and `s − EMA_τ(s)` for a few time constants combine to a filter. If loads move slowly, a filter that
+//! averages noise lowers the errors although the sensor has no memory, and its delay looks like a lag.
+//! Between rows, interpolation averages noise of the loads. The part of noise is therefore computed
+//! separately: with `g` the gradient of a wrench with respect to a reading, `d_k` the coefficients of its
+//! memory terms, and white noise of variance σ²,
 //!
 //! ```text
 //! σ²·(g² + 2·g·Σ d_k + Σ d_k·d_l·(1 + α_k·α_l/(1 − (1−α_k)·(1−α_l)))),   α = 1 − exp(−period/τ)
@@ -25,48 +26,47 @@ use shell_data::dataset::{Dataset, LogRows};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Rows that are looked at; the rest of longer recordings would tell little more.
+/// Most rows that are read; the rest of longer recordings would add little.
 const MOST_ROWS: usize = 200_000;
 
-/// Rows of these that errors are found on.
+/// Most rows on which errors are computed.
 const MOST_USED: usize = 8_000;
 
-/// Rows that are held out for each feature, at the fewest.
+/// Fewest used rows for each feature.
 const ROWS_PER_FEATURE: usize = 10;
 
-/// Folds that logs are cut into where they are few.
+/// Largest number of folds, and about the number of parts into which a few logs are divided.
 const FOLDS: usize = 10;
 
-/// Logs that are folds as they are.
+/// Number of logs from which logs are not divided.
 const ENOUGH_LOGS: usize = 4;
 
-/// Features of the family that is searched on, at most.
+/// Most features of the searched family.
 const MOST_FEATURES: usize = 150;
 
-/// The part of a log that is looked at.
+/// Part of a log that is read.
 struct LogPart<'a> {
-    /// Its readings; the last block may have more rows.
+    /// Blocks with the readings; the last block may have more rows than the part.
     blocks: Vec<&'a Block>,
     times: Vec<f64>,
     segments: Vec<Range<usize>>,
     wrench: PerAxis<Vec<f64>>,
-    /// The rows that errors are found on.
+    /// Rows on which errors are computed.
     used: Vec<usize>,
-    /// Where runs of rows with one label end among these; empty of rows without labels.
+    /// Ends of runs of rows with one label, in used rows; empty for rows without labels.
     group_ends: Vec<usize>,
 }
 
-/// Rows of several logs.
 pub(super) struct SearchRows<'a> {
     logs: Vec<LogPart<'a>>,
     pub(super) clock: RowClock,
     channels: usize,
-    /// The used rows of each fold, numbered over all logs.
+    /// Used rows of each fold, numbered over all logs.
     pub(super) folds: Vec<Range<usize>>,
-    /// Features of the used rows, the last of which is constant if there is an intercept.
+    /// Features of the used rows; the last is constant if there is an intercept.
     pub(super) features: Mat<f64>,
     pub(super) noise: ReadingNoise,
-    /// The variance of white noise on the loads, N² and (N·m)².
+    /// Variance of white noise on the loads, N² and (N·m)².
     load_noise: PerAxis<f64>,
     pub(super) has_intercept: bool,
 }
@@ -96,7 +96,7 @@ impl<'a> LogPart<'a> {
         Self { blocks, times, segments, wrench, used, group_ends }
     }
 
-    /// The end of a group that is nearest to a used row.
+    /// End of the group that ends nearest to a used row.
     fn cut_near(&self, row: usize) -> usize {
         let nearest = self.group_ends.iter().min_by_key(|end| end.abs_diff(row));
         nearest.copied().unwrap_or(row)
@@ -109,7 +109,7 @@ impl<'a> LogPart<'a> {
 }
 
 impl<'a> SearchRows<'a> {
-    /// `None` if there are too few rows, or nothing moves.
+    /// Returns `None` if there are too few rows or folds, or if a value is not finite.
     pub(super) fn new(data: &'a Dataset, clock: &RowClock, intercept: bool) -> Option<Self> {
         let channels = data.channels();
         let rows = usize::try_from(data.rows()).ok()?;
@@ -159,7 +159,7 @@ impl<'a> SearchRows<'a> {
         })
     }
 
-    /// Whether the rows of every log are labelled by group.
+    /// Returns true if the rows of every log are labelled by group.
     pub(super) fn are_labelled(&self) -> bool {
         self.logs.iter().all(|log| !log.group_ends.is_empty())
     }
@@ -169,7 +169,7 @@ impl<'a> SearchRows<'a> {
         self.features.nrows()
     }
 
-    /// The longest stretch without a gap.
+    /// Length of the longest stretch without a gap.
     pub(super) fn longest(&self) -> f64 {
         let spans = self.logs.iter().flat_map(|log| {
             log.segments.iter().map(|rows| log.times[rows.end - 1] - log.times[rows.start])
@@ -177,7 +177,7 @@ impl<'a> SearchRows<'a> {
         spans.fold(0.0, f64::max)
     }
 
-    /// The loads of the used rows, rows × 6, at times that are later `by` so much.
+    /// Loads of the used rows (rows × 6), at times that are later by `by`.
     pub(super) fn loads(&self, by: f64) -> Mat<f64> {
         let mut loads = Mat::zeros(self.rows(), Axis::ALL.len());
         let mut start = 0;
@@ -194,20 +194,20 @@ impl<'a> SearchRows<'a> {
         loads
     }
 
-    /// The variance of their noise there: between rows two are averaged.
+    /// Variance of the noise of these loads: interpolation between rows averages two of them.
     pub(super) fn noise_of_loads(&self, by: f64) -> PerAxis<f64> {
         let share = (by / self.clock.period).rem_euclid(1.0);
         self.load_noise.map(|variance| variance * (share * share + (1.0 - share) * (1.0 - share)))
     }
 
-    /// How fast they change there: over one period either way, so that the noise of the loads between has no part in
-    /// it.
+    /// Rate of change of these loads, over one period in each direction, so that noise of the loads in
+    /// between has no part in it.
     pub(super) fn slopes(&self, by: f64) -> Mat<f64> {
         let step = self.clock.period;
         (self.loads(by + step) - self.loads(by - step)) * faer::Scale(0.5 / step)
     }
 
-    /// The memory terms of a time constant, rows × channels.
+    /// Memory terms of a time constant (rows × channels).
     pub(super) fn memory_terms(&self, time_constant: f64) -> Mat<f64> {
         let memory = self.clock.memory(&[time_constant]).expect("a positive time constant");
         let (mut columns, mut start) = (Mat::zeros(self.rows(), self.channels), 0);
@@ -230,7 +230,7 @@ impl<'a> SearchRows<'a> {
     }
 }
 
-/// The ends of runs of one label in the first `rows` of a log, counted in used rows.
+/// Ends of the runs of one label in the first `rows` of a log, counted in used rows.
 fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     let runs = log.blocks.iter().flat_map(|block| &*block.labels);
     let mut ends: Vec<(&str, usize)> = Vec::new();
@@ -244,8 +244,8 @@ fn group_ends(log: &LogRows, rows: usize, every: usize) -> Vec<usize> {
     ends.iter().map(|(_, end)| (*end.min(&rows)).div_ceil(every)).collect()
 }
 
-/// Logs, or the parts of about equal length, of whole groups, that few of them are cut into; neighbours together where
-/// these are many.
+/// Divides the used rows into folds. A few logs are cut into parts of about equal length that contain whole
+/// groups; neighbouring parts or logs are combined if there are many.
 fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     let parts = match logs.len() {
         ENOUGH_LOGS.. => 1,
@@ -258,7 +258,7 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
         ends.extend((1..=parts).map(|part| start + cut(part)));
         start += rows;
     }
-    // Without parts that have no rows.
+    // Removes parts without rows.
     ends.dedup();
     let count = ends.len() - 1;
     let folds = count.min(FOLDS);
@@ -266,19 +266,20 @@ fn folds(logs: &[LogPart<'_>]) -> Vec<Range<usize>> {
     (0..folds).map(|fold| end(fold)..end(fold + 1)).collect()
 }
 
-/// Rows whose gradients stand for all, about.
+/// Approximate number of rows for the gradients.
 const GRADIENT_ROWS: usize = 400;
 
-/// `Σ c²` of the fourth difference, `c` = 1, −4, 6, −4, 1: it takes away whatever is smooth over five rows.
+/// `Σ c²` of the fourth difference, `c` = 1, −4, 6, −4, 1, which removes everything that is smooth over five
+/// rows.
 const DIFFERENCE_GAIN: f64 = 70.0;
 
-/// Differences beyond so many times their median are jumps.
+/// Differences beyond this many times their median are jumps.
 const JUMP: f64 = 8.0;
 
-/// A row that comes later than so many periods follows one that is missing.
+/// A row that comes later than this many periods follows a missing row.
 const MISSING_PERIODS: f64 = 1.5;
 
-/// Noise of the readings, and gradients of the features by them.
+/// Noise of the readings, and gradients of the features with respect to them.
 pub(super) struct ReadingNoise {
     period: f64,
     channels: Vec<ChannelNoise>,
@@ -286,12 +287,12 @@ pub(super) struct ReadingNoise {
 
 struct ChannelNoise {
     variance: f64,
-    /// Of each feature, rows × features.
+    /// Gradient of each feature (rows × features).
     gradients: Mat<f64>,
 }
 
 impl ReadingNoise {
-    /// `variances` of the noise of each channel of `readings`.
+    /// Computes the gradients. `variances` are the noise variances of the channels of `readings`.
     pub(super) fn new(
         features: &Features,
         readings: &[Vec<f64>],
@@ -325,8 +326,8 @@ impl ReadingNoise {
         Self { period, channels: channels.collect() }
     }
 
-    /// The variance of each axis from it, N² and (N·m)². `coefficients` are those of the features, then of the memory
-    /// terms, channel by channel for each time constant.
+    /// Variance of each axis due to this noise, N² and (N·m)². `coefficients` are first those of the
+    /// features, then those of the memory terms, channel by channel for each time constant.
     pub(super) fn of_wrench(
         &self,
         coefficients: MatRef<'_, f64>,
@@ -358,8 +359,8 @@ impl ReadingNoise {
     }
 }
 
-/// The variance of white noise on the columns of several logs, each with its times: from fourth differences over rows
-/// at equal distances. 0 where there are none.
+/// Variance of white noise on the columns of several logs, each with its times, from fourth differences over
+/// rows at equal distances. 0 if there are none.
 pub(super) fn variance<'a>(
     logs: impl Iterator<Item = (&'a [f64], impl AsRef<[f64]>)>,
     period: f64,
@@ -398,7 +399,7 @@ mod tests {
             })
             .unzip();
         let found = variance([(&times[..], &column[..])].into_iter(), 1.0);
-        // Of 4600 overlapping differences.
+        // The estimate uses 4600 overlapping differences.
         assert!((found / 2.25 - 1.0).abs() < 0.1, "{found}");
         assert_eq!(variance([(&times[..3], &column[..3])].into_iter(), 1.0), 0.0);
     }

@@ -1,13 +1,14 @@
-//! The search for lag and time constants.
+//! Search for lag and time constants.
 //!
-//! **Lag.** With `r` the residual of the fit at a lag and `D⊥` what features leave unexplained of the slope of the
-//! loads, the lag is where `Σ r·D⊥ = 0`, the minimum of the squared errors. The slope is taken over one row either
-//! way, so that noise of the loads is not in both: a minimum of the squared errors themselves is drawn to half rows,
-//! where interpolation averages noise away. Its standard error is from the scatter of that sum between folds.
+//! **Lag.** Let `r` be the residual of the fit at a lag and `D⊥` the part of the loads' slope that the
+//! features leave unexplained. The lag solves `Σ r·D⊥ = 0`, the condition for least squared errors. The slope
+//! is taken over one row in each direction, so that the noise of a load is not in both factors. A direct
+//! minimum of the squared errors would be biased towards half rows, where interpolation averages noise. The
+//! standard error comes from the scatter of the sum between folds.
 //!
-//! **Time constants** are added one at a time, first on a logarithmic grid, each with a lag of its own (a short memory
-//! and a lag look alike while the longer memory is missing), then moved, with those before, to where errors on rows
-//! that were held out are least.
+//! **Time constants** are added one at a time. Each starts on a logarithmic grid, with its own lag, because a
+//! short memory and a lag look alike while the longer memory is missing. It is then moved, together with the
+//! earlier ones, to the least errors on held-out rows.
 
 use std::sync::Arc;
 
@@ -16,41 +17,42 @@ use super::samples::SearchRows;
 use super::{Dynamics, DynamicsRule, Gain, ReferenceLag};
 use least_squares::passes::{Workers, map};
 
-/// Time constants, at most.
+/// Most time constants.
 const MOST_TIMES: usize = 4;
 
-/// How much apart those of the grid are.
+/// Ratio of neighbouring time constants on the grid.
 const GRID: f64 = 2.0;
 
-/// Two time constants that are closer than this are one.
+/// Least ratio of two different time constants; closer ones count as one.
 const APART: f64 = 1.5;
 
-/// A memory term that lowers squared errors by less is not worth the state that it takes.
+/// Least gain of a memory term: one that lowers squared errors by a smaller share is not worth its state.
 const LEAST_GAIN: f64 = 0.02;
 
-/// The same for the first term where rows are labelled as groups: their order, and so what came before, differs in use.
+/// Least gain of the first term if rows are labelled as groups: their order, and therefore the history,
+/// differs in use.
 const LEAST_GAIN_IN_GROUPS: f64 = 0.2;
 
-/// Errors relative to the loads below this are rounding.
+/// Errors relative to the loads are rounding below this.
 const NOTHING_LEFT: f64 = 1e-12;
 
-/// Steps towards a lag, at most: they converge as a secant's do.
+/// Most steps towards a lag, which converge like the secant method.
 const STEPS: usize = 12;
 
-/// Steps towards the lag of one of many time constants.
+/// Steps towards the lag for each of many time constants.
 const FIRST_STEPS: usize = 2;
 
-/// Lags that the search starts from, rows.
+/// Lags from which the search starts, rows.
 const STARTS: [f64; 11] = [-32.0, -16.0, -8.0, -4.0, -2.0, 0.0, 2.0, 4.0, 8.0, 16.0, 32.0];
 
-/// Factors by which time constants are moved, one round after the other.
+/// Factors that move time constants, one for each round.
 const ROUNDS: [f64; 4] = [1.7, 1.4, 1.2, 1.08];
 
 /// A lag and its standard error.
 type LagEstimate = (f64, f64);
 
-/// Searches for what the rule asks for; what is given stands. If whoever watches wants no more, nothing is found, and
-/// the next pass over the rows says so.
+/// Runs the search that the rule requests; given values stay. If the caller cancels it, nothing is found, and
+/// the next pass over the rows reports the cancellation.
 pub(super) fn search(
     samples: &SearchRows<'_>,
     rule: &DynamicsRule<'_>,
@@ -61,7 +63,6 @@ pub(super) fn search(
     search.run(given).unwrap_or_else(|| given.clone())
 }
 
-/// The memory terms of some time constants.
 type Terms = [Arc<MemoryColumns>];
 
 struct DynamicsSearch<'a> {
@@ -81,7 +82,7 @@ impl DynamicsSearch<'_> {
         Arc::new(MemoryColumns { time_constant, terms })
     }
 
-    /// `None` where nothing can be found.
+    /// Returns `None` if nothing can be found.
     fn run(&self, given: &Dynamics) -> Option<Dynamics> {
         let rule = self.rule;
         let plain = self.equations.errors(&[], 0.0)?;
@@ -137,7 +138,7 @@ impl DynamicsSearch<'_> {
         })
     }
 
-    /// The lag of least error among a few.
+    /// Lag of least error among a few.
     fn start(&self) -> f64 {
         let period = self.samples().clock.period;
         let score = |rows: f64| (rows * period, self.score(&[], rows * period));
@@ -145,7 +146,8 @@ impl DynamicsSearch<'_> {
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(lag, _)| lag)
     }
 
-    /// A lag that pays: more than two standard errors from none, and with less error by more than one.
+    /// Returns a lag if it is more than two standard errors from zero, and lowers the errors by more than one
+    /// standard error.
     fn significant_lag(&self, terms: &Terms, start: f64) -> Option<LagEstimate> {
         let (lag, error) = self.lag(terms, start, STEPS)?;
         let without = self.equations.errors(terms, 0.0)?;
@@ -153,13 +155,14 @@ impl DynamicsSearch<'_> {
         (pays && lag.abs() > 2.0 * error).then_some((lag, error))
     }
 
-    /// The lag by the method of the module, from a first guess, in so many steps at most.
+    /// Finds the lag by the method of the module, from a first guess, in at most `steps` steps.
     fn lag(&self, terms: &Terms, start: f64, steps: usize) -> Option<LagEstimate> {
         let (samples, period) = (self.samples(), self.samples().clock.period);
         let mut weights = None;
         let unexplained =
             |columns| self.equations.unexplained(terms, &ProductColumns::new(samples, columns));
-        // `Σ r·D⊥` of each fold, and `Σ D⊥²`, axes weighted by their residuals.
+        // `Σ r·D⊥` of each fold, and `Σ D⊥²`; the weights of the axes are the inverse variances of their
+        // residuals.
         let mut moments = |lag: f64| -> Option<(Vec<f64>, f64)> {
             let residual = unexplained(samples.loads(lag))?;
             let slope = unexplained(samples.slopes(lag))?;
@@ -205,7 +208,7 @@ impl DynamicsSearch<'_> {
         (steepness > 0.0 && standard_error.is_finite()).then_some((lag, standard_error))
     }
 
-    /// The memory terms with one more time constant, all of them and the lag where errors are least.
+    /// Adds one time constant, and moves all of them and the lag to the least errors.
     fn one_more(&self, terms: &Terms, lag: &mut f64) -> Option<Vec<Arc<MemoryColumns>>> {
         let (least, most) = (self.samples().clock.period, self.samples().longest() / 4.0);
         let with = |tau: f64| [terms, &[self.terms(tau)]].concat();
@@ -230,7 +233,8 @@ impl DynamicsSearch<'_> {
         Some(all)
     }
 
-    /// The score with these terms at the lag that suits them, found in so many steps from another, and that lag.
+    /// Score with these terms at their best lag, found in `steps` steps from another lag; returns that lag,
+    /// too.
     fn score_at_own_lag(&self, terms: &Terms, lag: f64, steps: usize) -> (f64, f64) {
         let own = match self.rule.lag {
             None => self.lag(terms, lag, steps).map_or(lag, |(lag, _)| lag),
@@ -239,13 +243,13 @@ impl DynamicsSearch<'_> {
         (self.score(terms, own), own)
     }
 
-    /// What the search is to lower; infinite where there is no fit.
+    /// Score that the search minimises; infinite if there is no fit.
     fn score(&self, terms: &Terms, lag: f64) -> f64 {
         self.equations.errors(terms, lag).map_or(f64::INFINITY, |errors| errors.systematic())
     }
 
-    /// The terms with a time constant moved by up to a factor to where the errors are least, by a parabola through
-    /// three; and the lag that goes with it.
+    /// Moves a time constant, by up to about a factor, to the least errors on a parabola through three
+    /// points. Returns the terms and their lag.
     fn move_one(
         &self,
         all: &Terms,

@@ -1,4 +1,5 @@
-//! A sensor that is known: six channels that mix six loads, creep with two time constants, and a late reference.
+//! A synthetic sensor: six channels that mix six loads, creep with two time constants, and have a late
+//! reference.
 
 use least_squares::error::FitError;
 use std::f64::consts::TAU;
@@ -12,7 +13,7 @@ use system_tests::random::Random;
 /// Rows per second.
 const RATE_HZ: f64 = 200.0;
 
-/// Sines of each load.
+/// Number of sines in each load.
 const SINES: usize = 12;
 
 struct SyntheticSensor {
@@ -23,7 +24,7 @@ struct SyntheticSensor {
 }
 
 impl SyntheticSensor {
-    /// A recording of so many seconds.
+    /// Generates a recording of this many seconds.
     fn log(&self, seed: u64, seconds: usize) -> Dataset {
         let mut random = Random(seed);
         let sines: Vec<(f64, f64, f64)> = (0..6 * SINES)
@@ -37,11 +38,11 @@ impl SyntheticSensor {
             true => 1000.0,
             false => 100.0 * ((channel * 6 + axis) as f64).sin(),
         };
-        // What a reading tends to, and where it has been: `s + Σ c·(s − e) = u`.
+        // A reading `s` and its moving averages `e` satisfy `s + Σ c·(s − e) = u`.
         let stiffness = 1.0 + self.creep.iter().map(|(share, _)| share).sum::<f64>();
         const STEPS: usize = 5;
         let step = 1.0 / RATE_HZ / STEPS as f64;
-        // It has rested under the load that the log begins with.
+        // The sensor has rested under the first load of the log.
         let mixed = |channel: usize, t: f64| -> f64 {
             (0..6).map(|axis| mix(channel, axis) * load(axis, t)).sum()
         };
@@ -92,10 +93,11 @@ const RIGID: SyntheticSensor = SyntheticSensor { lag_s: 0.0, creep: [(0.0, 1.0);
 
 #[test]
 fn lag_and_both_time_constants_of_a_known_sensor_are_found() {
-    // A reading is taken to be held until the next, 5 ms later, which moves the lag by 0.06 ms; half a minute alone tells
-    // it less exactly than two.
+    // The fit takes a reading to be held until the next, 5 ms later, which moves the lag by 0.06 ms. Half a
+    // minute determines the lag less exactly than two minutes.
     for (lag_s, logs, tolerance) in [(0.0031, 4, 1e-4), (-0.0074, 1, 1.5e-4)] {
-        // A fifth of a per cent of the loads: with more, noise in the readings moves the lag by its tenth.
+        // Noise is a fifth of a per cent of the loads; with more, noise in the readings moves the lag by a
+        // tenth of its value.
         let sensor = SyntheticSensor { lag_s, creep: [(0.08, 0.06), (0.1, 1.4)], noise: 0.005 };
         let found =
             find(&sensor.logs(logs), &DynamicsRule::AUTO, true, Workers::ONE).unwrap().unwrap();

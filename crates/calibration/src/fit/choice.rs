@@ -1,5 +1,5 @@
-//! Chooses what is fitted: the model, its held-out errors, and how rows err together; and what is then known of the
-//! model before it is fitted.
+//! The choice of the model before the fit, with its held-out errors and the groups within which errors are
+//! alike.
 
 use std::ops::Range;
 
@@ -24,62 +24,61 @@ use least_squares::validation::grouped::{Apart, SumsByGroup};
 use least_squares::validation::selection::{self, Advice, Selection};
 use shell_data::dataset::{Dataset, RowSet};
 
-/// The fewest groups that standard errors come from unless they are asked for by name.
+/// Minimum number of groups for standard errors by group, unless these are requested explicitly.
 const FEWEST_GROUPS: usize = 10;
 
-/// The model that is to be fitted, and what is known of it before.
+/// The model to fit, and the results that are known before the fit.
 #[derive(Clone, Debug, Default)]
 pub(super) struct ModelChoice {
     /// The family of features.
     pub(super) basis: Basis,
     /// λ of the ridge.
     pub(super) ridge: f64,
-    /// How the family was chosen, where it was.
+    /// The choice of the family, if it was chosen.
     pub(super) selection: Option<Selection>,
-    /// Held-out errors, where they were asked for.
+    /// Held-out errors, if they were requested or the model was chosen by them.
     pub(super) cross_validation: Option<CrossValidation>,
-    /// What either says to do.
+    /// Advice from the choice or the held-out errors.
     pub(super) advice: Option<Advice>,
-    /// The sums of the training rows, by the groups that are held out, where they were made.
+    /// The sums of the training rows by held-out group, if they were computed.
     pub(super) sums: Option<GroupedSums>,
-    /// What the covariance by group is found from, where those sums do not suit the solver or the groups.
+    /// Sums for the covariance by group, if `sums` do not suit the solver or the groups.
     pub(super) own_sums: Option<GroupedSums>,
-    /// Which groups are held out together for the covariance, where they are stretches of time.
+    /// The groups that the covariance holds out together, if they are stretches of time.
     pub(super) stretches: Option<Vec<Range<usize>>>,
-    /// What the groups are.
+    /// The definition of the groups.
     pub(super) group_by: Option<GroupBy>,
-    /// The rows that are used, with the labels of these groups.
+    /// The rows used, with the labels of these groups.
     pub(super) labelled: Option<Dataset>,
-    /// Whether the covariance is to come from the groups.
+    /// True if the covariance is to come from the groups.
     pub(super) by_group: bool,
-    /// Why it cannot, though there are groups.
+    /// Why it cannot come from the groups, although there are some.
     pub(super) not_grouped: Option<FitError>,
-    /// Why there should be no covariance at all, unless it is asked for by name.
+    /// Why there should be no covariance at all, unless it is requested explicitly.
     pub(super) few_groups: Option<FewGroups>,
 }
 
 impl ModelChoice {
-    /// Takes the model that was selected.
     pub(super) fn take(&mut self, selection: Selection) {
         let chosen = &selection.candidates[selection.chosen];
         (self.basis, self.ridge) = (chosen.basis, chosen.ridge);
         self.selection = Some(selection);
     }
 
-    /// What a covariance by group is found from.
     pub(super) fn covariance_sums(&self) -> Option<&GroupedSums> {
         self.own_sums.as_ref().or(self.sums.as_ref())
     }
 
-    /// The groups that were found, where they are not given.
+    /// The groups that were found, if none were given.
     pub(super) fn found_groups(&self) -> Option<FoundGroups> {
         let are_sums = self.covariance_sums().is_some_and(|sums| !sums.are_rows());
         let is_used = are_sums || self.sums.is_some() || self.cross_validation.is_some();
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
 
-    /// Holds out each stretch of time alone for the covariance, if the groups of `sums` are stretches, on average of half as
-    /// many rows as the model has features: what each adds to the scatter of all is little then.
+    /// Holds out each stretch of time alone for the covariance, if the groups of `sums` are stretches that
+    /// have, on average, at least half as many rows as the model has features. Each then adds little to the
+    /// scatter of all.
     fn set_stretches(&mut self, sums: &GroupedSums, model: &Model) {
         let groups = sums.groups();
         let are_long = 2 * sums.rows() >= (groups * model.term_count()) as u64;
@@ -88,11 +87,11 @@ impl ModelChoice {
         self.stretches = (are_long && are_stretches).then(each_alone);
     }
 
-    /// Returns the warnings of standard errors by group that there are not, for the reasons known here and to the fit
+    /// Returns the warnings about missing standard errors by group, for the reasons known here and to the fit
     /// (`not_grouped`).
     ///
     /// # Errors
-    /// [`FitError::NoGroupCovariance`] if `rule` asks for them by name.
+    /// [`FitError::NoGroupCovariance`] if `rule` requests these errors explicitly.
     pub(super) fn group_warnings(
         &self,
         rule: CovarianceRule,
@@ -109,8 +108,8 @@ impl ModelChoice {
     }
 }
 
-/// What is fitted, and how. Of the training rows those that are used are selected when they have been labelled: groups
-/// are found in all rows.
+/// The rows and the options of a fit. Groups are found in all training rows; the rows to use are selected
+/// after all are labelled.
 #[derive(Clone, Copy)]
 pub(super) struct FitInput<'a> {
     pub(super) train: &'a Dataset,
@@ -120,12 +119,11 @@ pub(super) struct FitInput<'a> {
 }
 
 impl FitInput<'_> {
-    /// The rows that are used.
     pub(super) fn used(&self) -> Dataset {
         self.train.select(self.options.fresh, self.excluded)
     }
 
-    /// The same labelled by what can be held out.
+    /// The training rows to use, labelled by the groups that can be held out.
     pub(super) fn labelled(&self, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
         self.select(label_groups(self.train, held_out))
     }
@@ -135,16 +133,16 @@ impl FitInput<'_> {
     }
 }
 
-/// Chooses the model, validates it, and finds how rows err together: as much of it as is asked for.
+/// Chooses the model, validates it, and finds the groups within which errors are alike, as far as requested.
 ///
 /// | step | rows that sum exactly | other rows, or memory terms |
 /// | --- | --- | --- |
 /// | family of features | exact sums, whatever the solver | normal equations by fold: three digits are enough |
-/// | held-out errors | exact sums, if they solve or the family was chosen | R factors by fold; Huber's estimator fits again |
-/// | covariance by group | exact sums, if they solve | R factors by group; Huber's estimator keeps the rows |
+/// | held-out errors | exact sums, if the solver is exact or the family was chosen | R factors by fold; Huber's estimator fits again |
+/// | covariance by group | exact sums, if the solver is exact | R factors by group; Huber's estimator keeps the rows |
 ///
-/// Solvers other than the exact one take the last column with any rows, but for the family. Where files of motion were held
-/// out, the covariance is that of stretches of these, by R factors.
+/// Solvers other than the exact one use the last column for all rows, except to choose the family. If files
+/// of motion were held out, the covariance comes from R factors of stretches of these files.
 ///
 /// # Errors
 /// [`FitError`] if rows cannot be summed, or there are no groups to hold out.
@@ -193,17 +191,17 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
 }
 
 impl FitOptions<'_> {
-    /// Whether it takes groups to answer what is asked.
+    /// Returns true if the options need groups to hold out.
     pub(super) fn validates(&self) -> bool {
         self.basis().is_none() || self.cross_validation.is_some()
     }
 
-    /// What errors are found on, if they are: a model that is chosen is judged, too.
+    /// The groups to find held-out errors on, if any: a model that is chosen is also judged.
     pub(super) fn validation(&self) -> Option<HeldOut> {
         self.cross_validation.or_else(|| (self.model == ModelRule::Auto).then_some(HeldOut::Auto))
     }
 
-    /// What is held out: of means, that is always a column.
+    /// The groups to hold out: always those of a column in a fit to means, unless folds are requested.
     pub(super) fn held_out(&self) -> HeldOut {
         match self.validation() {
             Some(HeldOut::Folds(folds)) => HeldOut::Folds(folds),
@@ -212,7 +210,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// How many folds errors are found on, where it is not each of so many groups.
+    /// The number of folds for held-out errors; `None` if each of the `groups` is held out alone.
     pub(super) fn folds(&self, groups: usize) -> Option<usize> {
         match self.cross_validation {
             Some(HeldOut::Folds(folds)) => Some(folds),
@@ -221,7 +219,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// What is asked for, before anything is known.
+    /// The choice as far as the options determine it.
     pub(super) fn open(&self, group_by: Option<GroupBy>) -> ModelChoice {
         let by_group = match self.covariance {
             CovarianceRule::Groups => true,
@@ -239,8 +237,8 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Chooses the family of features by folds of groups, on some of the rows of each: by exact sums wherever there are
-    /// any, whatever solver then fits it.
+    /// Chooses the family of features by folds of groups, on some rows of each group. Uses exact sums if they
+    /// are possible, regardless of the solver for the fit.
     fn choose_family(&self, choice: &mut ModelChoice, rows: &Dataset) -> Result<(), FitError> {
         let few = few_by_fold(&GroupedRows::from_labels(rows).0, MOST_COMPARED)?.to_dataset();
         let apart = (Apart::Groups, RandomSplit::default());
@@ -254,7 +252,8 @@ impl FitOptions<'_> {
         }
     }
 
-    /// The exact sums of the rows by group, if they tell anything of what is asked and the rows can be summed so.
+    /// The exact sums of the rows by group; `None` if the requested solver has no use for them, or the rows
+    /// cannot be summed exactly.
     fn sum(&self, choice: &ModelChoice, rows: &Dataset) -> Result<Option<SumsByGroup>, FitError> {
         if self.basis().is_some() && self.solver != SolverKind::Exact {
             return Ok(None);
@@ -265,7 +264,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Adds to a choice the errors and the advice that sums by group give.
+    /// Adds the errors and the advice from sums by group to a choice.
     pub(super) fn decide(
         &self,
         mut choice: ModelChoice,
@@ -289,13 +288,12 @@ impl FitOptions<'_> {
         Model { basis, intercept: self.intercept, channels, memory: 0 }
     }
 
-    /// A model of the rows of a data set.
     pub(super) fn model_of(&self, data: &Dataset, basis: Basis) -> Model {
         let (channels, memory) = (data.channels(), data.memory_terms());
         Model { basis, intercept: self.intercept, channels, memory }
     }
 
-    /// Chooses the family of features, and the ridge, by groups that are held out.
+    /// Chooses the family of features and the ridge by held-out groups.
     pub(super) fn select(
         &self,
         choice: &mut ModelChoice,
@@ -307,13 +305,12 @@ impl FitOptions<'_> {
         Ok(())
     }
 
-    /// The ridges that are tried.
     pub(super) fn ridges(&self) -> &[f64] {
         if self.ridge > 0.0 { std::slice::from_ref(&self.ridge) } else { &selection::RIDGES }
     }
 
-    /// The R factors of labelled rows by group. Where they cannot be had, `choice` knows why: better standard errors were
-    /// not asked for by name.
+    /// The R factors of labelled rows by group. Returns `None` and stores the reason in `choice` if the
+    /// groups do not allow them, which is an error only if standard errors by group are requested explicitly.
     fn factor_groups(
         &self,
         choice: &mut ModelChoice,
@@ -333,7 +330,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Where files of motion were held out, standard errors and intervals come from stretches of these.
+    /// Takes standard errors and intervals from stretches of the files, if files of motion were held out.
     fn sum_stretches_of_files(&self, choice: &mut ModelChoice) -> Result<(), FitError> {
         let is_served = self.validates()
             && self.covariance == CovarianceRule::Auto
@@ -351,8 +348,8 @@ impl FitOptions<'_> {
         Ok(())
     }
 
-    /// Keeps what the solver's standard errors by group need of the labelled rows, where the sums of groups that are held
-    /// out do not serve it.
+    /// Keeps the sums or rows for the solver's standard errors by group, if it cannot use the sums of the
+    /// held-out groups.
     fn sum_for_solver(&self, choice: &mut ModelChoice, rows: &Dataset) -> Result<(), FitError> {
         let own_sums = match self.solver {
             SolverKind::Huber => Some(GroupedSums::Rows(rows_in_one(rows))),
@@ -367,7 +364,7 @@ impl FitOptions<'_> {
         Ok(())
     }
 
-    /// Whether so many groups can tell how the coefficients of `model` scatter.
+    /// Tests whether this number of groups can show the scatter of the coefficients of `model`.
     fn test_group_count(&self, choice: &mut ModelChoice, model: &Model, groups: usize) {
         // A few groups say little about how groups scatter.
         choice.by_group &= self.covariance != CovarianceRule::Auto || groups >= FEWEST_GROUPS;

@@ -1,5 +1,6 @@
-//! Training rows that contradict each other: parts with another reference than the rest, a zero that jumps, poses that err
-//! far more than all others, poses of one reading under two loads, and a reference that is computed from the readings.
+//! Contradictions among the training rows: parts whose reference differs from the rest, jumps of the zero,
+//! poses with far larger errors than all others, equal readings under different loads, and a reference that
+//! was computed from the readings.
 
 use std::collections::HashMap;
 
@@ -15,46 +16,49 @@ use shell_data::dataset::Dataset;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Stretches that a single log is compared in.
+/// Number of stretches into which a single log is divided for comparison.
 const PARTS: usize = 4;
 
-/// Files that are compared, and how many of them the rest is compared with.
+/// Maximum number of files that are compared, and of files that serve as the reference for the others.
 const MOST_FILES: usize = 40;
 const MOST_REFERENCES: usize = 4;
 
-/// Fewer rows of a part for each channel tell nothing.
+/// Minimum number of rows per channel of a part that serves as the reference.
 const ROWS_PER_CHANNEL: usize = 4;
 
-/// A part may err by so many times the error of the part that is compared with, and by so much of the loads.
+/// Limit for the errors of a part: this many times the error of the reference part, but at least this share
+/// of its loads.
 const MOST: f64 = 3.0;
 const NO_ERROR: f64 = 1e-3;
 
-/// A reference of which so much is explained on every axis was computed from the readings.
+/// R² on every axis from which on a reference was computed from the readings.
 const COMPUTED: f64 = 0.999_999;
 
-/// A pose that errs by so many times the rest, of so many at least.
+/// Minimum error of a pose, in errors of the other poses, for a warning; and minimum number of poses.
 const FAR_MORE: f64 = 5.0;
 const FEWEST_POSES: usize = 8;
 
-/// Readings of two poses that differ by less than this share of their range are the same, and loads that differ by more
-/// than this are not.
+/// Maximum difference of equal readings of two poses, and minimum difference of different loads, as shares of
+/// their ranges; and the maximum number of poses that are compared.
 const SAME_READINGS: f64 = 0.005;
 const OTHER_LOADS: f64 = 0.2;
 const MOST_POSES: usize = 1000;
 
-/// Means in order of time in which a jump of the zero is looked for, and those on either side of it that show how sudden
-/// it is.
+/// Maximum number of means, in order of time, in which a jump of the zero is searched for; and the number of
+/// means on each side that show how sudden it is.
 const MEANS: usize = 240;
 const BESIDE: usize = 12;
 
-/// Rows of a log that residuals are found of; of a longer one every second, third, … block.
+/// Number of rows up to which all residuals of a log are computed; a longer log uses every second, third, …
+/// block.
 const MOST_ROWS: u64 = 100_000;
 
-/// A jump of the zero explains this share of the squares of the means, and is that sudden.
+/// Minimum share of the squares of the means that a jump of the zero explains, and minimum share of the jump
+/// between the means just before and just after it.
 const EXPLAINED: f64 = 0.6;
 const SUDDEN: f64 = 0.6;
 
-/// What contradicts, most important first.
+/// Finds the contradictions, most important first.
 pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     let mut found = parts(fit, workers)?;
     if found.is_empty() {
@@ -66,7 +70,7 @@ pub(super) fn find(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitEr
     Ok(found)
 }
 
-/// Files, or stretches of one, whose reference is that of the others only after some change.
+/// Files, or stretches of a single file, whose reference agrees with the others only after a change.
 fn parts(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     let axes = fit.calibration.axes;
     let data = fit.used.without_memory();
@@ -118,7 +122,7 @@ fn parts(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
         }
     }
     let Some((reference, cured)) = best else { return Ok(Vec::new()) };
-    // Neighbours with the same change are one.
+    // Neighbours with the same change are reported as one.
     let mut told: Vec<String> = Vec::new();
     for same in cured.chunk_by(|a, b| a.1.change == b.1.change && a.0 + 1 == b.0) {
         let [(first, cure), ..] = same else { continue };
@@ -136,7 +140,7 @@ fn parts(fit: &Fit, workers: Workers<'_>) -> Result<Vec<String>, FitError> {
     Ok(told)
 }
 
-/// Jumps of the mean residual of an axis in a log.
+/// The largest jump of the mean residual of an axis, in the first log with a jump.
 fn zero_jumps(fit: &Fit) -> Option<String> {
     for log in &fit.used.logs {
         let blocks = (log.rows() / MOST_ROWS + 1) as usize;
@@ -177,11 +181,10 @@ fn zero_jumps(fit: &Fit) -> Option<String> {
     None
 }
 
-/// A jump of a mean.
 struct Jump {
     at: usize,
     size: f64,
-    /// The share of the squares about the mean.
+    /// The share of the squares about the mean that the jump explains.
     explained: f64,
 }
 
@@ -198,7 +201,7 @@ fn jump(column: &[f64]) -> Option<Jump> {
             let [before, after] = [at, n - at].map(|rows| rows as f64);
             let explained = sum * sum * (1.0 / before + 1.0 / after) / all.squares;
             if best.as_ref().is_none_or(|best| explained > best.explained) {
-                // What sums to `sum` before sums to its opposite after.
+                // The deviations from the mean add up to `sum` before the jump, and to `-sum` after it.
                 best = Some(Jump { at, size: -sum / after - sum / before, explained });
             }
         }
@@ -211,7 +214,7 @@ fn jump(column: &[f64]) -> Option<Jump> {
     ((after - before).abs() > SUDDEN * found.size.abs()).then_some(found)
 }
 
-/// Poses whose error is far larger than that of the rest, by name.
+/// The pose and axis with the largest error relative to the other poses, if it is far larger.
 fn poses_that_err(fit: &Fit, workers: Workers<'_>) -> Result<Option<String>, FitError> {
     if !fit.group_by.is_some_and(|by| by.is_poses()) {
         return Ok(None);
@@ -244,7 +247,6 @@ fn poses_that_err(fit: &Fit, workers: Workers<'_>) -> Result<Option<String>, Fit
     }))
 }
 
-/// Means of a pose.
 #[derive(Default)]
 struct PoseMeans {
     rows: f64,
@@ -252,7 +254,7 @@ struct PoseMeans {
     loads: PerAxis<f64>,
 }
 
-/// Two poses of the same readings under different loads.
+/// Two poses with the same readings under different loads.
 fn same_readings(fit: &Fit) -> Option<String> {
     fit.group_by.filter(|by| by.is_poses())?;
     let poses = pose_means(&fit.used.without_memory())?;
@@ -285,7 +287,7 @@ fn same_readings(fit: &Fit) -> Option<String> {
     None
 }
 
-/// The means of each pose in the order in which they are met; `None` if they are many.
+/// The means of each pose, in the order of first rows; `None` for more than [`MOST_POSES`].
 fn pose_means(data: &Dataset) -> Option<Vec<(String, PoseMeans)>> {
     let mut positions: HashMap<&str, usize> = HashMap::new();
     let mut poses: Vec<(String, PoseMeans)> = Vec::new();
@@ -315,7 +317,7 @@ fn pose_means(data: &Dataset) -> Option<Vec<(String, PoseMeans)>> {
     Some(poses)
 }
 
-/// A reference that the readings explain too well for one that was measured.
+/// A reference that the readings explain too well for a measurement.
 fn computed_reference(fit: &Fit) -> Option<String> {
     let worst = |axis: Axis| fit.train[axis.index()].r_squared;
     let all: Option<Vec<f64>> = fit.calibration.axes.iter().map(worst).collect();

@@ -1,23 +1,25 @@
-//! Cures of a reference that disagrees with a calibration: axes exchanged, turned or mirrored, signs, units, a zero, a
-//! delay.
+//! Cures for a reference that disagrees with a calibration: axes exchanged, turned or mirrored, signs, units,
+//! a zero, a delay.
 //!
-//! Signed permutations with a scale and a zero need no rows, only the products of predicted and measured axes about
-//! their means: with `k` a sign times a scale, `⟨(p − k·w)²⟩ = ⟨p²⟩ − 2k⟨pw⟩ + k²⟨w²⟩`, and `(p̄ − k·w̄)²` more where no
-//! zero is taken off. So all 48 turns and mirrors of forces and of moments, in every unit, cost next to nothing.
+//! A signed permutation with a scale and a zero can be tested without the rows. It takes only the products of
+//! predicted and measured axes about their means: with `k` a sign times a scale, the mean squared error is
+//! `⟨(p − k·w)²⟩ = ⟨p²⟩ − 2k⟨pw⟩ + k²⟨w²⟩`, plus `(p̄ − k·w̄)²` unless a zero is subtracted. All 48 turns and
+//! mirrors of forces and of moments, in every unit, therefore cost almost no time.
 
 use least_squares::quality::significant;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A cure makes the error of the worst axis so many times smaller, at least.
+/// Minimum factor by which a cure reduces the error of the worst axis.
 const SMALLER: f64 = 3.0;
 
-/// What a cure leaves of the squares of the loads, at most: a reference of noise is small in large units, too.
+/// Maximum share of the squares of the loads that remains as error after a cure: in large units, even a
+/// reference of noise has small errors.
 const MOST_LEFT: f64 = 0.3;
 
-/// Errors after a cure that are so many times those of the best are as good.
+/// Maximum ratio of errors after a cure to those after the best cure, for both to count as equally good.
 const AS_GOOD: f64 = 1.15;
 
-/// Factors from a force that was written down to N, and from a moment to N·m, with the reason.
+/// Factors from a recorded force to N, and from a recorded moment to N·m, with their descriptions.
 const FORCE_SCALES: [(f64, &str); 6] = [
     (1e-3, "dividing forces by 1000 (mN)"),
     (1e3, "multiplying forces by 1000 (kN)"),
@@ -35,19 +37,19 @@ const MOMENT_SCALES: [(f64, &str); 6] = [
     (9.806_65, "converting moments from kgf·m"),
 ];
 
-/// Longest delay that is tried, rows.
+/// Longest delay that is tried, in rows.
 const LONGEST_DELAY: usize = 64;
 
-/// A change of a reference or of readings after which the errors are those that were promised, or far smaller.
+/// A change of the reference or of the readings after which errors beyond their limits are far smaller.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cure {
     /// The change, as in "exchanging Fx and Fy".
     pub(super) change: String,
-    /// The axis that gains most.
+    /// The axis with the largest improvement.
     pub(super) axis: Axis,
     /// Its root mean square error before and after, N or N·m.
     pub(super) rms: [f64; 2],
-    /// Whether a zero is taken off.
+    /// True if a zero is subtracted.
     pub(super) is_zero: bool,
 }
 
@@ -68,7 +70,7 @@ impl Cure {
         })
     }
 
-    /// The same, if it is one.
+    /// Returns the change as a cure if it reduces the errors enough.
     pub(super) fn if_cured(
         change: String,
         axes: Axes,
@@ -95,19 +97,20 @@ impl std::fmt::Display for Cure {
     }
 }
 
-/// Means and products about them of predicted and measured wrenches.
+/// Means of predicted and measured wrenches, and mean products of the deviations from these.
 #[derive(Clone, Debug, Default)]
 pub(super) struct WrenchProducts {
     rows: f64,
-    /// Of predicted and of measured axes.
+    /// Means of the predicted and of the measured axes.
     means: [PerAxis<f64>; 2],
     predicted: PerAxis<f64>,
     measured: PerAxis<f64>,
-    /// Predicted by measured axis.
+    /// Products of a predicted axis (first index) and a measured one.
     both: PerAxis<PerAxis<f64>>,
 }
 
-/// An axis as it is read from the reference: `sign · scale` times another, less a zero if that is taken off.
+/// The source of an axis in the reference: `sign · scale` times the axis `from`, minus a zero if one is
+/// subtracted.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reading {
     from: usize,
@@ -123,7 +126,7 @@ struct BlockChange {
 }
 
 impl WrenchProducts {
-    /// Of rows, six columns of each.
+    /// Computes them from six columns of predicted and six of measured values.
     pub(super) fn new(predicted: &PerAxis<Vec<f64>>, measured: &[Vec<f64>]) -> Self {
         let rows = predicted[0].len();
         let count = rows.max(1) as f64;
@@ -146,7 +149,7 @@ impl WrenchProducts {
         }
     }
 
-    /// The root mean square error of an axis that is read so.
+    /// The root mean square error of an axis that is read from the reference as `of` says.
     fn rms(&self, axis: usize, of: Reading, scale: f64, zero: bool) -> f64 {
         let k = of.sign * scale;
         let about_means = self.predicted[axis] - 2.0 * k * self.both[axis][of.from]
@@ -155,7 +158,7 @@ impl WrenchProducts {
         (about_means.max(0.0) + if zero { 0.0 } else { off * off }).sqrt()
     }
 
-    /// The errors as they are.
+    /// The root mean square errors without a change.
     pub(super) fn plain(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| self.rms(axis, Reading { from: axis, sign: 1.0 }, 1.0, false))
     }
@@ -165,7 +168,7 @@ impl WrenchProducts {
         std::array::from_fn(|at| self.rms(3 * block + at, axes[at], scale.0, *zero))
     }
 
-    /// Whether little of the loads is left over.
+    /// Returns true if the errors after a change are a small share of the loads.
     fn explains(&self, block: usize, change: &BlockChange) -> bool {
         let left: f64 = self.of_block(block, change).iter().map(|rms| rms * rms).sum();
         let load = |of: &Reading| {
@@ -209,7 +212,7 @@ impl WrenchProducts {
         Cure::new(words(&changes), axes, &before, &after).map(|cure| Cure { is_zero, ..cure })
     }
 
-    /// A force that was exchanged with a moment, or all of them.
+    /// The exchange of one force with one moment, or of all forces with all moments, that cures the errors.
     fn across(&self, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
         let before = self.plain();
         let read = |order: [usize; 6]| -> PerAxis<f64> {
@@ -232,13 +235,13 @@ impl WrenchProducts {
     }
 }
 
-/// Whether errors, in their limits, are cured.
+/// Returns true if errors, in units of their limits, are cured.
 fn cures(before: f64, after: f64) -> bool {
     before > 1.0 && before > SMALLER * after
 }
 
-/// The simplest change of a block that cures it: nothing but an exchange, signs, a unit or a zero before any two of
-/// these.
+/// The simplest change that cures a block. A single change (exchanged axes and signs, a unit, or a zero)
+/// takes precedence over any two of these.
 fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Option<BlockChange> {
     let none = (1.0, "");
     let scales = if block == 0 { FORCE_SCALES } else { MOMENT_SCALES };
@@ -252,12 +255,12 @@ fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Opti
     let mut double: Vec<BlockChange> = turned(none, true).skip(1).collect();
     double.extend(scales.into_iter().flat_map(|scale| turned(scale, false)));
     double.extend(unit(identity, true));
-    // Two changes at once do something for any reference: they have to do all.
+    // Two changes together improve any reference somewhat, so they must bring the errors within the limits.
     for (changes, most) in [(single, f64::INFINITY), (double, 1.0)] {
         let scored: Vec<(f64, BlockChange)> =
             changes.into_iter().map(|change| (score(&change), change)).collect();
         let best = scored.iter().map(|(score, _)| *score).fold(f64::INFINITY, f64::min);
-        // Of those that do as well the first, which changes least.
+        // The first of equally good changes changes least.
         let found = scored.into_iter().find(|(score, _)| *score <= AS_GOOD * best);
         if let Some((_, change)) = found.filter(|(after, _)| *after <= most && cures(now, *after)) {
             return Some(change);
@@ -266,7 +269,7 @@ fn simplest(block: usize, now: f64, score: impl Fn(&BlockChange) -> f64) -> Opti
     None
 }
 
-/// All 48 turns and mirrors of the axes of a block, those that change least first.
+/// All 48 turns and mirrors of the axes of a block, in order of increasing change.
 fn signed_permutations(block: usize) -> impl Iterator<Item = [Reading; 3]> {
     const ORDERS: [[usize; 3]; 6] =
         [[0, 1, 2], [1, 0, 2], [0, 2, 1], [2, 1, 0], [1, 2, 0], [2, 0, 1]];
@@ -287,7 +290,6 @@ fn signed_permutations(block: usize) -> impl Iterator<Item = [Reading; 3]> {
     })
 }
 
-/// The changes in words.
 fn words(changes: &[(usize, BlockChange)]) -> String {
     let rigid = |change: &BlockChange| change.axes.map(|axis| (axis.from % 3, axis.sign));
     if let [(_, forces), (_, moments)] = changes
@@ -297,7 +299,7 @@ fn words(changes: &[(usize, BlockChange)]) -> String {
         && !moments.zero
     {
         let (forces, moments) = (rigid(forces), rigid(moments));
-        // A mirror turns the signs of moments, which are no arrows.
+        // A mirror also changes the sign of moments: they are axial vectors.
         let handed = determinant(&forces);
         if moments == forces.map(|(from, sign)| (from, handed * sign)) {
             return format!("{} of forces and moments", frame(&forces));
@@ -338,7 +340,7 @@ fn determinant(axes: &Signed) -> f64 {
     axes.iter().map(|(_, sign)| sign).product::<f64>() * parity
 }
 
-/// A turn or a mirror of the frame.
+/// Describes a turn or a mirror of the frame.
 fn frame(axes: &Signed) -> String {
     const NAMES: [&str; 3] = ["x", "y", "z"];
     let kept: Vec<usize> = (0..3).filter(|&at| axes[at] == (at, 1.0)).collect();
@@ -356,7 +358,7 @@ fn frame(axes: &Signed) -> String {
     }
 }
 
-/// Axes that are read from others, or with another sign.
+/// Describes axes that are read from others or with another sign.
 fn columns(names: [&str; 3], axes: &Signed) -> String {
     let moved: Vec<usize> = (0..3).filter(|&at| axes[at].0 != at).collect();
     let turned: Vec<&str> = (0..3).filter(|&at| axes[at].1 < 0.0).map(|at| names[at]).collect();
@@ -373,7 +375,7 @@ fn columns(names: [&str; 3], axes: &Signed) -> String {
     }
 }
 
-/// The delay of the measured wrench, in rows that follow each other, at which the errors are far smaller.
+/// The delay of the measured wrench, in consecutive rows, that makes the errors far smaller.
 pub(super) fn delay(
     predicted: &PerAxis<Vec<f64>>,
     measured: &[Vec<f64>],
@@ -409,7 +411,7 @@ mod tests {
     use super::*;
     use system_tests::random::Random;
 
-    /// Loads of 400 rows that wander, and predictions that err by a hundredth of them.
+    /// Wandering loads of 400 rows, and predictions with errors of a hundredth of them.
     fn rows() -> (PerAxis<Vec<f64>>, Vec<Vec<f64>>) {
         let mut random = Random(7);
         let mut measured: Vec<Vec<f64>> = (0..6).map(|_| vec![0.0]).collect();
@@ -455,7 +457,7 @@ mod tests {
             (&|w| w[0].iter_mut().for_each(|x| *x += 7.0), "another zero of forces"),
             (&|w| w.swap(2, 5), "exchanging Fz and Mz"),
             (&|w| w.rotate_left(3), "exchanging forces and moments"),
-            // Of a mirror of y, moments about y keep their sign and the others change theirs.
+            // A mirror of y keeps the sign of moments about y and changes the others.
             (
                 &|w| [1, 3, 5].into_iter().for_each(|axis| negate(&mut w[axis])),
                 "mirroring y (another handedness) of forces and moments",

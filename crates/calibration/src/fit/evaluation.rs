@@ -1,10 +1,11 @@
-//! How well a calibration predicts the wrench that rows have measured: by log and by group; and how two calibrations
-//! differ.
+//! Errors of a calibration on measured wrenches, by log and by group, and the difference between two
+//! calibrations.
 //!
-//! Groups that are hard for one calibration are mostly hard for the other, so the difference is known better than either
-//! error. With D the mean over the groups of the difference of squared errors, weighted by rows, and s its standard error
-//! ([`FoldMean`]), the errors differ by `RMS₁ − RMS₂ = D/(RMS₁ + RMS₂)`, 95 % of the time within t·s of it, with
-//! Student's t of G − 1 degrees of freedom.
+//! Groups that are hard for one calibration are mostly hard for the other, so the difference is known better
+//! than either error. With D the mean over the groups of the difference of squared errors, weighted by rows,
+//! and s its standard error ([`FoldMean`]), the errors differ by `RMS₁ − RMS₂ = D/(RMS₁ + RMS₂)`. The 95 %
+//! interval of this difference has a half width of `t·s/(RMS₁ + RMS₂)`, with Student's t for G − 1 degrees of
+//! freedom.
 
 use std::collections::HashMap;
 
@@ -28,20 +29,20 @@ use shell_data::wrench::PerAxis;
 /// Errors of a calibration over some logs.
 #[derive(Clone, Debug, Default)]
 pub struct Evaluation {
-    /// Rows used.
+    /// Number of rows used.
     pub rows: u64,
-    /// Wrong rows that were left out.
+    /// Number of bad rows that were left out.
     pub skipped_rows: u64,
-    /// Rows whose readings repeat those of the row before, used or not.
+    /// Number of rows whose readings repeat the previous row's, used or not.
     pub repeated_rows: u64,
-    /// Rows used with a reading outside the range of the training data.
+    /// Number of used rows with a reading outside the range of the training data.
     pub out_of_range_rows: u64,
-    /// Predicted less measured, per axis.
+    /// Predicted minus measured, per axis.
     pub errors: PerAxis<AxisErrors>,
 }
 
 impl Evaluation {
-    /// Of all rows of some logs.
+    /// The errors on all rows of some logs.
     pub fn total(evaluations: &[Self]) -> Self {
         let mut total = Self::default();
         evaluations.iter().for_each(|evaluation| total.merge(evaluation));
@@ -57,12 +58,12 @@ impl Evaluation {
         quality::merge(&mut self.errors, &other.errors);
     }
 
-    /// Whether there are rows, and none is within the range of the training rows.
+    /// Returns true if there are rows and all of them are outside the range of the training rows.
     pub fn is_out_of_range(&self) -> bool {
         self.rows > 0 && self.out_of_range_rows == self.rows
     }
 
-    /// Whether the largest error of an axis is far above the others.
+    /// Returns true if the largest error of an axis is far above its root mean square.
     pub fn has_large_errors(&self) -> bool {
         let is_large =
             |axis: &AxisQuality| axis.max.is_some_and(|max| max > outliers::LIMIT * axis.rms);
@@ -88,38 +89,38 @@ pub fn evaluate(
     Ok(RowErrors::new(calibration, data, EvalOptions::default(), workers)?.logs)
 }
 
-/// What is looked at beside the errors.
+/// Results to compute in addition to the errors.
 #[derive(Clone, Copy, Default)]
 struct EvalOptions<'a> {
-    /// Errors are counted by their size, in these units, if there are any.
+    /// Units in which errors are counted by their size, if they are counted.
     size_unit: Option<&'a PerAxis<f64>>,
-    /// Says which rows may be outliers.
+    /// The test that finds rows that may be outliers.
     row_test: Option<&'a RowTest<'a>>,
-    /// Whether rows are compared with those of other logs.
+    /// True if rows are compared with those of other logs.
     compares: bool,
-    /// Whether the wrench that was measured is summed up.
+    /// True if the measured wrench is summed up.
     sums_loads: bool,
 }
 
-/// How a calibration does on the rows of a data set, and what else is said of these.
+/// The errors of a calibration on the rows of a data set, and other results of the same pass.
 #[derive(Default)]
 pub(super) struct RowErrors {
     /// The errors on each log.
     pub(super) logs: Vec<Evaluation>,
-    /// How large they are, if that was asked for.
+    /// The sizes of the errors, if requested.
     pub(super) sizes: Option<PerAxis<Magnitudes>>,
-    /// The rows that were tested as outliers, by block, if that was asked for.
+    /// The rows that were tested as outliers, by block, if requested.
     pub(super) tested: Vec<Vec<TestedRow>>,
-    /// The wrench that was measured, if that was asked for.
+    /// Sums of the measured wrench, if requested.
     pub(super) loads: WrenchSums,
-    /// What tells the rows of each log from those of others, if they are compared.
+    /// The fingerprint of each log's rows, if logs are compared.
     pub(super) fingerprints: Vec<Fingerprint>,
-    /// Rows of all logs, if they are compared.
+    /// A sample of the rows of all logs, if logs are compared.
     pub(super) sample: RowSample,
 }
 
 impl RowErrors {
-    /// Passes over the rows.
+    /// Computes the results in one pass over the rows.
     fn new(
         calibration: &Calibration,
         data: &Dataset,
@@ -134,7 +135,8 @@ impl RowErrors {
             ..Evaluation::default()
         }));
         let stride = RowSample::stride(data.rows());
-        // The state of a thread: room for predictions, and the sizes of the errors of all its blocks so far.
+        // The state of a thread: a buffer for predictions, and the sizes of the errors of all its blocks so
+        // far.
         type State = (PerAxis<Vec<f64>>, Option<PerAxis<Magnitudes>>);
         let work = |(predicted, sizes): &mut State, &(log, block): &(usize, &LabelledBlock)| {
             let rows = &*block.rows;
@@ -179,8 +181,9 @@ impl RowErrors {
         Ok(all)
     }
 
-    /// Passes over the rows of a fit and over test rows. Errors on the former are counted by their size in units, and
-    /// rows are tested as outliers, where these are given.
+    /// Computes the results for the training rows of a fit and for its test rows. If given, `size_unit` has
+    /// the units in which errors on the training rows are counted by size, and `row_test` tests these rows as
+    /// outliers.
     pub(super) fn of_fit(
         calibration: &Calibration,
         [train, test]: [&Dataset; 2],
@@ -189,7 +192,7 @@ impl RowErrors {
     ) -> Result<[Self; 2], FitError> {
         // A single log cannot be a copy of another.
         let compares = train.logs.len() + test.logs.len() > 1;
-        // Training rows are within the range that they define: there is nothing to look for.
+        // Training rows are always within the range, because they define it.
         let mut without_range = calibration.clone();
         without_range.valid_range = None;
         let look = EvalOptions { size_unit, row_test, compares, sums_loads: true };
@@ -201,50 +204,51 @@ impl RowErrors {
     }
 }
 
-/// Rows on both sides of a split, as far as rows are made of poses.
+/// Shares of rows whose pose is on both sides of a split, if the rows were recorded in poses.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Leaks {
     /// The share of test rows at poses of the training rows.
     pub test: Option<f64>,
-    /// The share of training rows whose pose other groups have rows of, too.
+    /// The share of training rows whose pose also has rows in other groups.
     pub groups: Option<f64>,
 }
 
 impl Leaks {
-    /// Whether errors on test rows say nothing of new poses.
+    /// The share of leaking test rows, if it is so large that errors on the test say nothing about new poses.
     pub fn in_test(&self) -> Option<f64> {
         self.test.filter(|&share| share >= LEAKY)
     }
 
-    /// Whether errors on held-out groups say nothing of new poses.
+    /// The share of leaking training rows, if it is so large that errors on held-out groups say nothing about
+    /// new poses.
     pub fn in_groups(&self) -> Option<f64> {
         self.groups.filter(|&share| share >= LEAKY)
     }
 }
 
-/// The groups of some rows, and a sample of their loads.
+/// Errors by group, and a sample of the loads.
 #[derive(Clone, Debug, Default)]
 pub struct GroupedErrors {
-    /// In the order in which they are met.
+    /// The groups, in the order of their first rows.
     pub groups: Vec<GroupErrors>,
-    /// Wrenches that were measured, evenly from all rows, N and N·m.
+    /// Measured wrenches, sampled evenly from all rows, N and N·m.
     pub loads: Vec<PerAxis<f64>>,
 }
 
 /// The errors of a calibration on one group.
 #[derive(Clone, Debug)]
 pub struct GroupErrors {
-    /// The label of a column, a file, a plateau.
+    /// The label from a column, or the name of a file or plateau.
     pub label: String,
-    /// Its rows.
+    /// Number of rows.
     pub rows: u64,
-    /// The mean wrench that was measured, N and N·m.
+    /// The mean measured wrench, N and N·m.
     pub load: PerAxis<f64>,
-    /// Predicted less measured.
+    /// Predicted minus measured.
     pub errors: PerAxis<AxisErrors>,
 }
 
-/// The errors on each group of labelled rows. Of the loads about `sample` are kept.
+/// Computes the errors on each group of labelled rows, and keeps the loads of about `sample` rows.
 ///
 /// # Errors
 /// [`FitError::Interrupted`].
@@ -255,7 +259,7 @@ pub fn group_errors(
     workers: Workers<'_>,
 ) -> Result<GroupedErrors, FitError> {
     let stride = (data.rows() / sample.max(1)).max(1) as usize;
-    // Of one block, with sums of loads in place of means.
+    // The groups of one block, with sums of loads in place of means.
     let work = |(): &mut (), (_, block): &(usize, &LabelledBlock)| {
         let (mut groups, mut predicted, mut start) = (Vec::new(), PerAxis::default(), 0);
         let (rows, wrench) = (block.rows.rows, &block.rows.wrench);
@@ -303,31 +307,31 @@ pub fn group_errors(
 /// The errors of two calibrations on the same rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PairedErrors {
-    /// Rows.
+    /// Number of rows.
     pub rows: u64,
-    /// What the groups are.
+    /// The definition of the groups.
     pub group_by: GroupBy,
-    /// Groups.
+    /// Number of groups.
     pub groups: usize,
-    /// For each axis.
+    /// The errors on each axis.
     pub axes: PerAxis<PairedError>,
 }
 
-/// A difference below this share of the errors is one of rounding.
+/// A difference below this share of the sum of both errors is rounding.
 const ROUNDING: f64 = 1e-9;
 
 /// The errors of two calibrations on one axis, N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PairedError {
-    /// Root mean squares.
+    /// The root mean squares of both.
     pub rms: [f64; 2],
-    /// The first less the second.
+    /// The first minus the second.
     pub difference: f64,
     /// Half the width of the 95 % interval of the difference.
     pub half_width: f64,
 }
 
-/// Which of two calibrations errs less.
+/// The one of two calibrations with the smaller errors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Better {
     /// The first.
@@ -344,7 +348,7 @@ impl PairedError {
         [self.difference - self.half_width, self.difference + self.half_width]
     }
 
-    /// Which calibration errs less.
+    /// The calibration with the smaller errors, if the interval excludes zero.
     pub fn better(&self) -> Better {
         match self.difference {
             difference if difference < -self.half_width => Better::First,
@@ -354,11 +358,11 @@ impl PairedError {
     }
 }
 
-/// The errors of two calibrations on the rows of `data`, each with its own lag and memory made up for, by its groups: of a
-/// column, files, those that are found, or stretches of time.
+/// The errors of two calibrations on the rows of `data`, with the lag and memory of each corrected. They are
+/// compared by groups of a column, files, groups found in the rows, or stretches of time.
 ///
 /// # Errors
-/// [`FitError`] if there are fewer than two groups, or whoever watches wants no more.
+/// [`FitError`] if there are fewer than two groups, or the watcher of the workers stops the pass.
 pub fn paired_errors(
     calibrations: [&Calibration; 2],
     data: &Dataset,
@@ -386,7 +390,7 @@ pub fn paired_errors(
         let differences: Vec<_> = first.iter().zip(&second).map(difference).collect();
         let per_square = if rms[0] + rms[1] > 0.0 { (rms[0] + rms[1]).recip() } else { 0.0 };
         let half_width = t * FoldMean::new(&differences).standard_error * per_square;
-        // What rounding leaves of two equal sums of squares tells nothing, however narrow the interval.
+        // A difference of equal sums of squares due to rounding means nothing, however narrow the interval.
         let is_rounding = (rms[0] - rms[1]).abs() <= ROUNDING * (rms[0] + rms[1]);
         let difference = if is_rounding { 0.0 } else { rms[0] - rms[1] };
         PairedError { rms, difference, half_width }
@@ -410,14 +414,14 @@ mod tests {
     use shell_data::wrench::Axes;
     use system_tests::random::Random;
 
-    /// A calibration of one channel that reads the load, and is off by so much.
+    /// A calibration of one channel that reads the load, with a constant error of `offset`.
     fn off_by(offset: f64) -> Calibration {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 1, memory: 0 };
         let scaling = Scaling { centre: vec![0.0], scale: vec![1.0] };
         Calibration::new(model, scaling, vec![[1.0; 6], [offset; 6]])
     }
 
-    /// Twenty poses of thirty rows, each pose off by an error of its own.
+    /// Twenty poses of thirty rows, where each pose has its own error.
     fn poses() -> Dataset {
         let (mut random, mut reading, mut load) = (Random(3), Vec::new(), Vec::new());
         for _ in 0..20 {
@@ -442,15 +446,15 @@ mod tests {
         };
         let found = compare(&off_by(1.5));
         assert_eq!(found.better(), Better::First);
-        // Squares: the mean of (e + 1.5)² − e² over the poses.
+        // The difference of squares is the mean of (e + 1.5)² − e² over the poses.
         let difference =
             (found.rms[0].powi(2) - found.rms[1].powi(2)) / (found.rms[0] + found.rms[1]);
         assert!((found.difference - difference).abs() < 1e-12);
-        // Six hundred rows would tell 0.02 from zero, twenty poses do not.
+        // Six hundred independent rows would distinguish 0.02 from zero; twenty poses do not.
         let chance = compare(&off_by(0.02));
         assert_eq!(chance.better(), Better::Neither);
         assert!(chance.half_width > chance.difference.abs());
-        // Alike but for the last bits.
+        // Equal except for the last bits.
         let rounded = compare(&off_by(1e-13));
         assert_ne!(rounded.rms[0], rounded.rms[1]);
         assert_eq!((rounded.better(), rounded.difference), (Better::Neither, 0.0));

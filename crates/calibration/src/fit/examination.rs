@@ -1,5 +1,5 @@
-//! The examination of a fit: its errors on the test against those that it promises, the cure where these are larger, and
-//! training rows that contradict each other.
+//! The examination of a fit: its errors on the test compared with the promised errors, the cure if they are
+//! larger, and contradictions among the training rows.
 
 use super::cures::{Cure, WrenchProducts, delay};
 use super::evaluation::{GroupErrors, group_errors};
@@ -15,15 +15,15 @@ use sensor_physics::COVERAGE_LEVEL;
 use shell_data::block::Block;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// A test fails if it surely errs by so many times what was promised on rows that were held out; by more where only the
-/// training error is known.
+/// A test fails if its error is certainly larger than this many times the promised error. The second limit
+/// applies if only the training error is known, not the error on held-out rows.
 const MOST: f64 = 2.0;
 const MOST_OF_TRAINING: f64 = 3.0;
 
-/// Errors below this share of the calibrated range fail no test.
+/// Errors below this share of the calibrated range never fail a test.
 const NO_ERROR: f64 = 1e-3;
 
-/// Rows that each exchange of two channels is tried on.
+/// Maximum number of rows on which each exchange of two channels is tried.
 const ROWS_OF_EXCHANGE: usize = 300;
 
 /// The subject of a fault.
@@ -41,44 +41,45 @@ pub enum FaultPlace {
 pub struct Fault {
     /// Its subject.
     pub place: FaultPlace,
-    /// What was found, with the cure where one is known.
+    /// The description, with the cure if one is known.
     pub text: String,
 }
 
-/// The error on the test beside the promise, on the axis where it is largest for that.
+/// The error on the test divided by the promised error, on the axis where it is most certainly too large.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestRatio {
     /// The axis.
     pub axis: Axis,
-    /// How many times the promise the error is.
+    /// The error divided by the promised error.
     pub ratio: f64,
-    /// Its 95 % interval, from the scatter between groups of test rows; as wide as can be where there is one.
+    /// The 95 % interval of the ratio, from the scatter between groups of test rows; zero to infinity for a
+    /// single group.
     pub interval: [f64; 2],
 }
 
 /// The results of an examination.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Examination {
-    /// The test, where there is one with an axis that varies.
+    /// The result of the test, if there is a test and an axis varies.
     pub test: Option<TestRatio>,
     /// Faults, the most important first.
     pub faults: Vec<Fault>,
 }
 
 impl Fault {
-    /// Of the test.
+    /// Creates a fault of the test.
     pub fn of_test(text: impl Into<String>) -> Self {
         Self { place: FaultPlace::Test, text: text.into() }
     }
 
-    /// Of the training rows.
+    /// Creates a fault of the training rows.
     pub fn of_data(text: impl Into<String>) -> Self {
         Self { place: FaultPlace::Data, text: text.into() }
     }
 }
 
 impl Fit {
-    /// Examines the test and the training rows, which takes a small part of the time of the fit.
+    /// Examines the test and the training rows. This takes a small part of the time of the fit.
     ///
     /// # Errors
     /// [`FitError::Interrupted`].
@@ -94,7 +95,7 @@ impl Fit {
         Ok(())
     }
 
-    /// The errors that are promised on new rows, and how many times these a test may err.
+    /// The errors promised on new rows, and the factor by which errors on a test may exceed them.
     pub(super) fn promise(&self) -> (PerAxis<f64>, f64) {
         match &self.cross_validation {
             Some(found) => {
@@ -106,7 +107,8 @@ impl Fit {
         }
     }
 
-    /// The largest errors of a test that passes, and the axis that comes nearest to them.
+    /// The largest errors with which a test passes, and the ratio on the axis that most certainly exceeds its
+    /// promise.
     fn test_ratio(
         &self,
         workers: Workers<'_>,
@@ -127,7 +129,7 @@ impl Fit {
         Ok((limit, ratios.max_by(|a, b| a.interval[0].total_cmp(&b.interval[0]))))
     }
 
-    /// The fault of a test that fails.
+    /// Describes the fault of a test that fails.
     fn test_fault(&self, of: &TestRatio, limit: &PerAxis<f64>) -> String {
         if let Some(cure) = self.cure_of_test(limit) {
             return cure;
@@ -148,7 +150,7 @@ impl Fit {
         text
     }
 
-    /// The change that cures all of the test, one of its files, or half of a file.
+    /// The change that cures the whole test, one of its files, or half of a file.
     fn cure_of_test(&self, limit: &PerAxis<f64>) -> Option<String> {
         let (calibration, axes) = (&self.calibration, self.calibration.axes);
         let search = |rows: &Block| cure(calibration, rows, limit, axes);
@@ -199,7 +201,7 @@ impl TestRatio {
             _ => {
                 let centre = logs.iter().sum::<f64>() / n;
                 let variance = logs.iter().map(|of| (of - centre).powi(2)).sum::<f64>() / (n - 1.0);
-                // Of the logarithm of a root.
+                // Halved, because the logarithm of a root is half that of the square.
                 0.5 * student_quantile(COVERAGE_LEVEL, n - 1.0) * (variance / n).sqrt()
             }
         };
@@ -207,7 +209,8 @@ impl TestRatio {
         ratio.is_finite().then_some(Self { axis, ratio, interval })
     }
 
-    /// Whether the error is surely larger than so many times the promise; of one group, by that times more.
+    /// Returns true if the error is certainly larger than `most` times the promised error. A single group has
+    /// an infinite interval: its limit is `most` squared.
     fn fails(&self, most: f64) -> bool {
         match self.interval[1].is_finite() {
             true => self.interval[0] > most,
@@ -216,7 +219,7 @@ impl TestRatio {
     }
 }
 
-/// The change of the reference, or the exchange of two channels, that cures rows.
+/// The change of the reference, or the exchange of two channels, that cures the rows.
 fn cure(calibration: &Calibration, rows: &Block, limit: &PerAxis<f64>, axes: Axes) -> Option<Cure> {
     if rows.rows == 0 {
         return None;
@@ -226,7 +229,7 @@ fn cure(calibration: &Calibration, rows: &Block, limit: &PerAxis<f64>, axes: Axe
     found.or_else(|| exchanged_channels(calibration, rows, limit, axes))
 }
 
-/// The exchange of two channels that cures rows.
+/// The exchange of two channels that cures the rows.
 fn exchanged_channels(
     calibration: &Calibration,
     rows: &Block,
@@ -249,7 +252,7 @@ fn exchanged_channels(
     let mut best: Option<Cure> = None;
     for (a, b) in (0..channels).flat_map(|a| (a + 1..channels).map(move |b| (a, b))) {
         let mut readings = few.readings.clone();
-        // Each with its memory terms.
+        // The memory terms of both channels are exchanged, too.
         for first in (0..readings.len()).step_by(channels) {
             readings.swap(first + a, first + b);
         }

@@ -1,7 +1,7 @@
-//! The means of groups of training rows, in place of the rows.
+//! Means of groups of training rows, which replace the rows.
 //!
-//! Rows of a pose are one observation many times over. A fit to the means gives each pose the same weight, however
-//! long it was held.
+//! The rows of a pose repeat one observation many times. A fit to the means gives each pose the same weight,
+//! regardless of how long it was held.
 
 use least_squares::double_double::DoubleDouble;
 use least_squares::error::FitError;
@@ -10,12 +10,12 @@ use least_squares::reading_ranges::ReadingRanges;
 use shell_data::block::Block;
 use shell_data::dataset::{BLOCK_ROWS, Dataset};
 
-/// A row for each group of labelled rows, in the order of their first rows.
+/// Returns a row of means for each group of labelled rows, in the order of their first rows.
 ///
 /// # Errors
-/// [`FitError`] if there are none, or one is not finite.
+/// [`FitError`] if there are no groups, or a value is not finite.
 pub(super) fn group_means(data: &Dataset) -> Result<Dataset, FitError> {
-    // Names what is not finite, as every fit does.
+    // Reports values that are not finite, as every fit does.
     ReadingRanges::from_dataset(data)?;
     let (rows, labels) = GroupedRows::from_labels(data);
     let Some(first) = data.logs.first().filter(|_| !labels.is_empty()) else {
@@ -24,7 +24,7 @@ pub(super) fn group_means(data: &Dataset) -> Result<Dataset, FitError> {
     let groups: Vec<(String, &[Run])> = labels.into_iter().zip(rows.groups()).collect();
     let means = |groups: &[(String, &[Run])]| {
         let mean = |column: usize| {
-            // In twice the digits: means are right to the last one, in any order of the rows.
+            // Double-double sums: means are correct to the last digit in any order of the rows.
             let of = |(_, runs): &(String, &[Run])| {
                 let values = rows.column(runs, column).map(DoubleDouble::from);
                 let sum = values.fold(DoubleDouble::ZERO, |sum, x| sum + x);

@@ -4,8 +4,9 @@
 //! Dataset ─▶ outliers left out ─▶ groups ─▶ model, by held-out groups ─▶ solution ─▶ errors, intervals, warnings
 //! ```
 //!
-//! Logs and arrays enter as a [`Dataset`]; [partial fits](fit_sums) enter with sums in place of rows. What is found is a
-//! value in [`Fit`], and so is what is to be said of it ([`Warning`]): the caller prints, and writes files.
+//! Logs and arrays enter as a [`Dataset`], [partial fits](fit_sums) as sums in place of rows. The result is a
+//! [`Fit`], which holds everything the user should know as [`Warning`] values: the caller prints and writes
+//! files.
 //!
 //! ```
 //! use calibration::{Basis, FitOptions, fit};
@@ -81,24 +82,24 @@ use sensor_physics::COVERAGE_LEVEL;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::PerAxis;
 
-/// A calibration, how well it does, and what led to it.
+/// A calibration, its errors, and how it was found.
 #[derive(Clone, Debug)]
 pub struct Fit {
     /// The calibration.
     pub calibration: Calibration,
     /// How it was found.
     pub method: FitMethod,
-    /// The rows that were fitted, with the labels of their groups where those are known.
+    /// The rows that were fitted, with the labels of their groups if these are known.
     pub used: Dataset,
     /// The test rows that were used.
     pub tested: Dataset,
-    /// Rows fitted.
+    /// Number of rows fitted.
     pub rows: u64,
-    /// Rows used of each training log.
+    /// Number of rows used from each training log.
     pub rows_of_logs: Vec<u64>,
-    /// Wrong rows that were left out.
+    /// Number of bad rows that were left out.
     pub skipped_rows: u64,
-    /// Rows whose readings repeat those of the row before.
+    /// Number of rows whose readings repeat the previous row's.
     pub repeated_rows: u64,
     /// Errors on the training rows.
     pub train: PerAxis<AxisQuality>,
@@ -106,46 +107,46 @@ pub struct Fit {
     pub tests: Vec<Evaluation>,
     /// How well the training loads cover the six axes.
     pub excitation: Option<Excitation>,
-    /// Rows on both sides of a split.
+    /// Shares of rows whose pose is on both sides of a split.
     pub leaks: Leaks,
-    /// The kind of groups that were taken.
+    /// The kind of groups used.
     pub group_by: Option<GroupBy>,
-    /// The groups that were found, where they are not given.
+    /// The groups that were found, if none were given.
     pub found_groups: Option<FoundGroups>,
-    /// Why there are no standard errors.
+    /// Why there are no standard errors: too few groups.
     pub few_groups: Option<FewGroups>,
-    /// How the family of features was chosen, where it was.
+    /// The choice of the family of features, if it was chosen.
     pub selection: Option<Selection>,
-    /// Held-out errors, where they were asked for.
+    /// Held-out errors, if they were requested or the model was chosen by them.
     pub cross_validation: Option<CrossValidation>,
-    /// Why no model could be chosen on held-out groups, where one was to be.
+    /// Why [`ModelRule::Auto`] could not choose a model on held-out groups, if it failed.
     pub not_judged: Option<FitError>,
     /// Advice from held-out errors.
     pub advice: Option<Advice>,
-    /// The physics model beside the polynomial that was chosen, or why it was not compared.
+    /// Comparison of the physics model with the chosen polynomial, or why there is none.
     pub comparison: Outcome<ModelComparison, String>,
-    /// The groups whose means the rows are, where they are.
+    /// The groups that were reduced to means, for a fit to means.
     pub means: Option<MeansOf>,
     /// Outliers that were left out.
     pub dropped: Outliers,
-    /// Outliers that were used, where some were looked for.
+    /// Outliers that were used, if a search took place.
     pub outliers: Outcome<Outliers, FitError>,
     /// Lag and memory.
     pub dynamics: Outcome<Dynamics, NotSearched>,
-    /// Warnings about it.
+    /// Warnings for the user.
     pub warnings: Vec<Warning>,
-    /// Faults of test and training rows, where these were examined.
+    /// Faults of the test and the training rows, if [`Fit::examine`] ran.
     pub examination: Option<Examination>,
 }
 
 /// Rows that were reduced to means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MeansOf {
-    /// Groups.
+    /// Number of groups.
     pub groups: usize,
-    /// Rows.
+    /// Number of rows.
     pub rows: u64,
-    /// Wrong rows that were left out.
+    /// Number of bad rows that were left out.
     pub skipped_rows: u64,
 }
 
@@ -158,7 +159,7 @@ pub enum FitMethod {
         solution: Box<Solution>,
         /// The solver that was used.
         solver: SolverKind,
-        /// As [`FitOptions::truncate`].
+        /// See [`FitOptions::truncate`].
         truncate: Option<f64>,
     },
     /// A physics model.
@@ -174,7 +175,7 @@ impl Fit {
         }
     }
 
-    /// Features or parameters of the model.
+    /// Number of features or parameters of the model.
     pub fn parameter_count(&self) -> usize {
         match &self.calibration.kind {
             Kind::Polynomial(polynomial) => polynomial.model().term_count(),
@@ -182,12 +183,13 @@ impl Fit {
         }
     }
 
-    /// Independent features, or parameters of a physics model.
+    /// Number of independent features, or of parameters for a physics model.
     pub fn rank(&self) -> usize {
         self.solution().map_or_else(|| self.parameter_count(), |solution| solution.rank)
     }
 
-    /// Condition number of the features, columns scaled to norm one; `None` if infinite, and of physics models.
+    /// Condition number of the features, columns scaled to norm one; `None` if infinite, and for physics
+    /// models.
     pub fn condition(&self) -> Option<f64> {
         Some(self.solution()?.condition).filter(|condition| condition.is_finite())
     }
@@ -197,7 +199,7 @@ impl Fit {
         Evaluation::total(&self.tests)
     }
 
-    /// A fit of the model that was chosen, without other results so far.
+    /// Creates a fit of the chosen model, without other results so far.
     fn new(
         calibration: Calibration,
         choice: ModelChoice,
@@ -262,7 +264,7 @@ impl Fit {
         fitted
     }
 
-    /// Adds the warnings of errors, groups and covariance.
+    /// Adds the warnings about loads, leaks, the solution, intervals and the range of the test rows.
     fn warn(&mut self) {
         let test = self.test();
         let lever_m = self.excitation.as_ref().and_then(Excitation::lever_m);
@@ -302,13 +304,14 @@ impl Fit {
 
 /// Fits a calibration to `train` and finds its errors there and on `test`, which may have no rows.
 ///
-/// Lag and memory that are found change blocks of rows where they are, unless the caller has them, too.
+/// If lag or memory is found, the correction modifies the blocks of rows in place, or copies blocks that the
+/// caller still holds.
 ///
-/// All logs of both have the same channels and axes of the wrench.
+/// All logs of both must have the same channels and the same axes of the wrench.
 ///
 /// # Errors
-/// [`FitError`] if the rows do not determine a calibration, something is asked of groups where there are none, a
-/// log is a copy of another, or whoever watches wants no more.
+/// [`FitError`] if the rows do not determine a calibration, an option needs groups and there are none, a log
+/// is a copy of another, or the watcher of the workers stops the fit.
 pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fit, FitError> {
     if train.logs.is_empty() {
         return Err(FitError::NoRows);
@@ -333,7 +336,7 @@ pub fn fit(train: Dataset, test: Dataset, options: &FitOptions<'_>) -> Result<Fi
     Ok(fitted)
 }
 
-/// The rows that are to be left out.
+/// Finds the rows to leave out.
 fn drop_outliers(train: &Dataset, options: &FitOptions<'_>) -> Result<Outliers, FitError> {
     let drops = options.outliers == OutlierRule::Drop;
     if !drops && options.valid_range.is_none() {
@@ -382,14 +385,14 @@ fn fit_rows(input: FitInput<'_>) -> Result<Fit, FitError> {
     }
 }
 
-/// Fits the polynomial that was chosen or, where it errs less on held-out groups, the physics model.
+/// Fits the chosen polynomial, or the physics model if that has smaller errors on held-out groups.
 fn fit_best(input: FitInput<'_>, choice: ModelChoice) -> Result<Fit, FitError> {
     let comparison = match input.options.why_no_physics(input.train) {
         Some(reason) => Outcome::NotPossible(reason),
         None if input.train.memory_terms() > 0 => {
             Outcome::NotPossible("it has no memory terms, which pay here".to_owned())
         }
-        // Physics is fitted to rows.
+        // The physics model is fitted to rows, not to means.
         None if input.options.means => Outcome::NotAsked,
         None => match ModelComparison::of(input, &choice) {
             Err(FitError::Interrupted) => return Err(FitError::Interrupted),

@@ -12,20 +12,20 @@ use least_squares::solver::SolverKind;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// Which model is fitted.
+/// The model to fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ModelRule {
     /// A polynomial of this family of features.
     Given(Basis),
-    /// The smallest polynomial that predicts new groups as well as the best, or the physics model where that
-    /// predicts them better. Where nothing can be held out, the cubic one.
+    /// The smallest polynomial that predicts new groups about as well as the best one, or the physics model
+    /// if that predicts them better. The cubic polynomial if nothing can be held out.
     Auto,
     /// The physics model.
     Physics,
 }
 
 impl ModelRule {
-    /// The rule that users call so.
+    /// The rule with the name that users give it.
     pub fn from_name(name: &str) -> Option<Self> {
         match name {
             "auto" => Some(Self::Auto),
@@ -34,7 +34,7 @@ impl ModelRule {
         }
     }
 
-    /// The default for lag and memory: both are chosen if the model is.
+    /// The default rule for lag and memory: both are chosen if the model is chosen.
     pub fn usual_dynamics(self) -> DynamicsRule<'static> {
         match self {
             Self::Auto => DynamicsRule::AUTO,
@@ -49,76 +49,77 @@ impl From<Basis> for ModelRule {
     }
 }
 
-/// What is done about outliers.
+/// The treatment of outliers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OutlierRule {
-    /// They are looked for where a row stands out, and used.
+    /// Searches for them if a row stands out, and uses them.
     Report,
-    /// They are left out.
+    /// Leaves them out.
     Drop,
-    /// They are used, and not looked for.
+    /// Uses them, without a search.
     Keep,
 }
 
-/// What the covariance of the coefficients is found from.
+/// The source of the covariance of the coefficients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CovarianceRule {
-    /// By the log's group column or its plateaus where there are ten at least, by rows otherwise.
+    /// Groups of the logs' column or plateaus, if there are at least ten; otherwise rows.
     Auto,
-    /// Errors are alike within groups: those of the group column, files, or those that are found.
+    /// Groups within which errors are alike: groups of a column, files, or groups found in the rows.
     Groups,
-    /// Errors are independent from row to row.
+    /// Rows, whose errors are independent of each other.
     Rows,
-    /// None is wanted.
+    /// No covariance.
     Nothing,
 }
 
-/// What is to be fitted, and how.
+/// Options of a fit.
 #[derive(Clone, Copy, Debug)]
 pub struct FitOptions<'a> {
     /// The model.
     pub model: ModelRule,
     /// Fits a constant in addition to the features.
     pub intercept: bool,
-    /// λ of a ridge on columns of norm one; 0 for none, or for the best of several where the family of features is
-    /// chosen.
+    /// λ of a ridge on columns of norm one. Zero means no ridge or, if the family of features is chosen, the
+    /// best of several.
     pub ridge: f64,
-    /// The solver. Where the exact one cannot take the rows, refined QR does.
+    /// The solver. Refined QR replaces the exact solver for rows that it cannot take.
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: leaves out directions whose singular value, of columns of norm one,
-    /// is below this share of the largest.
+    /// For [`SolverKind::Svd`]: leaves out directions with a singular value below this share of the largest,
+    /// for columns of norm one.
     pub truncate: Option<f64>,
-    /// Find the errors on groups that were held out; those of a model that is chosen are found in any case.
+    /// Finds the errors on held-out groups. For a model that is chosen, they are found in any case.
     pub cross_validation: Option<HeldOut>,
-    /// Which way rows are assigned to the random folds that those are compared with.
+    /// The seed of the random folds that the held-out errors are compared with.
     pub seed: u64,
     /// The source of the covariance.
     pub covariance: CovarianceRule,
-    /// Fit to the mean of each group of rows, each counted once.
+    /// Fits to the mean of each group of rows, each counted once.
     pub means: bool,
     /// The treatment of lag and memory.
     pub dynamics: DynamicsRule<'a>,
-    /// Use only rows whose readings differ from those of the row before.
+    /// Uses only rows whose readings differ from the previous row's.
     pub fresh: bool,
-    /// Readings outside are wrong: rows with any are left out.
+    /// The range of valid readings: rows with a reading outside it are left out.
     pub valid_range: Option<[f64; 2]>,
     /// The treatment of outliers.
     pub outliers: OutlierRule,
-    /// What was asked for that polynomials alone have: with [`ModelRule::Auto`] nothing else is then chosen.
+    /// The name of a requested option that only polynomials support. [`ModelRule::Auto`] then chooses only
+    /// among polynomials.
     pub polynomials_only: Option<&'a str>,
-    /// What errors of the physics model on held-out groups are against, by label, where the wrench of their rows was
-    /// corrected by their own readings.
+    /// Stated loads by label of their group, which replace the wrench in held-out errors of the physics model
+    /// if the wrench of the rows was corrected by their own readings.
     pub stated_loads: Option<&'a BTreeMap<String, PerAxis<f64>>>,
-    /// Who works on it.
+    /// The threads, and who watches them.
     pub workers: Workers<'a>,
 }
 
-/// Which groups a fit asks for.
+/// The groups that a fit needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroupsAsked {
-    /// None.
+    /// No groups.
     Nothing,
-    /// Those that rows are given in, or poses that are found.
+    /// Groups given with the rows, or poses found in them, if there are any.
     IfAny,
     /// The groups that can be held out.
     HeldOut(HeldOut),
@@ -149,7 +150,7 @@ impl Default for FitOptions<'_> {
 }
 
 impl FitOptions<'_> {
-    /// Which groups are asked for, and so which columns of logs.
+    /// The groups that the fit needs, and thereby the columns to read from logs.
     pub fn groups_asked(&self) -> GroupsAsked {
         match self.covariance {
             _ if self.means || self.validates() => {
@@ -161,7 +162,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// The family of features, where it is not to be chosen.
+    /// The family of features, unless it is chosen.
     pub(super) fn basis(&self) -> Option<Basis> {
         match self.model {
             ModelRule::Given(basis) => Some(basis),
@@ -171,12 +172,12 @@ impl FitOptions<'_> {
 
     /// Returns true if conspicuous rows start a search for outliers.
     pub(super) fn looks_for_outliers(&self) -> bool {
-        // A mean is no row that was recorded.
+        // A mean is not a recorded row.
         !self.means && self.outliers == OutlierRule::Report
     }
 
-    /// What can be had of rows that have weights, which no exact sum can take: a plain least-squares fit, and
-    /// standard errors by row.
+    /// Checks that the options suit rows with weights, which exact sums cannot take: they allow a plain
+    /// least-squares fit and standard errors by row.
     pub(super) fn check_weighted(&self) -> Result<(), FitError> {
         let what = match self {
             Self { model: ModelRule::Physics, .. } => "the physics model",
@@ -199,8 +200,8 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Finds lag and memory as far as that is asked for, and prepares rows for a model that has them: with memory terms
-    /// beside their readings, and the wrench at the time of the readings.
+    /// Finds lag and memory as far as requested, and prepares the rows for a model with them: adds memory
+    /// terms to the readings and takes the wrench at the time of the readings.
     pub(super) fn prepare(
         &self,
         [train, test]: [Dataset; 2],
@@ -226,7 +227,8 @@ impl FitOptions<'_> {
     }
 }
 
-/// Checks that rows have all axes of the wrench, to which every sensor answers, and count alike.
+/// Checks that rows have all axes of the wrench, because every sensor responds to all of them, and have no
+/// weights.
 ///
 /// # Errors
 /// [`FitError::PhysicsAxes`], [`FitError::Weights`].

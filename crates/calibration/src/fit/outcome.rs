@@ -1,19 +1,19 @@
-//! Answers that may not have been asked for, and may not be possible.
+//! Results that may not be requested, and may not be possible.
 
-/// The answer to something that a fit may be asked.
+/// The outcome of an optional part of a fit.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Outcome<T, E> {
-    /// It was not asked for.
+    /// Not requested.
     #[default]
     NotAsked,
-    /// It cannot be had of these rows, and why.
+    /// Not possible with these rows, for this reason.
     NotPossible(E),
-    /// It was found.
+    /// The result.
     Found(T),
 }
 
 impl<T, E> Outcome<T, E> {
-    /// The answer, where there is one.
+    /// The result, if there is one.
     pub fn found(&self) -> Option<&T> {
         match self {
             Self::Found(found) => Some(found),
@@ -21,7 +21,7 @@ impl<T, E> Outcome<T, E> {
         }
     }
 
-    /// The reason why there is none, where it was asked for.
+    /// The reason why a requested result is missing.
     pub fn reason(&self) -> Option<&E> {
         match self {
             Self::NotPossible(reason) => Some(reason),

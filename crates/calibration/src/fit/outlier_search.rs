@@ -16,35 +16,36 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Fits that are made before the search is given up.
+/// Maximum number of fits before the search stops.
 const MOST_ROUNDS: usize = 12;
 
-/// More rows than this share, and than so many, are no slips of single rows.
+/// Maximum number of rows that can be slips of single rows: this share of all rows, but at least the second
+/// number.
 const LARGEST_SHARE: f64 = 0.01;
 const MANY: usize = 50;
 
-/// An error is far beyond those of so large a share of the rows if it is so many times as large.
+/// An outlier's error exceeds this many times the errors of all but that share of the rows.
 const FAR_BEYOND: f64 = 2.5;
 
-/// A column whose value is so many standard deviations from that of its neighbours is worth a word.
+/// Distance of a value from its nearer neighbour, in standard deviations, above which a warning names the
+/// column.
 const FAR_FROM_NEIGHBOURS: f64 = 2.0;
 
-/// A load of so many standard deviations is not possible.
+/// Minimum size of an impossible load, in standard deviations.
 const FAR_BEYOND_LOADS: f64 = 10.0;
 
-/// A row of the block at a position, while it is looked at.
+/// A tested row, with the position of its block.
 type Suspect = (usize, TestedRow);
-/// A row by the position of its block and its own there.
+/// A row, by the position of its block and its position in the block.
 type RowKey = (usize, usize);
-/// Rows in their order.
 type RowKeys = BTreeSet<RowKey>;
 
 fn key((block, tested): &Suspect) -> RowKey {
     (*block, tested.row)
 }
 
-/// Looks for outliers in `data` by the family of features that `options` name, and by the cubic model where they name
-/// none.
+/// Searches for outliers in `data` with the family of features in `options`, or with the cubic model if they
+/// give none.
 ///
 /// # Errors
 /// [`FitError`] if the other rows do not determine a calibration.
@@ -59,19 +60,19 @@ pub(super) struct KnownFit<'a> {
     pub(super) tested: Vec<Vec<TestedRow>>,
 }
 
-/// Looks for outliers that were used, by a fit that may be known.
+/// Searches for outliers among the used rows. Starts from the fit to all rows if it is `known`.
 pub(super) fn name_outliers(
     train: &Dataset,
     known: Option<KnownFit<'_>>,
     options: &FitOptions<'_>,
 ) -> Result<Outliers, FitError> {
     let mut found = search(train, options, known)?;
-    // Those outside the valid range have been left out.
+    // Rows outside the valid range have been left out.
     found.rows.retain(|row| row.reason != Reason::OutOfRange);
     Ok(found)
 }
 
-/// As [`find_outliers`], where the fit to all rows may be `known`.
+/// Like [`find_outliers`], but starts from the fit to all rows if it is `known`.
 fn search(
     data: &Dataset,
     options: &FitOptions<'_>,
@@ -112,7 +113,7 @@ fn search(
             Some(tested) => (tested, LIMIT),
             None => search.test(&test, &excluded, most)?,
         };
-        // All that stands out is left out first; then what belongs goes back.
+        // The first round leaves out all rows that stand out; later rounds return the good ones.
         suspects.retain(|suspect @ (_, tested)| match round {
             _ if never.contains(&key(suspect)) => false,
             0 => tested.stands_out(),
@@ -122,7 +123,8 @@ fn search(
             return Ok(Outliers { too_many: Some(suspects.len()), ..Outliers::default() });
         }
         left_out = suspects.iter().map(key).collect();
-        // Some rows may come and go.
+        // A set that was tried before: some rows alternate between in and out, and the search would never
+        // end.
         if !tried.insert(left_out.clone()) {
             break;
         }
@@ -135,8 +137,8 @@ fn search(
     Ok(Outliers { rows, too_many: None, rms })
 }
 
-/// The size above which an error is that of an outlier: far beyond the sizes of all but `most` rows, where no row that is
-/// not a suspect has a larger one than `unseen`.
+/// The size above which an error makes a row an outlier: far beyond the sizes of all but `most` rows.
+/// `unseen` is the maximum size of rows that are not suspects.
 fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
     let mut sizes: Vec<f64> = tested.iter().map(|(_, of)| of.size).collect();
     let tail = match sizes.len() > most {
@@ -146,21 +148,20 @@ fn limit_beyond(tested: &[Suspect], most: usize, unseen: f64) -> f64 {
     LIMIT.max(FAR_BEYOND * tail.max(unseen))
 }
 
-/// Rows that are searched.
 struct OutlierSearch<'a> {
     data: &'a Dataset,
     options: &'a FitOptions<'a>,
-    /// The rows, with the number of their log.
+    /// The blocks of rows, each with the index of its log.
     blocks: Vec<(usize, &'a Block)>,
-    /// Which rows of each block are to be tested, ascending.
+    /// The rows of each block to test, ascending.
     suspects: Vec<Vec<usize>>,
     spread: &'a Spread,
-    /// The standard deviations of the errors of the fit by which rows were looked at last.
+    /// The standard deviations of the errors of the fit that last scanned all rows for suspects.
     looked_by: Option<PerAxis<f64>>,
 }
 
 impl OutlierSearch<'_> {
-    /// Begins with the rows of each block that were tested by the fit to all rows.
+    /// Starts from the rows of each block that were tested by the fit to all rows.
     fn start_from(&mut self, fit: &Solved, tested: Vec<Vec<TestedRow>>) -> Vec<Suspect> {
         self.looked_by = RowTest::new(&fit.solution, self.spread).map(|test| test.noise);
         self.suspects = tested.iter().map(|of| of.iter().map(|of| of.row).collect()).collect();
@@ -185,9 +186,11 @@ impl OutlierSearch<'_> {
         solve(&problem, None, &Rows::new(&used, self.options.workers), sample)
     }
 
-    /// The fit `all` without some of its rows, from what is known of it; `None` if that takes the other rows.
+    /// The fit `all` without some of its rows, computed from its solution or its sums; `None` if that
+    /// requires a pass over the other rows.
     fn without(&self, all: &Solved, left_out: &RowKeys) -> Result<Option<Solution>, FitError> {
-        /// More are better taken out of sums, or left out of a pass: what is kept of each is as long as the features.
+        /// Maximum number of rows to remove from the solution, because each needs memory for all features. It
+        /// is better to remove more rows from the sums, or leave them out of a pass.
         const MOST_TAKEN_OUT: usize = 4096;
         let rows = self.gather(left_out);
         let few = rows.rows <= MOST_TAKEN_OUT;
@@ -202,20 +205,19 @@ impl OutlierSearch<'_> {
         })
     }
 
-    /// Copies of some rows.
     fn gather(&self, wanted: &RowKeys) -> Block {
         let mut gathered = Block::default();
         wanted.iter().for_each(|&(block, row)| gathered.append(self.blocks[block].1, row..row + 1));
         gathered
     }
 
-    /// Those of some rows of a block that the fit uses.
+    /// The rows of a block that the fit uses, out of `rows`.
     fn used(&self, block: &Block, rows: impl Iterator<Item = usize>) -> Vec<usize> {
         let fresh = self.options.fresh.then(|| block.fresh_rows());
         rows.filter(|&row| fresh.as_ref().is_none_or(|fresh| fresh[row])).collect()
     }
 
-    /// Looks through all rows for further suspects.
+    /// Scans all rows for further suspects.
     fn look(&mut self, test: &RowTest<'_>) -> Result<(), FitError> {
         let work = |room: &mut PerAxis<Vec<f64>>, &(_, block): &(usize, &Block)| {
             test.calibration.wrench(&block.readings, room);
@@ -236,16 +238,16 @@ impl OutlierSearch<'_> {
         Ok(())
     }
 
-    /// Tests the suspects by a fit without the rows `excluded`, and finds the size above which an error is that of an
-    /// outlier. All rows are searched for suspects again only if others may change the result: if one of them may be an
-    /// outlier, or so many may have large errors that the limit rises.
+    /// Tests the suspects by a fit without the rows `excluded`, and finds the size above which an error makes
+    /// a row an outlier. Scans all rows for suspects again only if other rows may change the result: if one
+    /// of them may be an outlier, or so many may have large errors that the limit rises.
     fn test(
         &mut self,
         test: &RowTest<'_>,
         excluded: &RowKeys,
         most: usize,
     ) -> Result<(Vec<Suspect>, f64), FitError> {
-        /// An error of a smaller size stays below [`LIMIT`] although the predictions change.
+        /// An error of a smaller size stays below [`LIMIT`] even if the predictions change.
         const NEAR_LIMIT: f64 = LIMIT / 1.5;
         let unseen = self.looked_by.map(|noise| test.largest_unseen(&noise));
         if let Some(unseen) = unseen.filter(|&unseen| unseen < NEAR_LIMIT) {
@@ -294,10 +296,12 @@ impl OutlierSearch<'_> {
         self.blocks.iter().enumerate().flat_map(of_block).collect()
     }
 
-    /// Errors of the fit to all rows, and of that without those `left_out`, on the rows that both are to hold for.
+    /// Root mean square errors of the fit to all rows, and of the fit without the rows `left_out`, both on
+    /// the rows that are not left out.
     ///
-    /// Those of the first are what is left of the sum of its squared errors without those of the rows left out. That
-    /// loses few digits: a row that errs by far more than all others bends the fit, and they err, too.
+    /// For the first, the squared errors of the rows left out are subtracted from the sum of all squared
+    /// errors. The subtraction loses few digits: a row with a far larger error than all others bends the fit,
+    /// so that the others have errors, too.
     fn rms(&self, [all, without]: [&Solution; 2], left_out: &RowKeys) -> Option<[PerAxis<f64>; 2]> {
         let left_out = self.gather(left_out);
         let mut predicted = PerAxis::default();
@@ -317,7 +321,6 @@ impl OutlierSearch<'_> {
         ])
     }
 
-    /// Why a row that was tested is an outlier.
     fn reason(&self, &(block, TestedRow { row, error, size, axis, .. }): &Suspect) -> Reason {
         let (error, rows) = (error[axis], self.blocks[block].1);
         let predicted = error + rows.wrench[axis][row];
@@ -326,8 +329,8 @@ impl OutlierSearch<'_> {
         Reason::Error { axis: Axis::ALL[axis], size, error, is_possible }
     }
 
-    /// Names a row and what in it differs most from its neighbours; of a row outside the valid range, the readings that
-    /// are outside.
+    /// Names a row and the columns that differ most from its neighbours or, for a row outside the valid
+    /// range, the readings that are outside.
     fn name(&self, (block, row): RowKey, reason: Reason) -> Outlier {
         let (log, rows) = self.blocks[block];
         let (channels, terms) = (self.data.channels(), rows.memory_columns);
@@ -335,7 +338,7 @@ impl OutlierSearch<'_> {
         let beside = |column: usize| {
             [row.checked_sub(1), Some(row + 1)].map(|at| all[column].get(at?).copied())
         };
-        // The nearer of both: at the edge of a contact one of them is far.
+        // The distance to the nearer neighbour: at the edge of a contact the other is far away.
         let apart = |column: usize| {
             let known = beside(column).into_iter().flatten();
             let apart = known.map(|other| self.spread.apart(column, all[column][row], other));
@@ -347,7 +350,7 @@ impl OutlierSearch<'_> {
             Some([least, most]) => {
                 *column < channels && !(least..=most).contains(&all[*column][row])
             }
-            // Logs have no memory terms.
+            // Memory terms are not in the log.
             None => !(channels..channels + terms).contains(column),
         };
         let mut columns: Vec<(usize, f64)> = (0..all.len()).filter(is_named).map(apart).collect();

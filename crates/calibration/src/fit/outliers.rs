@@ -1,4 +1,4 @@
-//! Outliers among training rows, and what is said of them.
+//! Outliers among training rows, and warnings about them.
 
 use least_squares::quality::{in_units, significant};
 use shell_data::dataset::RowSet;
@@ -9,15 +9,15 @@ use shell_data::wrench::{Axes, Axis, PerAxis};
 pub enum Reason {
     /// A reading is outside the valid range.
     OutOfRange,
-    /// The error of an axis is so many times its standard deviation.
+    /// The error of an axis is too large for its standard deviation.
     Error {
         /// The axis.
         axis: Axis,
-        /// How many times.
+        /// The error in standard deviations.
         size: f64,
-        /// Predicted less measured, N or N·m.
+        /// Predicted minus measured, N or N·m.
         error: f64,
-        /// Whether such a load is possible; beyond all that were measured a model predicts nonsense.
+        /// True if the predicted load is possible. Far beyond all measured loads, a model predicts nonsense.
         is_possible: bool,
     },
 }
@@ -25,22 +25,22 @@ pub enum Reason {
 /// A suspicious row.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outlier {
-    /// The number of its log.
+    /// The index of its log.
     pub log: usize,
-    /// The offset of its block.
+    /// The offset of its block in the log.
     pub offset: u64,
-    /// The row of the block.
+    /// The index of the row in the block.
     pub row: usize,
-    /// Why.
+    /// The reason.
     pub reason: Reason,
-    /// The columns that differ most from the rows before and after, most first; at least one.
+    /// The columns that differ most from the rows before and after, largest difference first; at least one.
     pub columns: Vec<OutlierColumn>,
 }
 
-/// A value and its neighbours.
+/// A value and its neighbours in the same column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct OutlierColumn {
-    /// The channel, or after all channels the axis of the wrench.
+    /// The index of the channel, or of the axis of the wrench, counted after all channels.
     pub column: usize,
     /// Its value in the row, N and N·m for loads.
     pub value: f64,
@@ -50,26 +50,28 @@ pub struct OutlierColumn {
     pub after: Option<f64>,
 }
 
-/// What was found.
+/// The result of a search for outliers.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Outliers {
-    /// The rows, in their order.
+    /// The outliers, in the order of the rows.
     pub rows: Vec<Outlier>,
-    /// Rows that stand out where those are too many to be slips: none of them is named.
+    /// Number of rows that stand out, if they are too many for slips of single rows. They are then not
+    /// listed.
     pub too_many: Option<usize>,
-    /// Root mean square errors on the other rows of the fit to all rows, and of that without these.
+    /// Root mean square errors on all other rows: of the fit to all rows, and of the fit without the
+    /// outliers.
     pub rms: Option<[PerAxis<f64>; 2]>,
 }
 
 impl Outliers {
-    /// The rows, to be left out.
+    /// The set of rows to leave out.
     pub fn excluded(&self) -> RowSet {
         self.rows.iter().map(|row| (row.log, row.offset, row.row)).collect()
     }
 
-    /// What is to be said of them. `names` say where each row is.
+    /// The warnings about the outliers. `names` says where each row is.
     pub fn warnings(&self, axes: Axes, names: &[RowName]) -> Vec<String> {
-        /// More would hide what else is said.
+        /// Maximum number of outliers to list: more would hide other warnings.
         const SHOWN: usize = 10;
         let in_words = |(row, name): (&Outlier, &RowName)| {
             let RowName { file, line, columns } = name;
@@ -99,19 +101,20 @@ impl Outliers {
     }
 }
 
-/// Where a row is.
+/// The place of a row.
 #[derive(Clone, Debug)]
 pub struct RowName {
-    /// Its file, or what else it comes from.
+    /// The file, or another source.
     pub file: String,
-    /// Its line.
+    /// The line in the file.
     pub line: u64,
-    /// The names of the channels, then of all axes of the wrench.
+    /// The names of the channels, followed by those of all axes of the wrench.
     pub columns: Vec<String>,
 }
 
 impl Outlier {
-    /// Which of a row's columns stand out, and by how much it is off. `names` are those of all columns.
+    /// Describes which columns of the row stand out, and how large its error is. `names` are the names of all
+    /// columns.
     pub fn why(&self, names: &[String]) -> String {
         let columns = self.columns.iter().take(3).map(|column| {
             let beside: Vec<String> = [column.before, column.after]

@@ -1,4 +1,4 @@
-//! Parts of a data set, and quick fits to them: what the examination of a fit compares.
+//! Parts of a data set and quick fits to them, for the examination of a fit.
 
 use super::{CovarianceRule, Fit, FitOptions, OutlierRule};
 use crate::conversion::Calibration;
@@ -9,10 +9,10 @@ use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// Maximum number of rows on which a cure is searched.
+/// Maximum number of rows in which a cure is searched for.
 pub(super) const ROWS: usize = 4000;
 
-/// Rows spread evenly over a part of some blocks.
+/// Up to [`ROWS`] rows, spread evenly over a part of some blocks; `part` is a range of shares of all rows.
 pub(super) fn spread(blocks: &[&Block], part: std::ops::Range<f64>) -> Block {
     let rows: usize = blocks.iter().map(|block| block.rows).sum();
     let [from, to] = [part.start, part.end].map(|share| (share * rows as f64) as usize);
@@ -30,14 +30,13 @@ pub(super) fn spread(blocks: &[&Block], part: std::ops::Range<f64>) -> Block {
     all
 }
 
-/// Predicts the wrench of rows.
 pub(super) fn predicted(calibration: &Calibration, rows: &Block) -> PerAxis<Vec<f64>> {
     let mut predicted = PerAxis::default();
     calibration.wrench(&rows.readings, &mut predicted);
     predicted
 }
 
-/// Fits a linear model to some rows, to predict others; `None` if they do not determine it.
+/// Fits a linear model to some rows, for the prediction of others; `None` if the rows do not determine it.
 pub(super) fn linear(
     rows: Block,
     axes: Axes,

@@ -1,4 +1,4 @@
-//! The physics model: fitted to rows, held against the polynomial that was chosen.
+//! The physics model: its fit to rows, and its comparison with the chosen polynomial.
 
 use std::fmt;
 
@@ -27,33 +27,34 @@ use sensor_physics::{
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// With fewer groups for each coefficient of the cubic model polynomials go astray between them.
+/// Number of groups per coefficient of the cubic model below which polynomials are unreliable between the
+/// groups.
 const GROUPS_PER_FEATURE: usize = 8;
 
-/// A polynomial whose squared error on held-out groups is so many times that on its own rows is no good model of
-/// them.
+/// Ratio of a polynomial's squared error on held-out groups to that on its own rows, above which it is a poor
+/// model of them.
 const MUCH_WORSE: f64 = 2.0;
 
-/// Folds on which the physics model is tried with usual priors, before its own are chosen in all; and by how many
-/// times its squared error may exceed that of the polynomial there.
+/// Number of folds on which the physics model is first tried with default priors, before its own are chosen
+/// on all; and the maximum ratio of its squared error to the polynomial's there.
 const TRIED_FIRST: usize = 5;
 const OUT_OF_REACH: f64 = 4.0;
 
-/// What a physics fit knows beside the calibration.
+/// Results of a physics fit in addition to the calibration.
 #[derive(Clone, Debug)]
 pub struct PhysicsFit {
-    /// What the priors were chosen from.
+    /// The choice of the priors, with all that was tried.
     pub choice: Choice,
-    /// Means that the rows were reduced to.
+    /// Number of means to which the rows were reduced.
     pub observations: usize,
-    /// Groups.
+    /// Number of groups.
     pub groups: usize,
-    /// Errors on groups that were held out, where that was asked for.
+    /// Errors on held-out groups, if they were requested or the model was compared with a polynomial.
     pub validation: Option<PhysicsValidation>,
 }
 
 impl PhysicsFit {
-    /// What a calibration file says of the held-out errors.
+    /// The held-out errors in the form of a calibration file.
     pub(super) fn cross_validation(&self) -> Option<CrossValidation> {
         let validation = self.validation.as_ref()?;
         let total = validation.total();
@@ -70,11 +71,11 @@ impl PhysicsFit {
     }
 }
 
-/// The physics model as it was compared with a polynomial.
+/// A physics model that was compared with a polynomial, and its held-out errors.
 pub(super) type TriedPhysics = ((PhysicsCalibration, Choice), PhysicsValidation);
 
-/// Fits the physics model and finds its errors on the training rows and on those of tests. `tried` is it,
-/// where it has been compared already.
+/// Fits the physics model and finds its errors on the training and the test rows. `tried` is the fitted
+/// model, if a comparison has already needed it.
 pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fit, FitError> {
     // The physics model has no memory terms.
     let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
@@ -101,7 +102,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     calibration.valid_range = Some(ReadingRanges::from_dataset(&used)?.channels);
     let errors = RowErrors::of_fit(&calibration, [&used, test], (None, None), options.workers)?;
     let of_train = Evaluation::total(&errors[0].logs);
-    // They are told by a polynomial: what they do to that is not what they do to this model.
+    // A polynomial finds the outliers, and their effect on it is not their effect on this model.
     let looks = of_train.has_large_errors() && options.looks_for_outliers();
     let outliers = match looks.then(|| name_outliers(train, None, options)) {
         None => Outcome::NotAsked,
@@ -124,10 +125,11 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     Ok(fitted.with_errors(used, test, errors, options))
 }
 
-/// A physics model and its choice, with the folds that errors are asked for.
+/// A physics model with its choice, and the folds for its held-out errors.
 type FittedOnFolds = ((PhysicsCalibration, Choice), Vec<Vec<u64>>);
 
-/// Fits the physics model, with the same choice of priors whatever folds errors are asked for; and the folds of those.
+/// Fits the physics model, and assigns the folds for its held-out errors. The choice of priors does not
+/// depend on these folds.
 fn fit_sample(
     rows: &TrainingRows,
     sample: ObservationSample,
@@ -141,13 +143,14 @@ fn fit_sample(
     Ok((fitted, folds(options.held_out())?))
 }
 
-/// Groups of rows, assigned to folds of like size.
+/// Assigns groups of rows to folds of similar size.
 fn assign_folds(rows: &TrainingRows, folds: usize) -> Result<Vec<Vec<u64>>, FitError> {
     let groups_of = |fold: Vec<usize>| fold.into_iter().map(|group| group as u64).collect();
     Ok(assign_groups(&rows.group_sizes(), folds)?.into_iter().map(groups_of).collect())
 }
 
-/// Folds that so many groups are held out in. Where only time tells them apart, each has many rows, and none is a pose.
+/// The number of folds in which `groups` groups are held out. Stretches of time are not each held out alone
+/// by default: each has many rows, and none is a pose.
 fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
     match held_out {
         HeldOut::Folds(folds) => folds.min(groups),
@@ -156,28 +159,30 @@ fn fold_count(held_out: HeldOut, groups: usize, group_by: GroupBy) -> usize {
     }
 }
 
-/// The physics model beside the polynomial that was chosen, on the same held-out groups.
+/// A comparison of the physics model with the chosen polynomial, on the same held-out groups.
 #[derive(Clone, Debug)]
 pub struct ModelComparison {
     /// The polynomial.
     pub model: Model,
     /// Its ridge.
     pub ridge: f64,
-    /// Errors of physics and polynomial, in this order.
+    /// Errors of the physics model and of the polynomial, in this order.
     pub comparison: Comparison,
-    /// Folds of groups.
+    /// Number of folds of groups.
     pub folds: usize,
 }
 
 impl ModelComparison {
-    /// Whether the physics model errs less, by more than a standard error.
+    /// Returns true if the errors of the physics model are smaller by more than a standard error.
     pub fn physics_is_better(&self) -> bool {
         self.comparison.all.first_is_better()
     }
 
-    /// Fits the physics model without each fold of the groups that a polynomial was chosen on, and compares its
-    /// errors there. `None` where none was chosen by sums, or where the polynomial leaves little to win: groups are
-    /// many, and it errs hardly more on those that are held out.
+    /// Fits the physics model without each fold of the groups on which a polynomial was chosen, and compares
+    /// the errors on that fold. Returns `None` if no polynomial was chosen by sums, or if there is little to
+    /// gain: there are many groups, and the polynomial's errors on held-out groups are hardly larger than on
+    /// its own rows. Returns no physics model if its errors on the first folds are far larger than the
+    /// polynomial's.
     pub(super) fn of(
         input: FitInput<'_>,
         choice: &ModelChoice,
@@ -185,7 +190,7 @@ impl ModelComparison {
         let options = input.options;
         let sums = choice.sums.as_ref().filter(|_| choice.selection.is_some());
         let sums = sums.and_then(GroupedSums::exact);
-        // Of sets of groups nobody knows which rows they have.
+        // If sums are of sets of groups, the rows of each set are unknown.
         let sums = sums.filter(|sums| sums.group_count == sums.groups.len());
         let Some(sums) = sums else { return Ok(None) };
         let labelled = input.labelled(options.held_out());
@@ -231,8 +236,8 @@ impl ModelComparison {
     }
 }
 
-/// Whether groups are few, or the polynomial errs much more on those that are held out than on its own rows. Stretches
-/// of time do not count as few: each has many loads.
+/// Returns true if there are few groups, or if the polynomial has much larger errors on held-out groups than
+/// on its own rows. Stretches of time do not count as few: each has many loads.
 fn is_worth_trying(
     sums: &SumsByGroup,
     group_by: GroupBy,
@@ -256,7 +261,7 @@ fn is_worth_trying(
     Ok(new > MUCH_WORSE * own)
 }
 
-/// The sum over the axes that vary of squared errors relative to the variance.
+/// The sum of squared errors relative to the variance of the load, over the axes that vary.
 fn relative_square(rms: &PerAxis<f64>, variances: &PerAxis<f64>) -> f64 {
     let relative = rms.iter().zip(variances).map(|(rms, variance)| rms.powi(2) / variance);
     relative.filter(|square| square.is_finite()).sum()

@@ -1,6 +1,8 @@
-//! A polynomial in the readings: the fit of the model that was chosen, its errors and covariance; to rows, or to the
-//! sums of partial fits. Those say all that rows do but what takes the rows again, their largest errors and how errors
-//! and loads are distributed.
+//! A polynomial in the readings: the fit of the chosen model to rows or to the sums of partial fits, with its
+//! errors and covariance.
+//!
+//! Sums give the same results as rows, except for those that need another pass over the rows: the largest
+//! errors, and the distributions of errors and loads.
 
 use std::mem::take;
 
@@ -24,7 +26,7 @@ use shell_data::dataset::Dataset;
 use shell_data::fingerprint::Fingerprint;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// The covariance as far as it can be had, and why not by groups where it is of independent rows.
+/// The covariance, if there is one; and why it is not by groups, if it falls back to independent rows.
 fn covariance(
     solution: &Solution,
     solver: SolverKind,
@@ -45,18 +47,19 @@ fn covariance(
     }
 }
 
-/// Below this condition number refined QR has all digits of the coefficients (docs/accuracy.md), and the covariance from
-/// its R factor, which is not refined, six at the least.
+/// Condition number below which refined QR has all digits of the coefficients (docs/accuracy.md). The
+/// covariance, from its R factor, which is not refined, then has at least six.
 const AS_GOOD_AS_EXACT: f64 = 1e10;
 
-/// Fits the model that was chosen, and finds its errors on the training rows and on those of tests.
+/// Fits the chosen model, and finds its errors on the training and the test rows.
 pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, FitError> {
     let FitInput { test, options, .. } = input;
     let train = choice.labelled.take().unwrap_or_else(|| input.used());
     let problem = PolynomialProblem {
         model: options.model_of(&train, choice.basis),
         solver: match options.solver {
-            // What the exact solver leaves to others; memory terms are rounded themselves.
+            // The exact solver takes neither weights nor memory terms. The latter are themselves rounded, so
+            // refinement gains nothing.
             SolverKind::Exact if train.has_weights() => SolverKind::RefinedTsqr,
             SolverKind::Exact if train.memory_terms() > 0 => SolverKind::Tsqr,
             solver => solver,
@@ -72,7 +75,7 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     calibration.axes = train.logs[0].axes;
     let (mut covariance, not_grouped) = covariance(solution, *solver, &choice, options);
     let unit = covariance.as_ref().map(|_| root_mean_square(solution));
-    // Outliers are told by a fit to rows that count alike.
+    // The search for outliers needs a fit to rows of equal weight.
     let looks = options.looks_for_outliers() && !train.has_weights();
     let spread = looks.then(|| Spread::new(&train, options.workers)).transpose()?;
     let row_test = spread.as_ref().and_then(|spread| RowTest::new(solution, spread));
@@ -112,12 +115,11 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     Ok(fitted.with_errors(train, test, [errors, of_tests], options))
 }
 
-/// Fits a calibration of `axes` to what is kept of some rows, all together and by group. Of a physics model or outliers it
-/// knows nothing.
+/// Fits a calibration of `axes` to the sums of some rows, in total and by group. Sums allow neither the
+/// physics model nor a search for outliers.
 ///
 /// # Errors
-/// [`FitError`] if the rows do not determine the coefficients, or something is asked of groups
-/// where there are none.
+/// [`FitError`] if the rows do not determine the coefficients, or an option needs groups and there are none.
 pub fn fit_sums(
     total: &RowSums,
     groups: Option<(GroupKind, GroupedSums)>,
@@ -149,7 +151,7 @@ pub fn fit_sums(
     Ok(Fit { warnings, ..Fit::new(calibration, choice, how, rows, quality) })
 }
 
-/// Refuses a log that has the rows of one before it.
+/// Refuses a log with the same rows as an earlier one.
 fn check_copies(data: [&Dataset; 2], errors: [&RowErrors; 2]) -> Result<(), FitError> {
     let fingerprints = errors.map(|of| &of.fingerprints[..]).concat();
     let Some(positions) = Fingerprint::first_copy(&fingerprints) else { return Ok(()) };
@@ -159,7 +161,7 @@ fn check_copies(data: [&Dataset; 2], errors: [&RowErrors; 2]) -> Result<(), FitE
     Err(FitError::Copy { earlier, later })
 }
 
-/// The root mean square of the errors of each axis; one where there are none.
+/// The root mean square error of each axis; 1 for an axis without errors.
 fn root_mean_square(solution: &Solution) -> PerAxis<f64> {
     std::array::from_fn(|axis| {
         let square = solution.residual_products[(axis, axis)] / solution.rows as f64;

@@ -1,9 +1,9 @@
-//! The solution of a polynomial, from rows or from what was kept of them; and errors on rows that were held out, by
-//! solutions without them.
+//! The solution of a polynomial, from rows or from their sums; and errors on held-out rows, by solutions
+//! without these rows.
 //!
-//! Exact sums say what a fit without a group would be, of the solver that works on them and for readings that
-//! can be summed so. For readings of any kind the R factors of the folds do, for solvers that weigh rows alike; for
-//! others each fold is fitted anew. Each of up to forty groups is held out alone, more in ten folds.
+//! For the exact solver, exact sums give the fit without a group, if the readings can be summed exactly. For
+//! readings of any kind, R factors of the folds give it if the solver weights all rows equally; other solvers
+//! fit again for each fold. Up to forty groups are each held out alone, more groups in ten folds.
 
 use super::options::FitOptions;
 use crate::conversion::Calibration;
@@ -30,31 +30,33 @@ use shell_data::dataset::{BLOCK_ROWS, Dataset, LabelledBlock};
 use shell_data::wrench::PerAxis;
 use std::sync::LazyLock;
 
-/// Up to this many groups each is held out alone.
+/// Maximum number of groups that are each held out alone.
 pub(super) const MOST_ALONE: usize = 40;
-/// Folds that more groups are assigned to.
+/// Number of folds for more groups.
 pub(super) const FOLDS: usize = 10;
 
-/// Numbers in the R factors of groups that are held out alone, 200 MB, and twice as many in those of all others.
+/// Maximum number of values in the R factors of groups that are each held out alone: 200 MB, plus twice as
+/// much for the R factors of all other groups.
 const MOST_NUMBERS: usize = 25_000_000;
 
-/// Most rows that families of features are compared on, or so many for each feature of the largest: rows of a group
-/// resemble each other, and one in several says as much.
+/// Maximum number of rows on which families of features are compared, or the number per feature of the
+/// largest family if that gives more. Rows of a group resemble each other, so one in several is enough.
 pub(super) const MOST_COMPARED: usize = 16_384;
 const ROWS_PER_FEATURE: usize = 64;
 
-/// Folds of the random split that held-out errors are compared with, where no number is given.
+/// Number of folds of the random split that held-out errors are compared with, if no number is given.
 pub const RANDOM_FOLDS: usize = 10;
 
-/// Folds of it that are held out.
+/// Number of folds of the random split that are held out.
 const HELD_OUT: usize = 2;
 
-/// The random split into so many folds, two of which are held out.
+/// The random split into the given number of folds. Two of them are held out.
 pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
     RandomSplit { folds, held_out: folds.min(HELD_OUT), seed }
 }
 
-/// Chooses the family of features, and its ridge if that is zero, by folds of groups of labelled rows.
+/// Chooses the family of features by folds of groups of labelled rows, and also the ridge if the options have
+/// none.
 pub(super) fn select_by_normal_equations(
     data: &Dataset,
     options: &FitOptions<'_>,
@@ -66,14 +68,14 @@ pub(super) fn select_by_normal_equations(
     normal_equations::select(&folds, model, options.ridges())
 }
 
-/// At most so many rows, as many in turn of each group, and more where groups are many; groups are assigned to folds.
+/// Every n-th row of each group, `most` rows at most, or more if there are many groups; groups are assigned
+/// to folds.
 pub(super) fn few_by_fold(rows: &GroupedRows, most: usize) -> Result<GroupedRows, FitError> {
     let every = rows.row_count().div_ceil(most).max(1);
     let folds = rows.groups().count().min(selection::FOLDS);
     Ok(rows.every_nth(every).regrouped(&fold_of_groups(rows, folds)?))
 }
 
-/// The fold of each group.
 fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, FitError> {
     let sizes: Vec<u64> = rows.groups().map(|runs| count(runs) as u64).collect();
     if sizes.len() < 2 {
@@ -86,7 +88,6 @@ fn fold_of_groups(rows: &GroupedRows, folds: usize) -> Result<Vec<usize>, FitErr
     Ok(fold_of)
 }
 
-/// All labelled rows as one block.
 pub(super) fn rows_in_one(data: &Dataset) -> Block {
     let mut all = Block::default();
     for (_, block) in data.blocks() {
@@ -96,8 +97,8 @@ pub(super) fn rows_in_one(data: &Dataset) -> Block {
     all
 }
 
-/// The errors of a model on groups of labelled rows, each fold held out in turn, and on rows that are assigned at
-/// random, unless they remember the rows before.
+/// The errors of a model on groups of labelled rows, with each fold held out in turn, and on rows held out at
+/// random. The latter are missing for rows with memory terms, which depend on the rows before.
 pub(super) fn cross_validate(
     data: &Dataset,
     held_out: HeldOut,
@@ -133,7 +134,8 @@ pub(super) fn cross_validate(
     Ok(found.beside_random(with_rows, at_random.collect::<Result<_, _>>().ok()))
 }
 
-/// Sums labelled rows by group; by sets of groups where there are too many and folds of them are asked for.
+/// Sums labelled rows by group, or by sets of groups if there are too many groups and held-out errors are on
+/// folds of them.
 pub(super) fn sum_groups_or_sets(
     rows: &Dataset,
     basis: Basis,
@@ -150,10 +152,10 @@ pub(super) fn sum_groups_or_sets(
     }
 }
 
-/// The exact sums of labelled rows by what is `apart`, and of rows drawn at random.
+/// The exact sums of labelled rows by group or set of groups, as `apart` says, and of rows drawn at random.
 ///
 /// # Errors
-/// [`FitError`] if they cannot be summed exactly, or there are too many groups.
+/// [`FitError`] if the rows cannot be summed exactly, or there are too many groups.
 pub fn sum_groups(
     data: &Dataset,
     basis: Basis,
@@ -171,7 +173,7 @@ pub fn sum_groups(
     let mut sums = GroupSums::new(basis, channels, apart, random);
     let empty = sums.worker();
     let work = |worker: &mut GroupWorker, (_, block): &(usize, &LabelledBlock)| {
-        // Names what is not finite, as every fit does.
+        // Reports values that are not finite, as every fit does.
         ReadingRanges::from_block(&block.rows, channels)?;
         worker.add(&block.rows, &block.labels)
     };
@@ -182,31 +184,30 @@ pub fn sum_groups(
     sums.finish(own)
 }
 
-/// What is to be solved, and how.
+/// A polynomial to fit, and its solver.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PolynomialProblem {
     pub(super) model: Model,
-    /// Where the exact one cannot take the rows, refined QR does.
+    /// Refined QR replaces the exact solver for rows that it cannot take.
     pub(super) solver: SolverKind,
     pub(super) ridge: f64,
     pub(super) truncate: Option<f64>,
 }
 
-/// The solution, and how it was found.
+/// A solution, and how it was found.
 #[derive(Clone)]
 pub(super) struct Solved {
     pub(super) solution: Solution,
     pub(super) ranges: ReadingRanges,
-    /// The solver that was used.
     pub(super) solver: SolverKind,
-    /// Why it is not the exact one, where that was asked for.
+    /// Why the exact solver was not used, if it was requested.
     pub(super) not_exact: Option<ExactError>,
-    /// The exact sums that it is the solution of, if it is.
+    /// The exact sums that were solved, if the solver is exact.
     pub(super) sums: Option<ExactSums>,
 }
 
-/// Solves by the solver that is asked for. `total` are the exact sums of the rows, where they have been made
-/// already; `sample` is of the rows, for solvers that need to know their sizes before the first pass.
+/// Solves by the requested solver. `total` has the exact sums of the rows, if they already exist; `sample` is
+/// a sample of the rows, for solvers that need their sizes before the first pass.
 pub(super) fn solve(
     problem: &PolynomialProblem,
     total: Option<&ExactSums>,
@@ -227,7 +228,7 @@ pub(super) fn solve(
         }
         solver = SolverKind::RefinedTsqr;
     }
-    // A sample tells centre and scale, unless the answer depends on them.
+    // Centre and scale come from a sample, unless the solution depends on them.
     let is_penalised = ridge > 0.0
         || solver == SolverKind::RidgeGcv
         || (solver == SolverKind::Svd && truncate.is_some());
@@ -240,8 +241,8 @@ pub(super) fn solve(
     Ok(Solved { solution, ranges, solver, not_exact, sums: None })
 }
 
-/// Whether coefficients and errors can be written to a calibration's document, of which products of two
-/// errors are part.
+/// Checks that coefficients and errors are small enough for a calibration's document, which contains products
+/// of two errors.
 pub(super) fn check_sizes<'a>(
     calibration: &Calibration,
     errors: impl IntoIterator<Item = &'a PerAxis<AxisQuality>>,
@@ -256,8 +257,9 @@ pub(super) fn check_sizes<'a>(
 }
 
 impl PolynomialProblem {
-    /// The errors on each of the first groups of rows, of a fit to all others: from R factors of the groups, if the solver
-    /// weighs rows alike, and if they have the digits for it.
+    /// The errors on each of the first `held_out` groups, by a fit to all other groups. The fit comes from R
+    /// factors of the groups if the solver weights all rows equally and the factors have enough digits, and
+    /// otherwise from the rows.
     fn errors_without_each(
         &self,
         groups: &GroupedRows,
@@ -304,7 +306,7 @@ impl PolynomialProblem {
     }
 }
 
-/// Predicted less measured, over rows.
+/// Sums of predicted minus measured, over the rows of a block.
 fn errors_on(calibration: &Calibration, block: &Block) -> PerAxis<HeldOutErrors> {
     let mut predicted = PerAxis::default();
     calibration.wrench(&block.readings, &mut predicted);

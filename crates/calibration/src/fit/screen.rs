@@ -1,5 +1,5 @@
-//! The screen of a fit: some twelve lines that say what it is worth, the same in the terminal, the report, the page and
-//! Python.
+//! The screen of a fit: about twelve lines that say what the fit is worth. They are identical in the
+//! terminal, the report, the page and Python.
 
 use super::examination::FaultPlace;
 use super::outcome::Outcome;
@@ -9,18 +9,18 @@ use shell_data::dataset::Dataset;
 use shell_data::wrench::Axis;
 use std::collections::HashSet;
 
-/// Characters of a line, at most.
+/// Maximum number of characters in a line.
 const WIDTH: usize = 100;
 
-/// Room for the label of a line.
+/// Width of the label of a line, in characters.
 const LABEL: usize = 7;
 
-/// What people are shown of a fit.
+/// The summary of a fit that users see.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Screen {
-    /// Whether it is to be used, or why not.
+    /// The verdict: whether to use the fit, or why not.
     pub headline: String,
-    /// The columns of the table of axes.
+    /// The headers of the columns in the table of axes.
     pub header: Vec<String>,
     /// A row for each axis.
     pub rows: Vec<Vec<String>>,
@@ -29,7 +29,7 @@ pub struct Screen {
 }
 
 impl Verdict<'_> {
-    /// The screen; `files` names those that were written, if any.
+    /// The screen of the verdict; `files` names the files that were written, if any.
     pub fn screen(&self, files: &str) -> Screen {
         let (fit, test) = (self.fit, self.fit.test().quality());
         let error = match &self.unseen {
@@ -155,10 +155,10 @@ impl Verdict<'_> {
     }
 }
 
-/// Days on which rows were recorded, where their times are those of a calendar.
+/// Number of days on which rows were recorded, if their times are calendar times.
 fn days(data: &Dataset) -> usize {
     const DAY_S: f64 = 86_400.0;
-    // 2001 and later; a clock that starts with a recording has not run so long.
+    // Times from 2001 on; a clock that starts with a recording does not run that long.
     const CALENDAR_S: f64 = 1e9;
     let firsts = data.blocks().filter_map(|(_, block)| block.rows.time_s.first());
     let days = firsts.filter(|time| **time > CALENDAR_S).map(|time| (time / DAY_S) as u64);
@@ -175,7 +175,7 @@ impl UnseenRows {
 }
 
 impl Screen {
-    /// All of it as lines of text of at most a hundred characters.
+    /// The whole screen as lines of text of at most a hundred characters.
     pub fn lines(&self) -> Vec<String> {
         let mut lines = self.headlines();
         let cells: Vec<&Vec<String>> = std::iter::once(&self.header).chain(&self.rows).collect();
@@ -195,18 +195,18 @@ impl Screen {
         lines
     }
 
-    /// The headline, in lines.
+    /// The headline, wrapped to lines.
     pub fn headlines(&self) -> Vec<String> {
         wrapped("", 0, &self.headline)
     }
 
-    /// The notes, in lines.
+    /// The notes, wrapped to lines.
     pub fn note_lines(&self) -> Vec<String> {
         self.notes.iter().flat_map(|(label, text)| wrapped(label, LABEL, text)).collect()
     }
 }
 
-/// Text in lines, behind a label in the first.
+/// Wraps text to lines; the first line begins with the label.
 fn wrapped(label: &str, indent: usize, text: &str) -> Vec<String> {
     let mut lines = vec![format!("{label:<indent$}")];
     for word in text.split(' ') {

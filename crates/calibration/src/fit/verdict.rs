@@ -1,5 +1,5 @@
-//! The verdict on a fit: the error on data that it has not seen, the interval of a frame, whether to use it, and what to
-//! record next.
+//! The verdict on a fit: its error on unseen data, the interval of a frame, whether to use the fit, and what
+//! to record next.
 
 use super::examination::{Examination, Fault, FaultPlace};
 use super::{Fit, FitMethod};
@@ -8,28 +8,27 @@ use crate::validation::excitation::Gap;
 use sensor_physics::COVERAGE_LEVEL;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// An axis whose error is a larger share of its loads (both root mean square) is not measured.
+/// An axis is useless if its error is a larger share of its loads, both as root mean squares.
 const USELESS: f64 = 0.5;
 
-/// Rows whose standard errors tell how wide an interval is in the mean.
+/// Number of rows whose standard errors are averaged for the width of the interval.
 const ROWS_OF_INTERVAL: u64 = 1024;
 
-/// Of a row with more leverage than this leaves, a fit without it says next to nothing.
+/// Minimum of 1 − leverage: a fit without a row of higher leverage says next to nothing about that row.
 const LEAST_LEFT: f64 = 0.1;
 
-/// The worth of a fit on data that it has not seen.
+/// The worth of a fit on unseen data.
 #[derive(Clone, Debug)]
 pub struct Verdict<'a> {
     pub(super) fit: &'a Fit,
     /// The axes of the calibration.
     pub axes: Axes,
-    /// Errors on rows that were not used, as far as they are known.
+    /// Errors on rows that were not used, if they are known.
     pub unseen: Option<UnseenErrors>,
-    /// What 95 % of single frames are within, or why that is not known.
+    /// The interval that holds 95 % of single frames, or why it is not known.
     pub interval: Result<FrameInterval, String>,
     /// Axes whose error is about as large as the loads.
     pub useless: Axes,
-    /// What the training loads do not cover.
     gaps: Vec<Gap>,
 }
 
@@ -38,11 +37,12 @@ pub struct Verdict<'a> {
 pub struct UnseenErrors {
     /// Root mean square, N and N·m.
     pub rms: PerAxis<f64>,
-    /// The same over the range of the training loads; `None` of an axis without one.
+    /// `rms` divided by the range of the training loads; `None` for an axis without a range.
     pub share_of_range: PerAxis<Option<f64>>,
-    /// Which rows they are.
+    /// The rows with these errors.
     pub on: UnseenRows,
-    /// How many times as large they may be in a new file, where files were held out: the scatter between these.
+    /// The factor by which errors may be larger in a new file, from the scatter between files; `None` if no
+    /// files were held out.
     pub spread: Option<PerAxis<f64>>,
 }
 
@@ -51,16 +51,16 @@ pub struct UnseenErrors {
 pub enum UnseenRows {
     /// Groups of the training rows, held out in folds.
     HeldOut {
-        /// What the groups are.
+        /// The definition of the groups.
         by: GroupBy,
-        /// Groups.
+        /// Number of groups.
         groups: usize,
-        /// Folds.
+        /// Number of folds.
         folds: usize,
-        /// Whether the rows were in no order of time, and so are on both sides of every fold.
+        /// True if the rows were not in order of time, so that every fold has similar rows on both sides.
         are_shuffled: bool,
     },
-    /// So many test rows.
+    /// Test rows; holds their number.
     Test(u64),
 }
 
@@ -69,12 +69,12 @@ pub enum UnseenRows {
 pub struct FrameInterval {
     /// Half its width, N and N·m.
     pub half_width: PerAxis<f64>,
-    /// The share of held-out rows within it, where rows were counted.
+    /// The share of held-out rows within the interval, if they were counted.
     pub held: Option<PerAxis<f64>>,
 }
 
 impl Fit {
-    /// Its worth on data that it has not seen.
+    /// The worth of the fit on unseen data.
     pub fn verdict(&self) -> Verdict<'_> {
         let (axes, unseen) = (self.calibration.axes, unseen_errors(self));
         let errors = unseen.as_ref().map_or(self.train.map(|of| of.rms), |of| of.rms);
@@ -89,17 +89,17 @@ impl Fit {
 }
 
 impl Verdict<'_> {
-    /// Whether errors are known, and everything that was looked at has passed.
+    /// Returns true if errors on unseen rows are known, and every check has passed.
     pub fn is_ok(&self) -> bool {
         self.unseen.is_some() && self.reasons().is_empty()
     }
 
-    /// What was found of test and training rows, where these were examined.
+    /// The results of the examination of test and training rows, if there was one.
     pub fn examination(&self) -> Option<&Examination> {
         self.fit.examination.as_ref()
     }
 
-    /// Why it is not to be used, most important first, each with its subject.
+    /// The reasons not to use the fit, most important first, each with its subject.
     pub fn reasons(&self) -> Vec<String> {
         let of_model = self.reasons_of_model().into_iter().map(|reason| format!(": {reason}"));
         let faults = self.fit.examination.iter().flat_map(|of| &of.faults);
@@ -116,7 +116,7 @@ impl Verdict<'_> {
         faults.map(words).chain(of_model).chain(leak).collect()
     }
 
-    /// What is wrong with the model or with its own errors.
+    /// The reasons that concern the model or its errors on unseen rows.
     pub(super) fn reasons_of_model(&self) -> Vec<String> {
         let leaks = self.fit.leaks;
         let (leak, rows) = match self.is_tested_only() {
@@ -145,7 +145,7 @@ impl Verdict<'_> {
         faults.filter(|fault| fault.place == place).map(|fault| fault.text.as_str()).next()
     }
 
-    /// Whether to use it and for what, or the first reason not to.
+    /// The headline: whether to use the fit and for what, or the first reason not to.
     pub fn headline(&self) -> String {
         if let Some(reason) = self.reasons().first() {
             return format!("NOT OK{reason}");
@@ -189,7 +189,7 @@ impl Verdict<'_> {
 }
 
 impl UnseenRows {
-    /// How errors were found, after the name of the model.
+    /// Describes how errors were found; the text follows the name of the model.
     pub(super) fn words(&self) -> String {
         match *self {
             Self::Test(rows) => format!("judged by {rows} test rows"),
@@ -233,10 +233,11 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     Some(UnseenErrors { rms, share_of_range, on, spread })
 }
 
-/// The mean standard error of rows like those of training, N and N·m.
+/// The mean standard error of unseen rows that resemble the training rows, N and N·m.
 ///
-/// A row of leverage h has part in its own prediction, and a variance of s²·(1 + h); without it, that is s²/(1 − h)
-/// (Cook and Weisberg, Residuals and Influence in Regression, 1982, §2.2.1).
+/// A training row of leverage h takes part in its own prediction, which has a variance of s²·(1 + h). Without
+/// the row, the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in Regression, 1982,
+/// §2.2.1).
 fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> PerAxis<f64> {
     let every = fit.used.rows().div_ceil(ROWS_OF_INTERVAL).max(1) as usize;
     let mut readings = vec![Vec::new(); fit.calibration.channels()];

@@ -1,24 +1,24 @@
-//! What a fit has to say beside its figures, worded once for terminal, report and Python.
+//! Warnings of a fit, worded once for the terminal, the report and Python.
 
 use least_squares::error::FitError;
 use least_squares::exact::ExactError;
 use least_squares::uncertainty::TooFewGroups;
 
-/// What a user of a calibration should know of it.
+/// A warning to the user of a calibration.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Warning {
-    /// The exact solver was asked for and cannot take the rows.
+    /// The exact solver was requested and cannot take the rows.
     #[error("not solved exactly but by refined QR: {0}")]
     NotExact(ExactError),
-    /// The exact solver was asked for, and no sum of rows with such weights is exact.
+    /// The exact solver was requested, but sums of rows with such weights are not exact.
     #[error("not solved exactly but by refined QR: sample_weight has no whole numbers")]
     Weighted,
-    /// Standard errors by group cannot be had.
+    /// Standard errors by group are not possible, for this reason.
     #[error(
         "standard errors take rows as independent, and are too small where rows of a group resemble each other: {0}"
     )]
     NotGrouped(FitError),
-    /// There are no standard errors.
+    /// There are no standard errors, because there are too few groups.
     #[error(
         "no standard errors and intervals: {features} features for {groups} groups of rows; it takes twice as many \
          groups as features, {least}, for the groups to tell how far to trust the rest. Record more, or take a smaller \
@@ -28,13 +28,13 @@ pub enum Warning {
         least = 2 * .0.features
     )]
     FewGroups(FewGroups),
-    /// Directions that the data hardly excite.
+    /// Number of directions that were left out because the data hardly excite them.
     #[error(
         "left out {0} direction{s} in which the data hardly move the readings",
         s = if *.0 > 1 { "s" } else { "" }
     )]
     DirectionsLeftOut(usize),
-    /// A fit of about as many coefficients as rows goes through every point, whatever they are.
+    /// A fit with about as many coefficients as rows passes through every point, regardless of their values.
     #[error(
         "{rows} rows for {coefficients} coefficients: the errors on the training logs say little; record more poses or \
          choose a smaller `--model`"
@@ -52,37 +52,37 @@ pub enum Warning {
         100.0 * .0
     )]
     TestLeaks(f64),
-    /// The share of training rows whose pose other groups have rows of, too.
+    /// The share of training rows whose pose also has rows in other groups.
     #[error(
         "the groups leak: {:.0} % of the rows share their pose with rows of other groups, as where labels were \
          assigned at random. Errors on held-out groups are those of training; give one label to each pose",
         100.0 * .0
     )]
     GroupsLeak(f64),
-    /// All test rows, so many, are outside the range of the training data.
+    /// All test rows are outside the range of the training data; holds their number.
     #[error(
         "none of the {0} test rows lies within the range of the training data: their errors are of a guess beyond it. \
          Was the sensor zeroed anew, or the columns taken in another order?"
     )]
     AllOutOfRange(u64),
-    /// A physics model without intervals; what a polynomial lacks the verdict says.
+    /// A physics model has no intervals. The verdict reports missing intervals of a polynomial.
     #[error("{0}: none will be given")]
     NoIntervalsAtAll(TooFewGroups),
-    /// Moments over forces make so long a lever, m.
+    /// The ratio of moments to forces is an implausibly long lever, m.
     #[error(
         "moments over forces make a lever of {0:.1} m: the moments are in mN·m, it seems; give `--moment-unit mnm`, or \
          name the columns so"
     )]
     MomentUnit(f64),
-    /// Channels that never change, from 0.
+    /// Channels that never change, numbered from 0.
     #[error("left out, because they never change: {}", names(.0))]
     DeadChannels(Vec<usize>),
     /// Some test rows are outside the range of the training data.
     #[error("{outside} of {rows} test rows have a reading outside the range of the training data")]
     OutOfRange {
-        /// So many.
+        /// Number of rows outside the range.
         outside: u64,
-        /// Of so many.
+        /// Number of test rows.
         rows: u64,
     },
 }
@@ -93,18 +93,18 @@ fn names(channels: &[usize]) -> String {
     names.join(", ")
 }
 
-/// More than half as many features as groups: whatever the rank, what the groups leave to tell errors
-/// from is too little.
+/// The number of features is more than half the number of groups. Regardless of the rank, too little is then
+/// left of the groups to estimate errors from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct FewGroups {
-    /// Features of the model.
+    /// Number of features of the model.
     pub features: usize,
-    /// Groups of rows.
+    /// Number of groups of rows.
     pub groups: usize,
 }
 
 impl FewGroups {
-    /// Of a model with so many features; `None` where the groups are enough.
+    /// Compares the number of features with the number of groups; `None` if there are enough groups.
     pub fn new(features: usize, groups: usize) -> Option<Self> {
         (2 * features > groups).then_some(Self { features, groups })
     }

@@ -1,20 +1,21 @@
-//! Which load to hang next: designs of calibrations.
+//! Design of calibrations: the choice of the next load.
 //!
-//! A further pose tells the more, the less is known of what it would show. That does not depend on its readings, so it
-//! is known before it is recorded:
+//! A further pose gives more information if less is known about its readings. This information does not
+//! depend on the readings, so it is known before the pose is recorded:
 //!
-//! | criterion | of all loads that the rig can do, take the one |
+//! | criterion | chosen load, among all that the rig can apply |
 //! |---|---|
-//! | [`Order::Gain`] | with the greatest gain of information, `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)` over the sensors; with no model of them, `ln(1 + φᵀCφ)` on the terms φ of [`Surface`]: the D-optimal design, one load at a time |
-//! | [`Order::AverageVariance`] | after which the variance of a wrench is least on average over the range of loads (ALC) |
+//! | [`Order::Gain`] | greatest gain of information, `Σᵢ ln(1 + jᵢᵀCᵢjᵢ/vᵢ)` over the sensors; without a model of the sensors, `ln(1 + φᵀCφ)` on the terms φ of [`Surface`]: the D-optimal design, one load at a time |
+//! | [`Order::AverageVariance`] | least variance of a wrench afterwards, on average over the range of loads (ALC) |
 //!
-//! `j` is the gradient of a sensor's answer by its parameters, `C` the covariance of these, `v` the variance of its
-//! answer. After each load `C` is what it will be when that is recorded, by a rank-one change.
+//! `j` is the gradient of a sensor's response with respect to its parameters, `C` their covariance, and `v`
+//! the variance of the response. After each load, a rank-one update changes `C` to its value after that load
+//! is recorded.
 //!
 //! Sources: Fedorov, Theory of Optimal Experiments, 1972, ch. 3 (exchange and sequential D-optimal designs);
-//! DuMouchel & Jones, Technometrics 36, 37, 1994 (D-optimal with a prior on terms of higher order); MacKay, Neural
-//! Computation 4, 590, 1992, and Cohn, Neural Networks 9, 1071, 1996 (information gain, and average variance: ALC).
-//! Wind-tunnel balances are calibrated so: Parker et al., AIAA 2001-0170.
+//! DuMouchel & Jones, Technometrics 36, 37, 1994 (D-optimal with a prior on terms of higher order); MacKay,
+//! Neural Computation 4, 590, 1992, and Cohn, Neural Networks 9, 1071, 1996 (information gain, and average
+//! variance: ALC). Wind-tunnel balances are calibrated in this way: Parker et al., AIAA 2001-0170.
 
 mod planner;
 mod replay;
@@ -29,10 +30,10 @@ use least_squares::grouped_rows::{GroupedRows, Run, count};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Rows without labels that stand for all, at most.
+/// Most rows that represent a data set without labels.
 const MOST_ROWS: u64 = 2000;
 
-/// The loads of a data set: one for each label, the mean of its rows; without labels, rows at equal distances.
+/// Loads of a data set: the mean of the rows of each label; without labels, rows at equal distances.
 pub fn loads_of_dataset(data: &Dataset) -> Vec<PerAxis<f64>> {
     let (rows, labels) = GroupedRows::from_labels(data);
     if labels.is_empty() {
@@ -55,15 +56,16 @@ pub fn loads_of_dataset(data: &Dataset) -> Vec<PerAxis<f64>> {
 pub struct Coupling {
     /// One axis.
     pub first: Axis,
-    /// The other.
+    /// The other axis.
     pub second: Axis,
-    /// Their correlation.
+    /// Correlation of the two axes.
     pub correlation: f64,
-    /// The candidate that lowers it most, and the correlation after it; `None` where none lowers it by a hundredth.
+    /// Candidate that lowers the correlation most, and the correlation after it; `None` if no candidate
+    /// lowers it by a hundredth.
     pub broken_by: Option<(usize, f64)>,
 }
 
-/// The couplings of `loads`, with what would break them.
+/// Couplings of `loads`, with the candidates that would break them.
 pub fn couplings(loads: &[PerAxis<f64>], candidates: &[PerAxis<f64>]) -> Vec<Coupling> {
     let columns = |of: &[PerAxis<f64>]| -> Vec<Vec<f64>> {
         (0..6).map(|axis| of.iter().map(|load| load[axis]).collect()).collect()

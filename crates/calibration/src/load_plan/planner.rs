@@ -1,18 +1,18 @@
-//! Loads in the order in which they tell most, by what is known of the sensors: that their answers are smooth, or the
-//! parameters of a physics model.
+//! Choice of loads in the order of their information. It uses what is known about the sensors: that their
+//! responses are smooth, or the parameters of a physics model.
 
 use sensor_physics::cholesky::{Cholesky, diagonal};
 use sensor_physics::response::{Answer, Parameters};
 use sensor_physics::{PhysicsCalibration, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
-/// Terms: 1, w (6) and w·w (21).
+/// Number of terms: 1, w (6) and w·w (21).
 const TERMS: usize = 28;
-/// Prior variances of the terms of first and of second order, with loads in units of the largest of each axis, in
-/// variances of one pose. Orders hardly differ with tenfold others.
+/// Prior variances of the terms of first and of second order, with loads in units of the largest of each
+/// axis, in variances of one pose. Tenfold values hardly change the order of loads.
 const FIRST_ORDER: f64 = 1e4;
 const SECOND_ORDER: f64 = 25.0;
-/// The level of an interval of one standard error, of normal errors.
+/// Level of an interval of one standard error, for normal errors.
 const ONE_SIGMA: f64 = 0.683;
 
 /// `C·x`.
@@ -25,7 +25,7 @@ fn variance<const N: usize>(c: &[[f64; N]; N], x: &[f64; N]) -> f64 {
     dot(&times(c, x), x).max(0.0)
 }
 
-/// Replaces the covariance `C` of `p` by what is left after an observation of `xᵀp` with this variance:
+/// Replaces the covariance `C` of `p` by the covariance after an observation of `xᵀp` with this variance:
 /// `C − Cx(Cx)ᵀ/(noise + xᵀCx)` (Golub & Van Loan, 4th ed., §2.1.4).
 pub(super) fn observe<const N: usize>(c: &mut [[f64; N]; N], x: &[f64; N], noise: f64) {
     let cx = times(c, x);
@@ -40,19 +40,19 @@ fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     a.iter().zip(b).fold(0.0, |sum, (a, b)| a.mul_add(*b, sum))
 }
 
-/// What is known before any reading: every answer is taken for a surface of second order in the wrench, 28 terms: 1, w
-/// and w·w. Loads that determine these well determine other smooth answers, too. Terms of second order have a prior:
-/// they are small beside those of first order, and until there are more loads than terms, those of first order come
-/// first.
+/// Knowledge before any reading: every response is approximated by a surface of second order in the wrench,
+/// with 28 terms: 1, w and w·w. Loads that determine these well determine other smooth responses, too. The
+/// prior makes terms of second order small compared with those of first order, so that terms of first order
+/// are determined first until there are more loads than terms.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Surface {
-    /// The covariance of the terms after some loads, readings unknown.
+    /// Covariance of the terms after some loads with unknown readings.
     pub(super) covariance: Box<[[f64; TERMS]; TERMS]>,
     largest: PerAxis<f64>,
 }
 
 impl Surface {
-    /// After `loads`; `candidates` may be hung later. N and N·m.
+    /// Creates a surface after `loads`; `candidates` may be hung later. N and N·m.
     pub fn new(loads: &[PerAxis<f64>], candidates: &[PerAxis<f64>]) -> Self {
         let of = |axis: usize| {
             let sizes = loads.iter().chain(candidates).map(|load| load[axis].abs());
@@ -84,13 +84,13 @@ impl Surface {
         variance(&self.covariance, &self.terms(load)).ln_1p()
     }
 
-    /// The root of the mean variance of an answer over some loads, in standard deviations of one pose.
+    /// Root of the mean variance of a response over some loads, in standard deviations of one pose.
     fn error(&self, range: &[PerAxis<f64>]) -> f64 {
         let variances = range.iter().map(|load| variance(&self.covariance, &self.terms(load)));
         (variances.sum::<f64>() / range.len().max(1) as f64).sqrt()
     }
 
-    /// By how much a load lowers the mean variance of an answer over `range`.
+    /// Reduction of the mean variance of a response over `range` by a load.
     fn variance_gain(&self, load: &PerAxis<f64>, range: &[PerAxis<f64>]) -> f64 {
         let of_load = self.terms(load);
         let known = times(&self.covariance, &of_load);
@@ -100,38 +100,35 @@ impl Surface {
     }
 }
 
-/// A physics model whose covariances are those after some more loads, readings unknown.
+/// A physics model with covariances that include some more loads, with unknown readings.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SensorKnowledge {
     model: PhysicsModel,
-    /// What standard errors are multiplied by.
+    /// Factors for the standard errors.
     inflation: PerAxis<f64>,
 }
 
-/// What a sensor answers to a load.
 struct SensorAnswer {
-    /// By the parameters.
+    /// Derivatives with respect to the parameters.
     gradient: Parameters,
-    /// By the wrench, in the model's scales.
+    /// Derivatives with respect to the wrench, in the model's scales.
     slopes: PerAxis<f64>,
-    /// The variance of the answer when the parameters are known.
+    /// Variance of the response for known parameters.
     noise: f64,
 }
 
 impl SensorKnowledge {
-    /// What a calibration knows, with its standard errors multiplied by what made them those of errors on groups that
-    /// were held out.
+    /// Takes the model of a calibration. Its standard errors are scaled to the errors on held-out groups.
     pub fn from_calibration(calibration: &PhysicsCalibration) -> Self {
         let factors = calibration.intervals.as_ref().and_then(|of| of.factors(ONE_SIGMA).ok());
         Self { model: calibration.model().clone(), inflation: factors.unwrap_or([1.0; 6]) }
     }
 
-    /// What a model says.
+    /// Takes a model with its own standard errors.
     pub fn from_model(model: &PhysicsModel) -> Self {
         Self { model: model.clone(), inflation: [1.0; 6] }
     }
 
-    /// What each sensor answers to a load.
     fn answers(&self, load: &PerAxis<f64>) -> Vec<SensorAnswer> {
         let PhysicsModel { sensors, noise, wrench_scale, .. } = &self.model;
         let x: PerAxis<f64> = std::array::from_fn(|axis| load[axis] / wrench_scale[axis]);
@@ -161,7 +158,7 @@ impl SensorKnowledge {
         pairs.map(gain).sum()
     }
 
-    /// The mean variances of a wrench over some loads, to which these are the answers, in the model's scales.
+    /// Mean variances of a wrench over some loads with these responses, in the model's scales.
     fn mean_variances(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
         let PhysicsModel { sensors, load_precision, lambda, .. } = &self.model;
         let mut sums = [0.0; 6];
@@ -176,7 +173,7 @@ impl SensorKnowledge {
                     pairs.for_each(|(sum, other)| *sum += share * other);
                 }
             }
-            // The prior makes it positive definite; a load where rounding does not is left out of the mean.
+            // The prior makes it positive definite. If rounding spoils that, the mean leaves the load out.
             if let Some(factor) = Cholesky::new(&information) {
                 let variances = factor.inverse();
                 sums.iter_mut().enumerate().for_each(|(axis, sum)| *sum += variances[axis][axis]);
@@ -185,34 +182,35 @@ impl SensorKnowledge {
         sums.map(|sum| sum / range.len().max(1) as f64)
     }
 
-    /// Those variances as errors, N and N·m.
+    /// Errors from the mean variances, N and N·m.
     fn errors(&self, range: &[Vec<SensorAnswer>]) -> PerAxis<f64> {
         let (variances, scale) = (self.mean_variances(range), &self.model.wrench_scale);
         std::array::from_fn(|axis| variances[axis].sqrt() * scale[axis] * self.inflation[axis])
     }
 }
 
-/// Loads of the range over which variances are averaged, at most: more change no order.
+/// Most loads over which variances are averaged: more do not change any order.
 const MOST_OF_RANGE: usize = 120;
 
-/// An order in which loads are taken.
+/// An order of loads.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Order {
-    /// That in which they are given, which is to be random.
+    /// The given order, which should be random.
     Random,
-    /// D-optimal on 1, w and w·w, by the gain of information without a model of the sensors: needs no reading.
+    /// D-optimal on 1, w and w·w, by the gain of information without a model of the sensors: needs no
+    /// reading.
     DOptimal,
-    /// By the gain of information of the model so far, where there is one.
+    /// By the gain of information with the current model, if there is one.
     Gain,
     /// By the variance of a wrench, averaged over the range of loads.
     AverageVariance,
 }
 
 impl Order {
-    /// All of them.
+    /// All orders.
     pub const ALL: [Self; 4] = [Self::Random, Self::DOptimal, Self::Gain, Self::AverageVariance];
 
-    /// The name that people read.
+    /// Name for reports.
     pub fn name(self) -> &'static str {
         match self {
             Self::Random => "random order",
@@ -223,7 +221,6 @@ impl Order {
     }
 }
 
-/// What is known of the sensors.
 #[derive(Clone, Debug)]
 enum Knowledge {
     Surface(Surface),
@@ -239,29 +236,30 @@ pub struct Planner<'a> {
     order: Order,
 }
 
-/// A load that was chosen.
+/// A chosen load.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PlannedLoad {
-    /// Its position among the candidates.
+    /// Index among the candidates.
     pub candidate: usize,
-    /// The gain of information, in nats.
+    /// Gain of information, in nats.
     pub gain: f64,
-    /// The error after it.
+    /// Predicted error after this load.
     pub error: PredictedError,
 }
 
-/// The error to expect, over the range of loads.
+/// Predicted error over the range of loads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum PredictedError {
-    /// Of a wrench, root mean square, N and N·m.
+    /// Root mean square error of a wrench, N and N·m.
     Wrench(PerAxis<f64>),
-    /// Of the surface through the answers, in standard deviations of one pose: nothing was read yet.
+    /// Error of the surface through the responses, in standard deviations of one pose, because nothing was
+    /// read yet.
     Relative(f64),
 }
 
 impl PredictedError {
-    /// Whether every force is within `force_n`, and every moment within `moment_nm`, where these are given; no
-    /// statement in N where nothing was read.
+    /// Returns true if every force is within `force_n`, and every moment within `moment_nm`, where these are
+    /// given; false without readings, because errors in N are then unknown.
     pub fn is_within(&self, force_n: Option<f64>, moment_nm: Option<f64>) -> bool {
         let Self::Wrench(errors) = self else { return false };
         let within = |errors: &[f64], limit: Option<f64>| {
@@ -272,7 +270,8 @@ impl PredictedError {
 }
 
 impl<'a> Planner<'a> {
-    /// After `loads`; with a model of the sensors, which knows the loads that it was fitted to, or without.
+    /// Creates a planner after `loads`: without a model of the sensors, or with a model that already includes
+    /// the loads that it was fitted to.
     pub fn new(
         sensors: Option<SensorKnowledge>,
         order: Order,
@@ -289,7 +288,7 @@ impl<'a> Planner<'a> {
         Self { candidates, left: (0..candidates.len()).collect(), range, knowledge, order }
     }
 
-    /// The error to expect now.
+    /// Predicted error with the loads so far.
     pub fn error(&self) -> PredictedError {
         match &self.knowledge {
             Knowledge::Surface(surface) => PredictedError::Relative(surface.error(&self.range)),
@@ -303,7 +302,7 @@ impl<'a> Planner<'a> {
         self.range.iter().map(|load| sensors.answers(load)).collect()
     }
 
-    /// The gain of information by a load, in nats.
+    /// Gain of information by a load, in nats.
     fn gain(&self, load: &PerAxis<f64>) -> f64 {
         match &self.knowledge {
             Knowledge::Surface(surface) => surface.gain(load),
@@ -311,7 +310,7 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// How much each load that is left is worth, the more the better.
+    /// Value of each remaining load; more is better.
     fn worths(&self) -> Vec<f64> {
         let loads = self.left.iter().map(|&position| &self.candidates[position]);
         match (self.order, &self.knowledge) {
@@ -336,7 +335,7 @@ impl<'a> Planner<'a> {
 impl Iterator for Planner<'_> {
     type Item = PlannedLoad;
 
-    /// The load that is worth most of those that are left; the first of equals.
+    /// Takes the most valuable of the remaining loads; the first of equals.
     fn next(&mut self) -> Option<PlannedLoad> {
         let worths = self.worths();
         let best =

@@ -1,13 +1,13 @@
-//! What planning would have saved in a session that was recorded: its poses in random order, and in planned ones.
+//! Replay of a recorded session: comparison of its poses in random and in planned orders.
 //!
 //! ```text
 //! poses → some held out ─┬─ the first few, at random ─▶ the next by an order ─▶ model ─▶ error on those held out
 //!                        └───────────────────────────────▲──────────────────────┘
 //! ```
 //!
-//! Every order begins with the same poses and ends with all of them. The error is that of the physics model, with its
-//! priors chosen anew each time, relative to the root mean square of the loads of each axis, averaged in squares over
-//! the axes and the poses.
+//! Every order begins with the same poses and ends with all of them. The error comes from the physics model,
+//! with its priors chosen anew each time. It is relative to the root mean square of the loads of each axis,
+//! averaged in squares over the axes and the poses.
 
 use std::collections::BTreeMap;
 use std::num::NonZeroU64;
@@ -20,61 +20,62 @@ use sensor_physics::{Choice, Inversion, Observation, PhysicsModel, wrench_scale}
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
-/// From how many times the poses of a step on the model is fitted again: every pose at first, then fewer.
+/// Number of poses per step: the model is refitted after every pose at first, and after `n/16` more poses
+/// from `n` poses on.
 const STEP_SHARE: usize = 16;
 
-/// How a session is replayed.
+/// Options of a replay.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplayOptions {
-    /// Poses that are held out to judge by.
+    /// Number of poses that are held out for testing.
     pub held_out: usize,
-    /// Poses at random that every order begins with.
+    /// Number of random poses at the beginning of every order.
     pub start: usize,
-    /// Which way they are drawn.
+    /// Seed of the random choice.
     pub seed: u64,
-    /// Random splits into training and held-out poses.
+    /// Number of random splits into training and held-out poses.
     pub splits: NonZeroU64,
 }
 
-/// Splits of a session, averaged.
+/// Result of a replay, averaged over the splits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Replay {
-    /// Poses that models were fitted to.
+    /// Numbers of poses to which models were fitted.
     pub poses: Vec<usize>,
-    /// For each of [`Order::ALL`], the mean over the splits of the relative error.
+    /// Mean over the splits of the relative error, for each of [`Order::ALL`].
     pub errors: [Vec<f64>; 4],
 }
 
-/// Why a session cannot be replayed.
+/// Reason why a session cannot be replayed.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReplayError {
-    /// Too few poses for a model and for what is held out.
+    /// Too few poses for a model and a held-out set.
     #[error(
         "`{found}` poses are too few: with `{held_out}` held out at least `{needed}` are needed"
     )]
     TooFewPoses {
-        /// Poses.
+        /// Number of poses.
         found: usize,
-        /// Poses that are held out.
+        /// Number of held-out poses.
         held_out: usize,
-        /// The fewest that serve.
+        /// Fewest poses that suffice.
         needed: usize,
     },
-    /// No model can be fitted to them.
+    /// No model can be fitted to the poses.
     #[error(transparent)]
     Fit(#[from] FitError),
 }
 
-/// One pose: all that was observed with one label.
+/// One pose: all observations with one label.
 type ReplayPose<'a> = Vec<&'a Observation>;
 
 impl Replay {
-    /// Replays `observations` in every order, split by split on several threads; the result does not depend on how
-    /// many.
+    /// Replays `observations` in every order, split by split on several threads; the result does not depend
+    /// on the number of threads.
     ///
     /// # Errors
-    /// [`ReplayError`] if what is left of the poses does not determine a model.
+    /// [`ReplayError`] if the poses outside the held-out set do not determine a model.
     pub fn new(
         observations: &[Observation],
         options: ReplayOptions,
@@ -111,7 +112,7 @@ impl Replay {
         Ok(Self { poses, errors })
     }
 
-    /// The fewest poses from which on an order stays within `share` of the error with all, such as 0.15.
+    /// Fewest poses from which on an order stays within `share` of the error with all poses, such as 0.15.
     pub fn poses_within(&self, order: Order, share: f64) -> usize {
         let limit = (1.0 + share) * self.errors[0].last().copied().unwrap_or(f64::NAN);
         let errors = &self.errors[order as usize];
@@ -120,7 +121,6 @@ impl Replay {
     }
 }
 
-/// One split.
 struct SplitReplay<'a> {
     training: &'a [ReplayPose<'a>],
     held_out: &'a [ReplayPose<'a>],
@@ -128,7 +128,7 @@ struct SplitReplay<'a> {
 }
 
 impl SplitReplay<'_> {
-    /// The errors with these numbers of poses, in an order that begins with the first `start`.
+    /// Errors with these numbers of poses, in an order that begins with the first `start`.
     fn errors(&self, order: Order, start: usize, counts: &[usize]) -> Result<Vec<f64>, FitError> {
         let mut taken: Vec<usize> = (0..start).collect();
         let mut errors = Vec::with_capacity(counts.len());
@@ -146,7 +146,6 @@ impl SplitReplay<'_> {
         Ok(errors)
     }
 
-    /// The next poses of an order.
     fn next(
         &self,
         order: Order,
@@ -186,7 +185,7 @@ fn mean_load(pose: &ReplayPose<'_>) -> PerAxis<f64> {
     std::array::from_fn(|axis| sum(axis) / pose.len() as f64)
 }
 
-/// Fisher's and Yates's shuffle (Knuth, The Art of Computer Programming, vol. 2, §3.4.2, algorithm P).
+/// Fisher-Yates shuffle (Knuth, The Art of Computer Programming, vol. 2, §3.4.2, algorithm P).
 fn shuffle<T>(values: &mut [T], random: &mut RandomStream) {
     for last in (1..values.len()).rev() {
         let other = (random.uniform() * (last + 1) as f64) as usize;

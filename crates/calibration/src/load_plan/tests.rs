@@ -20,7 +20,7 @@ fn loads(count: usize, seed: u64) -> Vec<PerAxis<f64>> {
     (0..count).map(|_| load(&mut random)).collect()
 }
 
-/// Eight sensors that each see a direction of their own.
+/// Parameters of eight sensors, each sensitive to a different direction.
 fn parameters(sensor: usize) -> Parameters {
     let mut random = Random(77 + sensor as u64);
     let mut gain = || 2.4 * random.unit() - 1.2;
@@ -28,7 +28,7 @@ fn parameters(sensor: usize) -> Parameters {
     [0.15 * sensor as f64 - 0.5, fx, fy, fz, mx, my, mz, 0.0, 0.0, 0.1]
 }
 
-/// What they read, with noise of these many counts on 1000.
+/// Readings of these sensors, with noise of this many counts on 1000.
 fn observe(group: u64, wrench: PerAxis<f64>, noise: f64, random: &mut Random) -> Observation {
     let scale = [2.9, 2.9, 2.9, 0.115, 0.115, 0.115];
     let x: PerAxis<f64> = std::array::from_fn(|axis| wrench[axis] / scale[axis]);
@@ -62,9 +62,9 @@ fn gains_of_a_design_without_readings_add_up_to_its_determinant() {
         |of: &Surface| Mat::from_fn(28, 28, |i, j| of.covariance[i][j]).determinant().ln();
     let gained = ln_determinant(&surface(&[])) - ln_determinant(&surface(&chosen));
     let sum: f64 = planned.iter().map(|of| of.gain).sum();
-    // Thirty roundings of a matrix whose condition is 1e4.
+    // Thirty roundings of a matrix with condition 1e4.
     assert!((sum / gained - 1.0).abs() < 1e-8, "{sum} {gained}");
-    // A design by chance has a smaller determinant.
+    // The covariance after random loads has a larger determinant.
     for at in 0..30 {
         let random = ln_determinant(&surface(&candidates[at..at + 30]));
         assert!(ln_determinant(&surface(&chosen)) < random);
@@ -103,10 +103,10 @@ fn predicted_errors_are_those_that_are_found() {
     }
     for (axis, (predicted, square)) in predicted.iter().zip(squares).enumerate() {
         let ratio = predicted / f64::sqrt(square);
-        // Laplace's approximation, and variances of noise from 320 numbers.
+        // The tolerance allows for Laplace's approximation, and for variances of noise from 320 numbers.
         assert!((0.7..1.4).contains(&ratio), "axis {axis}: {ratio}");
     }
-    // Each load that is planned lowers them.
+    // Each planned load lowers the errors.
     let sizes = planner.take(5).map(|of| match of.error {
         PredictedError::Wrench(errors) => errors[0] / 5.0 + errors[5] / 0.2,
         PredictedError::Relative(_) => f64::NAN,
@@ -123,14 +123,14 @@ fn planned_orders_need_fewer_poses_than_random_ones() {
     let options = ReplayOptions { held_out: 20, start: 10, seed: 1, splits };
     let replay = Replay::new(&observations, options, Workers::ONE).unwrap();
     assert_eq!((replay.poses[0], *replay.poses.last().unwrap()), (10, 40));
-    // Twice the error of all: closer than that, the mean of three splits goes up and down by a third.
+    // Compares at twice the final error: closer to it, the mean of three splits varies by a third.
     let needed = Order::ALL.map(|order| replay.poses_within(order, 1.0));
     assert!(needed[1..].iter().all(|&poses| poses < needed[0]), "{needed:?} {replay:?}");
     // All orders begin and end with the same poses.
     let ends = |errors: &Vec<f64>| [errors[0], errors[errors.len() - 1]];
     for errors in &replay.errors[1..] {
         let (ends, random) = (ends(errors), ends(&replay.errors[0]));
-        // Another order of the same poses rounds otherwise.
+        // Another order of the same poses is rounded differently.
         assert!(ends[0] == random[0] && (ends[1] / random[1] - 1.0).abs() < 1e-3);
     }
     let few = Replay::new(&observations[..25], options, Workers::ONE);

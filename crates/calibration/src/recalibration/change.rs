@@ -4,8 +4,9 @@
 //! s' = s + γ·(s − s₀) + ζ       F' = R·F       M' = R·M + o × F'
 //! ```
 //!
-//! Symbols without a dash are the readings and wrench of the original sensor; a dash marks the changed sensor. Both
-//! changes are absorbed into the numbers of a calibration of any kind, so conversion is as fast as before.
+//! Unprimed symbols are the readings and wrench of the original sensor; primed symbols belong to the changed
+//! sensor. Both changes are absorbed into the numbers of a calibration of any kind, so conversion is as fast
+//! as before.
 
 use crate::conversion::{Calibration, Kind};
 use least_squares::model::Term;
@@ -20,20 +21,20 @@ use shell_data::wrench::{PerAxis, cross, force_at};
 pub struct Change {
     /// The change of each channel.
     pub channels: Vec<ChannelChange>,
-    /// `o`: where the origin of the calibrated frame lies in that of the new wrench, m.
+    /// `o`: position of the calibrated frame's origin in the frame of the new wrench, m.
     pub lever_m: [f64; 3],
-    /// `R` as a rotation vector: how the calibrated frame is turned in that of the new wrench, rad.
+    /// `R` as a rotation vector: rotation of the calibrated frame in the frame of the new wrench, rad.
     pub turn_rad: [f64; 3],
 }
 
 /// The change of a channel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChannelChange {
-    /// `γ`: how much more it answers, relative.
+    /// `γ`: relative increase of the sensitivity.
     pub gain: f64,
-    /// `ζ`: how much more it reads at `s₀`, counts.
+    /// `ζ`: increase of the reading at `s₀`, counts.
     pub zero: f64,
-    /// `s₀`: the reading that a gain does not change, counts.
+    /// `s₀`: reading that a gain does not change, counts.
     pub pivot: f64,
 }
 
@@ -44,7 +45,8 @@ impl ChannelChange {
 }
 
 impl Change {
-    /// The calibration after it, without intervals: those were of the sensor before.
+    /// Applies the change to a calibration. The result has no intervals, because they belong to the unchanged
+    /// sensor.
     pub fn apply(&self, calibration: &Calibration) -> Calibration {
         let kind = match &calibration.kind {
             Kind::Polynomial(polynomial) => Kind::Polynomial(self.polynomial(polynomial)),
@@ -66,8 +68,8 @@ impl Change {
         changed
     }
 
-    /// Scales stay as they are, powers of two: coefficients take the gains up. Memory terms, differences of readings,
-    /// change with the gain alone.
+    /// Keeps scales, which are powers of two: coefficients absorb the gains. Memory terms, as differences of
+    /// readings, change with the gain alone.
     pub(super) fn polynomial(&self, polynomial: &Polynomial) -> Polynomial {
         let (model, mut scaling) = (polynomial.model(), polynomial.scaling().clone());
         let of_column = |column: usize| self.channels[column % model.channels];
@@ -124,7 +126,7 @@ impl Change {
         }
     }
 
-    /// A wrench of the calibrated frame in the new one.
+    /// Converts a wrench from the calibrated frame to the new one.
     fn wrench(&self, calibrated: &PerAxis<f64>) -> PerAxis<f64> {
         let [fx, fy, fz, mx, my, mz] = *calibrated;
         let mut wrench = force_at(rotated([fx, fy, fz], self.turn_rad), self.lever_m);
@@ -133,7 +135,7 @@ impl Change {
         wrench
     }
 
-    /// A wrench of the new frame in the calibrated one.
+    /// Converts a wrench from the new frame to the calibrated one.
     fn calibrated_wrench(&self, wrench: &PerAxis<f64>) -> PerAxis<f64> {
         let [fx, fy, fz, mx, my, mz] = *wrench;
         let more = cross(self.lever_m, [fx, fy, fz]);
@@ -150,7 +152,7 @@ fn dot(a: &[f64; 6], b: &[f64; 6]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// `v`, turned by a rotation vector (Rodrigues).
+/// Turns `v` by a rotation vector (Rodrigues).
 fn rotated(v: [f64; 3], by: [f64; 3]) -> [f64; 3] {
     let angle = by.iter().map(|x| x * x).sum::<f64>().sqrt();
     // sin θ/θ and (1 − cos θ)/θ², which tend to 1 and 1/2.

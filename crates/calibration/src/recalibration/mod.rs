@@ -1,13 +1,14 @@
-//! A calibrated sensor that was mounted again or has aged: what has changed, found from a few new loads.
+//! Recalibration of a sensor that was mounted again or has aged, from a few new loads.
 //!
-//! The calibration is a prior: nothing of it is fitted again but what a mounting and age change, a zero and a gain
-//! for each channel, a lever offset and a turn ([`Change`]). Each has a normal prior about nothing. How wide that is
-//! for each of the four, down to no change at all, is what makes the new observations most probable, all changes
-//! integrated out (Laplace's approximation; MacKay, Neural Computation 4, 415, 1992): a sensor that says what it said before
-//! is left as it is.
+//! The calibration is a prior. Only the effects of mounting and age are fitted: a zero and a gain for each
+//! channel, a lever offset and a turn ([`Change`]). Each has a normal prior with mean zero. The widths of the
+//! four priors, down to no change at all, maximise the probability of the new observations with all changes
+//! integrated out (Laplace's approximation; MacKay, Neural Computation 4, 415, 1992). A sensor that still
+//! reads the same is therefore left unchanged.
 //!
-//! What is compared is what the calibration predicts: a polynomial the wrench, whose errors are those on held-out
-//! loads; a physics model the readings, of which there are more than axes, with the variances that it has found.
+//! The comparison uses the predictions of the calibration. A polynomial predicts the wrench, with the errors
+//! on held-out loads. A physics model predicts the readings, which outnumber the axes, with the variances of
+//! the model.
 
 mod change;
 mod search;
@@ -19,24 +20,24 @@ use least_squares::validation::cross_validation::HeldOutQuality;
 use sensor_physics::Observation;
 use shell_data::wrench::PerAxis;
 
-/// What may have changed.
+/// Quantity that may have changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ChangedQuantity {
-    /// What each channel reads without a load.
+    /// Reading of each channel without a load.
     Zero,
-    /// How much each channel answers.
+    /// Sensitivity of each channel.
     Gain,
-    /// Where the sensor is mounted.
+    /// Position of the sensor.
     Lever,
-    /// How it is turned.
+    /// Orientation of the sensor.
     Turn,
 }
 
 impl ChangedQuantity {
-    /// All of them.
+    /// All quantities.
     pub const ALL: [Self; 4] = [Self::Zero, Self::Gain, Self::Lever, Self::Turn];
 
-    /// What people call it.
+    /// Name for reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Zero => "zeros",
@@ -47,29 +48,31 @@ impl ChangedQuantity {
     }
 }
 
-/// Differences larger than so many stated errors, after all changes, are no change of these kinds.
+/// Differences larger than this many stated errors, after all changes, cannot come from changes of these
+/// kinds.
 const CONTRADICTION: f64 = 2.0;
 
-/// The widest priors, as standard deviations: of a zero as a share of the calibrated range of the channel, of a gain
-/// relative, m, and rad.
+/// Standard deviations of the widest priors: a zero as a share of the calibrated range of the channel, a
+/// relative gain, a lever in m, a turn in rad.
 const ZERO: f64 = 0.08;
 const GAIN: f64 = 0.16;
 const LEVER_M: f64 = 8e-3;
 const TURN_RAD: f64 = 0.12;
 
-/// A change of so many of these is none of a mounting or of age, but of a wrong load: 0.48 rad, 32 mm, a gain of 64 %,
-/// a third of a channel's range. One in 16,000 sensors would change so much.
+/// A change of this many standard deviations does not come from mounting or age, but from a wrong load: 0.48
+/// rad, 32 mm, a gain of 64 %, a third of a channel's range. One in 16,000 sensors would change so much.
 const IMPOSSIBLE: f64 = 4.0;
 
-/// The shares of these that are tried. Of a handful of numbers their scatter is known to some 30 %, so halves do.
+/// Candidate shares of these widths. A handful of numbers determines their scatter to some 30 %, so halves
+/// suffice.
 const SHARES: [f64; 6] = [0.0, 0.0625, 0.125, 0.25, 0.5, 1.0];
 
-/// Where the search for shares begins, and how often it goes through all four.
+/// Start of the search for shares, and number of passes through all four.
 const FIRST_SHARE: f64 = 0.25;
 const SWEEPS: usize = 4;
 
-/// A change is believed if the observations are this much more probable than without any: e⁶ is 400 to 1, because
-/// errors of a calibration at a few loads are no white noise.
+/// A change is accepted if it makes the observations this much more probable. e⁶ is 400 to 1, because errors
+/// of a calibration at a few loads are not white noise.
 const LEAST_LN_EVIDENCE: f64 = 6.0;
 
 /// A few loads on a calibrated sensor.
@@ -79,78 +82,79 @@ pub struct NewLoads<'a> {
     pub observations: &'a [Observation],
     /// Standard errors of the wrench of each observation, N and N·m.
     pub reference_errors: &'a [PerAxis<f64>],
-    /// Errors of the calibration on loads that it has not seen, N and N·m: what a polynomial's are.
+    /// Errors of a polynomial calibration on held-out loads, N and N·m.
     pub calibration_errors: PerAxis<f64>,
 }
 
-/// A calibration that has been brought up to date.
+/// An updated calibration.
 #[derive(Clone, Debug)]
 pub struct Recalibration {
-    /// That of the sensor as it is now; the old one, if nothing has changed.
+    /// Calibration of the sensor in its present state; the old one if nothing has changed.
     pub calibration: Calibration,
-    /// What has changed, in the order of [`ChangedQuantity::ALL`].
+    /// Quantities that have changed, in the order of [`ChangedQuantity::ALL`].
     pub quantities: Vec<ChangedQuantity>,
-    /// How much.
+    /// Change of the quantities.
     pub change: Change,
-    /// The standard errors of that; zero for what has not changed.
+    /// Standard errors of the change; zero for unchanged quantities.
     pub standard_errors: Change,
-    /// How much more probable the observations are than if nothing had changed, as a logarithm.
+    /// Log evidence: how much more probable the observations are than without a change.
     pub ln_evidence: f64,
     /// Root mean square of the differences before and after the change, in stated errors.
     pub disagreement: [f64; 2],
     /// Root mean square errors of the old calibration on the new loads, N and N·m.
     pub before: PerAxis<f64>,
-    /// Those of the new one.
+    /// Root mean square errors of the new calibration.
     pub after: PerAxis<f64>,
-    /// Errors on groups of observations that were held out while the change was found; `None` of a single group.
+    /// Errors on groups of observations that were held out from the fit of the change; `None` for a single
+    /// group.
     pub held_out: Option<PerAxis<HeldOutQuality>>,
 }
 
 impl Recalibration {
-    /// Whether the new loads contradict the calibration, whatever may have changed of zeros, gains and mounting.
+    /// Returns true if the new loads contradict the calibration for any change of zeros, gains and mounting.
     pub fn is_contradicted(&self) -> bool {
         self.disagreement[1] > CONTRADICTION
     }
 }
 
-/// Why a calibration cannot be brought up to date.
+/// Reason why a calibration cannot be updated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RecalibrationError {
     /// No loads.
     #[error("no loads")]
     NoLoads,
-    /// Logs of another number of channels.
+    /// The logs have another number of channels.
     #[error("the calibration is for `{expected}` channels, the loads have `{found}`")]
     Channels {
-        /// Of the calibration.
+        /// Channels of the calibration.
         expected: usize,
-        /// Of the logs.
+        /// Channels of the logs.
         found: usize,
     },
-    /// Neither a held-out error nor any other is known.
+    /// No errors of the calibration are known, on held-out rows or others.
     #[error("nothing is known of the errors of the calibration")]
     NoErrors,
     /// A value that is not a number.
     #[error("a reading or wrench is not a finite number")]
     NotFinite,
-    /// What the loads ask for is no change of a sensor, as where one of them is wrong.
+    /// The loads imply an impossible change of the sensor, for example because one of them is wrong.
     #[error("the loads ask for {} that no mounting and no age make", .change.map_or("errors as large as the loads", ChangedQuantity::name))]
     Impossible {
-        /// What would have changed too much; `None` where errors are as large as the loads.
+        /// Quantity that would have changed too much; `None` if errors are as large as the loads.
         change: Option<ChangedQuantity>,
-        /// The group of the load that is furthest from the calibration.
+        /// Group of the load that is furthest from the calibration.
         group: u64,
     },
 }
 
 impl Calibration {
-    /// The calibration of the sensor as it is now.
+    /// Calibrates the sensor in its present state.
     ///
     /// # Errors
-    /// [`RecalibrationError`] if the loads are none of this sensor.
+    /// [`RecalibrationError`] if the loads do not belong to this sensor.
     ///
     /// # Panics
-    /// If there are not as many reference errors as observations.
+    /// If the numbers of reference errors and observations differ.
     pub fn recalibrated(&self, loads: &NewLoads<'_>) -> Result<Recalibration, RecalibrationError> {
         let observations = loads.observations;
         assert_eq!(observations.len(), loads.reference_errors.len(), "errors of every observation");
@@ -163,7 +167,7 @@ impl Calibration {
         if !observations.iter().all(is_finite) {
             return Err(RecalibrationError::NotFinite);
         }
-        // How many times those of a physics model the variances of held-out errors are.
+        // Ratio of the variances of held-out errors to those of the physics model.
         let held_out_variance = match &self.kind {
             Kind::Polynomial(_) => {
                 if !self.axes.of(&loads.calibration_errors).into_iter().all(|error| error > 0.0) {
@@ -175,8 +179,8 @@ impl Calibration {
                 of.error_scale.iter().map(|scale| scale * scale).sum::<f64>() / 6.0
             }
         };
-        // Whether anything has changed is judged by errors as large as those on held-out loads; what, by the variances
-        // of the readings themselves, of which a wrench hides some.
+        // Errors as large as those on held-out loads decide if anything has changed. The variances of the
+        // readings themselves decide what has changed, because a wrench hides some of it.
         let cautious = ChangeSearch::new(self, loads, held_out_variance);
         let found = cautious.find(true);
         let outcome = match found.ln_evidence > LEAST_LN_EVIDENCE {
@@ -187,7 +191,7 @@ impl Calibration {
         let FoundChange { shares, change, standard_errors, ln_evidence, disagreement, .. } =
             outcome;
         let impossible = |change| RecalibrationError::Impossible { change, group: furthest };
-        // Loads that no change explains are told to contradict the calibration.
+        // Loads that no change explains are reported as a contradiction instead.
         let is_explained = disagreement[1] <= CONTRADICTION;
         if let Some(quantity) = outcome.impossible.filter(|_| is_explained) {
             return Err(impossible(Some(quantity)));
@@ -218,7 +222,7 @@ impl Calibration {
             };
             let errors: PerAxis<f64> = held_out.map(|axis: HeldOutQuality| axis.rms);
             let mut pairs = sizes(errors).into_iter().zip(sizes(loads));
-            // Not a number is as large as any.
+            // NaN counts as large.
             let is_small = |(error, load): (f64, f64)| load == 0.0 || error < load;
             if !pairs.all(is_small) {
                 return Err(impossible(None));
@@ -238,7 +242,7 @@ impl Calibration {
     }
 }
 
-/// Predicted less measured wrench of some observations.
+/// Predicted minus measured wrench of some observations.
 fn errors(calibration: &Calibration, some: &[&Observation]) -> Vec<PerAxis<f64>> {
     let column = |channel| some.iter().map(|o| o.readings[channel]).collect();
     let readings: Vec<Vec<f64>> = (0..calibration.channels()).map(column).collect();

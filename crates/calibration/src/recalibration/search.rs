@@ -1,7 +1,8 @@
-//! The change of greatest posterior density, with the priors that make the observations most probable.
+//! Search for the change of greatest posterior density, with the priors that make the observations most
+//! probable.
 //!
-//! Differences are nearly linear in the change, so their normal equations are set up about the last change that was
-//! found; to try a prior, or to hold a group out, then takes a solution of some twenty equations.
+//! Differences are nearly linear in the change, so their normal equations are set up at the last change that
+//! was found. Each trial of a prior, or of a held-out group, then solves only some twenty equations.
 
 use std::collections::BTreeMap;
 
@@ -18,14 +19,14 @@ use sensor_physics::response::Answer;
 use sensor_physics::{Observation, PhysicsModel, Sensor};
 use shell_data::wrench::PerAxis;
 
-/// How often the differences are made linear about what was found. They nearly are: the third time moves that by a
+/// Number of linearisations of the differences. They are nearly linear: the third one moves the result by a
 /// thousandth of a standard error.
 const ROUNDS: usize = 4;
 
-/// For derivatives by central differences, in standard deviations of the widest priors and shares of an error.
+/// Step of central differences, in standard deviations of the widest priors and in reference errors.
 const STEP: f64 = 1e-3;
 
-/// One number of a change, and the standard deviation of its widest prior.
+/// One number of a change, with the standard deviation of its widest prior.
 #[derive(Clone, Copy, Debug)]
 struct Unknown {
     quantity: ChangedQuantity,
@@ -33,11 +34,11 @@ struct Unknown {
     sd: f64,
 }
 
-/// How wide the prior of each quantity is, as a share of the widest; 0 for no change.
+/// Width of the prior of each quantity, as a share of the widest; 0 for no change.
 pub(super) type Shares = [f64; ChangedQuantity::ALL.len()];
 
-/// The differences `c + J·x` of some observations in their stated errors, summed up; `x` are the unknowns in standard
-/// deviations of their widest priors.
+/// Sums over the differences `c + J·x` of some observations in their stated errors; `x` are the unknowns in
+/// standard deviations of their widest priors.
 #[derive(Clone, Debug)]
 struct ChangeEquations {
     /// `JᵀJ`.
@@ -48,39 +49,39 @@ struct ChangeEquations {
     square: f64,
 }
 
-/// What some observations say with some priors.
+/// Posterior from some observations with some priors.
 struct Posterior {
-    /// The unknowns, and their standard errors.
+    /// Unknowns, and their standard errors.
     mean: Vec<f64>,
     errors: Vec<f64>,
-    /// The least sum of squares, of differences and unknowns in their stated errors.
+    /// Least sum of squares of differences and unknowns in their stated errors.
     cost: f64,
     ln_evidence: f64,
 }
 
-/// What has been found.
 #[derive(Clone, Debug)]
 pub(super) struct FoundChange {
     pub(super) shares: Shares,
     pub(super) change: Change,
     pub(super) standard_errors: Change,
-    /// What is found without each group of observations.
+    /// Change found without each group of observations.
     pub(super) held_out: BTreeMap<u64, Change>,
-    /// How much more probable the observations are than without a change, as a logarithm.
+    /// Log evidence: how much more probable the observations are than without a change.
     pub(super) ln_evidence: f64,
-    /// Root mean square of the differences before and after, in stated errors, those of the change with the latter.
+    /// Root mean square of the differences before and after the change, in stated errors. The second one
+    /// includes the prior terms of the change.
     pub(super) disagreement: [f64; 2],
-    /// What would have changed more than any sensor does.
+    /// Quantity that would have changed more than in any sensor.
     pub(super) impossible: Option<ChangedQuantity>,
 }
 
 pub(super) struct ChangeSearch<'a> {
     calibration: &'a Calibration,
     loads: &'a NewLoads<'a>,
-    /// The reading that the gain of each channel does not change, and the width of its calibrated range, counts.
+    /// Reading that the gain of each channel does not change, and width of its calibrated range, counts.
     channels: Vec<(f64, f64)>,
     unknowns: Vec<Unknown>,
-    /// The Cholesky factor of the covariance of the differences of each observation.
+    /// Cholesky factor of the covariance of the differences of each observation.
     factors: Vec<Mat<f64>>,
 }
 
@@ -99,7 +100,7 @@ impl ChangeEquations {
         self.square += sign * other.square;
     }
 
-    /// With priors of these standard deviations; `None` where that is not finite.
+    /// Solves with priors of these standard deviations; `None` if the curvature is not positive definite.
     fn posterior(&self, sds: &[f64]) -> Option<Posterior> {
         let size = sds.len();
         // x = S·z with z of variance one.
@@ -122,7 +123,7 @@ impl ChangeEquations {
 }
 
 impl<'a> ChangeSearch<'a> {
-    /// Of readings whose variances are so many times those of a physics model.
+    /// Prepares a search that multiplies the variances of a physics model's readings by `variance_scale`.
     pub(super) fn new(
         calibration: &'a Calibration,
         loads: &'a NewLoads<'a>,
@@ -141,8 +142,8 @@ impl<'a> ChangeSearch<'a> {
         search
     }
 
-    /// The change that the observations show, with the priors that make them most probable; none, unless anything
-    /// `is_changed`.
+    /// Finds the change that the observations show, with the priors that make them most probable; no change
+    /// unless `is_changed`.
     pub(super) fn find(&self, is_changed: bool) -> FoundChange {
         let mut at = vec![0.0; self.unknowns.len()];
         let mut shares = Shares::default();
@@ -181,7 +182,7 @@ impl<'a> ChangeSearch<'a> {
         }
     }
 
-    /// The group of the observation that is furthest from the calibration as it was, in stated errors.
+    /// Group of the observation that is furthest from the unchanged calibration, in stated errors.
     pub(super) fn furthest(&self) -> u64 {
         let rows = self.whitened(&vec![0.0; self.unknowns.len()]);
         let square = |row: &Vec<f64>| row.iter().map(|x| x * x).sum::<f64>();
@@ -190,12 +191,12 @@ impl<'a> ChangeSearch<'a> {
         furthest.map_or(0, |(_, observation)| observation.group)
     }
 
-    /// The priors that make the observations most probable, one quantity after another.
+    /// Finds the priors that make the observations most probable, one quantity after another.
     fn most_probable(&self, all: &ChangeEquations) -> Shares {
         let evidence = |shares: &Shares| {
             all.posterior(&self.sds(shares)).map_or(f64::NEG_INFINITY, |of| of.ln_evidence)
         };
-        // A quantity without unknowns has no share: none is better than that.
+        // A quantity without unknowns has a share of zero, because no share would change the evidence.
         let is_unknown = |quantity| self.unknowns.iter().any(|of| of.quantity == quantity);
         let mut shares =
             ChangedQuantity::ALL.map(|of| if is_unknown(of) { FIRST_SHARE } else { 0.0 });
@@ -223,7 +224,7 @@ impl<'a> ChangeSearch<'a> {
         self.unknowns.iter().map(|of| shares[of.quantity as usize]).collect()
     }
 
-    /// The differences of each group, linear about `at`, and their sum.
+    /// Differences of each group, linear about `at`, and their sum.
     fn equations(&self, at: &[f64]) -> (BTreeMap<u64, ChangeEquations>, ChangeEquations) {
         let here = self.whitened(at);
         let columns: Vec<Vec<Vec<f64>>> = (0..at.len())
@@ -260,7 +261,7 @@ impl<'a> ChangeSearch<'a> {
         (groups, all)
     }
 
-    /// The change of unknowns in standard deviations of their widest priors.
+    /// Converts unknowns, in standard deviations of their widest priors, to a change.
     fn change(&self, at: &[f64]) -> Change {
         let still = |&(pivot, _): &(f64, f64)| ChannelChange { pivot, ..ChannelChange::default() };
         let mut change = Change {
@@ -279,7 +280,7 @@ impl<'a> ChangeSearch<'a> {
         change
     }
 
-    /// The differences of each observation, in their stated errors.
+    /// Differences of each observation, in their stated errors.
     fn whitened(&self, at: &[f64]) -> Vec<Vec<f64>> {
         let all: Vec<&Observation> = self.loads.observations.iter().collect();
         let mut all = self.differences(&self.change(at), &all);
@@ -289,7 +290,7 @@ impl<'a> ChangeSearch<'a> {
         all
     }
 
-    /// Observed less predicted: the axes of the wrench, or the readings in calibrated ranges.
+    /// Observed minus predicted: the axes of the wrench, or the readings in calibrated ranges.
     fn differences(&self, change: &Change, some: &[&Observation]) -> Vec<Vec<f64>> {
         match &self.calibration.kind {
             Kind::Polynomial(polynomial) => {
@@ -316,7 +317,8 @@ impl<'a> ChangeSearch<'a> {
         }
     }
 
-    /// The factor of the covariance of the differences of an observation: of the calibration, and of the reference.
+    /// Factor of the covariance of an observation's differences, from errors of the calibration and of the
+    /// reference.
     fn factor_of_errors(&self, at: usize, variance_scale: f64) -> Mat<f64> {
         let observation = &self.loads.observations[at];
         let mut covariance = match &self.calibration.kind {
@@ -351,9 +353,9 @@ impl<'a> ChangeSearch<'a> {
     }
 }
 
-/// All that may have changed of a sensor and can be taken into its calibration.
+/// Lists all quantities of a sensor that may have changed and can be included in its calibration.
 fn unknowns(calibration: &Calibration, channels: &[(f64, f64)]) -> Vec<Unknown> {
-    // A polynomial without a constant has none to move.
+    // A polynomial without a constant cannot represent a change of the zeros.
     let has_constant = calibration.polynomial().is_none_or(|of| of.model().intercept);
     let of = |quantity: ChangedQuantity| {
         let sds: Vec<f64> = match quantity {
@@ -374,7 +376,8 @@ fn scaled(model: &PhysicsModel, wrench: &PerAxis<f64>) -> PerAxis<f64> {
     std::array::from_fn(|axis| wrench[axis] / model.wrench_scale[axis])
 }
 
-/// `V` of the readings under a wrench, in squared ranges: noise, what the parameters are unsure about, shared factors.
+/// Covariance `V` of the readings under a wrench, in squared ranges: noise, uncertain parameters and shared
+/// factors.
 fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f64> {
     let x = scaled(model, wrench);
     let of = |sensor: &Sensor| {
@@ -388,8 +391,8 @@ fn covariance_of_readings(model: &PhysicsModel, wrench: &PerAxis<f64>) -> Mat<f6
     })
 }
 
-/// The reading that the gain of each channel does not change, and the width of its range. A converter's zero is that
-/// reading, unless the channel is never near it.
+/// Reading that the gain of each channel does not change, and width of its range. This reading is the
+/// converter's zero, unless the channel is never near it.
 fn channels(calibration: &Calibration) -> Vec<(f64, f64)> {
     let has_constant = calibration.polynomial().is_none_or(|it| it.model().intercept);
     let of_range = |[min, max]: [f64; 2]| {

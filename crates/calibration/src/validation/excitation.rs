@@ -1,9 +1,9 @@
-//! How well the loads of a recording cover the six axes.
+//! Coverage of the six axes by the loads of a recording.
 //!
-//! A calibration cannot know what was never pressed. Per axis and sign: the range, the root mean
-//! square, the share of rows, and the share of the sum of squares, which tells a real load from
-//! noise about zero. Across axes: the condition number of the correlation matrix of the wrench
-//! about its mean, 1 where the axes move independently. Some correlation is the shell's own: a
+//! A calibration knows nothing about loads that were never applied. Each axis and sign has a range, a root
+//! mean square, a share of the rows, and a share of the sum of squares, which distinguishes a real load from
+//! noise about zero. All axes together have a condition number, computed from the correlation matrix of the
+//! wrench about its mean; it is 1 if the axes move independently. Some correlation comes from the shell: a
 //! push from the side at some height is a force and a moment.
 
 use least_squares::block_ranges::range_of;
@@ -13,16 +13,17 @@ use shell_data::statistics::{MergeWeights, extremes};
 use shell_data::vectorised;
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// The share of an axis's sum of squares below which a sign counts as hardly loaded.
+/// Share of an axis's sum of squares below which a sign counts as hardly loaded.
 const SMALL_SHARE: f64 = 0.1;
 
-/// A shell of 10 cm has levers of a few cm, an arm of 1 m less than this; moments of a longer one are in another unit.
+/// Longest plausible lever: a shell of 10 cm has levers of a few cm, and an arm of 1 m has less than this.
+/// Moments with a longer lever are in another unit.
 pub const LONGEST_LEVER_M: f64 = 2.0;
 
 /// Correlation from which two axes count as moving together.
 const STRONG_CORRELATION: f64 = 0.9;
 
-/// Sums over wrenches. Merge with those over other rows.
+/// Sums over wrenches, to be merged with sums over other rows.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct WrenchSums {
     rows: u64,
@@ -35,14 +36,14 @@ pub struct WrenchSums {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct AxisSums {
     range: ReadingRange,
-    /// Rows above and below zero, and their sums of squares.
+    /// Number of rows above and below zero, and their sums of squares.
     signs: [(u64, f64); 2],
 }
 
-/// How well the training loads cover the six axes.
+/// Coverage of the six axes by the training loads.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Excitation {
-    /// Per axis.
+    /// Excitation of each axis.
     #[serde(with = "shell_data::by_axis")]
     pub axes: PerAxis<AxisExcitation>,
     /// Correlation of the axes about their means; 0 for an axis that never changes.
@@ -52,7 +53,7 @@ pub struct Excitation {
     pub condition: Option<f64>,
 }
 
-/// How well one axis is covered, N or N·m.
+/// Coverage of one axis, N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct AxisExcitation {
     /// The smallest value.
@@ -65,20 +66,20 @@ pub struct AxisExcitation {
     pub rows_positive: f64,
     /// Share of rows below zero.
     pub rows_negative: f64,
-    /// What the rows above zero contribute to the sum of squares, 0 to 1; 0 without load.
+    /// Contribution of the rows above zero to the sum of squares, 0 to 1; 0 without load.
     pub load_positive: f64,
-    /// What the rows below zero contribute.
+    /// Contribution of the rows below zero.
     pub load_negative: f64,
 }
 
-/// What is missing from the training loads, and what to record.
+/// A gap in the training loads, with the loads to record.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Gap {
     /// An axis that never changes.
     #[error("{name} never changes: record loads on {name}", name = .0.name())]
     Unloaded(Axis),
-    /// An axis that is hardly loaded one way: upwards if `positive`.
+    /// An axis that is hardly loaded in one direction: upwards if `positive`.
     #[error(
         "{name} is hardly loaded towards {sign}{name} ({:.1} % of its square sum): record such loads if the sensor will \
          see them",
@@ -89,9 +90,9 @@ pub enum Gap {
     OneSided {
         /// The axis.
         axis: Axis,
-        /// Whether loads above zero are missing.
+        /// True if loads above zero are missing.
         positive: bool,
-        /// Their share of the sum of squares.
+        /// Share of these loads in the sum of squares.
         share: f64,
     },
     /// Two axes that nearly always move together.
@@ -103,15 +104,15 @@ pub enum Gap {
     Together {
         /// One axis.
         first: Axis,
-        /// The other.
+        /// The other axis.
         second: Axis,
-        /// Their correlation.
+        /// Correlation of the two axes.
         correlation: f64,
     },
 }
 
 impl WrenchSums {
-    /// Of some rows: six columns of the same length, N and N·m, finite.
+    /// Sums over some rows: six columns of the same length, N and N·m, finite.
     ///
     /// # Panics
     /// If there are not six columns of one length.
@@ -149,7 +150,7 @@ impl WrenchSums {
         self.rows += other.rows;
     }
 
-    /// The figures; `None` for zero rows.
+    /// Computes the excitation; `None` for zero rows.
     pub fn excitation(&self) -> Option<Excitation> {
         if self.rows == 0 {
             return None;
@@ -183,11 +184,11 @@ impl WrenchSums {
 }
 
 vectorised! {
-    /// [`WrenchSums::new`] of at least one row.
+    /// [`WrenchSums::new`] for at least one row.
     fn wrench_sums(wrench: &[Vec<f64>]) -> WrenchSums {
         let rows = wrench[0].len();
         let mut sums = WrenchSums { rows: rows as u64, ..WrenchSums::default() };
-        // A loop: the closure of an array may stay a call, and then knows nothing of vectors.
+        // A loop, because the closure of an array may remain a call without vectors.
         for (axis, column) in wrench.iter().enumerate() {
             let signs = [sign(column, 1.0), sign(column, -1.0)];
             sums.axes[axis] = AxisSums { range: range_of(column), signs };
@@ -204,14 +205,14 @@ vectorised! {
     }
 }
 
-/// Interleaved sums.
+/// Number of interleaved sums.
 const LANES: usize = 8;
 
-/// The rows that are above zero after they are multiplied by `sign`, and their sum of squares; zeros are on neither
-/// side.
+/// Number of rows that are above zero after multiplication by `sign`, and their sum of squares; zeros are on
+/// neither side.
 ///
-/// A loop for each sum and each side: where the compiler sees that one condition follows from another, it
-/// makes branches of them, and no vectors.
+/// Each sum and each side has a loop, because the compiler generates branches instead of vectors if it sees
+/// that one condition follows from another.
 #[inline(always)]
 fn sign(column: &[f64], sign: f64) -> (u64, f64) {
     let load = |x: f64| if sign * x > 0.0 { sign * x } else { 0.0 };
@@ -219,7 +220,7 @@ fn sign(column: &[f64], sign: f64) -> (u64, f64) {
     (rows as u64, lane_sum(column, column, |x, _| load(x) * load(x)))
 }
 
-/// The sum over two columns of what `term` makes of their values.
+/// Sum of `term` over the values of two columns.
 #[inline(always)]
 fn lane_sum(x: &[f64], y: &[f64], term: impl Fn(f64, f64) -> f64) -> f64 {
     let mut sums = [0.0; LANES];
@@ -248,7 +249,7 @@ fn sum(column: &[f64]) -> f64 {
 }
 
 impl Excitation {
-    /// The moments over the forces, m; `None` without forces.
+    /// Ratio of moments to forces, m; `None` without forces.
     pub fn lever_m(&self) -> Option<f64> {
         let square =
             |axes: &[AxisExcitation]| axes.iter().map(|axis| axis.rms.powi(2)).sum::<f64>();
@@ -256,12 +257,12 @@ impl Excitation {
         (forces > 0.0).then(|| (moments / forces).sqrt())
     }
 
-    /// The largest load of each axis, either way, N and N·m.
+    /// Largest load of each axis in either direction, N and N·m.
     pub fn largest_loads(&self) -> PerAxis<f64> {
         self.axes.map(|axis| axis.max.abs().max(axis.min.abs()))
     }
 
-    /// What is missing on these axes.
+    /// Gaps on these axes.
     pub fn gaps(&self, axes: Axes) -> Vec<Gap> {
         let mut gaps = Vec::new();
         for axis in axes.iter() {
@@ -292,7 +293,7 @@ fn condition(correlation: &PerAxis<PerAxis<f64>>) -> Option<f64> {
     let moving: Vec<usize> = (0..6).filter(|&a| correlation[a][a] > 0.0).collect();
     let matrix = SymmetricMatrix::from_fn(moving.len(), |i, j| correlation[moving[i]][moving[j]]);
     let (smallest, largest) = extremes(matrix.eigen()?.values);
-    // Eigenvalues of a 6 × 6 matrix are this uncertain.
+    // The relative uncertainty of eigenvalues of a 6 × 6 matrix.
     (smallest > 1e-14 * largest).then(|| largest / smallest)
 }
 
@@ -304,7 +305,7 @@ mod tests {
         (0..6).map(|axis| (0..rows).map(|row| of(axis, row)).collect()).collect()
     }
 
-    /// Orthogonal waves: a full number of periods each.
+    /// Orthogonal waves, each with a whole number of periods.
     fn wave(axis: usize, row: usize) -> f64 {
         (std::f64::consts::TAU * (axis + 1) as f64 * (row as f64 + 0.25) / 64.0).sin()
     }

@@ -1,10 +1,11 @@
-//! Whether rows that errors are judged on were recorded at poses that a model was trained on.
+//! Check that test rows were not recorded at the poses of the training rows.
 //!
-//! A random split of the rows of one recording leaves rows of every pose on both sides, and the error on the test rows
-//! is then that of training; so it is where the labels of groups are assigned to rows at random. A row counts as one of a
-//! pose if its load is that of training rows, and every reading is about where theirs are: a pose that is set up
-//! again, with the same weights, has other readings. Loads are equal within the last digit of the coarser file. Rows
-//! may be in any order. Where the reference flickers by more than its last digit this says nothing.
+//! A random split of the rows of one recording leaves rows of every pose on both sides, so the error on the
+//! test rows is a training error. Group labels that are assigned to rows at random have the same effect. A
+//! row counts as one of a pose if its load equals the load of training rows and every reading is near theirs:
+//! a pose that is set up again, with the same weights, has other readings. Loads are equal if they agree
+//! within the last digit of the coarser file. Rows may be in any order. The check is not conclusive if the
+//! reference flickers by more than its last digit.
 
 use std::collections::HashMap;
 use std::iter::repeat_n;
@@ -14,25 +15,25 @@ use shell_data::dataset::Dataset;
 use shell_data::statistics::extremes;
 use shell_data::wrench::PerAxis;
 
-/// Rows that are kept.
+/// Most rows that are kept.
 const KEPT: usize = 4096;
 
-/// Rows that tell how many digits loads have.
+/// Number of rows that determine the number of digits of loads.
 const DIGIT_ROWS: usize = 256;
 
-/// Digits beyond which doubles tell nothing apart.
+/// Digits beyond which doubles cannot be distinguished.
 const MOST_DIGITS: i32 = 12;
 
-/// Loads of one file are equal within this share of the range: sums in another order.
+/// Loads of one file are equal within this share of the range, because sums may be in another order.
 const SAME: f64 = 1e-9;
 
-/// The fewest rows of a load that say where its readings are.
+/// Fewest rows of a load that determine its readings.
 const FEWEST_ROWS: usize = 4;
 
-/// The fewest loads that are poses rather than rest.
+/// Fewest loads that count as poses, and not as rest.
 const FEWEST_LOADS: usize = 3;
 
-/// The share of rows at poses of the training rows from which a test says nothing of new poses.
+/// Share of rows at poses of the training rows from which a test says nothing about new poses.
 pub const LEAKY: f64 = 0.1;
 
 /// Rows spread over some logs.
@@ -45,23 +46,23 @@ pub struct RowSample {
 struct SampledRow {
     load: PerAxis<f64>,
     readings: Vec<f64>,
-    /// Which group it is of, where that was asked.
+    /// Index of the row's group, if groups were requested.
     group: usize,
 }
 
-/// The last digit of numbers that were rounded to some decimals, or to some significant digits.
+/// Last digit of numbers that were rounded to some decimals or to some significant digits.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct LastDigit {
-    /// The place of the last decimal, as a power of ten.
+    /// Value of the last decimal place, as a power of ten.
     decimal: f64,
-    /// Significant digits.
+    /// Number of significant digits.
     digits: i32,
 }
 
-/// The poses that the rows of a sample were held at.
+/// Poses at which the rows of a sample were recorded.
 #[derive(Clone, Debug)]
 pub struct RecordedPoses {
-    /// By the load on the first axis, ascending.
+    /// Poses, ascending by the load on the first axis.
     poses: Vec<RecordedPose>,
     sample: RowSample,
     range: PerAxis<f64>,
@@ -71,12 +72,12 @@ pub struct RecordedPoses {
 struct RecordedPose {
     load: PerAxis<f64>,
     readings: Vec<ReadingSpan>,
-    /// The places of its rows.
+    /// Indices of its rows in the sample.
     rows: Vec<usize>,
 }
 
 impl RowSample {
-    /// Every so-manieth row of a block; see [`stride`](Self::stride).
+    /// Takes every `stride`-th row of a block; see [`stride`](Self::stride).
     pub fn new(block: &Block, stride: usize) -> Self {
         let row = |row: usize| SampledRow {
             load: std::array::from_fn(|axis| block.wrench[axis][row]),
@@ -86,7 +87,7 @@ impl RowSample {
         Self { rows: (0..block.rows).step_by(stride).map(row).collect() }
     }
 
-    /// Rows of a labelled data set, with their groups.
+    /// Samples rows of a labelled data set, with their groups.
     fn from_groups(data: &Dataset) -> Self {
         let (stride, mut sample) = (Self::stride(data.rows()), Self::default());
         let mut groups = HashMap::new();
@@ -102,13 +103,13 @@ impl RowSample {
         sample
     }
 
-    /// Which rows of logs to take, of some `rows` that they have: about as many as are kept.
+    /// Stride at which about as many of `rows` rows are taken as are kept.
     pub fn stride(rows: u64) -> usize {
-        // Odd: rows often alternate in twos.
+        // Odd, because rows often alternate in pairs.
         usize::try_from(rows / KEPT as u64).unwrap_or(usize::MAX) | 1
     }
 
-    /// Adds the rows of a block after those before; every second is let go where they are too many.
+    /// Appends the rows of a block; drops every second row while there are too many.
     pub fn add(&mut self, mut block: Self) {
         self.rows.append(&mut block.rows);
         while self.rows.len() > KEPT {
@@ -120,7 +121,7 @@ impl RowSample {
         }
     }
 
-    /// Some of the rows, from all over them.
+    /// Some of the rows, spread over all of them.
     fn some(&self) -> impl Iterator<Item = &SampledRow> {
         self.rows.iter().step_by(self.rows.len().div_ceil(DIGIT_ROWS).max(1))
     }
@@ -133,7 +134,7 @@ impl RowSample {
         LastDigit::new(self.some().flat_map(|row| row.readings.iter().copied())).decimal
     }
 
-    /// The poses that the rows are made of; `None` if they are not.
+    /// Poses of the rows; `None` if the rows do not consist of poses.
     pub fn poses(self) -> Option<RecordedPoses> {
         let range: PerAxis<f64> = std::array::from_fn(|axis| {
             let (least, most) = extremes(self.rows.iter().map(|row| row.load[axis]));
@@ -156,12 +157,13 @@ impl RowSample {
             readings: spans(rows.iter().map(|&row| &self.rows[row])),
             rows,
         };
-        // They were divided along the first axis first.
+        // The order is ascending because the rows were divided along the first axis first.
         let poses = of_one_load.into_iter().map(pose).collect();
         Some(RecordedPoses { poses, sample: self, range })
     }
 
-    /// Rows divided where the load on an axis steps by more than `step`, ascending; parts of a few rows are left out.
+    /// Divides rows where the load on an axis steps by more than `step`, in ascending order; drops parts of a
+    /// few rows.
     fn divide(&self, mut rows: Vec<usize>, axis: usize, step: f64) -> Vec<Vec<usize>> {
         let load = |row: &usize| self.rows[*row].load[axis];
         rows.sort_unstable_by(|a, b| load(a).total_cmp(&load(b)));
@@ -171,11 +173,11 @@ impl RowSample {
 }
 
 impl LastDigit {
-    /// The finest of some numbers.
+    /// Finest last digit of some numbers.
     fn new(values: impl Iterator<Item = f64>) -> Self {
         let mut finest = Self { decimal: 1.0, digits: 1 };
         for value in values {
-            // Units that were converted leave digits at the very end.
+            // Conversion of units leaves digits at the very end.
             let text = format!("{value:.*e}", (MOST_DIGITS - 1) as usize);
             let (mantissa, exponent) = text.split_once('e').unwrap_or((&text, "0"));
             let mantissa = mantissa.trim_end_matches('0').trim_end_matches('.');
@@ -190,7 +192,7 @@ impl LastDigit {
         finest
     }
 
-    /// How far a number of this size is from what it was rounded from, at most.
+    /// Largest rounding error of a number of this size.
     fn rounding(&self, value: f64) -> f64 {
         let leading = if value == 0.0 { f64::MIN } else { value.abs().log10().floor() };
         let significant = 10_f64.powf(leading + 1.0 - f64::from(self.digits));
@@ -199,7 +201,7 @@ impl LastDigit {
 }
 
 impl RecordedPoses {
-    /// The share of `rows` that were recorded at these poses; `None` for zero rows.
+    /// Share of the rows of `test` that were recorded at these poses; `None` for zero rows.
     pub fn share_of(&self, test: &RowSample) -> Option<f64> {
         let (own_digits, digits) = (self.sample.digits(), test.digits());
         let slack = 0.5 * (self.sample.reading_step() + test.reading_step());
@@ -223,7 +225,7 @@ impl RecordedPoses {
         (rows > 0).then(|| test.rows.iter().filter(is_at).count() as f64 / rows as f64)
     }
 
-    /// The share of the rows whose pose other groups have rows of.
+    /// Share of the rows whose pose also has rows of other groups.
     fn share_in_several_groups(&self) -> f64 {
         let (mut shared, step) = (0, self.sample.reading_step());
         for pose in &self.poses {
@@ -243,7 +245,7 @@ impl RecordedPoses {
     }
 }
 
-/// The range of the readings of some rows on a channel.
+/// Range of the readings of some rows on a channel.
 type ReadingSpan = [f64; 2];
 
 fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
@@ -257,7 +259,8 @@ fn spans<'a>(rows: impl Iterator<Item = &'a SampledRow>) -> Vec<ReadingSpan> {
     spans
 }
 
-/// Whether every reading of a row is within its range, widened by its own width and by `slack`.
+/// Returns true if every reading of a row is within its range, widened by the width of the range and by
+/// `slack`.
 fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     spans.iter().zip(&row.readings).all(|(&[least, most], reading)| {
         let width = most - least + slack;
@@ -265,8 +268,8 @@ fn have(spans: &[ReadingSpan], row: &SampledRow, slack: f64) -> bool {
     })
 }
 
-/// The share of the rows of a labelled data set whose pose is shared by several groups, where it is made of poses: of
-/// labels that were assigned at random, nearly all.
+/// Share of the rows of a labelled data set whose pose occurs in several groups; `None` if the data set does
+/// not consist of poses. Labels that were assigned at random give nearly 1.
 pub fn share_in_several_groups(data: &Dataset) -> Option<f64> {
     Some(RowSample::from_groups(data).poses()?.share_in_several_groups())
 }
@@ -276,7 +279,7 @@ mod tests {
     use super::*;
     use system_tests::random::Random;
 
-    /// Rows of poses, each of a load and readings of its own, in a random order; noise of two counts.
+    /// Rows of poses in a random order, each pose with its own load and readings; noise of one count.
     fn poses(seed: u64, poses: usize, rows: usize) -> Vec<(PerAxis<f64>, Vec<f64>, usize)> {
         let mut random = Random(seed);
         let mut all = Vec::new();
@@ -307,7 +310,7 @@ mod tests {
         sample
     }
 
-    /// To this many significant digits.
+    /// Rounds to this many significant digits.
     fn significant(value: f64, digits: usize) -> f64 {
         format!("{value:.*e}", digits - 1).parse().unwrap()
     }
@@ -338,7 +341,7 @@ mod tests {
         }
         let grouped = sample(&part(&|_, pose| pose % 5 > 0), |x| x).poses().unwrap();
         assert_eq!(grouped.share_of(&sample(&part(&|_, pose| pose % 5 == 0), |x| x)), Some(0.0));
-        // The same weights, set up again.
+        // A second setup with the same weights.
         let again: Vec<_> = test
             .iter()
             .map(|(load, readings, pose)| {

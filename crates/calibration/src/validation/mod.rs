@@ -1,8 +1,9 @@
-//! How far a calibration can be trusted on what it was not trained on: what [errors on held-out rows](cross_validation) do not
-//! say.
+//! Trust in a calibration for data outside its training, beyond the [errors on held-out
+//! rows](cross_validation).
 //!
-//! [`plateaus`] finds groups where none are named, [`excitation`] says how well the training loads cover the six axes,
-//! [`leaks`] which rows are on both sides of a split, [`outliers`] which rows stand out.
+//! [`plateaus`] finds groups in recordings without named groups, [`excitation`] measures how well the
+//! training loads cover the six axes, [`leaks`] finds rows on both sides of a split, and [`outliers`] finds
+//! rows that stand out.
 
 pub mod excitation;
 pub mod leaks;

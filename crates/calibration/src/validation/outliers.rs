@@ -1,4 +1,4 @@
-//! Rows that do not belong: corrupt ones, found by their deleted residuals.
+//! Outliers: corrupt rows, found by their deleted residuals.
 //!
 //! A row is tested by a fit to the others. With the error `e` of an axis, its standard deviation `σ` over
 //! the rows of the fit and the leverage `h = ‖Fᵀx‖²` of the row's features,
@@ -27,13 +27,13 @@
 //! without all rows that exceed a limit. Rows that turn out to be good go back, and the fit is repeated until
 //! it no longer changes.
 //!
-//! A slip of one channel may cause no larger error than fast motion, but the channel changes unusually fast. A row
-//! with a size above 4 is therefore also an outlier if a reading jumps from both neighbours by six standard
-//! deviations of that channel's changes from row to row.
+//! A slip of one channel may cause no larger error than fast motion, but the channel changes unusually fast.
+//! A row with a size above 4 is therefore also an outlier if a reading jumps from both neighbours by six
+//! standard deviations of that channel's changes from row to row.
 //!
-//! Why a [limit](LIMIT) of 10: a row moves the predictions of `n` others by no more than `size·σ/√n` on average. To move a root
-//! mean square error by a tenth it takes a size of `0.46·√n`, which is above 10 from 470 rows on. Where many errors are
-//! large, a search raises the limit far above all of them.
+//! The [limit](LIMIT) is 10 because a row moves the predictions of `n` others by no more than `size·σ/√n` on
+//! average. To move a root mean square error by a tenth, it needs a size of `0.46·√n`, which is above 10 from
+//! 470 rows on. If many errors are large, a search raises the limit far above all of them.
 
 use crate::conversion::Calibration;
 use crate::prediction::spread;
@@ -49,30 +49,30 @@ use shell_data::statistics::RunningVariance;
 use shell_data::vectorised;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// The largest size of an error of a row that belongs, at the least.
+/// Least limit for the size of an error: a row beyond the limit is an outlier.
 pub const LIMIT: f64 = 10.0;
 
-/// The largest distance of a reading from its mean, in standard deviations, of one that does.
+/// Limit for the distance of a reading from its mean, in standard deviations.
 const FAR: f64 = 8.0;
 
-/// The sizes from which on a row is looked at: leverage takes time.
+/// Sizes from which a row is tested: the leverage in the test takes time.
 const LOOK_AT_ERROR: f64 = 3.6;
 const LOOK_AT_READING: f64 = 4.5;
 
-/// Limits for a row that dominates a fit: its leverage, its leverage in averages, its jump from both neighbours in
-/// standard deviations, and the size of its error.
+/// Limits for a row that dominates a fit: its leverage, its leverage in averages, its jump from both
+/// neighbours in standard deviations, and the size of its error.
 const TAKES_OVER: f64 = 0.5;
 const TAKES_OVER_IN_AVERAGES: f64 = 20.0;
 const JUMP: f64 = 2.0;
 const SIZE_WITH_JUMP: f64 = 3.0;
 
-/// Limits for a spike: its jump from both neighbours, in standard deviations of the changes of its channel, and the
-/// size of its error.
+/// Limits for a spike: its jump from both neighbours, in standard deviations of the changes of its channel,
+/// and the size of its error.
 const SPIKE: f64 = 6.0;
 const SIZE_WITH_SPIKE: f64 = 4.0;
 
-/// How many rows before and after a slip its error has halved, if it is one row long, or two: errors of fast motion grow
-/// and fade over some rows.
+/// Distances, in rows before and after a slip of one row or two, at which its error has halved. Errors of
+/// fast motion grow and fade over some rows.
 const BESIDE: [[usize; 2]; 3] = [[1, 1], [1, 2], [2, 1]];
 
 /// Errors below this share of the standard deviation of the load are rounding.
@@ -88,7 +88,7 @@ pub struct RowTest<'a> {
     factor: TriangularColumns,
     /// The standard deviation of the errors of each axis, N and N·m.
     pub noise: PerAxis<f64>,
-    /// Coefficients by rows.
+    /// Number of coefficients divided by the number of rows.
     average_leverage: f64,
 }
 
@@ -97,11 +97,11 @@ pub struct RowTest<'a> {
 pub struct TestedRow {
     /// The row of the block.
     pub row: usize,
-    /// Predicted less measured, N and N·m.
+    /// Predicted minus measured, N and N·m.
     pub error: PerAxis<f64>,
     /// The largest size of an error.
     pub size: f64,
-    /// Its axis.
+    /// Axis of the largest error.
     pub axis: usize,
     /// True if the neighbours have smaller errors, and the load changes by less than the error.
     errs_alone: bool,
@@ -111,7 +111,8 @@ pub struct TestedRow {
     is_far_alone: bool,
     /// True if a reading jumps from both neighbours, and the leverage is high enough to dominate the fit.
     takes_over: bool,
-    /// True if a reading jumps from both neighbours by more than its channel changes, and the error is that large.
+    /// True if a reading jumps from both neighbours by more than its channel changes, and the error is that
+    /// large.
     is_spike: bool,
 }
 
@@ -124,8 +125,8 @@ impl TestedRow {
             || (self.errs_alone && self.is_spike)
     }
 
-    /// Returns true if the row, tested by a fit to all rows, justifies a search. A spike or a far reading with a
-    /// small error does not: one in some hundred thousand good rows looks like that.
+    /// Returns true if the row, tested by a fit to all rows, justifies a search. A spike or a far reading
+    /// with a small error does not: one in some hundred thousand good rows looks like that.
     pub fn starts_search(&self) -> bool {
         (self.size > LIMIT && self.errs_alone) || self.takes_over
     }
@@ -137,7 +138,8 @@ impl TestedRow {
 }
 
 impl<'a> RowTest<'a> {
-    /// By a solution to rows with a spread. `None` if there are no more rows than coefficients.
+    /// Creates a test from a solution and the spread of its rows. `None` if there are no more rows than
+    /// coefficients.
     pub fn new(solution: &Solution, spread: &'a Spread) -> Option<Self> {
         let features = Features::new(solution.model, solution.scaling.clone());
         let free = solution.rows.checked_sub(features.len() as u64).filter(|&free| free > 0)?;
@@ -157,8 +159,8 @@ impl<'a> RowTest<'a> {
         })
     }
 
-    /// The largest size of the errors of rows that are no [suspects](Self::suspects) of a fit with `noise`, if both fits
-    /// predict the same.
+    /// Largest size of the errors of rows that are not [suspects](Self::suspects) of a fit with `noise`, if
+    /// both fits predict the same.
     pub fn largest_unseen(&self, noise: &PerAxis<f64>) -> f64 {
         let sizes = noise.iter().zip(&self.noise).map(|(noise, own)| LOOK_AT_ERROR * noise / own);
         sizes.fold(0.0, f64::max)
@@ -166,15 +168,15 @@ impl<'a> RowTest<'a> {
 
     /// The rows of a block to test: those with a large error, a far reading, a jump or a spike.
     ///
-    /// No public function here is generic: that would be compiled with whoever calls it, and programs may
-    /// be optimised for size.
+    /// No public function here is generic: a generic function would be compiled with its callers, and
+    /// programs may be optimised for size.
     pub fn suspects(&self, block: &Block, predicted: &PerAxis<Vec<f64>>) -> Vec<usize> {
         let excess = row_excess(self, predicted, block);
         excess.iter().enumerate().filter(|(_, excess)| **excess > 1.0).map(|(row, _)| row).collect()
     }
 
-    /// Tests a few rows of a block, in ascending order, by a fit that `has_left_out` some of them; only their wrench and
-    /// that of the rows beside them is predicted.
+    /// Tests a few rows of a block, in ascending order, by a fit that `has_left_out` some of them. Predicts
+    /// only the wrench of these rows and their neighbours.
     pub fn test(
         &self,
         block: &Block,
@@ -190,8 +192,9 @@ impl<'a> RowTest<'a> {
         let error = |axis: usize, at: usize| predicted[axis][at] - columns.wrench[axis][at];
         let test_row = |(&position, leverage): (&TestPosition, f64)| {
             let TestPosition { row, at, .. } = position;
-            // A fit follows a row of leverage one regardless of its values: its residual is rounding.
-            // Variance and leverage of the row in a fit that includes it; and the error of a fit without it.
+            // A fit follows a row of leverage one regardless of its values: its residual is rounding. The
+            // three values are the variance of the row's error, its leverage in a fit that includes it, and
+            // the factor from its error to the error of a fit without it.
             let (variance, in_fit, deleted) = match has_left_out(row) {
                 true => (1.0 + leverage, leverage / (1.0 + leverage), 1.0),
                 false => ((1.0 - leverage).max(1e-9), leverage, (1.0 - leverage).max(1e-9).recip()),
@@ -209,7 +212,7 @@ impl<'a> RowTest<'a> {
             let halves = |[before, after]: [usize; 2]| {
                 !errs_alike(position.before(before)) && !errs_alike(position.after(after))
             };
-            // Where the load moves, a sensor that is sampled a little earlier errs by a part of it.
+            // If the load moves, a sensor that is sampled a little earlier errs by a part of the change.
             let exceeds_change = deleted * own.abs()
                 > change(&predicted[axis], position).min(change(&columns.wrench[axis], position));
             let (far, is_far_alone) = distance(columns, self.spread, position);
@@ -253,7 +256,6 @@ vectorised! {
 /// A row of a block, and its index in columns that hold copies of this row and its neighbours.
 #[derive(Clone, Copy, Debug)]
 struct TestPosition {
-    /// The row of the block.
     row: usize,
     /// Its index in the columns.
     at: usize,
@@ -273,8 +275,8 @@ impl TestPosition {
     }
 }
 
-/// Copies of some rows of a block, in ascending order, with their neighbours, and the positions of the rows among the
-/// copies.
+/// Copies of some rows of a block, in ascending order, with their neighbours, and the positions of the rows
+/// among the copies.
 fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
     /// The largest distance in [`BESIDE`].
     const REACH: usize = 2;
@@ -291,8 +293,8 @@ fn copy_rows(rows: &[usize], block: &Block) -> (Block, Vec<TestPosition>) {
 }
 
 vectorised! {
-    /// By how much each row exceeds what is not looked at: the largest of its errors,
-    /// distances of readings from their mean and jumps, each in units of its limit.
+    /// Largest ratio of each row's errors, distances of readings from their mean and jumps to the limits from
+    /// which a row is tested.
     fn row_excess(test: &RowTest<'_>, predicted: &PerAxis<Vec<f64>>, block: &Block) -> Vec<f64> {
         let mut excess = vec![0.0; block.rows];
         for (axis, (predicted, measured)) in predicted.iter().zip(&block.wrench).enumerate() {
@@ -323,14 +325,14 @@ vectorised! {
     }
 }
 
-/// Where a limit is zero, zero in its units is not a number and raises nothing.
+/// Raises `excess` to `to`. If a limit is zero, zero in its units is NaN and raises nothing.
 #[inline(always)]
 fn raise(excess: &mut f64, to: f64) {
     *excess = if to > *excess { to } else { *excess };
 }
 
-/// The largest distance of a reading of a row from its mean, in standard deviations, and whether it is half the
-/// limit away from both neighbours.
+/// Largest distance of a reading of a row from its mean, in standard deviations. The second value is true if
+/// the reading is also half the limit away from both neighbours.
 fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, bool) {
     let far = |(channel, column): (usize, &Vec<f64>)| {
         (channel, spread.apart(channel, column[position.at], spread.means[channel]))
@@ -345,13 +347,14 @@ fn distance(columns: &Block, spread: &Spread, position: TestPosition) -> (f64, b
     (far, is_apart(position.before(1)) && is_apart(position.after(1)))
 }
 
-/// The largest difference between a value and its neighbours.
+/// Largest difference between a value and its neighbours.
 fn change(values: &[f64], position: TestPosition) -> f64 {
     let beside = [position.before(1), position.after(1)].into_iter().flatten();
     beside.map(|at| (values[position.at] - values[at]).abs()).fold(0.0, f64::max)
 }
 
-/// Returns true if a reading of a row jumps from both neighbours by `limit` times the deviation of its channel.
+/// Returns true if a reading of a row jumps from both neighbours by `limit` times the deviation of its
+/// channel.
 fn jumps(columns: &Block, deviations: &[f64], limit: f64, position: TestPosition) -> bool {
     let [before, after] = [position.before(1), position.after(1)];
     let (Some(before), Some(after)) = (before.or(after), after.or(before)) else { return false };
@@ -375,7 +378,7 @@ fn jump(value: f64, [before, after]: [f64; 2]) -> f64 {
 pub struct Spread {
     /// Means of the readings of each channel, then of the axes of the wrench.
     pub(super) means: Vec<f64>,
-    /// Their standard deviations.
+    /// Standard deviations of the readings and of the wrench, in the same order.
     pub(super) deviations: Vec<f64>,
     /// The standard deviations of the changes of each channel from row to row.
     pub(super) changes: Vec<f64>,
@@ -408,15 +411,15 @@ impl Spread {
         })
     }
 
-    /// How many standard deviations a value of a column is from another.
+    /// Distance between two values of a column, in standard deviations.
     pub fn apart(&self, column: usize, value: f64, other: f64) -> f64 {
         let sd = self.deviations[column];
         if sd > 0.0 { (value - other).abs() / sd } else { 0.0 }
     }
 }
 
-/// Mean and variance of each column of a block: of readings and wrench, then of the changes of the readings from row to
-/// row. Only every `step`-th run of rows is used.
+/// Mean and variance of each column of a block: of readings and wrench, then of the changes of the readings
+/// from row to row. Uses only every `step`-th run of rows.
 fn sampled_spread(block: &Block, step: usize) -> Vec<RunningVariance> {
     /// Rows of a run, if `step` is more than one.
     const RUN: usize = 32;
@@ -462,10 +465,10 @@ mod tests {
         let blocks = vec![block(vec![1.0, 3.0]), block(vec![1.0, 3.0, 9.0, 9.0])];
         let data = Dataset::from_blocks("memory", Axes::ALL, blocks);
         let spread = Spread::new(&data, Workers::ONE).unwrap();
-        // Their squares add up to 182, their mean is 26/6. Rounding of a few operations.
+        // The squares add up to 182, the mean is 26/6. Rounding of a few operations.
         let sd = (182.0 / 6.0 - (26.0_f64 / 6.0).powi(2)).sqrt();
         assert!((spread.apart(0, 5.0, 3.0) - 2.0 / sd).abs() < 1e-12);
-        // Changes of 2, 2, 6 and 0, whose mean is 2.5.
+        // Changes of 2, 2, 6 and 0, with mean 2.5.
         assert!((spread.changes[0] - (44.0_f64 / 4.0 - 2.5 * 2.5).sqrt()).abs() < 1e-12);
     }
 
@@ -482,7 +485,7 @@ mod tests {
         let data = Dataset::from_blocks("memory", Axes::ALL, blocks);
         let spread = Spread::new(&data, Workers::ONE).unwrap();
         let whole = RunningVariance::new(&(0..100_000).map(value).collect::<Vec<_>>());
-        // A twelfth of the rows.
+        // The spread comes from a twelfth of the rows.
         assert!((spread.deviations[0] / whole.rms_about_mean() - 1.0).abs() < 0.02);
         assert!((spread.means[0] - whole.mean).abs() < 0.02);
     }

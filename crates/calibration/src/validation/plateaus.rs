@@ -1,63 +1,64 @@
-//! Groups of rows in a recording that names none: plateaus of constant load, or stretches between jumps
+//! Groups of rows in a recording without named groups: plateaus of constant load, or stretches between jumps
 //! of its clock.
 //!
-//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows that
-//! leave it begin another as soon as [`FEWEST_ROWS`] of them agree; if the load comes back before, they
-//! were strays and stay where they are. What lies between two plateaus belongs to the one before, and
-//! neighbours whose levels differ by less than [`SAME_LEVEL`] of the range of every axis are one. A clock
-//! that starts anew ends a plateau, whatever the load.
+//! A row continues a plateau if every axis is within a [step](Steps) of the plateau's mean. Rows that leave
+//! it start another plateau as soon as [`FEWEST_ROWS`] of them agree. If the load returns before, they were
+//! strays and remain in the plateau. Rows between two plateaus belong to the first, and neighbouring plateaus
+//! are merged if their levels differ by less than [`SAME_LEVEL`] of the range of every axis. A clock that
+//! restarts ends a plateau, whatever the load.
 //!
 //! A plateau is steady if it has [`FEWEST_ROWS`] and a line through its rows rises by no more than half a
-//! step, or twice what is the same level: motion falls into plateaus of a kind, too, and these are not
-//! steady. A recording counts as one of plateaus if there are [`FEWEST_PLATEAUS`] steady ones, hold
-//! [`STEADY_SHARE`] of the rows, and the variance within them is at most [`WITHIN_SHARE`] of that of the
-//! loads. Rows are looked at one after another, in memory that grows with the plateaus alone.
+//! step, or twice [`SAME_LEVEL`]. Motion also divides into plateaus, but these are not steady. A recording
+//! consists of plateaus if there are [`FEWEST_PLATEAUS`] steady ones, they hold [`STEADY_SHARE`] of the rows,
+//! and the variance within them is at most [`WITHIN_SHARE`] of the variance of the loads. Rows are processed
+//! one after another, in memory that grows with the plateaus alone.
 
 use shell_data::statistics::{MergeWeights, extremes};
 
 use least_squares::grouped_rows::MAX_GROUPS;
 
-/// The fewest rows in succession that make a plateau.
+/// Fewest consecutive rows of a plateau.
 pub const FEWEST_ROWS: u64 = 5;
 
-/// The fewest plateaus that a recording is made of.
+/// Fewest steady plateaus of a recording that consists of plateaus.
 pub const FEWEST_PLATEAUS: usize = 3;
 
-/// The share of rows that have to be on plateaus.
+/// Least share of rows on steady plateaus.
 pub const STEADY_SHARE: f64 = 0.8;
 
-/// The largest share of the variance that may be within plateaus, over the axes that are loaded.
+/// Largest share of the variance within plateaus, over the axes that are loaded.
 pub const WITHIN_SHARE: f64 = 0.05;
 
-/// Plateaus in succession are one if on every axis they are closer than this share of its range.
+/// Consecutive plateaus are merged if they differ by less than this share of the range on every axis.
 pub const SAME_LEVEL: f64 = 0.01;
 
-/// A step is so many standard deviations of the noise, so many times the difference that 85 % of rows in
-/// succession keep within, and half of what is the same level, whichever is most: a reference that
-/// flickers by its last digit makes none.
+/// A step is the largest of: this many standard deviations of the noise, this many times the difference that
+/// 85 % of consecutive rows keep within, and half of [`SAME_LEVEL`]. A reference that flickers by its last
+/// digit therefore makes no steps.
 const STEP_IN_NOISE: f64 = 8.0;
 const STEP_IN_FLICKER: f64 = 4.0;
 const FLICKER_SHARE: f64 = 0.85;
 
-/// A clock jumps if it goes so many median intervals back, or so many forward and a second at least.
+/// A clock jumps if it goes back by this many median intervals, or forward by this many and by at least a
+/// second.
 const BACK_IN_INTERVALS: f64 = 10.0;
 const FORWARD_IN_INTERVALS: f64 = 100.0;
 const FORWARD_S: f64 = 1.0;
 
-/// A level of a slow motion is so many times shorter than those that are held.
+/// A level of a slow motion is this many times shorter than levels that are held.
 const SHORT: u64 = 4;
 
-/// What counts as a step of the load and as a jump of the clock.
+/// Limits for a step of the load and for a jump of the clock.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Steps<const N: usize> {
-    /// The smallest step of each column, N and N·m where they are a wrench.
+    /// Smallest step of each column, N and N·m for a wrench.
     load: [f64; N],
-    /// The median interval between rows, in s.
+    /// Median interval between rows, in s.
     interval_s: f64,
 }
 
 impl<const N: usize> Steps<N> {
-    /// From rows of all parts of a recording, most of them in succession.
+    /// Derives the limits from rows of all parts of a recording, most of them consecutive.
     pub fn from_sample(time_s: &[f64], wrench: &[Vec<f64>]) -> Self {
         let load = std::array::from_fn(|axis| {
             let column = wrench.get(axis).map_or(&[][..], Vec::as_slice);
@@ -66,7 +67,7 @@ impl<const N: usize> Steps<N> {
             // The median of |x₁ − x₂| is 0.6745·√2 standard deviations of x.
             let noise = quantile(&mut sizes, 0.5) / (0.674_489_75 * std::f64::consts::SQRT_2);
             let flicker = quantile(&mut sizes, FLICKER_SHARE);
-            // Without the ends: a stray is not part of the range.
+            // Excludes the ends, because a stray is not part of the range.
             let mut loads = column.to_vec();
             let range = quantile(&mut loads, 0.99) - quantile(&mut loads, 0.01);
             (STEP_IN_NOISE * noise).max(STEP_IN_FLICKER * flicker).max(0.5 * SAME_LEVEL * range)
@@ -94,7 +95,7 @@ fn differences(values: &[f64]) -> Vec<f64> {
     values.windows(2).map(|pair| pair[1] - pair[0]).collect()
 }
 
-/// The value that a share of `values` does not exceed; 0 for none.
+/// Value that a share of `values` does not exceed; 0 for no values.
 fn quantile(values: &mut [f64], share: f64) -> f64 {
     let Some(last) = values.len().checked_sub(1) else { return 0.0 };
     let at = (share * last as f64) as usize;
@@ -108,26 +109,27 @@ pub enum Stretches {
     Plateaus(Vec<u64>),
     /// Recordings between jumps of the clock, as their numbers of rows.
     Recordings(Vec<u64>),
-    /// Neither is found.
+    /// Neither plateaus nor recordings.
     Nothing,
 }
 
-/// Rows of about one load.
+/// Rows with about the same load.
 #[derive(Clone, Copy, Debug)]
 pub struct Level<const N: usize> {
     /// The first row.
     pub start: u64,
-    /// Rows that agree.
+    /// Number of rows that agree.
     pub rows: u64,
     /// The mean of each column.
     pub mean: [f64; N],
-    /// Squared differences from the mean.
+    /// Sums of squared differences from the mean.
     squares: [f64; N],
-    /// The mean position of the rows, their squared distances from it, and its products with the loads.
+    /// Mean position of the rows, sum of their squared distances from it, and sums of the products of these
+    /// distances with the loads.
     position: f64,
     place_squares: f64,
     products: [f64; N],
-    /// Whether a clock that started anew is what made it.
+    /// True if the level begins because the clock restarted.
     is_parted: bool,
 }
 
@@ -145,7 +147,6 @@ impl<const N: usize> Level<N> {
         }
     }
 
-    /// Adds the rows of `next`.
     fn merge(&mut self, next: &Self) {
         let MergeWeights { mean: share, product: weight } = MergeWeights::new(self.rows, next.rows);
         let away = next.position - self.position;
@@ -160,7 +161,7 @@ impl<const N: usize> Level<N> {
         self.rows += next.rows;
     }
 
-    /// By how much a line through the rows rises from the first to the last.
+    /// Rise of a line through the rows from the first to the last.
     fn rise(&self, axis: usize) -> f64 {
         match self.place_squares > 0.0 {
             true => (self.products[axis] / self.place_squares * self.rows as f64).abs(),
@@ -176,21 +177,20 @@ pub struct PlateauFinder<const N: usize = 6> {
     rows: u64,
     last_s: Option<f64>,
     levels: Vec<Level<N>>,
-    /// Rows that have left the last level, as far as they agree.
+    /// Rows that have left the last level and agree so far.
     leaving: Option<Level<N>>,
-    /// Where the clock has jumped: the first rows after it.
+    /// First rows after jumps of the clock.
     jumps: Vec<u64>,
 }
 
 impl<const N: usize> PlateauFinder<N> {
-    /// Before the first row.
+    /// Starts before the first row.
     pub fn new(steps: Steps<N>) -> Self {
         let (levels, jumps) = (Vec::new(), Vec::new());
         Self { steps, rows: 0, last_s: None, levels, leaving: None, jumps }
     }
 
-    /// Adds the next rows: their times, or none where there is no clock, and the columns of their
-    /// wrench.
+    /// Adds the next rows: their times, or none without a clock, and the columns of their wrench.
     pub fn add(&mut self, time_s: &[f64], wrench: &[Vec<f64>]) {
         let rows = wrench.first().map_or(0, Vec::len);
         let times = time_s.iter().copied().map(Some).chain(std::iter::repeat(None));
@@ -207,7 +207,7 @@ impl<const N: usize> PlateauFinder<N> {
         let times = before_s.zip(now_s);
         let starts_anew = times.is_some_and(|(before, now)| self.steps.starts_anew(before, now));
         let jumps = times.is_some_and(|(before, now)| self.steps.jumps(before, now));
-        // What has more of either than there may be groups is of no use as groups.
+        // Stores about as many jumps as groups are allowed; more are useless.
         if jumps && self.jumps.len() <= MAX_GROUPS {
             self.jumps.push(row);
         }
@@ -233,14 +233,14 @@ impl<const N: usize> PlateauFinder<N> {
     }
 
     fn begin(&mut self, level: Level<N>) {
-        // The last is replaced where there are too many for use anyway: memory stays bounded.
+        // Replaces the last level if there are too many to be of use: memory stays bounded.
         if self.levels.len() > 8 * MAX_GROUPS {
             self.levels.pop();
         }
         self.levels.push(level);
     }
 
-    /// What the rows fall into.
+    /// Divides the rows into stretches.
     pub fn finish(self) -> Stretches {
         if let Some(plateaus) = self.plateaus() {
             return Stretches::Plateaus(plateaus);
@@ -260,7 +260,7 @@ impl<const N: usize> PlateauFinder<N> {
         })
     }
 
-    /// The levels, neighbours that are nearer than a share of the range merged.
+    /// Levels, after a merge of neighbours that are closer than a share of the range.
     fn merged(&self, ranges: &[f64; N], same: f64) -> Vec<Level<N>> {
         let is_same = |a: &Level<N>, b: &Level<N>| {
             (0..N).all(|axis| (a.mean[axis] - b.mean[axis]).abs() <= same * ranges[axis])
@@ -280,8 +280,9 @@ impl<const N: usize> PlateauFinder<N> {
         level.rows >= FEWEST_ROWS && (0..N).all(|axis| level.rise(axis) <= may_rise(axis))
     }
 
-    /// The steady levels that are long beside the others: where the columns were held still. Rows on the way from
-    /// one to the next are in none. Neighbours that are nearer than the share `same` of the range are one.
+    /// Steady levels that are long compared with the others: stretches in which the columns were held still.
+    /// Rows in transition from one to the next belong to none. Neighbours that are closer than the share
+    /// `same` of the range are merged.
     pub fn holds(&self, same: f64) -> Vec<Level<N>> {
         let ranges = self.ranges();
         let mut holds = self.merged(&ranges, same);
@@ -298,7 +299,7 @@ impl<const N: usize> PlateauFinder<N> {
         holds
     }
 
-    /// The rows of each plateau, if that is what the recording is made of.
+    /// Number of rows of each plateau, if the recording consists of plateaus.
     fn plateaus(&self) -> Option<Vec<u64>> {
         let ranges = self.ranges();
         let plateaus = self.merged(&ranges, SAME_LEVEL);
@@ -321,7 +322,7 @@ impl<const N: usize> PlateauFinder<N> {
     }
 }
 
-/// The rows from each of `starts` to the next, the last to `end`.
+/// Number of rows from each of `starts` to the next, and from the last to `end`.
 fn lengths(starts: impl Iterator<Item = u64>, end: u64) -> Vec<u64> {
     let starts: Vec<u64> = starts.chain([end]).collect();
     starts.windows(2).map(|pair| pair[1] - pair[0]).collect()
@@ -335,13 +336,12 @@ mod tests {
 
     use super::*;
 
-    /// Uniform, from −1 to 1.
+    /// Uniform number from −1 to 1.
     fn uniform(random: &mut Random) -> f64 {
         2.0 * random.unit() - 1.0
     }
 
-    /// Loads of six axes that are held for so many rows each, with noise of that size; 100 rows a
-    /// second.
+    /// Loads of six axes, each held for the given number of rows, with this noise; 100 rows a second.
     fn held(rows: &[usize], noise: f64) -> (Vec<f64>, Vec<Vec<f64>>) {
         let mut random = Random(7);
         let mut wrench = vec![Vec::new(); 6];
@@ -390,7 +390,7 @@ mod tests {
         let (time, mut wrench) = held(&ROWS, 0.01);
         wrench[2][10] = 40.0;
         (150..153).for_each(|row| wrench[0][row] -= 3.0);
-        // On the way from the first load to the second.
+        // A row in transition from the first load to the second.
         let ends: Vec<[f64; 2]> = wrench.iter().map(|c| [c[38], c[42]]).collect();
         for (column, [from, to]) in wrench.iter_mut().zip(ends) {
             column[40] = 0.5 * (from + to);
@@ -425,7 +425,7 @@ mod tests {
         let (mut time, wrench) = held(&[50], 0.0);
         let wrench: Vec<Vec<f64>> = wrench.iter().map(|c| c.repeat(3)).collect();
         time = time.repeat(3);
-        // One load is no load to tell plateaus by: these are recordings.
+        // A single load does not define plateaus: these are recordings.
         assert_eq!(found(&time, &wrench, 20), Stretches::Recordings(vec![50; 3]));
         let (_, others) = held(&[50, 50, 50], 0.0);
         let both: Vec<Vec<f64>> =
@@ -448,7 +448,7 @@ mod tests {
             PlateauFinder::<6>::new(Steps::from_sample(&[], &[])).finish(),
             Stretches::Nothing
         );
-        // The same motion, but the recorder paused twice.
+        // Repeats the motion with two pauses of the recorder.
         let pause = |row: usize| row as f64 * 0.001 + 5.0 * (row / 2000) as f64;
         let time: Vec<f64> = (0..5000).map(pause).collect();
         assert_eq!(found(&time, &wrench, 999), Stretches::Recordings(vec![2000, 2000, 1000]));

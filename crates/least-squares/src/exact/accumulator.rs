@@ -1,13 +1,12 @@
-//! Summing rows exactly.
+//! Exact summation of rows.
 //!
-//! Rows are worked on [`ROWS`] at a time, in integers about a centre near the middle of each
-//! channel's range, which makes them small. Each sum over such a block is exact (see
-//! [`limbs`](super::limbs)) and is added to a pair of `f64`, one for multiples of 2²⁶ and one for
-//! the rest, which stay exact for 2²⁶ blocks. When readings or wrenches occur that the plan of
-//! centre and limbs does not cover, the sums so far are put into [`ExactSums`] and a new plan is
-//! made.
+//! Rows are processed in blocks of [`ROWS`], as integers relative to a centre near the middle of each
+//! channel's range, which keeps them small. Each sum over a block is exact (see [`limbs`](super::limbs)) and
+//! is added to a pair of `f64`, one for multiples of 2²⁶ and one for the rest. The pairs stay exact for 2²⁶
+//! blocks. When a reading or wrench is outside the range that the plan of centre and limbs covers, the sums
+//! so far are moved into [`ExactSums`] and a new plan is made.
 //!
-//! An [`Adder`] has many accumulators of one worker, each of which learns from the rows of the others.
+//! An [`Adder`] shares what one worker learns about the rows among all of its accumulators.
 
 use std::sync::Arc;
 
@@ -27,37 +26,36 @@ use shell_data::wrench::Axis;
 pub struct Accumulator {
     basis: Basis,
     layout: Arc<SumLayout>,
-    /// Sums that are closed: in their final form.
+    /// Sums of earlier plans, in their final form.
     closed: Option<ExactSums>,
-    /// Units and ranges of the channels over all rows, staged ones included.
+    /// Units and ranges of the channels over all rows, including staged rows.
     channels: Vec<ChannelRange>,
     pub(super) expected: ExpectedRows,
     open: Option<OpenSums>,
-    /// Rows not yet summed: columns of [`ROWS`] numbers.
+    /// Number of rows not yet summed. They are stored as columns of [`ROWS`] numbers.
     staged: usize,
     readings: Vec<f64>,
     wrench: Vec<f64>,
     pub(super) scratch: Scratch,
 }
 
-/// What rows are expected to keep to: what rows so far have kept to, or those of other sums. The plan
-/// of centre and limbs is made for that. It decides how much work sums are, and has no
-/// influence on them.
+/// Ranges expected of coming rows, learned from earlier rows or from other sums. The plan of centre and limbs
+/// covers them. They affect how much work summation takes, not the sums.
 #[derive(Clone, Debug)]
 pub(super) struct ExpectedRows {
     channels: Vec<ChannelRange>,
     places: [BinaryPlaces; 6],
-    /// The latest plan for such rows, in the units of the channels.
+    /// The latest plan that covers these ranges, in the units of the channels.
     pub(super) plan: Option<Arc<SummationPlan>>,
 }
 
 impl ExpectedRows {
-    /// Whether readings are in counts. Those with fractions are too rare for their ranges to be shared.
+    /// Returns true if readings are in counts. Fractional readings are too rare to share their ranges.
     pub(super) fn in_counts(&self) -> bool {
         self.channels.iter().all(|channel| channel.unit == ReadingUnit::COUNT)
     }
 
-    /// Expects what `other` expects, too.
+    /// Widens the expected ranges by those of `other`.
     pub(super) fn learn(&mut self, other: &Self) {
         if self.in_counts() && other.in_counts() {
             self.channels.iter_mut().zip(&other.channels).for_each(|(own, other)| own.merge(other));
@@ -69,7 +67,7 @@ impl ExpectedRows {
 }
 
 impl Accumulator {
-    /// No rows yet, of `channels` channels.
+    /// An accumulator over zero rows of `channels` channels.
     pub fn new(basis: Basis, channels: usize) -> Self {
         let nothing = vec![ChannelRange::EMPTY; channels];
         Self {
@@ -90,11 +88,10 @@ impl Accumulator {
         }
     }
 
-    /// Adds the rows of `other`, which are other rows of the same channels and basis.
+    /// Adds the rows of `other`. They must be different rows of the same channels and basis.
     ///
     /// # Errors
-    /// [`ExactError`] if the rows of both cannot be summed exactly; the accumulator must then not
-    /// be used any more.
+    /// [`ExactError`] if the rows of both cannot be summed exactly; do not use the accumulator after that.
     ///
     /// # Panics
     /// If basis or number of channels differ.
@@ -109,12 +106,12 @@ impl Accumulator {
         other.add_to(&mut self.closed)
     }
 
-    /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six
-    /// columns; all of the same length.
+    /// Adds rows: `readings` in counts, one column per channel; `wrench` in N and N·m, six columns. All
+    /// columns have the same length.
     ///
     /// # Errors
-    /// [`ExactError`] if the rows cannot be summed exactly. Rows before them may have been
-    /// added; the accumulator must not be used any more.
+    /// [`ExactError`] if the rows cannot be summed exactly. Earlier rows may have been added by then; do not
+    /// use the accumulator after that.
     ///
     /// # Panics
     /// If the numbers or lengths of columns are not as described.
@@ -153,12 +150,12 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Whether there are sums in working form, which take more memory than what they amount to.
+    /// Returns true if some sums are in working form, which takes more memory than the final form.
     pub fn is_open(&self) -> bool {
         self.open.is_some()
     }
 
-    /// Hands over the sums over all rows but those that still wait for a full block, if there are any.
+    /// Takes the sums over all rows except those that still wait for a full block; `None` if there are none.
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
@@ -167,7 +164,7 @@ impl Accumulator {
         Ok(self.closed.take())
     }
 
-    /// The sums over all rows that were added.
+    /// Returns the sums over all added rows.
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.
@@ -177,7 +174,7 @@ impl Accumulator {
         Ok(self.closed.unwrap_or_else(|| ExactSums::with_layout(self.basis, self.layout)))
     }
 
-    /// Checks that readings are integers in some unit, and widens the known ranges by them.
+    /// Checks that readings are integers in some unit, and widens the known ranges to include them.
     fn widen_ranges<C: AsRef<[f64]>>(&mut self, readings: &[C]) -> Result<(), ExactError> {
         for (i, column) in readings.iter().enumerate() {
             let column = column.as_ref();
@@ -197,7 +194,7 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Sums the rows that still wait for a full block.
+    /// Sums the rows that wait for a full block.
     pub(crate) fn sum_staged(&mut self) -> Result<(), ExactError> {
         if self.staged == 0 {
             return Ok(());
@@ -233,7 +230,7 @@ impl Accumulator {
         sum_block(&self.layout, open, self.staged, readings, wrench, &mut self.scratch)
     }
 
-    /// Puts the open sums away and opens new ones that cover all rows so far and those staged.
+    /// Closes the open sums and opens new ones whose plan covers all rows so far and the staged rows.
     fn reopen(&mut self) -> Result<(), ExactError> {
         self.close()?;
         for axis in Axis::ALL {
@@ -262,7 +259,7 @@ impl Accumulator {
         Ok(())
     }
 
-    /// Puts the open sums away before the unit of a channel changes: the plan is in its units.
+    /// Closes the open sums before the unit of a channel changes, because the plan is in those units.
     fn discard_plan(&mut self) -> Result<(), ExactError> {
         self.expected.plan = None;
         self.close()
@@ -287,22 +284,23 @@ fn distance(channels: &[ChannelRange], centre: &[i64]) -> u32 {
 
 /// Adds rows to [`Accumulator`]s of one basis.
 ///
-/// A new plan closes the sums by the one before, so each expects what the others do, and begins with
-/// the latest plan: that saves work and has no influence on results. All use one working memory.
+/// A new plan closes the sums of the previous plan. To save that work, each accumulator starts with the
+/// latest plan and with the ranges that the others have learned. The results do not depend on it. All
+/// accumulators share one working memory.
 #[derive(Clone, Debug)]
 pub struct Adder {
-    /// An accumulator without rows, which expects what is known of all, to be copied.
+    /// A template accumulator without rows, with the ranges learned from all others.
     empty: Accumulator,
     scratch: Scratch,
 }
 
 impl Adder {
-    /// For rows of `channels` channels.
+    /// An adder for rows of `channels` channels.
     pub fn new(basis: Basis, channels: usize) -> Self {
         Self { empty: Accumulator::new(basis, channels), scratch: Scratch::default() }
     }
 
-    /// Sums over zero rows.
+    /// Starts sums over zero rows.
     pub fn begin(&self) -> Accumulator {
         self.empty.clone()
     }
@@ -313,7 +311,7 @@ impl Adder {
     /// [`ExactError`] if the rows cannot be summed exactly.
     ///
     /// # Panics
-    /// If the numbers or lengths of columns are not as described there.
+    /// If the numbers or lengths of columns differ from those that `absorb` requires.
     pub fn add<C: AsRef<[f64]>>(
         &mut self,
         sums: &mut Accumulator,
@@ -333,7 +331,7 @@ impl Adder {
         Ok(())
     }
 
-    /// The sums over all rows of `sums`, as [`Accumulator::finish`] returns them.
+    /// Returns the sums over all rows of `sums`, as [`Accumulator::finish`] does.
     ///
     /// # Errors
     /// [`ExactError`] if they cannot be exact.

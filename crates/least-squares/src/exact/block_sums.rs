@@ -1,8 +1,8 @@
 //! Sums over one block of rows: from readings and wrench to the sums of all products.
 //!
-//! Sums of products of columns are the part that takes the time. Columns hold [`ROWS`] numbers each, one after
-//! another. Every sum is that of small integers and exact as long as no partial sum exceeds 2⁵³, whatever the order in
-//! which lanes and rows are added; callers choose their integers so (see `limbs`).
+//! Most of the time goes into sums of products of columns. Each column holds [`ROWS`] numbers, and columns
+//! are contiguous. The terms are small integers, so a sum is exact in any order of lanes and rows as long as
+//! no partial sum exceeds 2⁵³. Callers choose their integers to ensure that (see `limbs`).
 
 use pulp::Simd;
 
@@ -14,7 +14,6 @@ use super::plan::{LimbColumn, OpenSums, SummationPlan};
 use crate::features::fill_columns;
 use shell_data::vectorised;
 
-/// Working memory.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Scratch {
     features: Vec<f64>,
@@ -33,11 +32,11 @@ impl Scratch {
 }
 
 vectorised! {
-    /// Adds the first `rows` rows of a block to open sums, unless the limbs do not cover the wrench:
-    /// says whether.
+    /// Adds the first `rows` rows of a block to open sums. Returns false, and adds no rows, if the limbs do
+    /// not cover the wrench.
     ///
-    /// `readings` are columns of [`ROWS`] integers, one per channel, at their centre beyond the rows; `axes` are columns
-    /// of [`ROWS`] numbers, one per axis of the wrench, zero beyond the rows.
+    /// `readings` are columns of [`ROWS`] integers, one per channel; beyond `rows` they hold the centre.
+    /// `axes` are columns of [`ROWS`] numbers, one per axis of the wrench; beyond `rows` they hold zeros.
     pub(crate) fn sum_block<S: Simd>(
         simd: S,
         layout: &SumLayout,
@@ -58,7 +57,7 @@ vectorised! {
             ones[..rows].fill(1.0);
             ones[rows..].fill(0.0);
         }
-        // Each where its right operands begin.
+        // Each feature starts at the column of its first right operand.
         let place = |f: usize| plan.firsts[f] * ROWS;
         let reading = |c: usize| (&readings[c * ROWS..][..ROWS], plan.centre[c] as f64, 1.0);
         fill_columns(&layout.recipe, features, ROWS, place, reading);
@@ -88,7 +87,7 @@ vectorised! {
     }
 }
 
-/// Cuts the wrench into its limbs; says whether they add up to it.
+/// Cuts the wrench into its limbs. Returns true if they add up to it.
 #[inline(always)]
 fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
     let (squares, cross) = wrench.split_at_mut(plan.square_columns() * ROWS);
@@ -104,7 +103,7 @@ fn cut_wrench(plan: &SummationPlan, axes: &[f64], wrench: &mut [f64]) -> bool {
     true
 }
 
-/// Cuts the features that are more than one right operand.
+/// Cuts the features that have more than one right operand.
 #[inline(always)]
 fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
     for columns in plan.firsts.windows(2).filter(|columns| columns[1] - columns[0] > 1) {
@@ -114,7 +113,7 @@ fn cut_rights(plan: &SummationPlan, features: &mut [f64]) {
     }
 }
 
-/// Cuts the features that are other operands on the left of a group. They are whole on the right.
+/// Cuts the features whose left operands differ from their right operands. On the right they are whole.
 #[inline(always)]
 fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     let (rights, mut columns) = features.split_at_mut(plan.rights.len() * ROWS);
@@ -126,8 +125,8 @@ fn cut_lefts(plan: &SummationPlan, lefts: &[LimbColumn], features: &mut [f64]) {
     }
 }
 
-/// `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the right; those
-/// on the left are some of `columns`. Takes what it fills off `out`.
+/// Computes `out[l·n + r] = Σ left_l·right_r` over the rows of a block, for `n` columns on the right. Left
+/// columns are given by their index in `columns`. Advances `out` past the filled part.
 #[inline(always)]
 pub(crate) fn products<S: Simd>(
     simd: S,
@@ -140,7 +139,7 @@ pub(crate) fn products<S: Simd>(
     let mut out = out.split_off_mut(..left.len() * rights).expect("room for all sums");
     let mut next = || column(columns, left.next().unwrap_or(0));
     while !out.is_empty() {
-        // Five are better done as three and two than as four and one.
+        // Three and two are faster than four and one.
         let height = match out.len() / rights {
             5 => 3,
             n => n.min(4),
@@ -171,7 +170,7 @@ fn strip<S: Simd, const L: usize>(
                 tile::<S, L, 1>(simd, left, right, r, out);
                 r += 1;
             }
-            // Four are better done as two and two than as three and one.
+            // Two and two are faster than three and one.
             2 | 4 => {
                 tile::<S, L, 2>(simd, left, right, r, out);
                 r += 2;
@@ -184,7 +183,8 @@ fn strip<S: Simd, const L: usize>(
     }
 }
 
-/// At most 4 × 3 sums at once: as many as the 16 registers of AVX2 hold beside their operands.
+/// Computes at most 4 × 3 sums at once, as many as fit in the 16 registers of AVX2 together with their
+/// operands.
 #[inline(always)]
 fn tile<S: Simd, const L: usize, const R: usize>(
     simd: S,
@@ -196,7 +196,7 @@ fn tile<S: Simd, const L: usize, const R: usize>(
     let rights = right.len() / ROWS;
     let left: [&[S::f64s]; L] = left.map(|column| S::as_simd_f64s(column).0);
     let mut rights_now: [&[S::f64s]; R] = [&[]; R];
-    // A loop: the closure of an array may stay a call.
+    // A loop, because the closure of an array may not be inlined.
     for (r, now) in rights_now.iter_mut().enumerate() {
         *now = S::as_simd_f64s(column(right, first + r)).0;
     }
@@ -216,7 +216,7 @@ fn tile<S: Simd, const L: usize, const R: usize>(
     }
 }
 
-/// One column. Its length is part of its type, so that loops over columns check no bounds.
+/// One column. The length is part of the type, which removes bounds checks from loops over columns.
 type ColumnBlock = [f64; ROWS];
 
 #[inline(always)]

@@ -1,10 +1,10 @@
-//! Symmetric matrices in double-double, and systems of equations with them by iterative refinement.
+//! Symmetric matrices in double-double, and the solution of linear systems by iterative refinement.
 //!
-//! A Cholesky factor in `f64` solves to about κ²·2⁻⁵³ of the solution (κ² being the condition number
-//! of the normal equations); each correction by the residual in double-double gains the same factor
-//! again, down to what the residual can show (Higham, Accuracy and Stability of Numerical
-//! Algorithms, 2nd ed., §12.1). For well-conditioned equations that is a tenth of the work of a
-//! factor in double-double, which is here, too, for all others.
+//! A Cholesky factor in `f64` leaves a relative error of about κ²·2⁻⁵³ in the solution (κ² is the condition
+//! number of the normal equations). Each correction from a double-double residual reduces the error by that
+//! factor again, down to the precision of the residual (Higham, Accuracy and Stability of Numerical
+//! Algorithms, 2nd ed., §12.1). For well-conditioned equations this takes a tenth of the time of a factor in
+//! double-double. The module provides that factor too, for all other equations.
 
 use faer::linalg::triangular_solve::{
     solve_lower_triangular_in_place, solve_upper_triangular_in_place,
@@ -16,7 +16,6 @@ use crate::double_double::DoubleDouble;
 use crate::symmetric::SymmetricMatrix;
 use shell_data::vectorised;
 
-/// A symmetric matrix.
 #[derive(Clone, Debug)]
 pub(crate) struct DoubleDoubleMatrix {
     size: usize,
@@ -24,17 +23,17 @@ pub(crate) struct DoubleDoubleMatrix {
     upper: Vec<DoubleDouble>,
 }
 
-/// Relative pivots of the factor below which refinement is not tried.
+/// The smallest relative pivot of the factor with which refinement is attempted.
 const SMALLEST_PIVOT: f64 = 1.0 / (1u64 << 36) as f64;
-/// A correction may be so much smaller than the one before at most.
+/// The largest accepted ratio of a correction to the previous one.
 const SLOWEST: f64 = 1.0 / 1024.0;
-/// Corrections that would be smaller than this share of the solution are left out.
+/// Corrections below this fraction of the solution are skipped.
 const DONE: f64 = 1.0 / (1u128 << 72) as f64;
 const MOST_ROUNDS: usize = 6;
 
 impl DoubleDoubleMatrix {
-    /// Integers, row by row of the upper triangle, divided by two to the sum of the exponents of row
-    /// and column.
+    /// Builds the matrix from the upper triangle of integers, row by row. Each integer is divided by two to
+    /// the power of the exponent of its row plus that of its column.
     pub(crate) fn new(upper: impl Iterator<Item = i128>, exponents: &[i32]) -> Self {
         let size = exponents.len();
         let mut scaled = vec![DoubleDouble::ZERO; size * (size + 1) / 2];
@@ -48,7 +47,7 @@ impl DoubleDoubleMatrix {
         Self { size, upper: scaled }
     }
 
-    /// Adds to an element of the diagonal.
+    /// Returns an element of the diagonal for modification.
     pub(crate) fn diagonal_mut(&mut self, i: usize) -> &mut DoubleDouble {
         &mut self.upper[i * (2 * self.size + 1 - i) / 2]
     }
@@ -58,12 +57,12 @@ impl DoubleDoubleMatrix {
         self.upper[i * (2 * self.size + 1 - i) / 2 + j - i]
     }
 
-    /// The elements, rounded.
+    /// The matrix rounded to `f64`.
     pub(crate) fn rounded(&self) -> SymmetricMatrix {
         SymmetricMatrix::from_fn(self.size, |i, j| self.get(i, j).to_f64())
     }
 
-    /// `x` with `A·x = b`, to about 20 digits; `None` if that cannot be computed this way.
+    /// Solves `A·x = b` to about 20 digits; `None` if refinement does not reach that.
     pub(crate) fn solve(&self, b: &[AxisRow]) -> Option<Vec<AxisRow>> {
         let matrix = Mat::from_fn(self.size, self.size, |i, j| self.get(i, j).to_f64());
         let cholesky = matrix.llt(Side::Lower).ok()?;
@@ -92,7 +91,7 @@ impl DoubleDoubleMatrix {
             if !largest.is_finite() || largest > SLOWEST * before {
                 return None;
             }
-            // The next step would be smaller by the same factor again.
+            // The next correction would be smaller by the same factor again.
             let gain = if before.is_finite() { largest / before } else { SLOWEST };
             if largest * gain < DONE {
                 return Some(x);
@@ -125,18 +124,18 @@ vectorised! {
     }
 }
 
-/// Right-hand sides that are solved for at once: six axes, and two idle ones to fill a vector.
+/// Number of right-hand sides solved at once: six axes and two unused ones, to fill a vector.
 pub(crate) const LANES: usize = 8;
 
 /// One row of right-hand sides or solutions.
 pub(crate) type AxisRow = [DoubleDouble; LANES];
 
-/// The row of what belongs to each of the six axes.
+/// Builds a row from a value for each of the six axes.
 pub(crate) fn axis_row(of: impl Fn(usize) -> DoubleDouble) -> AxisRow {
     std::array::from_fn(|axis| if axis < 6 { of(axis) } else { DoubleDouble::ZERO })
 }
 
-/// A row with its heads and tails apart, each a vector: what loops work on.
+/// A row with separate vectors of heads and tails, for use in loops.
 #[derive(Clone, Copy)]
 pub(crate) struct ElementLanes {
     heads: [f64; LANES],
@@ -171,11 +170,11 @@ impl ElementLanes {
     }
 }
 
-/// The upper triangle of a symmetric positive definite matrix, bordered by right-hand sides; then
-/// its Cholesky factor `R`, `A = RᵀR`, bordered by `R⁻ᵀB`.
+/// The upper triangle of a symmetric positive definite matrix, bordered by right-hand sides. [`factor`]
+/// replaces it with the Cholesky factor `R`, `A = RᵀR`, bordered by `R⁻ᵀB`.
 #[derive(Clone, Debug)]
 pub(crate) struct Bordered {
-    /// Rows and columns of the matrix.
+    /// Order of the matrix.
     pub(crate) size: usize,
     width: usize,
     head: Vec<f64>,
@@ -183,7 +182,7 @@ pub(crate) struct Bordered {
 }
 
 impl Bordered {
-    /// Zero, of `size` columns and a border of `border` columns.
+    /// A zero matrix of order `size` with `border` right-hand sides.
     pub(crate) fn zero(size: usize, border: usize) -> Self {
         let width = size + border;
         Self { size, width, head: vec![0.0; width * width], tail: vec![0.0; width * width] }
@@ -201,17 +200,17 @@ impl Bordered {
         (self.head[at], self.tail[at]) = (value.to_f64(), value.tail());
     }
 
-    /// The border beside a row, of one column for each axis.
+    /// The right-hand sides of a row, one per axis.
     pub(crate) fn border(&self, row: usize) -> AxisRow {
         axis_row(|axis| self.get(row, self.size + axis))
     }
 }
 
 vectorised! {
-    /// Factors the matrix; what is left in the corner of the border is `D − BᵀA⁻¹B`.
+    /// Factors the matrix in place. The corner of the border then holds `D − BᵀA⁻¹B`.
     ///
     /// # Errors
-    /// The column at which the matrix turned out not to be positive definite.
+    /// The column at which the matrix is found not to be positive definite.
     pub(crate) fn factor(a: &mut Bordered) -> Result<(), usize> {
         let width = a.width;
         for k in 0..a.size {
@@ -249,7 +248,7 @@ vectorised! {
         Ok(())
     }
 
-    /// `x` with `R·x = y`, in place.
+    /// Solves `R·x = y` in place.
     pub(crate) fn solve_upper(factor: &Bordered, y: &mut [AxisRow]) {
         for k in (0..factor.size).rev() {
             let (rows, solved) = y.split_at_mut(k + 1);
@@ -261,7 +260,7 @@ vectorised! {
         }
     }
 
-    /// `y` with `Rᵀ·y = b`, in place.
+    /// Solves `Rᵀ·y = b` in place.
     pub(crate) fn solve_lower(factor: &Bordered, b: &mut [AxisRow]) {
         for k in 0..factor.size {
             let (solved, rest) = b.split_at_mut(k + 1);
@@ -296,7 +295,7 @@ fn divide(row: &AxisRow, divisor: DoubleDouble) -> AxisRow {
 mod tests {
     use super::*;
 
-    /// The Hilbert matrix of `size` over its common denominator: integers.
+    /// The Hilbert matrix of order `size` times its common denominator, which makes it an integer matrix.
     fn hilbert(size: usize) -> DoubleDoubleMatrix {
         let common = (1..2 * size as i128).fold(1, |lcm, n| {
             let gcd = |mut a: i128, mut b: i128| {
@@ -318,7 +317,7 @@ mod tests {
 
     #[test]
     fn refinement_gives_all_digits_of_a_solution_that_f64_gives_five_of() {
-        // κ₂ of the Hilbert matrix of size seven is 4.8e8, so κ·2⁻⁵³ = 5e-8.
+        // κ₂ of the Hilbert matrix of order seven is 4.8e8, so κ·2⁻⁵³ = 5e-8.
         let matrix = hilbert(7);
         for row in matrix.solve(&row_sums(&matrix)).unwrap() {
             assert!(row.iter().all(|x| (*x - DoubleDouble::ONE).abs().to_f64() < 1e-20));
@@ -342,7 +341,7 @@ mod tests {
 
     #[test]
     fn a_hilbert_matrix_of_size_twelve_is_factored_to_its_condition() {
-        // κ₂ ≈ 1.7e16, hopeless in f64; in double-double κ·2⁻¹⁰⁰ leaves 13 digits.
+        // κ₂ ≈ 1.7e16, beyond `f64`; in double-double κ·2⁻¹⁰⁰ leaves 13 digits.
         let size = 12;
         let mut matrix = Bordered::zero(size, 1);
         let entry = |i: usize, j: usize| DoubleDouble::ONE / DoubleDouble::from((i + j + 1) as f64);

@@ -1,16 +1,15 @@
 //! From exact sums to coefficients.
 //!
 //! 1. Rank, in integers (see [`rank`](super::rank)).
-//! 2. With an intercept, the origin of each channel is moved to its mean, rounded to an integer: an
-//!    exact change of basis that takes most of the collinearity out of the powers.
-//! 3. Columns and axes are scaled by powers of two to norms near one, the sums rounded to
-//!    double-double, and the normal equations solved by Cholesky. Relative error: about
-//!    κ(X)²·2⁻¹⁰⁴, with κ after shift and scaling.
-//! 4. Where that may not do, iterative refinement with residuals in exact integers, as in Higham,
-//!    *Accuracy and Stability of Numerical Algorithms*, chapter 12: it converges as long as
-//!    κ(X) < 10¹⁵.
+//! 2. With an intercept, the origin of each channel is moved to its mean, rounded to an integer: an exact
+//!    change of basis that removes most of the collinearity of the powers.
+//! 3. Columns and axes are scaled by powers of two to norms near one, the sums are rounded to double-double,
+//!    and the normal equations are solved by Cholesky. The relative error is about κ(X)²·2⁻¹⁰⁴, with κ after
+//!    shift and scaling.
+//! 4. Where that may be too large, iterative refinement follows, with residuals in exact integers (Higham,
+//!    *Accuracy and Stability of Numerical Algorithms*, chapter 12). It converges as long as κ(X) < 10¹⁵.
 //!
-//! And what the sums say before anything is solved: means, ranges and variances.
+//! The module also derives means, ranges and variances directly from the sums.
 
 use faer::Mat;
 use num_bigint::BigInt;
@@ -34,12 +33,11 @@ use crate::symmetric::UpperTriangle;
 use shell_data::wrench::{Axis, PerAxis};
 
 impl ExactSums {
-    /// The coefficients of `model` that fit the rows best: those that minimise the sum of squares
-    /// of residuals and, for each feature but the intercept, of `√ridge` times its coefficient
-    /// times the norm of its column.
+    /// Fits `model`: minimises the sum of squared residuals plus `ridge·(c·‖x‖)²` for each feature except the
+    /// intercept, with its coefficient `c` and column `x`.
     ///
-    /// Without ridge, each coefficient is within a unit in the last place of the exact solution
-    /// unless it is some 10¹⁰ times smaller than its standard fellow features suggest.
+    /// Without ridge, each coefficient is within a unit in the last place of the exact solution unless it is
+    /// some 10¹⁰ times smaller than the coefficients of the other standardised features.
     ///
     /// # Errors
     /// [`FitError`] if the rows do not determine the coefficients.
@@ -64,10 +62,10 @@ impl ExactSums {
         IntegerEquations::new(self, model, scales).solve(ridge, rank)
     }
 
-    /// The terms of a model.
+    /// Returns the terms of a model.
     ///
     /// # Errors
-    /// [`FitError`] if the products of one of them were not summed.
+    /// [`FitError`] if products of one of the terms were not summed.
     pub(crate) fn summed_terms(&self, model: &Model) -> Result<Vec<Term>, FitError> {
         let terms = model.terms();
         let is_summed =
@@ -83,7 +81,7 @@ impl ExactSums {
         Err(FitError::OtherFeatures { kept: summed.name(), asked: model.name() })
     }
 
-    /// The mean of a channel, rounded to an integer.
+    /// The mean of the readings of a channel, rounded to an integer.
     pub(crate) fn rounded_mean(&self, channel: usize) -> i64 {
         let rows = i128::from(self.rows);
         (self.sum_of(channel) + rows / 2).div_euclid(rows) as i64
@@ -95,24 +93,24 @@ impl ExactSums {
         self.readings[self.layout.position(Term::product(&[channel]), Term::INTERCEPT)]
     }
 
-    /// The exponent of the power of two that no reading is farther from `centre` than.
+    /// The smallest exponent of a power of two such that no reading is farther from `centre`.
     pub(crate) fn reach(&self, channel: usize, centre: i64) -> i32 {
         let range = &self.channels[channel];
         let reach = (range.highest - centre).max(centre - range.lowest).max(1);
         (reach as u64).next_power_of_two().ilog2() as i32
     }
 
-    /// The variance of an axis over all rows, in N² or (N·m)²; NaN for zero rows.
+    /// The variance of an axis over all rows, in N² or (N·m)²; NaN over zero rows.
     pub fn variance(&self, axis: Axis) -> f64 {
         self.total_square(axis.index()) / self.rows as f64
     }
 
-    /// The sum of squared differences from the mean of an axis.
+    /// The sum of squared deviations from the mean of an axis.
     pub fn total_square(&self, axis: usize) -> f64 {
         let square = &self.squares[pair(axis, axis)];
         let sums = &self.wrench[axis];
         let sum = &sums.values[0];
-        // n·Σw² − (Σw)² in units of the finer of both.
+        // n·Σw² − (Σw)², in the finer unit of the two.
         let unit = square.exponent.min(2 * sums.exponent);
         let squares = (&square.values[0] << (square.exponent - unit)) * self.rows;
         let difference = squares - ((sum * sum) << (2 * sums.exponent - unit));
@@ -121,11 +119,11 @@ impl ExactSums {
     }
 }
 
-/// Condition numbers from which the error of Cholesky, κ²·2⁻¹⁰⁴, may show in the last place of a
+/// The condition number above which the error of Cholesky, κ²·2⁻¹⁰⁴, may affect the last place of a
 /// coefficient a thousand times smaller than others.
 const REFINE_ABOVE: f64 = 1e5;
 
-/// A correction that does not change what is rounded to `f64`.
+/// The relative size of a correction that does not change the coefficients rounded to `f64`.
 const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 
 /// The normal equations in integers.
@@ -133,7 +131,7 @@ pub(crate) struct IntegerEquations<'a> {
     moments: &'a ExactSums,
     model: Model,
     scales: EquationScales,
-    /// Sums about the centre, in the order of the layout.
+    /// Sums relative to the centre, in the order of the layout.
     readings: Vec<i128>,
     wrench: PerAxis<Vec<BigInt>>,
 }
@@ -196,7 +194,7 @@ impl<'a> IntegerEquations<'a> {
         self.readings[self.scales.positions[a * self.scales.terms.len() + b]]
     }
 
-    /// The sum of feature `a` times the wrench: integer and exponent.
+    /// The sum of feature `a` times the wrench, as an integer and an exponent.
     fn right(&self, a: usize, axis: usize) -> (&BigInt, i32) {
         let position = self.moments.layout.position(self.scales.terms[a], Term::INTERCEPT);
         (&self.wrench[axis][position], self.moments.wrench[axis].exponent)
@@ -209,7 +207,7 @@ impl<'a> IntegerEquations<'a> {
         penalties: &[DoubleDouble],
         coefficients: &mut [AxisRow],
     ) -> Result<(), FitError> {
-        /// Each round gains what the first solution had in digits.
+        /// Maximum number of rounds. Each gains as many digits as the first solution had.
         const ROUNDS: usize = 8;
         let mut before = f64::INFINITY;
         for _ in 0..ROUNDS {
@@ -228,7 +226,7 @@ impl<'a> IntegerEquations<'a> {
             if largest > DONE && largest >= before || largest.is_nan() {
                 return Err(FitError::NearlyDependent);
             }
-            // The next correction would be smaller than this one by the same factor again.
+            // The next correction would be smaller by the same factor again.
             if largest < DONE {
                 return Ok(());
             }
@@ -259,8 +257,8 @@ impl<'a> IntegerEquations<'a> {
         residual
     }
 
-    /// For each axis the coefficients of unscaled columns as integers, and the exponent of the power
-    /// of two that they count.
+    /// Returns for each axis the coefficients of the unscaled columns as integers, with the exponent of the
+    /// power of two that is their unit.
     fn integers(&self, coefficients: &[AxisRow]) -> ([i32; 6], PerAxis<Vec<BigInt>>) {
         let mut units = [0; 6];
         let integers = std::array::from_fn(|axis| {
@@ -298,7 +296,7 @@ impl<'a> IntegerEquations<'a> {
             centre.iter().enumerate().map(|(i, &c)| self.moments.reach(i, c)).collect();
         let reach_of = |term: &Term| term.factors().iter().map(|&c| reach[usize::from(c)]).sum();
         let counted: Vec<i32> = terms.iter().map(reach_of).collect();
-        // 2^exponent times a column of the factor is that of the centred and scaled feature.
+        // A column of the factor times 2^exponent is the column of the centred and scaled feature.
         let exponents: Vec<i32> =
             counted.iter().zip(columns).map(|(counted, column)| counted - column).collect();
         let stretch = |&c: &u8| {
@@ -326,7 +324,7 @@ impl<'a> IntegerEquations<'a> {
         });
         let residual_product = |a: usize, b: usize| {
             let product = shifted(residuals[a.min(b)][a.max(b)], axes[a] + axes[b]).to_f64();
-            // Where nothing is left, rounding may leave less than nothing.
+            // With no residual left, rounding may make it negative.
             if a == b { product.max(0.0) } else { product }
         };
         let solution = Solution {
@@ -345,14 +343,15 @@ impl<'a> IntegerEquations<'a> {
     }
 }
 
-/// The sum of products of long integers, in digits, with halves of 64 bits of others: below 2⁹⁶, they need no carry.
+/// The sum of products of the 64-bit halves of integers with the digits of long integers. The partial sums
+/// stay below 2⁹⁶, so no carry is needed.
 fn product(values: &[i128], half: impl Fn(i128) -> i128, planes: &[Vec<i128>]) -> BigInt {
     let of_plane = |plane: &Vec<i128>| values.iter().zip(plane).map(|(&v, d)| half(v) * d).sum();
     let sums: Vec<i128> = planes.iter().map(of_plane).collect();
     join(sums.into_iter(), DIGIT_BITS)
 }
 
-/// `WᵀW − CᵀB − CᵀPC`, which are the residuals of `(A + P)·C = B`.
+/// Computes `WᵀW − CᵀB − CᵀPC`, the residual products of the solution of `(A + P)·C = B`.
 fn penalised_residuals(
     products: &[AxisRow],
     c: &[AxisRow],
@@ -372,8 +371,8 @@ fn penalised_residuals(
         .collect()
 }
 
-/// The condition number of a factor with its columns scaled to norm one, to six digits: those after them depend on the
-/// vectors of the processor.
+/// The condition number of a factor with its columns scaled to norm one, rounded to six digits. Further
+/// digits depend on the vector width of the processor.
 fn condition(cholesky: &Bordered) -> f64 {
     let size = cholesky.size;
     let mut r = Mat::<f64>::zeros(size, size);

@@ -1,28 +1,26 @@
-//! Fits without some of the rows, and their errors on just those rows, from sums alone.
+//! Fits without some of the rows, and their errors on those rows, from sums alone.
 //!
-//! With the sums `A = XᵀX`, `B = XᵀW`, `D = WᵀW` over all rows and `A_g`, `B_g`, `D_g` over a part
-//! of them, the fit without the part solves `(A − A_g)·C = B − B_g`, and its squared errors on the
-//! part are
+//! Let `A = XᵀX`, `B = XᵀW`, `D = WᵀW` be the sums over all rows, and `A_g`, `B_g`, `D_g` those over a part.
+//! The fit without the part solves `(A − A_g)·C = B − B_g`, and its squared errors on the part are
 //!
 //! ```text
 //! diag(D_g − 2·CᵀB_g + CᵀA_g·C)
 //! ```
 //!
-//! so nothing is read again. `A − A_g` is taken in integers, about the mean of all rows, so it is
-//! exactly what summing the other rows would give; the rest is double-double. By Cauchy's
-//! inequality the terms of the last formula are at most `t = (√D_g + Σ_j |C_j|·√A_g[j][j])²`, and
-//! its rounding error is below `p·2⁻⁹⁸·t` for p features: cancellation would have to cost 20 digits
-//! before the tenth was wrong.
+//! so no row is read again. `A − A_g` is computed in integers, relative to the mean of all rows, so it equals
+//! the sum over the other rows exactly. The rest is in double-double. By Cauchy's inequality the terms of the
+//! last formula are at most `t = (√D_g + Σ_j |C_j|·√A_g[j][j])²`, and its rounding error is below `p·2⁻⁹⁸·t`
+//! for p features: cancellation would have to cost 20 digits before the tenth digit was wrong.
 //!
-//! [`PartSums`] are the sums over some of the rows in the units of all, which fits without a part, and
-//! the spread of coefficients from part to part, are computed from.
+//! [`PartSums`] holds the sums over a part in the units of the total. Fits without a part, and the scatter of
+//! coefficients between parts, are computed from it.
 //!
-//! So is the [scatter](crate::sandwich) of coefficients over groups of rows: `K_g` and `u_g` of a group come from its
-//! sums `A_g` and `s_g = B_g − A_g·C`. In `f64` but for the scores, which cancel: errors of about κ(X)²·2⁻⁵³ in a
-//! variance.
+//! For the [scatter](crate::sandwich) of coefficients over groups, `K_g` and `u_g` of a group come from its
+//! sums `A_g` and `s_g = B_g − A_g·C`. The scores `s_g` cancel and are computed in double-double; the rest is
+//! in `f64`, with a relative error of about κ(X)²·2⁻⁵³ in a variance.
 //!
-//! What the fit says of other groups: with `T·Tᵀ` the covariance of the coefficients of an axis, the mean over the rows
-//! of a group of the variance that they bring is `tr(TᵀA_gT)/n`.
+//! The prediction variance on other groups follows likewise: with `T·Tᵀ` the covariance of the coefficients
+//! of an axis, they contribute `tr(TᵀA_gT)/n` to the mean variance over the rows of a group.
 
 use super::double_double_matrix::{
     AxisRow, DoubleDoubleMatrix, ElementLanes, LANES, axis_row, residual_of,
@@ -42,7 +40,7 @@ use crate::symmetric::{UpperTriangle, congruence, trace_of_congruence};
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
-/// Sums over all rows, ready to fit without parts of them.
+/// Sums over all rows, prepared for fits without parts of them.
 #[derive(Debug)]
 pub struct PartitionedSums<'a> {
     pub(crate) total: &'a ExactSums,
@@ -52,7 +50,7 @@ pub struct PartitionedSums<'a> {
 }
 
 impl<'a> PartitionedSums<'a> {
-    /// Of the rows of `total`, to be fitted with `model`.
+    /// Prepares the rows of `total` for fits of `model`.
     ///
     /// # Errors
     /// [`FitError::OtherFeatures`] if the features of the model were not summed;
@@ -62,13 +60,13 @@ impl<'a> PartitionedSums<'a> {
         Ok(Self { total, model: *model, all: scales.part(total), scales })
     }
 
-    /// The sums of some of the rows, in the form that is needed here.
+    /// Converts the sums over a part of the rows to the form that the fits need.
     pub fn part(&self, moments: &ExactSums) -> PartSums {
         self.scales.part(moments)
     }
 
-    /// Fits all rows but those of `moments`, whose sums are `part`, and returns the errors on
-    /// those. `ridge` is as in [`ExactSums::solve`], about the mean of all rows.
+    /// Fits all rows except those of `moments`, whose converted sums are `part`, and returns the errors on
+    /// those rows. `ridge` is as in [`ExactSums::solve`], relative to the mean of all rows.
     ///
     /// # Errors
     /// [`FitError`] if the other rows do not determine the coefficients.
@@ -89,21 +87,21 @@ impl<'a> PartitionedSums<'a> {
         if let Some(coefficients) = self.scales.solve(&self.all, part, ridge) {
             return Ok(self.scales.errors(part, &coefficients));
         }
-        // Slowly, with the certain rank and the refinement of a solution.
+        // The slow path, with exact rank and iterative refinement.
         let fit = self.total.without(moments).solve(&self.model, ridge)?;
         Ok(fit.errors_on(moments))
     }
 }
 
-/// What a ridge adds to the square of a column.
+/// The amount that a ridge adds to the square of a column.
 pub(super) fn penalty_of(square: DoubleDouble, ridge: f64) -> DoubleDouble {
-    // A column of zeros: any penalty keeps its coefficient at zero.
+    // For a column of zeros, any penalty keeps its coefficient at zero.
     let square = if square == DoubleDouble::ZERO { DoubleDouble::ONE } else { square };
     square * DoubleDouble::from(ridge)
 }
 
 vectorised! {
-    /// Sums of errors and of their squares, scaled.
+    /// Computes the sums of errors and of squared errors, scaled.
     fn error_sums(
         columns: &[i32],
         part: &PartSums,
@@ -116,7 +114,7 @@ vectorised! {
         for (a, c) in coefficients.iter().enumerate() {
             let (row, rest) = gram.split_at(columns.len() - a);
             gram = rest;
-            // B_a − A_aa·C_a / 2 − Σ_{b>a} A_ab·C_b: half of what the terms of `a` take away.
+            // B_a − A_aa·C_a / 2 − Σ_{b>a} A_ab·C_b: half of what the terms of `a` subtract.
             let mut half = ElementLanes::new(&part.right[a]);
             for (b, &element) in (a..).zip(row) {
                 let up = if a == b { 1 } else { 0 };
@@ -135,7 +133,7 @@ vectorised! {
     }
 }
 
-/// Sums over a part of the rows, in the units of all. As large as the normal equations.
+/// Sums over a part of the rows, in the units of the total. As large as the normal equations.
 #[derive(Debug)]
 pub struct PartSums {
     pub(crate) rows: u64,
@@ -149,14 +147,14 @@ pub struct PartSums {
     pub(crate) squares: AxisRow,
 }
 
-/// Where the origin is, and the powers of two that columns and axes are divided by: their exponents,
-/// zero where there are only zeros.
+/// The origin, and the exponents of the powers of two that columns and axes are divided by. The exponent of
+/// an all-zero column or axis is zero.
 #[derive(Clone, Debug)]
 pub(crate) struct EquationScales {
     pub(crate) terms: Vec<Term>,
-    /// Where the products of each two terms stand among the sums of readings, row by row.
+    /// The position of the product of each pair of terms among the sums of readings, row by row.
     pub(crate) positions: Vec<usize>,
-    /// The unit that readings are counted in.
+    /// The unit of the readings of each channel.
     pub(crate) units: Vec<ReadingUnit>,
     pub(crate) centre: Vec<i64>,
     pub(crate) columns: Vec<i32>,
@@ -164,11 +162,11 @@ pub(crate) struct EquationScales {
 }
 
 impl EquationScales {
-    /// The origin of each channel is its mean, rounded, if there is an intercept. The scales are powers of two just
-    /// above the norms of columns and axes.
+    /// Chooses the origin and the scales. With an intercept, the origin of each channel is its rounded mean.
+    /// The scales are powers of two just above the norms of columns and axes.
     ///
     /// # Errors
-    /// [`FitError`] if the features of `model` were not summed, or over zero rows.
+    /// [`FitError`] if the features of `model` were not summed, or for zero rows.
     pub(crate) fn new(moments: &ExactSums, model: &Model) -> Result<Self, FitError> {
         let terms = moments.summed_terms(model)?;
         let size = terms.len();
@@ -201,7 +199,7 @@ impl EquationScales {
         Ok(Self { columns, axes, positions, units, centre, terms })
     }
 
-    /// The sums of some of the rows, about this origin.
+    /// The sums over a part of the rows, relative to this origin.
     pub(crate) fn part(&self, moments: &ExactSums) -> PartSums {
         let moments = moments.in_units(&self.units);
         let (readings, wrench) = moments.about(&self.centre);
@@ -229,7 +227,7 @@ impl EquationScales {
         }
     }
 
-    /// Scaled coefficients without the part; `None` if they are not sure to ten digits.
+    /// Solves for the scaled coefficients without the part; `None` if ten digits are not certain.
     fn solve(&self, all: &PartSums, part: &PartSums, ridge: f64) -> Option<Vec<AxisRow>> {
         let rest = all.gram.iter().zip(&part.gram).map(|(all, part)| all.wrapping_sub(*part));
         let mut gram = DoubleDoubleMatrix::new(rest, &self.columns);
@@ -245,7 +243,7 @@ impl EquationScales {
         gram.solve(&right)
     }
 
-    /// The errors of scaled coefficients on a part.
+    /// The errors on a part of a fit with these scaled coefficients.
     pub(super) fn errors(
         &self,
         part: &PartSums,
@@ -257,28 +255,28 @@ impl EquationScales {
             HeldOutErrors {
                 rows: part.rows,
                 sum: sums[axis].to_f64() * unit,
-                // Where nothing is left, rounding may leave less than nothing.
+                // With no error left, rounding may make it negative.
                 squares: (squares[axis].to_f64() * unit).max(0.0) * unit,
             }
         })
     }
 }
 
-/// A solution, and what the sums say about its errors on other sums.
+/// A solution that can compute its errors on other sums.
 #[derive(Clone, Debug)]
 pub struct ExactFit {
-    /// The solution. Scales are powers of two, centres zero without an intercept.
+    /// The solution. Scales are powers of two; centres are zero without an intercept.
     pub solution: Solution,
-    /// Its coefficients with all their digits: one row per feature, in N and N·m.
+    /// The coefficients in double-double: one row per feature, in N and N·m.
     pub coefficients: Vec<PerAxis<DoubleDouble>>,
-    /// Those of the features of readings that are counted in the units of the sums, in N and N·m.
+    /// Scales of the equations, for readings counted in the units of the sums; axes in N and N·m.
     pub(crate) scales: EquationScales,
-    /// How much larger a feature is than one that is counted so: one where units are powers of two.
+    /// Ratio of each feature to the feature of counted readings: one if the units are powers of two.
     pub(crate) stretch: Vec<DoubleDouble>,
 }
 
 impl ExactFit {
-    /// The coefficients for features as they are counted, axes as lanes.
+    /// The coefficients for features of counted readings, with axes as lanes.
     pub(crate) fn counted_coefficients(&self) -> Vec<AxisRow> {
         let row = |(row, &stretch): (&PerAxis<DoubleDouble>, &DoubleDouble)| -> AxisRow {
             axis_row(|axis| row[axis] * stretch)
@@ -286,29 +284,29 @@ impl ExactFit {
         self.coefficients.iter().zip(&self.stretch).map(row).collect()
     }
 
-    /// The figures on rows that were fitted, whose sums these are.
+    /// The errors on the fitted rows, whose sums are `rows`.
     pub fn quality(&self, rows: &ExactSums) -> PerAxis<AxisQuality> {
         let errors = self.errors_on(rows);
         std::array::from_fn(|axis| errors[axis].quality(rows.total_square(axis)))
     }
 
-    /// The errors on some rows, by its own origin and units.
+    /// The errors on some rows, with the origin and units of this fit.
     pub(crate) fn errors_on(&self, rows: &ExactSums) -> PerAxis<HeldOutErrors> {
         self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
 
-    /// The scatter of the coefficients over `groups`, which are all rows that were fitted. The bias that a ridge brings
-    /// is left out.
+    /// The scatter of the coefficients over `groups`, which together are all fitted rows. Omits the bias from
+    /// the ridge.
     ///
     /// # Errors
-    /// [`FitError`] if some group alone determines a coefficient, or all together do not.
+    /// [`FitError`] if one group alone determines a coefficient, or all groups together do not determine it.
     pub fn scatter<'a>(
         &self,
         groups: impl IntoIterator<Item = &'a (String, ExactSums)>,
     ) -> Result<GroupScatter, FitError> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
         let factor = UpperTriangle::new(&self.solution.factor);
-        // Rows are features: from those of the fit to those that are counted.
+        // Each row belongs to a feature: convert from features of the fit to features of counted readings.
         let mut counted = factor.clone();
         for (i, stretch) in stretch.iter().enumerate() {
             counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
@@ -332,15 +330,15 @@ impl ExactFit {
         sums.finish(&factor)
     }
 
-    /// The variance of the rows of each of `groups` that comes from the coefficients, which scatter by `scatter`, on
-    /// average, squares of N and N·m.
+    /// The part of the prediction variance that comes from the coefficients with this `scatter`: the mean
+    /// over the rows of each group, in squares of N and N·m.
     pub(crate) fn variances(
         &self,
         scatter: &GroupScatter,
         groups: &[(String, ExactSums)],
     ) -> Vec<PerAxis<f64>> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
-        // Rows are features: from those of the fit to those that are counted.
+        // Each row belongs to a feature: convert from features of the fit to features of counted readings.
         let factors = scatter.factors.each_ref().map(|factor| {
             UpperTriangle::from_fn(factor.nrows(), |i, j| stretch[i] * factor[(i, j)])
         });
@@ -361,7 +359,7 @@ mod tests {
     use crate::model::{Basis, Model};
     use faer::{Mat, Side};
 
-    /// Seven groups of unequal size, two channels, six axes with errors that groups share.
+    /// Seven groups of unequal size, two channels, and six axes with errors shared within groups.
     fn rows() -> (Vec<Vec<f64>>, Vec<Vec<f64>>, Vec<usize>) {
         let noise = |i: usize| {
             let z = (i as u64 + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
@@ -415,7 +413,7 @@ mod tests {
         let fit = total.solve(&model, 0.0).unwrap();
         let found = fit.scatter(&parts).unwrap();
 
-        // Directly, row by row: hat matrix, its blocks, their inverse roots.
+        // The direct computation, row by row: hat matrix, its blocks, their inverse roots.
         let z = |c: usize, row: usize| {
             (readings[c][row] - fit.solution.scaling.centre[c]) / fit.solution.scaling.scale[c]
         };
@@ -464,7 +462,7 @@ mod tests {
             let t = &found.factors[axis];
             assert!((0..p).all(|j| (j + 1..p).all(|i| t[(i, j)] == 0.0)), "upper triangular");
             let covariance = t * t.transpose();
-            // A condition number below 100, squared, in double precision on either side.
+            // The condition number is below 100; both sides square it in double precision.
             let error = (&covariance - &expected[axis]).norm_max();
             assert!(error < 1e-10 * expected[axis].norm_max(), "{axis}: {error:e}");
             for b in 0..6 {

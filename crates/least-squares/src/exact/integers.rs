@@ -1,11 +1,12 @@
-//! Integers of any length times a common power of two; from such integers to double-doubles, and back.
+//! Integers of any length times a common power of two, and conversions from and to double-double.
 
 use num_bigint::{BigInt, Sign};
 use num_traits::{Float, ToPrimitive, Zero};
 
 use crate::double_double::DoubleDouble;
 
-/// Integers times a power of two, in lowest terms: not all of them even, exponent 0 if all zero.
+/// Integers times a common power of two, in lowest terms: at least one is odd, or all are zero and the
+/// exponent is 0.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ScaledIntegers {
     pub(crate) exponent: i32,
@@ -49,7 +50,7 @@ impl ScaledIntegers {
         let exponent = self.exponent.min(other.exponent);
         let (own, others) = (self.exponent - exponent, other.exponent - exponent);
         for (value, other) in self.values.iter_mut().zip(&other.values) {
-            // A shift by zero is a copy.
+            // A shift by zero would only copy.
             if own > 0 {
                 *value <<= own;
             }
@@ -63,10 +64,11 @@ impl ScaledIntegers {
     }
 }
 
-/// The bits of a digit of [`digit_planes`].
+/// Bits per digit of [`digit_planes`].
 pub(crate) const DIGIT_BITS: u32 = 32;
 
-/// The digits of integers, each with its sign: for each digit, lowest first, those of all of them.
+/// Splits integers into digits that carry the sign of their integer. Returns one vector per digit, lowest
+/// first, each with that digit of all integers.
 pub(crate) fn digit_planes(values: &[BigInt]) -> Vec<Vec<i128>> {
     let digits = |value: &BigInt| value.bits().div_ceil(DIGIT_BITS.into()) as usize;
     let count = values.iter().map(digits).max().unwrap_or(0);
@@ -80,7 +82,7 @@ pub(crate) fn digit_planes(values: &[BigInt]) -> Vec<Vec<i128>> {
     planes
 }
 
-/// Numbers in digits that are joined where a number is asked for.
+/// Integers as digits, joined only where a value is needed.
 pub(crate) struct DigitPlanes(pub(crate) Vec<Vec<i128>>);
 
 impl DigitPlanes {
@@ -88,12 +90,12 @@ impl DigitPlanes {
         self.0.iter().map(move |plane| plane[position])
     }
 
-    /// The number at a position.
+    /// The integer at a position.
     pub(crate) fn value(&self, position: usize) -> BigInt {
         join(self.digits(position), DIGIT_BITS)
     }
 
-    /// The same times `2^exponent`, rounded.
+    /// The integer at a position times `2^exponent`, rounded.
     pub(crate) fn rounded(&self, position: usize, exponent: i32) -> DoubleDouble {
         match narrow(self.digits(position), DIGIT_BITS) {
             Some(value) if value.unsigned_abs() >> EXACT_BITS == 0 => {
@@ -104,7 +106,7 @@ impl DigitPlanes {
     }
 }
 
-/// What [`join`] gives, if 128 bits hold it.
+/// The result of [`join`], if it fits in 128 bits.
 fn narrow(parts: impl DoubleEndedIterator<Item = i128>, width: u32) -> Option<i128> {
     parts
         .rev()
@@ -119,18 +121,18 @@ pub(crate) fn join(parts: impl DoubleEndedIterator<Item = i128> + Clone, width: 
     )
 }
 
-/// `2^exponent` for the exponents of normal numbers.
+/// `2^exponent`, for the exponents of normal numbers.
 #[inline(always)]
 pub(crate) fn power_of_two(exponent: i32) -> f64 {
     debug_assert!((-1022..=1023).contains(&exponent));
     f64::from_bits(((exponent + 1023) as u64) << 52)
 }
 
-/// A double-double of an integer below 2¹²⁶: the integer itself up to 2¹⁰⁶.
+/// Rounds an integer below 2¹²⁶ to a double-double; exact up to 2¹⁰⁶.
 #[inline(always)]
 pub(crate) fn round(value: i128) -> DoubleDouble {
-    /// Digits of so many bits, the highest of at most 47, are exact in `f64`, and so are sums of two
-    /// neighbours in a head and a tail.
+    /// Bits per digit. These digits, and the highest with at most 47 bits, are exact in `f64`. A head and a
+    /// tail hold the sum of two neighbouring digits exactly.
     const BITS: u32 = 40;
     const MASK: u64 = (1 << BITS) - 1;
     let low = (value as u64 & MASK) as i64;
@@ -141,15 +143,15 @@ pub(crate) fn round(value: i128) -> DoubleDouble {
     DoubleDouble::from_sum(high, middle) + DoubleDouble::from(low as f64)
 }
 
-/// [`round`] is exact up to here.
+/// Maximum number of bits for which [`round`] is exact.
 const EXACT_BITS: u64 = 106;
 
-/// `value·2^exponent` as a double-double.
+/// Rounds `value·2^exponent` to a double-double.
 pub(crate) fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
     if value.bits() <= EXACT_BITS {
         return shifted(round(value.to_i128().expect("fewer than 128 bits")), exponent);
     }
-    /// More bits than these do not matter.
+    /// The number of leading bits that affect the result.
     const BITS: u64 = 240;
     let cut = value.bits().saturating_sub(BITS);
     let (value, exponent) = match cut {
@@ -163,7 +165,7 @@ pub(crate) fn round_scaled(value: &BigInt, exponent: i32) -> DoubleDouble {
     shifted(DoubleDouble::from_sum(head, to_f64(&rest)), exponent)
 }
 
-/// `value·2^exponent`, in steps that do not leave the range of `f64` unless the result does.
+/// Computes `value·2^exponent` in steps that stay within the range of `f64` unless the result leaves it.
 pub(crate) fn shifted(value: DoubleDouble, exponent: i32) -> DoubleDouble {
     const STEP: i32 = 1000;
     let (mut value, mut exponent) = (value, exponent);
@@ -175,7 +177,7 @@ pub(crate) fn shifted(value: DoubleDouble, exponent: i32) -> DoubleDouble {
     value.scaled(power_of_two(exponent))
 }
 
-/// A finite number as an integer times a power of two.
+/// Returns a finite number as an integer and the exponent of a power of two.
 pub(crate) fn integer(value: f64) -> (BigInt, i32) {
     let (significand, exponent, sign) = value.integer_decode();
     (BigInt::from(significand) * sign, exponent.into())

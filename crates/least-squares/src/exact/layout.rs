@@ -1,17 +1,17 @@
-//! Which sums of products a basis needs, each of them once.
+//! The distinct sums of products that a basis needs.
 //!
-//! The Gram matrix of products of readings holds the same sum many times over: `s1·(s2·s3)` and
-//! `s2·(s1·s3)` are one monomial. For all products up to degree d of n readings, every monomial
-//! `s_a·s_b·…` of degree up to 2d, factors in ascending order and padded in front with ones, splits
-//! in the middle into a left part that ends in some channel k and a right part that begins at or
-//! after it, in exactly one way. So the distinct sums are a few dense blocks of products
+//! The Gram matrix of products of readings contains many sums several times: `s1·(s2·s3)` and `s2·(s1·s3)`
+//! are the same monomial. Consider all products up to degree d of n readings. Sort the factors of a monomial
+//! `s_a·s_b·…` of degree up to 2d in ascending order, pad them in front with ones, and split them in the
+//! middle. This gives a left part whose last factor is some channel k and a right part whose first factor is
+//! k or later, and the split is unique. So the distinct sums are a few dense blocks of products
 //!
 //! ```text
 //! {features whose last factor is k} × {features of degree d whose first factor is k or later}
 //! ```
 //!
-//! and the sums of the features themselves: 3003 sums for eight channels and degree three, where
-//! one triangle of the Gram matrix has 13,695. The powers of the cubic basis split likewise.
+//! and the sums of the features themselves: 3003 sums for eight channels and degree three, where one triangle
+//! of the Gram matrix has 13,695. The powers of the cubic basis split in a similar way.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -28,7 +28,7 @@ const MAX_DEGREE: usize = 6;
 /// A product of up to six readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct Monomial {
-    /// Channels in ascending order, counted from 1; zeros, the empty factor, in front.
+    /// Channels in ascending order, counted from 1, padded in front with zeros for the empty factor.
     factors: [u8; MAX_DEGREE],
 }
 
@@ -50,7 +50,7 @@ impl Monomial {
         self.factors.iter().filter(|&&f| usize::from(f) == channel + 1).count()
     }
 
-    /// The monomial without one factor `channel`, which it has.
+    /// Removes one factor `channel`, which the monomial must contain.
     fn without(&self, channel: usize) -> Self {
         let mut factors = self.factors;
         if let Some(slot) = factors.iter_mut().find(|f| usize::from(**f) == channel + 1) {
@@ -66,11 +66,11 @@ impl Monomial {
 pub(crate) struct ProductGroup {
     /// Features on the left.
     pub(crate) left: Vec<usize>,
-    /// Features on the right: consecutive ones.
+    /// Consecutive features on the right.
     pub(crate) right: Range<usize>,
 }
 
-/// `value[of] −= shift·value[from]`, part of moving the origin of one channel.
+/// The update `value[of] −= shift·value[from]`, one step of moving the origin of a channel.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct ShiftStep {
     of: usize,
@@ -78,19 +78,19 @@ pub(crate) struct ShiftStep {
     exponent: usize,
 }
 
-/// Sums of monomials, in a fixed order: one (the number of rows), the features, then the products
-/// of each group, left by left.
+/// The order of the sums of monomials: one (the number of rows), the features, then the products of each
+/// group, left by left.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct SumLayout {
     /// The features without the constant, in the order of the model.
     pub(crate) features: Vec<Term>,
-    /// How each feature comes from earlier ones.
+    /// The rule that computes each feature from earlier ones.
     pub(crate) recipe: Vec<Recipe>,
     /// The blocks of products.
     pub(crate) groups: Vec<ProductGroup>,
     monomials: Vec<Monomial>,
     index: HashMap<Monomial, usize>,
-    /// For each channel the steps for all sums, and for those of one and the features.
+    /// For each channel, the steps for all sums, and the steps for the sums of one and the features only.
     steps: Vec<(Vec<ShiftStep>, Vec<ShiftStep>)>,
 }
 
@@ -123,25 +123,24 @@ impl SumLayout {
         Self { recipe: recipe(&features), features, groups, monomials, index, steps }
     }
 
-    /// Number of distinct sums of products of features, with the number of rows.
+    /// Number of distinct sums, including the number of rows.
     pub(crate) fn sums(&self) -> usize {
         self.monomials.len()
     }
 
-    /// Number of channels.
     pub(crate) fn channels(&self) -> usize {
         self.steps.len()
     }
 
-    /// Where the sum of the product of two features stands.
+    /// The position of the sum of the product of two features.
     ///
     /// # Panics
-    /// If the features are not of this basis.
+    /// If a feature is not in this basis.
     pub(crate) fn position(&self, left: Term, right: Term) -> usize {
         self.index[&Monomial::product(left, right)]
     }
 
-    /// The exponent of `channel` in every sum.
+    /// The exponent of `channel` in every monomial.
     pub(crate) fn exponents(&self, channel: usize) -> impl Iterator<Item = usize> {
         self.monomials.iter().map(move |m| m.exponent(channel))
     }
@@ -153,17 +152,19 @@ impl SumLayout {
         }
     }
 
-    /// The same for the sums of one axis of the wrench, or of its digits, times one and times each feature.
+    /// Moves the origin of every channel by `by` in the sums of one axis of the wrench (or of one digit of
+    /// it) times one and times each feature.
     pub(crate) fn move_features(&self, sums: &mut [i128], by: &[i64]) {
         for ((_, steps), &by) in self.steps.iter().zip(by) {
             shift(sums, steps, by);
         }
     }
 
-    /// Sums of one and the features with something else, the origin of every channel moved by `by`, below 2¹⁶.
+    /// Moves the origin of every channel by `by`, below 2¹⁶, in sums of one and the features times some other
+    /// quantity.
     ///
-    /// Digits are moved each alone: that multiplies them by less than `(1 + 2¹⁶)³`, so that they need no carry on the
-    /// way.
+    /// Each digit is moved alone. The move multiplies digits by less than `(1 + 2¹⁶)³`, so no carry is needed
+    /// on the way.
     pub(crate) fn moved_features(&self, sums: &[BigInt], by: &[i64]) -> DigitPlanes {
         let mut planes = digit_planes(sums);
         planes.iter_mut().for_each(|plane| self.move_features(plane, by));
@@ -171,7 +172,7 @@ impl SumLayout {
     }
 }
 
-/// Where the sum of products of two axes stands, `left ≤ right`.
+/// The position of the sum of products of two axes, `left ≤ right`.
 pub(crate) const fn pair(left: usize, right: usize) -> usize {
     left * (13 - left) / 2 + right - left
 }
@@ -190,10 +191,10 @@ fn steps(
     steps
 }
 
-/// Turns sums of products with powers of a reading `s` into those with powers of `s − by`.
+/// Converts sums of products with powers of a reading `s` to sums with powers of `s − by`.
 ///
-/// By repeated synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`,
-/// highest powers first.
+/// Uses repeated synthetic division: the n-th pass turns `sᵃ⁻ⁿ⁺¹·(s − by)ⁿ⁻¹` into `sᵃ⁻ⁿ·(s − by)ⁿ`, highest
+/// powers first.
 fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
     let highest = if by == 0 { 0 } else { steps.first().map_or(0, |step| step.exponent) };
     for pass in 1..=highest {
@@ -204,7 +205,8 @@ fn shift(values: &mut [i128], steps: &[ShiftStep], by: i64) {
     }
 }
 
-/// Powers up to the third of each channel, and products of powers of two channels.
+/// The blocks for powers up to the third of each channel: powers of one channel and products of powers of two
+/// channels.
 fn powers(channels: usize) -> Vec<ProductGroup> {
     (0..channels)
         .flat_map(|i| {
@@ -217,12 +219,14 @@ fn powers(channels: usize) -> Vec<ProductGroup> {
         .collect()
 }
 
-/// Powers up to the third of each channel and products of two channels: what [`powers`] has but for the products of
-/// two channels, which are features; and the products of these with powers and with each other.
+/// The blocks for powers up to the third of each channel and products of two channels. They are the blocks of
+/// [`powers`] without the products of two channels, which are features here, and the products of those
+/// features with powers and with each other.
 fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
     let n = channels;
     let power = |channel: usize, exponent: usize| 3 * channel + exponent - 1;
-    // Of channels j < k, in lexicographic order after the powers; `pair(j, j + 1)..pair(j + 1, j + 2)` are those of j.
+    // The feature of channels j < k. These follow the powers in lexicographic order; channel j has
+    // `pair(j, j + 1)..pair(j + 1, j + 2)`.
     let pair = |j: usize, k: usize| 3 * n + j * (2 * n - j - 1) / 2 + k - j - 1;
     let end = pair(n, n + 1);
     let mut groups = Vec::new();
@@ -237,7 +241,8 @@ fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
         add(vec![cube], first..cube + 1);
         add(vec![square, cube], cube + 1..3 * n);
         (i + 1..n).for_each(|j| add(vec![first], power(j, 2)..power(j, 3) + 1));
-        // Pairs that do not begin with this channel, and those that have it: its own first.
+        // First the pairs that begin with this channel, then later pairs, then pairs that begin with an
+        // earlier channel.
         add(vec![cube], pair(i, i + 1)..later_pairs.start);
         add(vec![first, square, cube], later_pairs.clone());
         for j in 0..i {
@@ -250,7 +255,7 @@ fn powers_and_products(channels: usize) -> Vec<ProductGroup> {
     groups
 }
 
-/// All products up to `degree`, see the module.
+/// The blocks for all products up to `degree`; see the module.
 fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<ProductGroup> {
     let whole = |term: &Term| term.factors().len() == degree;
     (0..channels)
@@ -258,7 +263,7 @@ fn mixed(features: &[Term], channels: usize, degree: usize) -> Vec<ProductGroup>
             let ends_here = |term: &Term| term.factors().last().map(|&f| usize::from(f)) == Some(k);
             let begins_later = |term: &Term| whole(term) && usize::from(term.factors()[0]) >= k;
             let left = (0..features.len()).filter(|&f| ends_here(&features[f])).collect();
-            // In lexicographic order the features that begin at k or later are the last ones.
+            // In lexicographic order, the features that begin at k or later come last.
             let first = features.iter().position(begins_later).unwrap_or(features.len());
             ProductGroup { left, right: first..features.len() }
         })
@@ -290,8 +295,9 @@ mod tests {
 
     #[test]
     fn eight_channels_need_as_many_sums_as_there_are_monomials() {
-        // C(8 + 2d, 8) monomials of degree up to 2d; for powers 28 pairs × 9 + 8 × 6 + 1; with products also 56 of a
-        // fourth power and another channel, 56 of three channels, 168 × 2 with a square or cube, 70 of four.
+        // There are C(8 + 2d, 8) monomials of degree up to 2d. Powers need 28 pairs × 9 + 8 × 6 + 1. Products
+        // add 56 of a fourth power and another channel, 56 of three channels, 168 × 2 with a square or cube,
+        // and 70 of four channels.
         let sums = Basis::ALL.map(|basis| SumLayout::new(basis, 8).sums());
         assert_eq!(sums, [45, 301, 495, 819, 3003]);
     }
@@ -315,7 +321,7 @@ mod tests {
             seeds in prop::collection::vec(any::<i64>(), 20),
             by in prop::collection::vec(-65_535_i64..=65_535, 3),
         ) {
-            // Poly3 of three channels: one and 19 features.
+            // Poly3 of three channels has one and 19 features.
             let layout = SumLayout::new(Basis::Poly3, 3);
             let values: Vec<BigInt> = (seeds.iter())
                 .map(|&seed| BigInt::from(seed).pow(7) % (BigInt::from(1) << bits))

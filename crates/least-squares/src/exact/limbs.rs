@@ -1,55 +1,56 @@
-//! Cutting numbers into small integers, so that sums of their products are exact.
+//! Numbers cut into small integers, so that sums of their products are exact.
 //!
-//! A number is a sum of limbs, `Σ limb_i·2^(unit + width·i)`, each an integer of at most
-//! `2^(width−1)` in magnitude. A sum over a block of rows of products of two integers is exact in
-//! `f64` if its terms add up to at most 2⁵³:
+//! A number is a sum of limbs, `Σ limb_i·2^(unit + width·i)`, each an integer of at most `2^(width−1)` in
+//! magnitude. A sum of products of two integers over a block of rows is exact in `f64` if the magnitudes of
+//! its terms add up to at most 2⁵³:
 //!
 //! ```text
 //! 2^(width−1) · largest right operand · ROWS ≤ 2⁵³
 //! ```
 //!
-//! There are two ways to that, and the cheaper one is taken: to cut the left operands only, into limbs
-//! as narrow as the right ones, whole features, demand; or to cut both sides and the wrench alike.
+//! There are two ways to ensure that; the cheaper one is used. The first leaves the right operands whole and
+//! cuts the left operands into limbs narrow enough for them. The second cuts left operands, right operands
+//! and wrench into limbs of one width.
 
 use num_traits::Float;
 
 use super::integers::power_of_two;
 use super::layout::SumLayout;
 
-/// Rows of a block: enough that adding up the lanes of a vector costs little beside the products,
-/// and few enough that the 164 features of degree three stay in a cache of 512 kB.
+/// Rows in a block: enough that adding up the lanes of a vector costs little compared with the products, and
+/// few enough that the 164 features of degree three fit in a cache of 512 kB.
 pub(crate) const ROWS: usize = 256;
 
-/// Bits of an exact sum, less those that a block of rows takes.
+/// Bits available to a product: those of an exact sum less those that a block of rows needs.
 const BITS: u32 = f64::MANTISSA_DIGITS - ROWS.ilog2();
 
-/// Limbs of the wrench that are multiplied with each other: `2·(WIDTH − 1) ≤ BITS`.
+/// Width of the wrench limbs that are multiplied with each other: `2·(WIDTH − 1) ≤ BITS`.
 pub(crate) const SQUARE_WIDTH: u32 = BITS / 2 + 1;
 
 /// The largest distance between a reading and its centre: half the range of 16 bits.
 pub(crate) const MAX_DISTANCE: u32 = 1 << 15;
 
-/// A way to cut features: in how many limbs, by degree from 0 to 3.
+/// A way to cut features: width of the limbs, and number of limbs by degree from 0 to 3.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cut {
     pub(crate) width: u32,
     pub(crate) counts: [usize; 4],
 }
 
-/// How the features of readings within some distance of their centres are multiplied.
+/// A way to multiply the features of readings within some distance of their centres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct FeatureLimbs {
-    /// The largest distance between a reading and its centre that this is good for.
+    /// The largest supported distance between a reading and its centre.
     pub(crate) largest: u32,
     pub(crate) left: Cut,
     pub(crate) right: Cut,
-    /// No right operand exceeds two to this.
+    /// Right operands are at most two to this power.
     right_bits: u32,
 }
 
 impl FeatureLimbs {
-    /// The cheapest way for distances up to `distance` and a wrench of these places, with room for a quarter more
-    /// where that costs nothing.
+    /// Chooses the cheapest way for distances up to `distance` and a wrench with these places. Adds room for
+    /// a quarter more where that costs nothing.
     pub(crate) fn new(distance: u32, layout: &SumLayout, wrench: &[BinaryPlaces]) -> Self {
         let cheapest = |distance: u32| {
             let distance = distance.clamp(1, MAX_DISTANCE);
@@ -65,8 +66,7 @@ impl FeatureLimbs {
         if roomy_cost == cost { roomy } else { exact }
     }
 
-    /// Features of the highest degree are multiplied as they are with limbs so narrow that there
-    /// is room for that.
+    /// Leaves features of the highest degree whole on the right, with left limbs narrow enough for that.
     fn whole_on_the_right(largest: u32, degree: u32) -> Option<Self> {
         let right_bits = bits_of_power(largest, degree);
         let width = BITS.checked_sub(right_bits)? + 1;
@@ -78,28 +78,29 @@ impl FeatureLimbs {
         })
     }
 
-    /// All features are cut alike, and as the wrench is.
+    /// Cuts all features and the wrench into limbs of the same width.
     fn even(largest: u32) -> Self {
         let cut = Cut::new(SQUARE_WIDTH, largest);
         Self { largest, left: cut, right: cut, right_bits: SQUARE_WIDTH - 1 }
     }
 
-    /// Whether a feature of this degree is the same on the left and on the right.
+    /// Returns true if a feature of this degree has the same columns on the left and on the right.
     pub(crate) fn is_shared(&self, degree: usize) -> bool {
         let (left, right) = (self.left, self.right);
         left.counts[degree] == right.counts[degree]
             && (left.counts[degree] == 1 || left.width == right.width)
     }
 
-    /// The width of the limbs of the wrench that are multiplied with features: those of
-    /// [`SQUARE_WIDTH`], if these will do.
+    /// The width of the wrench limbs that are multiplied with features: [`SQUARE_WIDTH`] if that is narrow
+    /// enough.
     pub(crate) fn cross_width(&self) -> u32 {
         (BITS - self.right_bits + 1).min(SQUARE_WIDTH)
     }
 
-    /// The cost of a row, in products: those of features and wrench, and the cutting of the wrench.
+    /// The cost of a row in units of one product: the products of features and wrench, and the cutting of the
+    /// wrench.
     fn cost(&self, layout: &SumLayout, wrench: &[BinaryPlaces]) -> usize {
-        /// The cost of cutting off one limb.
+        /// The cost of one limb, in products.
         const CUT: usize = 5;
         let count = |cut: &Cut, f: usize| cut.counts[layout.features[f].factors().len()];
         let products = layout.groups.iter().map(|group| {
@@ -111,14 +112,14 @@ impl FeatureLimbs {
         let width = self.cross_width();
         let limbs: usize =
             wrench.iter().filter_map(|axis| axis.limbs(width)).map(|limbs| limbs.count).sum();
-        // Limbs of `SQUARE_WIDTH` are cut for the squares of the wrench in any case.
+        // Limbs of `SQUARE_WIDTH` are needed for the squares of the wrench anyway.
         let cut = if width == SQUARE_WIDTH { 0 } else { limbs };
         products.sum::<usize>() + (limbs + 1) * rights + CUT * cut
     }
 }
 
 impl Cut {
-    /// Limbs of some width for powers of integers up to `largest`.
+    /// Limbs of the given width for powers of integers up to `largest`.
     fn new(width: u32, largest: u32) -> Self {
         let limbs = |degree: u32| (bits_of_power(largest, degree) + 1).div_ceil(width) as usize;
         Self { width, counts: std::array::from_fn(|degree| limbs(degree as u32)) }
@@ -135,20 +136,20 @@ fn bits_of(value: u64) -> u32 {
     value.next_power_of_two().ilog2()
 }
 
-/// The binary places that a set of numbers covers.
+/// The range of binary places that a set of numbers occupies.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct BinaryPlaces {
-    /// All are multiples of `2^low`.
+    /// All numbers are multiples of `2^low`.
     low: i32,
-    /// All are below `2^high` in magnitude.
+    /// All numbers are below `2^high` in magnitude.
     high: i32,
 }
 
 impl BinaryPlaces {
-    /// No places: zero only.
+    /// No places: all numbers are zero.
     pub(crate) const NONE: Self = Self { low: i32::MAX, high: i32::MIN };
 
-    /// The places of those numbers that are finite.
+    /// The places of the finite numbers among `values`.
     pub(crate) fn new(values: &[f64]) -> Self {
         let mut places = Self::NONE;
         for &value in values.iter().filter(|&&v| v != 0.0 && v.is_finite()) {
@@ -160,16 +161,17 @@ impl BinaryPlaces {
         places
     }
 
-    /// The places of both.
+    /// The places of both sets.
     pub(crate) fn and(self, other: Self) -> Self {
         Self { low: self.low.min(other.low), high: self.high.max(other.high) }
     }
 
-    /// Limbs of the given width that cover these places. Places that the last limb leaves over are added: one or two
-    /// above, for larger loads, and the others below, because the last place of a number near zero is far below those
-    /// of other numbers. `None` if the places are too many.
+    /// Limbs of the given width that cover these places; `None` if there are too many places. Spare places of
+    /// the limbs are distributed: one or two above, for larger loads, and the rest below, because the last
+    /// place of a number near zero is far below the last places of other numbers.
     pub(crate) fn limbs(self, width: u32) -> Option<Limbs> {
-        /// More would be slower than other solvers and need more exponents than `f64` has.
+        /// Maximum number of places. More would be slower than other solvers and need more exponents than
+        /// `f64` has.
         const MOST_PLACES: i32 = 256;
         const LOWEST_UNIT: i32 = -960;
         if self.low > self.high {
@@ -187,43 +189,44 @@ impl BinaryPlaces {
     }
 }
 
-/// A way to cut numbers.
+/// A way to cut numbers into limbs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Limbs {
     /// Exponent of the unit of the lowest limb.
     pub(crate) unit: i32,
-    /// Distance between limbs in places.
+    /// Places from one limb to the next.
     pub(crate) width: u32,
     /// Number of limbs.
     pub(crate) count: usize,
 }
 
 impl Limbs {
-    /// Integers in `count` limbs.
+    /// `count` limbs for integers.
     pub(crate) fn from_integers(width: u32, count: usize) -> Self {
         Self { unit: 0, width, count }
     }
 
-    /// Cuts a column into `count` columns, lowest first. Says whether the limbs add up to the
+    /// Cuts a column into `count` columns, lowest limb first. Returns true if the limbs add up to the
     /// numbers.
     #[inline(always)]
     pub(crate) fn cut(self, column: &[f64], out: &mut [f64]) -> bool {
         let Limbs { unit, width, count } = self;
         let top = power_of_two(i32::try_from(count).expect("few limbs") * width as i32 - 1);
         let scale = power_of_two(-unit);
-        // Enough rows at once to hide the latency of one chain of additions.
+        // Rows processed together, enough to hide the latency of a chain of additions.
         const TOGETHER: usize = 32;
         let (mut largest, mut left) = ([0.0_f64; TOGETHER], [0.0; TOGETHER]);
         let (column, _) = column.as_chunks::<TOGETHER>();
         for (block, numbers) in column.iter().enumerate() {
-            // Loops over lanes: closures may stay calls, and sums and maxima wait for each other.
+            // Loops over lanes, because closures may not be inlined, and sums and maxima depend on each
+            // other.
             let mut rest = *numbers;
             for i in 0..TOGETHER {
                 rest[i] *= scale;
                 largest[i] = if rest[i].abs() > largest[i] { rest[i].abs() } else { largest[i] };
             }
             for limb in (0..count).rev() {
-                // Adding and taking away 1.5·2^(52 + e) rounds to a multiple of 2^e, exactly.
+                // Adding and subtracting 1.5·2^(52 + e) rounds to a multiple of 2^e, exactly.
                 let places = width as i32 * limb as i32;
                 let (round, down) = (1.5 * power_of_two(52 + places), power_of_two(-places));
                 let start = limb * ROWS + block * TOGETHER;

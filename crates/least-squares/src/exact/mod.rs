@@ -1,16 +1,15 @@
 //! The exact solver: sums of products of integer readings without rounding.
 //!
-//! Readings are integers of at most 16 bits, features are products of up to three of them, so every
-//! element of the normal equations `XᵀX·C = XᵀW` is an integer times a power of two. An
-//! [`Accumulator`] sums them exactly, with ordinary vector arithmetic on integers that are small
-//! enough; [`ExactSums`] is the result, the same for any order and grouping of the rows.
-//! [`ExactSums::solve`] then moves the origin of every channel to its mean, still exactly, and solves
-//! in double-double arithmetic, which carries twice the digits that forming `XᵀX` can cost. Loss of
-//! rank is decided by integer arithmetic, not by a tolerance.
+//! Readings are integers of at most 16 bits, and features are products of up to three readings, so every
+//! element of the normal equations `XᵀX·C = XᵀW` is an integer times a power of two. An [`Accumulator`] sums
+//! them exactly, with ordinary vector arithmetic on sufficiently small integers. The result, [`ExactSums`],
+//! does not depend on the order and grouping of the rows. [`ExactSums::solve`] then moves the origin of every
+//! channel to its mean, still exactly, and solves in double-double arithmetic, whose extra digits make up for
+//! those that forming `XᵀX` can cost. Loss of rank is decided by integer arithmetic, not by a tolerance.
 //!
-//! Omitted: readings with fractions finer than 1/256 that are not decimals of few digits, and
-//! wrenches whose magnitudes on one axis span more than 250 binary places. [`ExactError`] says so,
-//! and another solver has to do.
+//! Not supported: readings with fractions finer than 1/256 that are not decimals of few digits, and wrenches
+//! whose magnitudes on one axis span more than 250 binary places. For these, summation fails with an
+//! [`ExactError`]; use another solver.
 
 mod accumulator;
 mod block_sums;

@@ -1,5 +1,5 @@
-//! How rows are summed: about which centre, in which limbs, and which columns are multiplied; sums
-//! under way, and what they amount to.
+//! The plan of a summation (centre, limbs, and the columns to multiply), the sums in progress, and their
+//! conversion to the final form.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -12,39 +12,40 @@ use super::limbs::{FeatureLimbs, Limbs, SQUARE_WIDTH};
 use super::product_sums::ExactSums;
 use crate::model::Basis;
 
-/// A plan of centre and limbs, with what follows from it for the work on a block of rows.
+/// A centre and limbs, and the resulting columns for a block of rows.
 ///
-/// Columns of features stand side by side: first the right operands, ones before all features, then,
-/// for one group of products after the other, those left operands that are not among them. Columns of
-/// the wrench, likewise: limbs to be multiplied with each other, axis by axis, then limbs for the
-/// features only, then ones.
+/// Columns of features are stored in this order: the right operands (ones, then the features), then, for one
+/// group of products after another, the left operands that are not among the right operands. Columns of the
+/// wrench are stored in this order: the limbs that are multiplied with each other, axis by axis, then the
+/// limbs for features only, then ones.
 #[derive(Debug, PartialEq)]
 pub(crate) struct SummationPlan {
-    /// What is subtracted from the readings of each channel.
+    /// The offset that is subtracted from the readings of each channel.
     pub(crate) centre: Vec<i64>,
     pub(crate) features: FeatureLimbs,
-    /// The column where the right operands of each feature begin, and where all of them end.
+    /// The column of the first right operand of each feature, and the end of all right operands.
     pub(crate) firsts: Vec<usize>,
-    /// The right operands: ones, then those of the features.
+    /// The right operands: ones, then the limbs of the features.
     pub(crate) rights: Vec<LimbColumn>,
-    /// The products of features, group by group of the layout, each with its left operands that
-    /// are not among the right ones.
+    /// The products of features, group by group of the layout, each with the left operands that are not among
+    /// the right operands.
     pub(crate) groups: Vec<(Vec<LimbColumn>, Operands)>,
-    /// Limbs of each axis that are multiplied with those of other axes.
+    /// Limbs of each axis that are multiplied with limbs of other axes.
     pub(crate) squares: Vec<Limbs>,
-    /// Limbs of each axis that are multiplied with features, if not the same.
+    /// Limbs of each axis that are multiplied with features, if they differ from `squares`.
     pub(crate) cross: Option<Vec<Limbs>>,
 }
 
-/// Ones, or a limb of a feature: the feature is the sum of its limbs, each times two to its shift.
+/// A column of ones, or a limb of a feature. A feature is the sum of its limbs times two to the power of
+/// their shifts.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct LimbColumn {
-    /// The place in the layout of the sums: 0 for ones, then the features.
+    /// The position in the layout of the sums: 0 for ones, then the features.
     pub(crate) position: usize,
     pub(crate) shift: u32,
 }
 
-/// Columns that are multiplied, each on the left with each on the right.
+/// Columns to multiply, each on the left with each on the right.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Operands {
     pub(crate) left: Vec<usize>,
@@ -89,13 +90,13 @@ impl SummationPlan {
         Self { centre, features, firsts, rights, groups, squares, cross }
     }
 
-    /// Columns of limbs that are multiplied with each other.
+    /// Number of columns of limbs that are multiplied with each other.
     pub(crate) fn square_columns(&self) -> usize {
         self.squares.iter().map(|limbs| limbs.count).sum()
     }
 
-    /// The columns of the wrench that are multiplied with features: limbs axis by axis and ones, the
-    /// last column of all.
+    /// The columns of the wrench that are multiplied with features: limbs axis by axis, then ones in the last
+    /// column.
     pub(crate) fn cross_columns(&self) -> Range<usize> {
         let squares = self.square_columns();
         let others = self.cross.iter().flatten().map(|limbs| limbs.count).sum::<usize>();
@@ -108,7 +109,7 @@ impl SummationPlan {
         self.cross.as_ref().unwrap_or(&self.squares)
     }
 
-    /// For every axis the columns that its limbs are multiplied with: its own and those of later axes.
+    /// For every axis, the columns that its limbs are multiplied with: its own and those of later axes.
     pub(crate) fn square_operands(&self) -> Vec<Operands> {
         let (mut start, end) = (0, self.square_columns());
         let of_axis = |limbs: &Limbs| {
@@ -119,7 +120,6 @@ impl SummationPlan {
         self.squares.iter().map(of_axis).collect()
     }
 
-    /// Number of sums.
     pub(crate) fn sums(&self) -> usize {
         let count = |operands: &Operands| operands.left.len() * operands.right.len();
         let gram: usize = self.groups.iter().map(|(_, operands)| count(operands)).sum();
@@ -128,20 +128,20 @@ impl SummationPlan {
     }
 }
 
-/// Blocks after which the pairs of sums could lose their exactness: `2^25·2^26 < 2^53`, and
-/// multiples of 2²⁶ below `2^53·2^26`.
+/// The number of blocks after which the pairs of sums could become inexact: `2^25·2^26 < 2^53`, and multiples
+/// of 2²⁶ below `2^53·2^26`.
 pub(crate) const MOST_BLOCKS: u64 = 1 << 26;
 
-/// Sums under way: for each product of columns a pair of numbers.
+/// Sums in progress: a pair of numbers for each product of columns.
 #[derive(Clone, Debug)]
 pub(crate) struct OpenSums {
     pub(crate) plan: Arc<SummationPlan>,
     pub(crate) rows: u64,
     pub(crate) blocks: u64,
-    /// The multiples of 2²⁶ of the sums: those of the groups, then of the limbs of the wrench and ones
-    /// with ones and features, then of the limbs of the wrench with each other.
+    /// The part of each sum that is a multiple of 2²⁶. The order is: the groups; then wrench limbs and ones
+    /// with ones and features; then wrench limbs with each other.
     pub(crate) high: Vec<f64>,
-    /// What is not a multiple of 2²⁶ in each.
+    /// The remainder of each sum.
     pub(crate) low: Vec<f64>,
 }
 
@@ -151,7 +151,7 @@ impl OpenSums {
         Self { plan, rows: 0, blocks: 0, high: vec![0.0; sums], low: vec![0.0; sums] }
     }
 
-    /// The sums about the origin of the readings.
+    /// Converts to sums relative to the origin of the readings.
     pub(crate) fn moments(&self, layout: &Arc<SumLayout>, basis: Basis) -> ExactSums {
         let mut moments = ExactSums::with_layout(basis, layout.clone());
         moments.rows = self.rows;
@@ -164,7 +164,7 @@ impl OpenSums {
             }
         };
         let back: Vec<i64> = self.plan.centre.iter().map(|c| -c).collect();
-        // For each axis, limb by limb. Wherever the origin is, 128 bits hold each sum: there are at most 2³⁰ rows, a
+        // For each axis, limb by limb. 128 bits hold each sum for any origin: there are at most 2³⁰ rows, a
         // feature is below 2⁴⁸ and a limb below 2²³.
         let planes = |limbs: &Limbs| {
             let mut planes = vec![vec![0; 1 + layout.features.len()]; limbs.count];
@@ -236,7 +236,7 @@ impl OpenSums {
     }
 }
 
-/// The next of as many sums as the plan says.
+/// Takes the next sum. The plan determines how many there are.
 fn next(sums: &mut impl Iterator<Item = i128>) -> i128 {
     sums.next().expect("one sum for every product")
 }

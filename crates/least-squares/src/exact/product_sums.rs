@@ -13,20 +13,20 @@ use crate::model::Basis;
 use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use shell_data::wrench::PerAxis;
 
-/// Exact sums over rows of products of readings and wrench: all that a least-squares fit of a
-/// basis, or of a smaller one within it, needs to know about the rows.
+/// Exact sums over rows of products of readings and wrench: everything that a least-squares fit of a basis,
+/// or of a smaller one within it, needs from the rows.
 ///
-/// Equal for equal rows whatever their order and however they were split and merged.
+/// Equal rows give equal sums, in any order and however they were split and merged.
 ///
-/// Sums are kept about the origin of the readings and modulo 2¹²⁸. They fit, by [`MAX_ROWS`]: a
-/// reading is below 2¹⁶ in magnitude, so a sum is below 2³⁰·2⁹⁶ = 2¹²⁶; and arithmetic modulo 2¹²⁸
-/// on the way there, such as moving the origin, is exact where its result fits.
+/// Sums are relative to the origin of the readings, modulo 2¹²⁸. [`MAX_ROWS`] ensures that they fit: a
+/// reading is below 2¹⁶ in magnitude, so a sum is below 2³⁰·2⁹⁶ = 2¹²⁶. Arithmetic modulo 2¹²⁸ on the way,
+/// such as moving the origin, is exact because its result fits.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExactSums {
     pub(crate) basis: Basis,
     pub(crate) layout: Arc<SumLayout>,
     pub(crate) rows: u64,
-    /// One per channel.
+    /// One range per channel.
     pub(crate) channels: Vec<ChannelRange>,
     /// Sums of monomials of the scaled readings, in the order of the layout.
     pub(crate) readings: Vec<i128>,
@@ -37,7 +37,7 @@ pub struct ExactSums {
 }
 
 impl ExactSums {
-    /// The sums over no rows.
+    /// The sums over zero rows.
     pub fn new(basis: Basis, channels: usize) -> Self {
         Self::with_layout(basis, Arc::new(SumLayout::new(basis, channels)))
     }
@@ -59,7 +59,7 @@ impl ExactSums {
         self.rows
     }
 
-    /// The largest basis that can be solved for.
+    /// The largest basis that can be fitted.
     pub fn basis(&self) -> Basis {
         self.basis
     }
@@ -69,7 +69,7 @@ impl ExactSums {
         self.channels.len()
     }
 
-    /// Rows and the range of each channel, as far as the sums tell.
+    /// The number of rows and the range of each channel, as far as the sums contain them.
     pub fn reading_ranges(&self) -> ReadingRanges {
         let mut ranges = ReadingRanges::new(self.channels.len());
         ranges.rows = self.rows;
@@ -84,11 +84,10 @@ impl ExactSums {
         ranges
     }
 
-    /// Adds the rows of `other`, which are other rows of the same channels and basis.
+    /// Adds the rows of `other`. They must be different rows of the same channels and basis.
     ///
     /// # Errors
-    /// [`ExactError`] if both together are too many rows or span too wide a range; `self` is then
-    /// as it was.
+    /// [`ExactError`] if the total has too many rows or spans too wide a range; `self` is then unchanged.
     ///
     /// # Panics
     /// If basis or number of channels differ.
@@ -117,7 +116,7 @@ impl ExactSums {
         Ok(())
     }
 
-    /// Adds these rows to those of `sums`, if there are any.
+    /// Adds these rows to `sums`, or stores them there if it is `None`.
     ///
     /// # Errors
     /// As [`ExactSums::merge`].
@@ -132,8 +131,8 @@ impl ExactSums {
         }
     }
 
-    /// The sums over the rows that are not among those of `part`, which are rows of these. The
-    /// ranges of the channels stay those of all rows.
+    /// Subtracts `part`, the sums over some of the same rows. The ranges of the channels remain those of all
+    /// rows.
     pub fn without(&self, part: &ExactSums) -> ExactSums {
         let mut rest = self.clone();
         let part = part.in_units(&self.units());
@@ -149,12 +148,12 @@ impl ExactSums {
         rest
     }
 
-    /// The unit that the readings of each channel are counted in.
+    /// The unit of the readings of each channel.
     pub(crate) fn units(&self) -> Vec<ReadingUnit> {
         self.channels.iter().map(|channel| channel.unit).collect()
     }
 
-    /// These sums with readings counted in units that are theirs, or finer.
+    /// These sums with readings in the given units, which must be the same or finer.
     pub(crate) fn in_units(&self, units: &[ReadingUnit]) -> Cow<'_, ExactSums> {
         if self.units() == units {
             return Cow::Borrowed(self);
@@ -164,7 +163,7 @@ impl ExactSums {
         Cow::Owned(rescaled)
     }
 
-    /// Counts the readings in finer units.
+    /// Converts the readings to finer units.
     pub(crate) fn rescale(&mut self, units: &[ReadingUnit]) {
         for (i, &unit) in units.iter().enumerate() {
             let by = self.channels[i].unit.ratio(unit);
@@ -187,8 +186,8 @@ impl ExactSums {
         }
     }
 
-    /// The sums of readings, and for each axis those with the wrench, with the origin of each channel
-    /// moved to `origin`.
+    /// The sums of readings, and the sums of wrench times readings for each axis, with the origin of each
+    /// channel moved to `origin`.
     pub(crate) fn about(&self, origin: &[i64]) -> (Vec<i128>, PerAxis<DigitPlanes>) {
         let moved = |axis: &ScaledIntegers| self.layout.moved_features(&axis.values, origin);
         (self.readings_about(origin), self.wrench.each_ref().map(moved))

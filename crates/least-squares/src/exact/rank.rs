@@ -1,8 +1,8 @@
-//! Which features depend on others, decided in exact integers.
+//! Linear dependence of features, decided in exact integers.
 //!
-//! By symmetric elimination modulo the prime 2⁶¹ − 1. A minor that is not zero modulo a prime is not
-//! zero, so that pivots found here prove rank. What is zero modulo the prime is zero with a probability
-//! of error near 2⁻⁶¹ per pivot; the relations that follow are checked in exact integers.
+//! The method is symmetric elimination modulo the prime 2⁶¹ − 1. A minor that is nonzero modulo a prime is
+//! nonzero, so the pivots found here prove rank. A pivot that is zero modulo the prime is zero with a
+//! probability of error near 2⁻⁶¹. The resulting relations are checked in exact integers.
 
 use num_bigint::BigInt;
 use num_traits::Zero;
@@ -12,15 +12,15 @@ use super::product_sums::ExactSums;
 use crate::model::Term;
 use crate::rank_loss::{RankLoss, Relation};
 
-/// The loss of rank of a model's features, `None` if they are independent.
+/// The loss of rank of a model's features; `None` if they are independent.
 ///
-/// Independence is certain: a minor of the integer Gram matrix that does not vanish modulo a prime
-/// does not vanish. Dependence is certain where its relation is [`Relation::exact`], and otherwise
-/// wrong with a probability near 2⁻⁶¹ per feature.
+/// Independence is certain, because a minor of the integer Gram matrix that does not vanish modulo a prime
+/// does not vanish. Dependence is certain where its relation is [`Relation::exact`], and otherwise wrong with
+/// a probability near 2⁻⁶¹ per feature.
 pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<RankLoss> {
     let EquationScales { terms: model_terms, positions, .. } = scales;
     let size = model_terms.len();
-    // The simplest first, so that what depends on what reads best.
+    // The simplest features come first, which gives the most readable relations.
     let mut order: Vec<usize> = (0..size).collect();
     order.sort_unstable_by_key(|&i| (model_terms[i].factors().len(), i));
     let terms: Vec<Term> = order.iter().map(|&i| model_terms[i]).collect();
@@ -36,7 +36,7 @@ pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<
     if dependent.is_empty() {
         return None;
     }
-    // A multiple of a dependent feature is dependent too, which need not be said.
+    // Multiples of a dependent feature are dependent too and are not reported.
     let mut leading: Vec<usize> = Vec::new();
     for &j in &dependent {
         if !leading.iter().any(|&i| divides(terms[i], terms[j])) {
@@ -68,7 +68,7 @@ pub(crate) fn rank_loss(moments: &ExactSums, scales: &EquationScales) -> Option<
     Some(RankLoss::from_relations(rank, size, relations, &moments.reading_ranges()))
 }
 
-/// Whether `‖x_j − Σ shares·x‖² = 0`.
+/// Returns true if `‖x_j − Σ shares·x‖² = 0`.
 fn vanishes(j: usize, shares: &[(usize, (i64, i64))], sum: impl Fn(usize, usize) -> i128) -> bool {
     let common: BigInt = shares.iter().map(|&(_, (_, d))| BigInt::from(d)).product();
     let mut weights: Vec<(usize, BigInt)> =
@@ -83,21 +83,20 @@ fn vanishes(j: usize, shares: &[(usize, (i64, i64))], sum: impl Fn(usize, usize)
     square.is_zero()
 }
 
-/// Whether `multiple` is `term` times other channels.
+/// Returns true if `multiple` is `term` times further channels.
 fn divides(term: Term, multiple: Term) -> bool {
     let mut rest = multiple.factors().iter();
     term.factors().iter().all(|factor| rest.any(|other| other == factor))
 }
 
-/// The prime.
 pub(crate) const PRIME: u64 = (1 << 61) - 1;
 
-/// `value` modulo the prime.
+/// Reduces a signed number modulo the prime.
 pub(crate) fn residue(value: i128) -> u64 {
     value.rem_euclid(i128::from(PRIME)) as u64
 }
 
-/// A number modulo the prime.
+/// Reduces a number modulo the prime.
 #[inline]
 fn reduce(value: u128) -> u64 {
     let once = (value & u128::from(PRIME)) + (value >> 61);
@@ -114,7 +113,7 @@ fn negative(a: u64) -> u64 {
     if a == 0 { 0 } else { PRIME - a }
 }
 
-/// By Fermat's little theorem: `a^(p − 2)`.
+/// The inverse by Fermat's little theorem: `a^(p − 2)`.
 fn inverse(a: u64) -> u64 {
     let (mut power, mut result, mut exponent) = (a, 1, PRIME - 2);
     while exponent > 0 {
@@ -127,7 +126,7 @@ fn inverse(a: u64) -> u64 {
     result
 }
 
-/// `A = Uᵀ·D⁻¹·U` of a symmetric matrix with dependent columns left out.
+/// The factorisation `A = Uᵀ·D⁻¹·U` of a symmetric matrix, with dependent columns left out.
 pub(crate) struct Elimination {
     size: usize,
     /// Rows of `U`, upper triangular; rows of dependent columns are zero.
@@ -137,8 +136,8 @@ pub(crate) struct Elimination {
 }
 
 impl Elimination {
-    /// Eliminates a symmetric matrix given by its rows; columns keep their order, so that a column
-    /// is dependent if it is so on those before it.
+    /// Eliminates a symmetric matrix given by its rows. Columns keep their order, so a column counts as
+    /// dependent if it depends on earlier columns.
     pub(crate) fn new(size: usize, mut rows: Vec<u64>) -> Self {
         let mut inverses = vec![0; size];
         let mut sums = vec![0u128; size];
@@ -175,12 +174,12 @@ impl Elimination {
         Self { size, rows, inverses }
     }
 
-    /// The columns that depend on columns before them.
+    /// The columns that depend on earlier columns.
     pub(crate) fn dependent(&self) -> Vec<usize> {
         (0..self.size).filter(|&j| self.inverses[j] == 0).collect()
     }
 
-    /// What makes column `j` out of the independent columns before it.
+    /// The coefficients that combine the independent columns before `j` into column `j`.
     pub(crate) fn combination(&self, j: usize) -> Vec<u64> {
         let mut shares = vec![0; j];
         for i in (0..j).rev() {
@@ -195,8 +194,8 @@ impl Elimination {
     }
 }
 
-/// The fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that is `value` modulo the prime, if there is
-/// one: it is then the only one. By Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
+/// Finds the fraction `n/d`, `|n| < 2³⁹`, `0 < d < 2²⁰`, that equals `value` modulo the prime. It is unique
+/// if it exists. Uses Euclid's algorithm stopped half way (Wang, SYMSAC 1981).
 pub(crate) fn fraction(value: u64) -> Option<(i64, i64)> {
     const NUMERATOR: i64 = 1 << 39;
     const DENOMINATOR: i64 = 1 << 20;
@@ -241,7 +240,7 @@ mod tests {
 
     #[test]
     fn the_gram_matrix_of_dependent_columns_shows_which_and_how() {
-        // Columns x0, x1, x2 = 3·x0 − x1/2, x3, from rows that are otherwise in general position.
+        // Columns x0, x1, x2 = 3·x0 − x1/2, x3, from rows otherwise in general position.
         let rows: Vec<[i128; 4]> = (0..9)
             .map(|i: i128| {
                 [i * i % 7, 2 * (i * 5 % 11), 3 * (i * i % 7) - i * 5 % 11, i * i * i % 13]

@@ -1,54 +1,53 @@
-//! The unit in which the readings of a channel are integers, and their range.
+//! The unit in which the readings of a channel are integers, and the range of the readings.
 //!
-//! A reading with a finite binary or decimal fraction is an integer over `2^twos·5^fives`, in lowest
-//! terms. A channel is counted in the common unit of its readings: averages of sixteen conversions
-//! in sixteenths, decimals in tenths or hundredths. The common unit of all rows does not depend on
-//! their order.
+//! A reading with a finite binary or decimal fraction is an integer over `2^twos·5^fives`, in lowest terms.
+//! Each channel is counted in the common unit of its readings: averages of sixteen conversions in sixteenths,
+//! decimals in tenths or hundredths. The common unit does not depend on the order of the rows.
 
 use shell_data::vectorised;
 
-/// The part of a count that readings are integer multiples of: 2⁻ᵏ·5⁻ᵐ counts.
+/// The fraction of a count that all readings are multiples of: 2⁻ᵏ·5⁻ᵐ counts.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ReadingUnit {
-    /// k, the power of two.
+    /// The exponent k of two.
     pub twos: u32,
-    /// m, the power of five.
+    /// The exponent m of five.
     pub fives: u32,
 }
 
 impl ReadingUnit {
-    /// A count.
+    /// One count.
     pub(crate) const COUNT: Self = Self { twos: 0, fives: 0 };
-    /// Halved eight times and with five decimals: finer ones leave no integers of 16 bits of
-    /// readings that were worth measuring.
+    /// Eight binary and five decimal places. With a finer unit, the readings of a useful range would not be
+    /// integers of 16 bits.
     const FINEST: Self = Self { twos: 8, fives: 5 };
 
-    /// How many of them make a count.
+    /// Number of units in a count.
     pub(crate) fn per_count(self) -> u32 {
         5u32.pow(self.fives) << self.twos
     }
 
-    /// How many of the finer unit `other` make one of these.
+    /// Number of the finer unit `other` in one of these.
     pub(crate) fn ratio(self, other: Self) -> u32 {
         other.per_count() / self.per_count()
     }
 
-    /// The coarsest unit of which both are multiples.
+    /// The coarsest unit that divides both.
     pub(crate) fn and(self, other: Self) -> Self {
         Self { twos: self.twos.max(other.twos), fives: self.fives.max(other.fives) }
     }
 
-    /// The power of two that is nearest to the number of them in a count, as an exponent.
+    /// The exponent of the power of two nearest to the number of units in a count.
     pub(crate) fn nearest_power(self) -> i32 {
         f64::from(self.per_count()).log2().round() as i32
     }
 
-    /// Whether it is one that is ever used.
+    /// Returns true if the unit is not finer than the finest that is ever used.
     pub(crate) fn is_sane(self) -> bool {
         self.twos <= Self::FINEST.twos && self.fives <= Self::FINEST.fives
     }
 
-    /// A reading in these, as the nearest integer.
+    /// Converts a reading to the nearest integer number of units.
     #[inline(always)]
     pub(crate) fn count(self, reading: f64) -> f64 {
         (reading * f64::from(self.per_count())).round()
@@ -59,7 +58,7 @@ impl ReadingUnit {
         self.count(reading) / f64::from(self.per_count()) == reading
     }
 
-    /// The coarsest unit that suits a column and `known`, if there is one.
+    /// The coarsest unit that suits a column and `known`; `None` if there is none.
     pub(crate) fn new(column: &[f64], known: Self) -> Option<Self> {
         let suits = |unit: &Self| column.iter().all(|&reading| unit.suits(reading));
         let fives = (known.fives..=Self::FINEST.fives)
@@ -70,7 +69,7 @@ impl ReadingUnit {
     }
 }
 
-/// Writes scanned readings as integers.
+/// Converts scanned readings to integers.
 pub(crate) fn count(column: &[f64], unit: ReadingUnit, out: &mut [f64]) {
     if unit == ReadingUnit::COUNT {
         out.copy_from_slice(column);
@@ -82,11 +81,11 @@ pub(crate) fn count(column: &[f64], unit: ReadingUnit, out: &mut [f64]) {
 /// The unit and the range of the readings of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct ChannelRange {
-    /// Readings are integers times this.
+    /// The unit; readings are integer multiples of it.
     pub unit: ReadingUnit,
-    /// The smallest of these integers.
+    /// The smallest reading, in units.
     pub lowest: i64,
-    /// The largest of them; below `lowest` for zero rows.
+    /// The largest reading, in units; below `lowest` for zero rows.
     pub highest: i64,
 }
 
@@ -112,7 +111,7 @@ impl ChannelRange {
         self.highest = self.highest.max(other.highest);
     }
 
-    /// Whether the integers are of 16 bits, with or without sign, or there are none.
+    /// Returns true if the integers fit in 16 bits, with or without sign, or there are none.
     pub(crate) fn fits(&self) -> bool {
         self.lowest > self.highest
             || (self.lowest > -(1 << 16)
@@ -126,7 +125,7 @@ impl ChannelRange {
     }
 }
 
-/// The range of a column, in a unit that suits it and `known`; or a reading that is no integer of 16
+/// The range of a column, in a unit that suits it and `known`; or a reading that is not an integer of 16
 /// bits.
 pub(crate) fn scan_column(column: &[f64], known: ReadingUnit) -> Result<ChannelRange, f64> {
     if known == ReadingUnit::COUNT {
@@ -160,9 +159,9 @@ fn fits(count: f64) -> bool {
 }
 
 vectorised! {
-    /// Smallest, largest, and whether all are integers.
+    /// Returns the smallest and the largest value, and true if all are integers.
     fn scan_integers(column: &[f64]) -> (f64, f64, bool) {
-        /// Adding and taking it away rounds to an integer.
+        /// Adding and subtracting this constant rounds to an integer.
         const ROUND: f64 = 1.5 * (1u64 << 52) as f64;
         let mut lowest = [f64::INFINITY; 32];
         let mut highest = [f64::NEG_INFINITY; 32];
@@ -173,7 +172,7 @@ vectorised! {
                 let x = chunk[i];
                 lowest[i] = if x < lowest[i] { x } else { lowest[i] };
                 highest[i] = if x > highest[i] { x } else { highest[i] };
-                // Zero for integers of up to 51 bits, more for fractions, NaN if not finite.
+                // Zero for integers of up to 51 bits, positive for fractions, NaN if not finite.
                 odd[i] += (x - ((x + ROUND) - ROUND)).abs();
             }
         }

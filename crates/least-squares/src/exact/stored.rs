@@ -1,8 +1,8 @@
-//! Exact sums in the open, for programs that write them to files.
+//! The file format of exact sums.
 //!
-//! Sums that are read from a file are checked: whether they can be those of some rows. A single changed
-//! digit of a sum makes a fit wrong, or its equations none. Not every change can be found so, but none that
-//! arithmetic further on takes for granted goes through.
+//! Sums from a file are checked for consistency: some rows must be able to produce them. A single changed
+//! digit of a sum can make a fit wrong or its equations unsolvable. The check cannot find every change, but
+//! it rejects all that would violate an assumption of later arithmetic.
 
 use num_bigint::{BigInt, Sign};
 use serde::de::Error;
@@ -17,8 +17,8 @@ use crate::model::{Basis, Model};
 use shell_data::by_axis;
 use shell_data::wrench::{Axes, Axis};
 
-/// [`ExactSums`] as a file holds them: integers as decimal strings, since they exceed what readers of
-/// JSON take for numbers.
+/// [`ExactSums`] in file form. Integers are decimal strings, because they exceed the numbers that JSON
+/// readers accept.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredSums {
     /// The features that were summed.
@@ -29,25 +29,26 @@ pub struct StoredSums {
     pub channels: Vec<ChannelRange>,
     /// Sums of products of readings, one per distinct product.
     pub readings: Vec<String>,
-    /// Sums of products of readings and one axis of the wrench, for each axis that there is.
+    /// Sums of products of readings and one axis of the wrench, for each axis present.
     pub wrench: Vec<StoredIntegers>,
-    /// Sums of products of two axes of the wrench, for each pair of those.
+    /// Sums of products of two axes of the wrench, for each pair of axes present.
     pub squares: Vec<StoredIntegers>,
 }
 
 /// Integers times a power of two.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct StoredIntegers {
-    /// Of two.
+    /// The exponent of two.
     pub exponent: i32,
     /// The integers, in decimal.
     pub values: Vec<String>,
 }
 
-/// The most digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵, take some 700.
+/// Maximum number of digits of an integer. Products of two loads, which are doubles between 10⁻³⁰⁸ and 10¹⁵,
+/// need some 700.
 const MAX_DIGITS: usize = 2_000;
 
-/// The text of an integer that is not too long: reading one takes time by the square of its length.
+/// Checks the length of an integer, because parsing takes time quadratic in it.
 fn of_digits(text: &str) -> Result<&str, String> {
     match text.len() {
         0..=MAX_DIGITS => Ok(text),
@@ -55,7 +56,7 @@ fn of_digits(text: &str) -> Result<&str, String> {
     }
 }
 
-/// The positions of the pairs of some axes among those of all, in their order.
+/// The positions of the pairs of some axes among the pairs of all axes, in the same order.
 fn pairs(axes: Axes) -> Vec<usize> {
     let of = |first: Axis| {
         let others = axes.iter().filter(move |second| second.index() >= first.index());
@@ -64,7 +65,7 @@ fn pairs(axes: Axes) -> Vec<usize> {
     axes.iter().flat_map(of).collect()
 }
 
-/// The sums of the axes of the [document](by_axis) alone.
+/// Converts the sums of the axes of the [document](by_axis) only.
 impl From<ExactSums> for StoredSums {
     fn from(moments: ExactSums) -> Self {
         let axes = by_axis::axes();
@@ -86,12 +87,12 @@ impl From<ExactSums> for StoredSums {
     }
 }
 
-/// Sums of the axes of the [document](by_axis); those of the others are zero.
+/// Reads the sums of the axes of the [document](by_axis); the sums of other axes are zero.
 impl TryFrom<StoredSums> for ExactSums {
     type Error = String;
 
     /// # Errors
-    /// What does not fit together, if they cannot be the sums of any rows.
+    /// A description of the inconsistency, if no rows have such sums.
     fn try_from(stored: StoredSums) -> Result<Self, String> {
         if stored.channels.is_empty() || stored.channels.len() > 255 {
             return Err(format!("`{}` channels, expected 1 to 255", stored.channels.len()));
@@ -163,8 +164,8 @@ impl<'de> Deserialize<'de> for ExactSums {
 }
 
 impl ExactSums {
-    /// Whether these can be the sums of some of the rows of `whole`. Where they cannot, taking them away
-    /// from it would leave sums of no rows.
+    /// Returns true if these can be the sums of some of the rows of `whole`. If not, subtracting them would
+    /// leave sums that no rows have.
     pub fn can_be_part_of(&self, whole: &ExactSums) -> bool {
         let within = |(part, whole): (&ChannelRange, &ChannelRange)| {
             let mut both = *whole;
@@ -174,12 +175,12 @@ impl ExactSums {
         let like = (self.basis, self.channels.len(), self.rows.min(whole.rows));
         like == (whole.basis, whole.channels.len(), self.rows)
             && self.channels.iter().zip(&whole.channels).all(within)
-            // The ranges of what is left are those of the whole, also where no rows are left.
+            // The remaining ranges stay those of the whole, even with zero rows left.
             && (self.rows == whole.rows || whole.without(self).check_possible().is_ok())
     }
 
     /// # Errors
-    /// What no rows have for sums.
+    /// A description of the property that no sums over rows have.
     pub(crate) fn check_possible(&self) -> Result<(), String> {
         if self.rows == 0 {
             return match self.readings.iter().all(|&sum| sum == 0) {
@@ -201,7 +202,7 @@ impl ExactSums {
         {
             return Err(format!("the sum of readings {i} is larger than the ranges allow"));
         }
-        // About the mean, as they are solved.
+        // Relative to the mean, as for a fit.
         let centre: Vec<i64> = (0..self.channels.len()).map(|i| self.rounded_mean(i)).collect();
         let centred = self.readings_about(&centre);
         let is_negative = |&term: &_| centred[self.layout.position(term, term)] < 0;
@@ -217,7 +218,7 @@ impl ExactSums {
         Ok(())
     }
 
-    /// The largest magnitude of each sum of readings, by the ranges of the channels.
+    /// The largest possible magnitude of each sum of readings, from the ranges of the channels.
     fn bounds(&self) -> Vec<f64> {
         let mut bounds = vec![self.rows as f64 * SLACK; self.readings.len()];
         for (channel, range) in self.channels.iter().enumerate() {
@@ -230,5 +231,5 @@ impl ExactSums {
     }
 }
 
-/// Room for the rounding of bounds.
+/// Allowance for the rounding of bounds.
 const SLACK: f64 = 1.0 + 1e-6;

@@ -1,6 +1,6 @@
-//! Rows group by group, and the [scatter](crate::sandwich) of coefficients over the groups from their R factors.
+//! R factors by group, and the [scatter](crate::sandwich) of coefficients over the groups.
 //!
-//! With `M = R·F` for a group, `K_g = MᵀM` and `u_g = Mᵀ(Z − R·C)`: errors of about κ(X)·2⁻⁵³.
+//! With `M = R·F` for a group, `K_g = MᵀM` and `u_g = Mᵀ(Z − R·C)`, with errors of about κ(X)·2⁻⁵³.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -21,18 +21,18 @@ use crate::symmetric::UpperTriangle;
 use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
-/// What the R factors of all groups may take, in bytes.
+/// The memory limit for the R factors of all groups, in bytes.
 const MEMORY: usize = 512 << 20;
 
-/// The rows of each group, in the order of their first rows.
+/// The R factor of each group, in the order of their first rows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FactoredGroups {
     /// Label and rows.
     pub groups: Vec<(String, FactoredRows)>,
 }
 
-/// Groups while their rows are being added. Rows of a group are factored so many at a time, whatever blocks
-/// they come in: the result depends on the order of the rows and on nothing else.
+/// Groups while rows are being added. The rows of a group are factored in batches of fixed size, independent
+/// of the blocks in which they arrive, so the result depends only on the order of the rows.
 #[derive(Debug)]
 pub struct GroupFactors {
     empty: FactoredRows,
@@ -44,26 +44,26 @@ pub struct GroupFactors {
 struct Group {
     label: String,
     rows: FactoredRows,
-    /// Rows that are not yet among them, fewer than fill the workspace.
+    /// Rows not yet factored, fewer than a full workspace.
     waiting: Block,
 }
 
 impl GroupFactors {
-    /// No groups; features as in [`FactoredRows::new`].
+    /// Starts with no groups; features as in [`FactoredRows::new`].
     pub fn new(model: Model, scaling: Scaling) -> Self {
         let empty = FactoredRows::new(model, scaling);
         Self { empty, groups: Vec::new(), positions: HashMap::new() }
     }
 
-    /// How many groups there are by now.
+    /// Number of groups so far.
     pub fn group_count(&self) -> usize {
         self.groups.len()
     }
 
-    /// Adds the rows of a block with their labels.
+    /// Adds the labelled rows of a block.
     ///
     /// # Errors
-    /// [`FitError`] if there are too many groups, or a row that no fit can take.
+    /// [`FitError`] if there are too many groups, or a row that cannot be fitted.
     pub fn add(&mut self, block: &Block, labels: &[(String, usize)]) -> Result<(), FitError> {
         let (mut start, at_once) = (0, self.empty.r_factor.block_rows());
         for (label, rows) in labels {
@@ -95,10 +95,10 @@ impl GroupFactors {
         Ok(position)
     }
 
-    /// The groups, after all rows.
+    /// Returns the groups, after all rows have been added.
     ///
     /// # Errors
-    /// [`FitError`] if there is a row that no fit can take.
+    /// [`FitError`] if a row cannot be fitted.
     pub fn finish(mut self) -> Result<FactoredGroups, FitError> {
         for group in self.groups.iter_mut().filter(|group| group.waiting.rows > 0) {
             group.settle()?;
@@ -109,7 +109,6 @@ impl GroupFactors {
 }
 
 impl Group {
-    /// Factors the rows that wait.
     fn settle(&mut self) -> Result<(), FitError> {
         self.rows.absorb(&std::mem::take(&mut self.waiting))
     }
@@ -117,7 +116,7 @@ impl Group {
 
 impl FactoredRows {
     /// # Errors
-    /// [`FitError::TooManyGroups`] if so many groups of such rows take too much memory.
+    /// [`FitError::TooManyGroups`] if that many groups take too much memory.
     fn check_group_count(&self, groups: usize) -> Result<(), FitError> {
         let order = self.r_factor.whole().ncols();
         let limit = MAX_GROUPS.min(MEMORY / (order * order * size_of::<f64>()));
@@ -129,7 +128,7 @@ impl FactoredRows {
 }
 
 impl FactoredGroups {
-    /// Groups of rows in memory, each with its label; features as in [`FactoredRows::new`].
+    /// Factors groups of rows in memory, each with its label; features as in [`FactoredRows::new`].
     ///
     /// # Errors
     /// As [`GroupFactors::add`]; [`FitError::Interrupted`].
@@ -151,12 +150,13 @@ impl FactoredGroups {
         Ok(Self { groups: labels.into_iter().zip(factored).collect() })
     }
 
-    /// All rows; `None` where there is no group.
+    /// Merges all groups; `None` if there are none.
     pub fn total(&self) -> Option<FactoredRows> {
         FactoredRows::merged(self.groups.iter().map(|(_, rows)| rows))
     }
 
-    /// Neighbours together, each group of the result with the rows of a range that is not empty.
+    /// Merges neighbouring groups: each group of the result has the rows of one of the ranges, which must not
+    /// be empty.
     pub fn merged(&self, ranges: &[Range<usize>]) -> Self {
         let merge = |range: &Range<usize>| {
             let (label, mut all) = self.groups[range.start].clone();
@@ -166,8 +166,8 @@ impl FactoredGroups {
         Self { groups: ranges.iter().map(merge).collect() }
     }
 
-    /// For each group the rows of all others; `None` with fewer than two groups. From both ends on: nothing is taken away
-    /// from anything, and no group is merged more than four times.
+    /// For each group, merges all others; `None` with fewer than two groups. Works from both ends: nothing is
+    /// subtracted, and no group is merged more than four times.
     pub fn without_each(&self) -> Option<Vec<FactoredRows>> {
         let merged = |earlier: &FactoredRows, later: &FactoredRows| {
             let mut all = earlier.clone();
@@ -176,7 +176,7 @@ impl FactoredGroups {
         };
         let rows = |group: usize| &self.groups[group].1;
         let last = self.groups.len().checked_sub(1).filter(|&last| last > 0)?;
-        // Those after each group, from the last but one on.
+        // The groups after each group, from the last but one on.
         let mut after = vec![rows(last).clone()];
         for group in (1..last).rev() {
             after.push(merged(rows(group), &after[after.len() - 1]));
@@ -191,8 +191,9 @@ impl FactoredGroups {
         Some(others)
     }
 
-    /// The scatter of the coefficients of a solution over these groups, or all but one of them, which are
-    /// all rows that it was fitted to, on so many threads. The bias that a ridge brings, or a truncation, is left out.
+    /// The scatter of the coefficients of a solution over these groups, without the group `held_out`, on
+    /// `threads` threads. The groups must be all rows of the fit. Omits the bias from a ridge or a
+    /// truncation.
     ///
     /// # Errors
     /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly dependent.
@@ -208,7 +209,7 @@ impl FactoredGroups {
         let (labels, groups): (Vec<_>, Vec<_>) = others.map(|(label, rows)| (label, rows)).unzip();
         let factor = &solution.factor;
         let mut sums = ScatterSums::new(solution);
-        // Each group with factor and coefficients about its centre.
+        // Each group with factor and coefficients relative to its centre.
         let mut items = Vec::with_capacity(groups.len());
         for run in by_centre(&groups, solution) {
             let (groups, change) = run.ok_or(FitError::NearlyDependent)?;
@@ -233,7 +234,8 @@ impl FactoredGroups {
         sums.finish(&UpperTriangle::new(factor))
     }
 
-    /// The mean variance that the coefficients of a fit, which scatter so, give the predictions of each of some groups.
+    /// The mean variance of predictions on each of the groups that comes from the coefficients with this
+    /// `scatter`.
     pub fn variances(
         &self,
         groups: Range<usize>,
@@ -254,14 +256,16 @@ impl FactoredGroups {
     }
 }
 
-/// The columns of a `T` from the first that is not zero: as many as there are groups, if these are fewer than features.
+/// The columns of `T` from the first nonzero one. With fewer groups than features there are as many as
+/// groups.
 fn without_zeros(factor: &Mat<f64>) -> MatRef<'_, f64> {
     let zeros = factor.col_iter().take_while(|column| column.norm_max() == 0.0).count();
     factor.as_ref().subcols(zeros, factor.ncols() - zeros)
 }
 
-/// Neighbours whose features are about one centre, and the features of a solution as sums of those; `None` where
-/// these lack some. Groups of merged recordings differ in their centres, others have one.
+/// Splits groups into runs of neighbours with the same centre, each with the matrix that expresses the
+/// features of a solution in those of the run; `None` if the run lacks some of them. Groups of merged
+/// recordings differ in their centres; other groups share one.
 fn by_centre<'a, 'b>(
     groups: &'a [&'b FactoredRows],
     solution: &Solution,
@@ -285,8 +289,8 @@ mod tests {
     use shell_data::block::Block;
     use system_tests::random::Random;
 
-    /// Groups of one to seven rows, fewer than there are features, whose errors resemble each other; the second
-    /// channel is the first and `apart` of something else.
+    /// Groups of one to seven rows, fewer than features, with similar errors within a group. The second
+    /// channel is the first plus noise of size `apart`.
     fn block(apart: f64) -> Block {
         let mut random = Random(16);
         let mut noise = |scale: f64| scale * (2.0 * random.unit() - 1.0);
@@ -322,8 +326,9 @@ mod tests {
         (solution, groups.finish().unwrap())
     }
 
-    /// By the definition, from the singular vectors of all rows: the variances of predictions at the rows, and the
-    /// products of residuals. Neither needs an inverse, so the condition of the features does not matter.
+    /// The direct computation from the singular vectors of all rows: the variances of predictions at the
+    /// rows, and the products of residuals. Neither needs an inverse, so the condition of the features does
+    /// not matter.
     fn dense(x: &Mat<f64>, block: &Block) -> (Vec<Mat<f64>>, Mat<f64>) {
         let (n, svd) = (x.nrows(), x.thin_svd().unwrap());
         let u = svd.U();
@@ -371,7 +376,8 @@ mod tests {
             let (variances, products) = dense(&x, &block);
             let found = groups.scatter(&solution, None, 1).unwrap();
             assert_eq!(found.groups, 40);
-            // Both ways know the directions of the features to ε·κ; sums of some hundred roundings.
+            // Both methods determine the directions of the features to ε·κ; sums of about a hundred rounding
+            // errors.
             let tolerance = 100.0 * f64::EPSILON * solution.condition + 1e-12;
             assert!(apart > 1e-9 || solution.condition > 1e9, "{}", solution.condition);
             for axis in 0..6 {
@@ -389,7 +395,7 @@ mod tests {
         }
     }
 
-    /// Recordings that were made apart have centres of their own.
+    /// Separate recordings have separate centres.
     #[test]
     fn merged_r_factors_are_those_of_all_rows_whatever_centre_they_are_about() {
         let block = block(0.5);
@@ -415,7 +421,7 @@ mod tests {
             let (expected, _) = fitted(&block, model);
             let found = merged.solve(&model, 0.0).unwrap();
             assert_eq!(found.scaling, expected.scaling, "about the mean of all rows");
-            // Condition numbers below 1e3 about either centre.
+            // Condition numbers below 1e3 with either centre.
             let difference = (&found.coefficients - &expected.coefficients).norm_max();
             assert!(
                 difference < 1e-11 * expected.coefficients.norm_max(),
@@ -456,7 +462,7 @@ mod tests {
         assert_eq!(refused(&groups), FitError::TooFewGroups { found: 1 });
     }
 
-    /// The result depends on the order of the rows alone, not on how they come in.
+    /// The result depends only on the order of the rows, not on their division into blocks.
     #[test]
     fn blocks_of_any_length_give_the_same_bits() {
         let all = block(0.5);

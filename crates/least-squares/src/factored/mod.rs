@@ -1,21 +1,21 @@
-//! Rows of any numbers, kept as what a QR factorisation leaves of them.
+//! Rows with arbitrary readings, reduced to their R factor.
 //!
-//! Where rows cannot be summed exactly (volts, averages, anything with all the digits of a double), the
-//! R factor of their features and wrench takes the place of the sums ([`FactoredRows`]):
+//! Some rows cannot be summed exactly: volts, averages, anything with all the digits of a double. For those,
+//! the R factor of features and wrench replaces the sums ([`FactoredRows`]):
 //!
 //! ```text
 //! [X | W] = Q · | R  Z |
 //!               | 0  E |
 //! ```
 //!
-//! Whatever the sums of some rows say of a fit, the R factor says as well: `X_gᵀX_g = RᵀR`, `X_gᵀ(W_g − X_g·C) =
-//! Rᵀ(Z − R·C)`, and products of residuals are those of `Z − R·C` and `E`. Squares are never formed and nothing is
-//! taken away from a sum, so errors grow with the condition number and not with its square. R factors of groups of
-//! rows merge to that of all ([`FactoredGroups`]).
+//! The R factor provides everything that a fit needs from the sums: `X_gᵀX_g = RᵀR`,
+//! `X_gᵀ(W_g − X_g·C) = Rᵀ(Z − R·C)`, and the products of residuals come from `Z − R·C` and `E`. Squares are
+//! never formed and nothing is subtracted from a sum, so errors grow with the condition number and not with
+//! its square. R factors of groups merge to the R factor of all rows ([`FactoredGroups`]).
 //!
-//! Features are always summed with a constant, so they can be expressed about another centre:
-//! R factors of recordings that were made apart merge, and the features of a smaller model are among those of a
-//! larger one. What depends on the order of the rows is the last digits, no more.
+//! Features always include a constant, so they can be expressed relative to another centre. Thus R factors of
+//! separate recordings merge, and the features of a smaller model are contained in those of a larger one. The
+//! order of the rows affects only the last digits.
 
 mod groups;
 mod rows;

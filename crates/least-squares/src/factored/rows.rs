@@ -1,4 +1,4 @@
-//! Some rows.
+//! R factors of rows.
 
 use std::collections::HashMap;
 
@@ -17,20 +17,21 @@ use crate::solution::Solution;
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// What is kept of some rows: the R factor of features, a constant among them, and wrench.
+/// Rows reduced to the R factor of their features, including a constant, and wrench.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FactoredRows {
     pub(super) features: Features,
-    /// Their number, and the range of each channel.
+    /// The number of rows, and the range of each channel.
     pub ranges: ReadingRanges,
     pub(super) r_factor: RFactor,
 }
 
 impl FactoredRows {
-    /// No rows; features, and a constant, of readings standardised by `scaling`, which is best that of a sample.
+    /// Starts with zero rows. The features, and a constant, are of readings standardised by `scaling`, which
+    /// should come from a sample of the rows.
     ///
     /// # Panics
-    /// If `scaling` is not for as many columns as `model`.
+    /// If the numbers of columns of `scaling` and `model` differ.
     pub fn new(model: Model, scaling: Scaling) -> Self {
         let model = Model { intercept: true, ..model };
         let r_factor = RFactor::new(model.term_count(), Axis::ALL.len());
@@ -43,7 +44,7 @@ impl FactoredRows {
         self.ranges.rows
     }
 
-    /// The features that were kept.
+    /// The model whose features were kept, with intercept.
     pub fn model(&self) -> Model {
         self.features.model
     }
@@ -56,7 +57,7 @@ impl FactoredRows {
     /// Adds the rows of a block.
     ///
     /// # Errors
-    /// [`FitError`] if a reading or a wrench is not finite, or so large that its products are not.
+    /// [`FitError`] if a reading or a wrench is not finite, or so large that products overflow.
     pub fn absorb(&mut self, block: &Block) -> Result<(), FitError> {
         self.ranges.merge(&ReadingRanges::from_block(block, self.model().columns())?);
         let p = self.features.len();
@@ -72,10 +73,10 @@ impl FactoredRows {
         }
     }
 
-    /// Adds the rows of `later`, about the centre of these.
+    /// Adds the rows of `later`, relative to the centre of `self`.
     ///
     /// # Panics
-    /// If their features are of other families or numbers of channels.
+    /// If the families of features or the numbers of channels differ.
     pub fn merge(&mut self, later: &Self) {
         match later.features == self.features {
             true => self.r_factor.merge(&later.r_factor),
@@ -88,7 +89,7 @@ impl FactoredRows {
         self.ranges.merge(&later.ranges);
     }
 
-    /// All parts merged, about the centre of the first; `None` without parts.
+    /// Merges all parts, relative to the centre of the first; `None` without parts.
     pub(crate) fn merged<'a>(parts: impl IntoIterator<Item = &'a Self>) -> Option<Self> {
         let mut parts = parts.into_iter();
         let mut all = parts.next()?.clone();
@@ -96,7 +97,7 @@ impl FactoredRows {
         Some(all)
     }
 
-    /// Centre and scale of these rows: about their mean, unless there is no constant to take it up.
+    /// Centre and scale of these rows. The centre is their mean if there is an intercept to absorb the shift.
     fn scaling_of_all(&self, intercept: bool) -> Scaling {
         let (r, ones) = (self.r_factor.r(), self.features.len() - 1);
         let terms = self.features.model.terms();
@@ -112,16 +113,16 @@ impl FactoredRows {
         Scaling::from_channels((0..self.model().columns()).map(channel), intercept)
     }
 
-    /// Fits `model`. `ridge` is λ, on powers of readings about the mean of these rows.
+    /// Fits `model`. `ridge` is λ, for powers of readings relative to the mean of these rows.
     ///
     /// # Errors
-    /// [`FitError`] if the rows do not determine the coefficients, or the features of the model are not among
-    /// these.
+    /// [`FitError`] if the rows do not determine the coefficients, or features of the model were not kept.
     pub fn solve(&self, model: &Model, ridge: f64) -> Result<Solution, FitError> {
         self.solve_by(SolverKind::Tsqr.into(), model, ridge)
     }
 
-    /// The same by a method that weighs rows alike; [`SolverKind::RidgeGcv`] finds its λ for these rows.
+    /// Like [`solve`](Self::solve), by any method that weighs all rows equally. [`SolverKind::RidgeGcv`]
+    /// finds λ for these rows.
     ///
     /// # Errors
     /// As [`FactoredRows::solve`].
@@ -148,13 +149,13 @@ impl FactoredRows {
         Ok(Solution::new(&features, solved, ridge))
     }
 
-    /// The errors of a solution on these rows; `None` if its features are not among these.
+    /// The errors of a solution on these rows; `None` if features of its model were not kept.
     pub fn errors(&self, solution: &Solution) -> Option<PerAxis<HeldOutErrors>> {
         let change = self.change(&solution.model, &solution.scaling)?;
         Some(self.errors_of((&change * &solution.coefficients).as_ref()))
     }
 
-    /// The errors of coefficients of these features.
+    /// The errors of coefficients for the features of these rows.
     pub(super) fn errors_of(&self, coefficients: MatRef<'_, f64>) -> PerAxis<HeldOutErrors> {
         let products = self.r_factor.residual_products(coefficients);
         let sums = self.r_factor.sums_of_residuals(coefficients, self.features.len() - 1);
@@ -165,7 +166,8 @@ impl FactoredRows {
         })
     }
 
-    /// How well a solution does on these rows; `None` if there are none, or its features are not among these.
+    /// The quality of a solution on these rows; `None` for zero rows, or if features of its model were not
+    /// kept.
     pub fn quality(&self, solution: &Solution) -> Option<PerAxis<AxisQuality>> {
         let errors = self.errors(solution).filter(|_| self.rows() > 0)?;
         let variances = self.load_variances();
@@ -173,7 +175,7 @@ impl FactoredRows {
         Some(std::array::from_fn(|axis| errors[axis].quality(variances[axis] * rows)))
     }
 
-    /// The variance of the wrench, squares of N and N·m.
+    /// The variance of each axis of the wrench, in squares of N and N·m.
     pub fn load_variances(&self) -> PerAxis<f64> {
         let (p, rows) = (self.features.len(), self.rows().max(1) as f64);
         let nothing = Mat::zeros(p, Axis::ALL.len());
@@ -184,11 +186,13 @@ impl FactoredRows {
         std::array::from_fn(|axis| about_mean[(axis, axis)] / rows)
     }
 
-    /// The features of `model` about the centre of `scaling` as sums of these: `T`, terms of these × terms of `model`;
-    /// `None` where these lack a product that it takes.
+    /// The matrix `T`, terms of these rows × terms of `model`, that expresses the features of `model`
+    /// relative to the centre of `scaling` in the features of these rows; `None` if a product that `model`
+    /// needs was not kept.
     ///
-    /// With `z = (s − c)/k` and `z' = (s − c')/k'` a reading is `z' = a·z + b`, `a = k/k'`, `b = (c − c')/k'`, so every
-    /// product of `z'` is a sum of products of `z`: `X' = X·T`. Scales are powers of two, which leaves `a` exact.
+    /// With `z = (s − c)/k` and `z' = (s − c')/k'`, a standardised reading is `z' = a·z + b`, `a = k/k'`,
+    /// `b = (c − c')/k'`, so every product of `z'` is a sum of products of `z`: `X' = X·T`. Scales are powers
+    /// of two, so `a` is exact.
     pub(crate) fn change(&self, model: &Model, scaling: &Scaling) -> Option<Mat<f64>> {
         if model.columns() != self.model().columns() {
             return None;

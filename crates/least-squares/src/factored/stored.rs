@@ -1,4 +1,4 @@
-//! R factors as documents have them.
+//! R factors in documents.
 
 use faer::Mat;
 use serde::de::Error;
@@ -11,7 +11,7 @@ use crate::reading_ranges::{ReadingRange, ReadingRanges};
 use crate::scaling::{Scaling, is_power_of_two};
 use crate::symmetric::triangular_columns;
 
-/// What is written of [`FactoredRows`].
+/// [`FactoredRows`] in file form.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 struct StoredRows {
     basis: Basis,
@@ -19,7 +19,7 @@ struct StoredRows {
     scaling: Scaling,
     /// The ranges of the channels.
     channels: Vec<ReadingRange>,
-    /// The upper triangular matrix by its columns.
+    /// The upper triangular matrix, column by column.
     columns: Vec<Vec<f64>>,
 }
 

@@ -1,28 +1,27 @@
 //! The ridge parameter by generalised cross-validation (Golub, Heath and Wahba, Technometrics 21,
 //! 1979), from one factorisation.
 //!
-//! With the columns that are penalised made orthogonal to the free one, scaled by their norms and
-//! factored as `U·S·Vᵀ`, the residual sum of squares and the degrees of freedom for every λ are sums
-//! over singular values:
+//! The penalised columns are made orthogonal to the free column, scaled to norm one and factored as `U·S·Vᵀ`.
+//! Then the residual sum of squares and the degrees of freedom for every λ are sums over singular values:
 //!
 //! ```text
 //! GCV(λ) = (RSS(λ)/n) / (1 − t(λ)/n)²    t = Σ s²/(s² + λ), and 1 for the free column
 //! RSS(λ) = RSS(0) + Σ (λ/(s² + λ))²·b²   b = UᵀY
 //! ```
 //!
-//! One λ serves all columns of `Y`, which have units of their own: what is made small is the sum of
-//! the logarithms of their GCV, which does not depend on units.
+//! One λ serves all columns of `Y`, which may have different units. The sum of the logarithms of their GCV is
+//! minimised, because its minimum does not depend on units.
 
 use faer::Mat;
 
 use crate::r_factor::{LeastSquaresError, RFactor, Ridge};
 
-/// Points per factor of ten of the first search.
+/// Points per factor of ten in the first search.
 const PER_DECADE: usize = 8;
-/// The smallest λ looked at, as a share of the largest squared singular value, and the largest.
+/// Exponents of the smallest and largest λ in the search, relative to the largest squared singular value.
 const RANGE: (f64, f64) = (-20.0, 4.0);
 
-/// The λ at which the criterion is smallest; zero where that is at the lower end of the search.
+/// The λ that minimises the criterion; zero if that is at the lower end of the search.
 pub(super) fn lambda(
     r_factor: &RFactor,
     free_column: Option<usize>,
@@ -40,7 +39,8 @@ pub(super) fn lambda(
     Ok(largest * 10_f64.powf(golden_section(low, high, criterion)))
 }
 
-/// The largest squared singular value, and the criterion at λ = 10^exponent times that.
+/// Returns the largest squared singular value, and the criterion as a function of the exponent in λ =
+/// 10^exponent times that value.
 fn criterion(
     r_factor: &RFactor,
     free_column: Option<usize>,
@@ -54,7 +54,7 @@ fn criterion(
     if !r.is_all_finite() || !z.is_all_finite() {
         return Err(LeastSquaresError::NotFinite);
     }
-    // The free column first: what is below its row afterwards is orthogonal to it.
+    // The free column comes first: the rows below its own are then orthogonal to it.
     let order: Vec<usize> =
         free_column.into_iter().chain((0..p).filter(|&j| Some(j) != free_column)).collect();
     let moved = Mat::from_fn(p, p, |i, j| r[(i, order[j])]);
@@ -87,7 +87,7 @@ fn criterion(
     Ok((largest, at))
 }
 
-/// Where `f` is smallest between `low` and `high`, to a thousandth of their distance.
+/// Minimises `f` between `low` and `high`, to a thousandth of their distance.
 fn golden_section(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
     let ratio = (5_f64.sqrt() - 1.0) / 2.0;
     for _ in 0..16 {
@@ -105,7 +105,7 @@ mod tests {
     use super::super::dense::{Dense, solve_dense};
     use super::super::{Ridge, SolverKind};
 
-    /// GCV from its definition, by the matrix that takes `Y` to its prediction.
+    /// GCV by its definition, from the hat matrix.
     fn gcv(x: &Mat<f64>, y: &Mat<f64>, lambda: f64) -> f64 {
         let (n, p) = x.shape();
         let mut gram = x.transpose() * x;
@@ -132,7 +132,7 @@ mod tests {
         let rows = || Dense::new(x.as_ref(), None, y.as_ref());
         let ridge = Ridge { lambda: 0.0, free_column: Some(5) };
         let chosen = solve_dense(rows(), SolverKind::RidgeGcv, ridge).unwrap();
-        // Which λ was chosen shows in the coefficients: find it by bisection of their decrease.
+        // The chosen λ is not returned but shows in the coefficients, which shrink with λ: bracket it.
         let score = |lambda: f64| gcv(&x, &y, lambda);
         let grid = (0..=160).map(|k| 10_f64.powf(-10.0 + 0.08 * f64::from(k)));
         let best = grid.min_by(|&a, &b| score(a).total_cmp(&score(b))).unwrap();

@@ -1,4 +1,4 @@
-//! Normal equations in `f64`: the fast and coarse way.
+//! Normal equations in `f64`: fast and coarse.
 
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Accum, Mat, MatRef, Par, Side};
@@ -7,12 +7,12 @@ use super::rows::{Reduction, RowChunk, Shape};
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 use crate::vectors::lower_product;
 
-/// `[X | Y]ᵀ[X | Y]`, the lower half of it.
+/// The lower triangle of `[X | Y]ᵀ[X | Y]`.
 #[derive(Clone, Debug)]
 pub(super) struct Gram {
     shape: Shape,
     rows: u64,
-    /// Chunks and merges so far, each of which rounds a sum once.
+    /// Number of chunks and merges so far. Each rounds a sum once.
     additions: u64,
     products: Mat<f64>,
 }
@@ -47,13 +47,13 @@ impl Gram {
         Self { shape, rows: 0, additions: 0, products: Mat::zeros(columns, columns) }
     }
 
-    /// Solves by Cholesky's factorisation with columns scaled to norm one.
+    /// Solves by Cholesky factorisation with columns scaled to norm one.
     ///
-    /// That the factorisation succeeds says nothing about rank. The elements of the scaled matrix
-    /// are within (r + a)·2⁻⁵³ of the truth, r rows to a chunk and a additions of chunks (Higham,
-    /// Accuracy and Stability of Numerical Algorithms, 2nd ed., §3.1), so by Weyl's inequality its
-    /// eigenvalues are within p times that. A smallest eigenvalue not well above this bound proves
-    /// nothing, and the answer is an error.
+    /// Success of the factorisation does not prove full rank. The elements of the scaled matrix have errors
+    /// of at most (r + a)·2⁻⁵³, with r rows to a chunk and a additions of chunks (Higham, Accuracy and
+    /// Stability of Numerical Algorithms, 2nd ed., §3.1). By Weyl's inequality its eigenvalues have errors of
+    /// at most p times that. If the smallest eigenvalue is not well above this bound, the rank is uncertain
+    /// and the result is an error.
     ///
     /// # Errors
     /// [`LeastSquaresError`].
@@ -77,7 +77,7 @@ impl Gram {
         }
         let damped = scaled.self_adjoint_eigenvalues(Side::Lower).map_err(not_finite)?;
         let smallest = damped.first().copied().unwrap_or(1.0);
-        // Ten times the bound leaves the coefficients one digit in the worst case.
+        // With ten times the bound, the coefficients keep one digit in the worst case.
         let ill_conditioned =
             LeastSquaresError::IllConditioned { limit: (largest / (10.0 * bound)).sqrt() };
         if p > 0 && smallest <= 10.0 * bound {
@@ -96,12 +96,12 @@ impl Gram {
         let mut inverse = Mat::<f64>::zeros(p, p);
         triangular_inverse::invert_upper_triangular(inverse.as_mut(), lower.transpose(), Par::Seq);
         let outputs = Mat::from_fn(q, q, |a, b| self.products[(p + a.max(b), p + a.min(b))]);
-        // YᵀY − CᵀXᵀY − (XᵀY)ᵀC + CᵀXᵀX·C holds for any C, with a ridge too.
+        // YᵀY − CᵀXᵀY − (XᵀY)ᵀC + CᵀXᵀX·C holds for any C, including a ridge solution.
         let cross = solved.transpose() * &right;
         let mut residual_products =
             outputs - &cross - cross.transpose() + solved.transpose() * (gram * &solved);
         for a in 0..q {
-            // What is left of a cancellation may be below zero, which a sum of squares is not.
+            // Cancellation may leave a negative number, which is impossible for a sum of squares.
             residual_products[(a, a)] = residual_products[(a, a)].max(0.0);
         }
         let coefficients = Mat::from_fn(p, q, |i, a| solved[(i, a)] / norms[i]);

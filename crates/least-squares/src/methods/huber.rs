@@ -1,19 +1,20 @@
-//! Huber's M-estimator of regression: each column of `Y` on its own, rows far off count less.
+//! Huber's M-estimator of regression. Each column of `Y` is fitted separately, and distant rows get less
+//! weight.
 //!
-//! Solves `Σ ψ(rᵢ/σ)·xᵢ = 0` with `ψ(u) = max(−k, min(k, u))`, k = 1.345 (95 % efficiency for
-//! normal errors), and σ the median of `|r|` over 0.6745, as R's `MASS::rlm` does by default. These
-//! are the equations that iteratively reweighted least squares solves. Here they are solved by
-//! modified residuals (Huber, Robust Statistics, 1981, §7.8): clip the residuals, and correct by the
-//! least-squares fit of what is left, `C += q·(XᵀX)⁻¹Xᵀψ`. Every pass over the rows then costs a
-//! gradient and no factorisation, which would be one for each column of `Y`, and for
-//! q < 2 each step is certain to improve. A histogram of logarithmic bins tells the median of all rows to
-//! four parts in a thousand; the sizes near it are then kept in the next pass, and it is exact.
+//! Solves `Σ ψ(rᵢ/σ)·xᵢ = 0` with `ψ(u) = max(−k, min(k, u))`, k = 1.345 (95 % efficiency for normal errors),
+//! and σ the median of `|r|` over 0.6745, like R's `MASS::rlm` by default. Iteratively reweighted least
+//! squares solves the same equations. Here they are solved by modified residuals (Huber, Robust Statistics,
+//! 1981, §7.8): clip the residuals, and correct by the least-squares fit of the clipped residuals,
+//! `C += q·(XᵀX)⁻¹Xᵀψ`. Then every pass over the rows costs a gradient, where reweighting costs one
+//! factorisation per column of `Y`, and for q < 2 each step is certain to improve. A histogram with
+//! logarithmic bins gives the median over all rows to 0.4 %. The next pass keeps the sizes near it, which
+//! makes the median exact.
 //!
-//! Coefficients and σ move together, a step in each pass, until neither does. With few rows σ can swing
-//! about where it belongs; its steps are then shortened, and never ended.
+//! Coefficients and σ advance together, one step per pass, until both converge. With few rows σ can oscillate
+//! around its solution; its steps are then shortened but never stopped.
 //!
-//! Products of residuals are those of Huber's pseudo-residuals, `K·ψ(rᵢ/σ)·σ/mean ψ'`, so that
-//! covariances of coefficients follow from them as in least squares (§7.6).
+//! The products of residuals use Huber's pseudo-residuals, `K·ψ(rᵢ/σ)·σ/mean ψ'`, so that covariances of
+//! coefficients follow from them as in least squares (§7.6).
 
 use faer::Mat;
 
@@ -23,65 +24,66 @@ use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 use crate::vectors::{add_multiple, dot};
 use std::ops::Range;
 
-/// Residuals are clipped beyond this many σ.
+/// The clipping threshold, in multiples of σ.
 const CLIP: f64 = 1.345;
 /// The third quartile of the standard normal distribution.
 const QUARTILE: f64 = 0.674_489_750_196_081_7;
-/// Passes over many rows; over few, where some decide their own residuals and steps are short,
-/// as many more as cost the same.
+/// Maximum number of passes over many rows. With few rows, single rows can determine their own residuals and
+/// steps are short, so more passes of the same total cost are allowed.
 const MOST_PASSES: usize = 500;
-/// Rows that count as many.
+/// The number of rows that counts as many.
 const MANY: u64 = 100_000;
-/// Passes over however few rows.
+/// Maximum number of passes over any number of rows.
 const MOST_SHORT_PASSES: usize = 20_000;
-/// Passes end when a step is smaller than this share of the standard errors, and σ would change by less than
-/// this share of itself: what is left to go is some ten times that at worst.
+/// The convergence threshold: passes end when a step is smaller than this fraction of the standard errors,
+/// and the relative change of σ is smaller than this. The remaining distance is then at most some ten times
+/// larger.
 const STEP: f64 = 1e-8;
-/// Passes after which steps of σ that turn round are shortened.
+/// Number of passes after which steps of σ that reverse are shortened.
 const FREE_PASSES: usize = 20;
-/// By how much, how far at most, and by how much they grow again while they go on.
+/// Factor that shortens a reversed step of σ, its lower limit, and factor that lengthens it again.
 const SHORTER: f64 = 0.7;
 const SHORTEST: f64 = 0.02;
 const LONGER: f64 = 1.1;
-/// Up to so many rows all sizes of residuals are kept for the median; of more rows those within
-/// [`NEAR`] of the last median.
+/// The largest number of rows for which all sizes of residuals are kept for the median. With more rows, only
+/// sizes within the relative distance [`NEAR`] of the last median are kept.
 const ALL_KEPT: u64 = 10_000;
 const NEAR: f64 = 0.01;
-/// Rounding of sums over rows, in units of the last place of their terms.
+/// Rounding error of sums over rows, relative to their terms.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
-/// The smallest σ, as a share of the RMS: where most rows are fitted without error, others must not
-/// count for nothing.
+/// The smallest σ, as a fraction of the RMS: even if most rows are fitted without error, the others must keep
+/// some weight.
 const SMALLEST: f64 = 1e-12;
 
-/// Where residuals of these sizes are clipped.
+/// The clipping threshold for residuals of these sizes.
 ///
 /// # Panics
-/// If there is none.
+/// If `sizes` is empty.
 pub(crate) fn clip_of_sizes(sizes: &mut [f64]) -> f64 {
     let count = sizes.len();
     CLIP * mean_of_ranks(sizes, [(count - 1) / 2, count / 2]) / QUARTILE
 }
 
-/// The mean of the sizes of two ranks, which are one or follow each other.
+/// The mean of the sizes at two ranks, which are equal or consecutive.
 fn mean_of_ranks(sizes: &mut [f64], [lower, upper]: [usize; 2]) -> f64 {
     let (below, &mut middle, _) = sizes.select_nth_unstable_by(upper, f64::total_cmp);
     let other = if lower == upper { middle } else { below.iter().copied().fold(0.0, f64::max) };
     0.5 * (middle + other)
 }
 
-/// Which residuals are clipped, and where.
+/// The thresholds for one pass.
 struct Clipping {
     shape: Shape,
     coefficients: Mat<f64>,
-    /// Where each column of `Y` is clipped, σ·k.
+    /// The clipping threshold σ·k of each column of `Y`.
     clip: Vec<f64>,
-    /// What sizes of residuals are counted in.
+    /// The unit of the sizes of residuals.
     unit: Vec<f64>,
-    /// Between which sizes, in those units, all are kept.
+    /// The range in which all sizes are kept, in those units.
     near: Vec<Range<f64>>,
 }
 
-/// What clipped residuals add up to.
+/// Sums over clipped residuals.
 #[derive(Clone)]
 struct Clipped<'a> {
     by: &'a Clipping,
@@ -89,10 +91,10 @@ struct Clipped<'a> {
     gradient: Mat<f64>,
     /// `ΨᵀΨ`.
     products: Mat<f64>,
-    /// Residuals that were not clipped, per column of `Y`.
+    /// Number of residuals that were not clipped, per column of `Y`.
     inside: Vec<u64>,
     sizes: Vec<FineMagnitudes>,
-    /// How many sizes are below those that are kept, and these, per column of `Y`.
+    /// Number of sizes below the kept range, per column of `Y`; `kept` has the sizes within it.
     below: Vec<u64>,
     kept: Vec<Vec<f64>>,
 }
@@ -112,8 +114,8 @@ impl<'a> Clipped<'a> {
         }
     }
 
-    /// The median size of a column's residuals: of an even number the mean of both in the middle. `false`
-    /// where it is from the histogram.
+    /// The median size of a column's residuals; of an even number, the mean of the middle two. The flag is
+    /// `false` if the median is from the histogram.
     fn median(&mut self, a: usize, rows: u64) -> (f64, bool) {
         let (kept, below) = (&mut self.kept[a], self.below[a]);
         let position = |rank: u64| rank.checked_sub(below).map(|position| position as usize);
@@ -185,16 +187,16 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
     let penalties = ridge.penalties(&norms);
     let rms = |a: usize| (solved.residual_products[(a, a)] / n).sqrt();
     let mut sigma: Vec<f64> = (0..q).map(rms).collect();
-    // A column that is fitted without error is clipped nowhere, and its residuals are all alike.
+    // A column that is fitted without error has equal residuals and is not clipped.
     let unit: Vec<f64> = sigma.iter().map(|&s| if s > 0.0 { s } else { 1.0 }).collect();
     let as_dear = MOST_PASSES as u64 * MANY / solved.rows.max(1);
     let most_passes = (as_dear as usize).clamp(MOST_PASSES, MOST_SHORT_PASSES);
-    // What a column's residuals are rounded to.
+    // The rounding error of a column's residuals.
     let rounding = |solved: &LeastSquares, a: usize| {
         let terms = (0..p).map(|j| solved.coefficients[(j, a)].abs() * norms[j]);
         ROUNDING * terms.sum::<f64>() / n.sqrt()
     };
-    // How far σ goes of its way, and where it went last, per column of `Y`.
+    // Per column of `Y`: the fraction of its step that σ takes, and the previous step.
     let mut pace = vec![1.0_f64; q];
     let mut before = vec![0.0_f64; q];
     for pass_number in 0..most_passes {
@@ -219,8 +221,8 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
         }
         let inner = solved.factor.transpose() * &gradient;
         let step = &solved.factor * &inner;
-        // The mean of ψ', the share of rows that count in full; beyond a half, a step longer by
-        // its inverse is still certain to improve.
+        // The mean of ψ', which is the fraction of rows with full weight. Above one half, a step lengthened
+        // by its inverse is still certain to improve.
         let share = |a: usize| inside[a] as f64 / n;
         let mut settled = true;
         for a in 0..q {
@@ -306,7 +308,7 @@ mod tests {
         let published = [(0.8294, 0.1112), (0.9261, 0.3034), (-0.1278, 0.1289), (-41.0265, 9.8073)];
         let variance = solved.residual_products[(0, 0)] / 17.0;
         for (j, (coefficient, error)) in published.into_iter().enumerate() {
-            // The printed digits, and what `rlm` leaves by default: it ends at 1e-4 of the residuals.
+            // Tolerance: the printed digits, and the default convergence of `rlm`, 1e-4 of the residuals.
             let found = solved.coefficients[(j, 0)];
             assert!((found - coefficient).abs() < 2e-3 * error + 5e-5, "{j}: {found}");
             let row = solved.factor.row(j);
@@ -333,8 +335,8 @@ mod tests {
         assert!((robust[(0, 0)] - 3.0).abs() < 1e-12 && (robust[(1, 0)] + 7.0).abs() < 1e-10);
     }
 
-    /// Iteratively reweighted least squares, dense: QR of the weighted rows, again and again, with the
-    /// median of all residuals. `None` where it does not come to rest.
+    /// Dense iteratively reweighted least squares: QR of the weighted rows in a loop, with the median of all
+    /// residuals. `None` if it does not converge.
     fn reweighted(x: &Mat<f64>, y: &Mat<f64>) -> Option<(Mat<f64>, f64)> {
         let (n, p) = (x.nrows(), x.ncols());
         let mut weights = vec![1.0; n];
@@ -367,7 +369,7 @@ mod tests {
         let mut compared = 0;
         for case in 0..300 {
             let p = 2 + case % 8;
-            // Few rows, many, and more than have all their sizes kept.
+            // Few rows, many rows, and too many to keep all sizes.
             let n = match case {
                 299 => 30_000,
                 _ => 3 * p + 5 + (case * 37) % (36 * p),
@@ -387,7 +389,7 @@ mod tests {
                 .unwrap_or_else(|error| panic!("{case}, {n} rows, {p} columns: {error}"));
             let off = &x * (&solved.coefficients - expected);
             let off = off.col(0).iter().map(|d| d.abs()).fold(0.0, f64::max);
-            // Both end some ten steps of 1e-8 from the end.
+            // Both stop some ten steps of 1e-8 short of the solution.
             assert!(off < 1e-6 * sigma, "{case}, {n} rows, {p} columns: {} sigma", off / sigma);
         }
         assert!(compared >= 290, "{compared}");
@@ -399,10 +401,10 @@ mod tests {
         let mut unit = move || random.unit();
         for case in 0..400 {
             let p = 1 + case % 5;
-            // With fewer rows than twice the columns there is no telling which are wild.
+            // With fewer rows than twice the columns, outliers cannot be identified.
             let n = 2 * p + 2 + case % 17;
             let x = Mat::from_fn(n, p, |_, j| if j == 0 { 1.0 } else { unit() - 0.5 });
-            // One row in four is wild.
+            // One row in four is an outlier.
             let y = Mat::from_fn(n, 1, |i, _| {
                 x.row(i).iter().sum::<f64>() + 0.1 * unit() + if unit() < 0.25 { 50.0 } else { 0.0 }
             });
@@ -412,8 +414,8 @@ mod tests {
             let residual = &y - &x * &solved.coefficients;
             let mut sizes: Vec<f64> = residual.col(0).iter().map(|r| r.abs()).collect();
             sizes.sort_unstable_by(f64::total_cmp);
-            // Whatever σ it settled on among the sizes of these residuals: clipped there, they must
-            // be orthogonal to the columns.
+            // The converged σ is not returned, but it follows from the sizes of these residuals. Clipped with
+            // it, they must be orthogonal to the columns.
             let solves = |sigma: f64| {
                 let clip = CLIP * sigma;
                 (0..p).all(|j| {

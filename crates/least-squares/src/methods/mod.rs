@@ -1,24 +1,24 @@
 //! Dense linear least squares, `min ‖X·C − Y‖`, by a family of methods over one stream of rows.
 //!
-//! The methods know neither readings nor wrenches. Rows come in chunks `[X | Y]`, elements of `X` in
-//! double-double where a plain `f64` would round them ([`RowChunk`]). A [`Reduction`] says what a pass
-//! over the rows computes: a R factor, a Gram matrix, a gradient; memory does not grow with
-//! the rows. [`RowSource`] is whatever can be passed over, as often as the method needs:
+//! The methods know neither readings nor wrenches. Rows come in chunks `[X | Y]`, with elements of `X` in
+//! double-double where `f64` would round them ([`RowChunk`]). A [`Reduction`] defines what a pass over the
+//! rows computes: an R factor, a Gram matrix, a gradient. Its memory does not grow with the rows. A
+//! [`RowSource`] can be passed over as often as the method needs:
 //!
-//! | method | passes | what is kept | relative error of the coefficients, about |
+//! | method | passes | memory | relative error of the coefficients, about |
 //! | --- | --- | --- | --- |
 //! | [`SolverKind::Gram`] | 1 | `XᵀX` | ε·κ² |
 //! | [`SolverKind::Tsqr`], [`SolverKind::PivotedQr`], [`SolverKind::Svd`] | 1 | R | ε·(κ + κ²·tan θ) |
 //! | [`SolverKind::RefinedTsqr`] | 2 or more | R, then `XᵀR` in double-double | ε, while ε·κ ≪ 1 |
 //! | [`SolverKind::WideGram`] | 1 | `XᵀX` in double-double | ε + ε²·κ² |
 //! | [`SolverKind::WideTsqr`] | 1 | R in double-double | ε + ε²·(κ + κ²·tan θ) |
-//! | [`SolverKind::RidgeGcv`] | 1 | R | that of the ridge |
+//! | [`SolverKind::RidgeGcv`] | 1 | R | the error of the ridge |
 //! | [`SolverKind::Huber`] | about 10 | R, then clipped gradients | not a least-squares answer |
 //!
-//! with ε = 2⁻⁵³, κ the condition number of `X` with columns of norm one, θ the angle between `Y`
-//! and its prediction (Björck, Numerical Methods for Least Squares Problems, 1996, §1.4, §2.4). A
-//! method that cannot tell full rank from a loss of rank, or whose error would leave no digit,
-//! answers with [`LeastSquaresError::IllConditioned`] and not with numbers.
+//! with ε = 2⁻⁵³, κ the condition number of `X` with columns of norm one, and θ the angle between `Y` and its
+//! prediction (Björck, Numerical Methods for Least Squares Problems, 1996, §1.4, §2.4). A method returns
+//! [`LeastSquaresError::IllConditioned`] if it cannot distinguish full rank from loss of rank, or if its
+//! error would leave no correct digit.
 
 #[cfg(test)]
 #[path = "tests/dense.rs"]
@@ -45,16 +45,16 @@ use super::r_factor::RFactor;
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum SolverKind {
-    /// Exact sums of integer readings; of any other rows as [`SolverKind::RefinedTsqr`].
+    /// Exact sums of integer readings; other rows as [`SolverKind::RefinedTsqr`].
     Exact,
     /// Householder QR over row blocks.
     Tsqr,
     /// Householder QR, corrected by residuals in double-double: two passes or more.
     RefinedTsqr,
-    /// QR with column pivoting. Pivots are chosen in the R factor that [`SolverKind::Tsqr`] leaves,
-    /// whose columns have the lengths and angles of those of `X`: the same factorisation.
+    /// QR with column pivoting. Pivots are chosen in the R factor of [`SolverKind::Tsqr`], whose columns have
+    /// the lengths and angles of the columns of `X`, so the factorisation is the same.
     PivotedQr,
-    /// Singular values, again of the R factor, which has those of `X`.
+    /// Singular values of the R factor, which are the singular values of `X`.
     Svd,
     /// Normal equations and Cholesky in `f64`.
     Gram,
@@ -62,19 +62,19 @@ pub enum SolverKind {
     WideGram,
     /// Householder QR over row blocks in double-double.
     WideTsqr,
-    /// A ridge whose parameter generalised cross-validation chooses.
+    /// Ridge regression, with the parameter chosen by generalised cross-validation.
     RidgeGcv,
-    /// Huber's M-estimator: rows far off count less. About ten passes.
+    /// Huber's M-estimator: distant rows get less weight. About ten passes.
     Huber,
 }
 
-/// How to solve.
+/// A solver and its options.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Method {
     /// The solver.
     pub solver: SolverKind,
-    /// For [`SolverKind::Svd`]: leaves out directions whose singular value, of columns of norm one, is below this
-    /// share of the largest. `None` leaves out nothing.
+    /// For [`SolverKind::Svd`]: drops directions whose singular value, with columns of norm one, is below
+    /// this fraction of the largest. `None` keeps all.
     pub truncate: Option<f64>,
 }
 
@@ -96,13 +96,13 @@ impl SolverKind {
         NAMES[self as usize].0
     }
 
-    /// The work of the solver in a few words.
+    /// A short description of the solver.
     pub const fn description(self) -> &'static str {
         NAMES[self as usize].1
     }
 
-    /// The solver to take in its place, of those that only judge others in tests and benchmarks: one that is offered has
-    /// their digits at a smaller price.
+    /// The recommended replacement of a solver that only serves as a reference in tests and benchmarks. The
+    /// replacement gives the same digits at lower cost.
     pub const fn instead(self) -> Option<Self> {
         match self {
             Self::RefinedTsqr | Self::Gram | Self::WideGram | Self::WideTsqr => Some(Self::Exact),
@@ -111,13 +111,13 @@ impl SolverKind {
         }
     }
 
-    /// The solvers that users can pick.
+    /// The solvers that users can choose.
     pub fn offered() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|solver| solver.instead().is_none())
     }
 }
 
-/// The names of the solvers and what they do, in the order of [`SolverKind`].
+/// The names and descriptions of the solvers, in the order of [`SolverKind`].
 const NAMES: [(&str, &str); 10] = [
     ("exact", "Exact sums of integer readings; QR, corrected by residuals, of others"),
     ("tsqr", "Householder QR over row blocks"),
@@ -131,13 +131,13 @@ const NAMES: [(&str, &str); 10] = [
     ("huber", "Huber's M-estimator: rows far off count less"),
 ];
 
-/// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`, and says which λ it was.
+/// Solves `min ‖X·C − Y‖² + λ·‖D·C‖²`, and also returns λ.
 ///
-/// With [`SolverKind::RidgeGcv`], `ridge` says only which column is free of it.
+/// With [`SolverKind::RidgeGcv`], `ridge` only determines the column that is not penalised.
 ///
 /// # Errors
-/// [`LeastSquaresError`] if the rows do not determine the
-/// coefficients, or not for this method; the errors of `rows`.
+/// [`LeastSquaresError`] if the rows do not determine the coefficients, or not for this method; the errors of
+/// `rows`.
 pub fn solve<R: RowSource>(
     rows: &mut R,
     method: Method,
@@ -159,11 +159,11 @@ pub fn solve<R: RowSource>(
     Ok((solved, ridge.lambda))
 }
 
-/// As [`solve`], for rows of which the R factor is known. Singular values and a ridge by GCV
-/// are had from the R factor; every other method that weighs rows alike differs from QR by rounding.
+/// Like [`solve`], from a known R factor. Singular values and a ridge by GCV use the R factor; every other
+/// method with equal weights differs from QR only by rounding.
 ///
 /// # Errors
-/// [`LeastSquaresError`] as [`solve`].
+/// [`LeastSquaresError`] as in [`solve`].
 pub(crate) fn solve_r_factor(
     r_factor: &RFactor,
     method: Method,

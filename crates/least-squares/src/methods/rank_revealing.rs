@@ -1,8 +1,8 @@
-//! Column pivoting and singular values, both of the R factor that a pass of QR leaves.
+//! Column pivoting and singular values, both from the R factor of a pass of QR.
 //!
-//! `X = Q·R` with orthonormal `Q`, so every column of `R` has the length of that of `X` and every
-//! pair the angle: pivots, singular values and directions are the same, at the cost of p columns of
-//! p elements in place of n.
+//! `X = Q·R` with orthonormal `Q`, so the columns of `R` have the same lengths and angles as the columns of
+//! `X`. Pivots, singular values and directions are the same, at the cost of p columns of p elements instead
+//! of n.
 
 use faer::linalg::triangular_solve;
 use faer::{Mat, Par};
@@ -11,8 +11,8 @@ use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge, equilibra
 
 /// Solves by QR with column pivoting of the equilibrated R factor.
 ///
-/// Rank is decided as in [`RFactor::solve`], by singular values: the diagonal that pivoting leaves
-/// may stay large while the smallest singular value does not (Golub & Van Loan 4e, §5.4.2).
+/// Rank is decided by singular values, as in [`RFactor::solve`]: the diagonal after pivoting may stay large
+/// while the smallest singular value does not (Golub & Van Loan 4e, §5.4.2).
 pub(super) fn pivoted(r_factor: &RFactor, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
     let mut solved = r_factor.solve(ridge)?;
     let (r, z) = r_factor.damped_parts(ridge);
@@ -31,9 +31,8 @@ pub(super) fn pivoted(r_factor: &RFactor, ridge: Ridge) -> Result<LeastSquares, 
 
 /// Solves by singular values of the equilibrated R factor.
 ///
-/// With `truncate`, directions whose singular value is below that share of the largest get no part
-/// in the answer, which then is the shortest of those that fit the others best; `rank` tells how
-/// many were kept.
+/// With `truncate`, directions whose singular value is below that fraction of the largest are dropped. The
+/// result is then the shortest vector that fits the other directions best, and `rank` is their number.
 pub(super) fn svd(
     r_factor: &RFactor,
     ridge: Ridge,
@@ -74,7 +73,7 @@ pub(super) fn svd(
     if rank < p || share > 0.0 {
         // (XᵀX)⁺ = V·S⁻²·Vᵀ; a QR factorisation makes its root triangular.
         let root = Mat::from_fn(p, p, |i, j| {
-            // Rows and columns turned round, so that an upper triangle comes out.
+            // Rows and columns are reversed, which gives an upper triangle.
             let (row, feature) = (i, p - 1 - j);
             let weight = if row < rank { values[row].recip() } else { 0.0 };
             weight * svd.V()[(feature, row)] / norms[feature]

@@ -1,12 +1,11 @@
 //! Iterative refinement: QR in `f64`, residuals in double-double.
 //!
-//! With `R` from a first pass and any `C`, the gradient `G = Xᵀ(Y − X·C)` gives the correction
-//! `R⁻¹R⁻ᵀ·G`: the corrected seminormal equations (Björck, Linear Algebra Appl. 88/89, 1987). `R`
-//! is that of a matrix within a small multiple of ε of `X`, so each correction leaves a share of
-//! order ε·κ of the error, however large the residual. What limits the result is how well the
-//! gradient is known. Residuals and their sums are therefore formed in double-double, from `C` in
-//! double-double; then one correction is enough for every digit of an `f64` up to κ = 10⁶, about,
-//! and more passes over the rows are made where the bound on what is left asks for them.
+//! With `R` from a first pass and any `C`, the gradient `G = Xᵀ(Y − X·C)` gives the correction `R⁻¹R⁻ᵀ·G`:
+//! the corrected seminormal equations (Björck, Linear Algebra Appl. 88/89, 1987). `R` is the exact factor of
+//! a matrix within a small multiple of ε of `X`, so each correction reduces the error to a fraction of order
+//! ε·κ, however large the residual. The accuracy of the gradient limits the result. Therefore residuals and
+//! their sums are formed in double-double, from `C` in double-double. Then one correction gives every digit
+//! of an `f64` up to about κ = 10⁶; further passes follow if the error bound requires them.
 
 use faer::{Mat, MatRef};
 
@@ -15,7 +14,7 @@ use super::wide_matrix::{LANES, LaneSums, Wide, WideMatrix, add_multiple, add_pr
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 
-/// Corrections made before giving up.
+/// Maximum number of corrections.
 const MOST_CORRECTIONS: usize = 12;
 
 /// `Xᵀ(Y − X·C)`.
@@ -30,9 +29,9 @@ struct Gradient<'a> {
 impl Reduction for Gradient<'_> {
     const WIDE: bool = true;
 
-    /// As many as stay in a core's second cache: each column is used at two times.
+    /// The number of rows that fit in a core's L2 cache, because each column is used twice.
     fn chunk_rows(columns: usize) -> usize {
-        /// Bytes of heads and tails.
+        /// Size of heads and tails, in bytes.
         const BYTES: usize = 1 << 19;
         (BYTES / (16 * columns.max(1))).next_multiple_of(LANES)
     }
@@ -44,7 +43,7 @@ impl Reduction for Gradient<'_> {
             return;
         }
         let WideColumns { mut heads, mut tails, .. } = WideColumns::new(chunk, p..p + q);
-        // Feature by feature, so that each is fetched once.
+        // Feature by feature, so that each is loaded once.
         for j in 0..p {
             let residuals = heads.chunks_mut(rows).zip(tails.chunks_mut(rows));
             for (a, (heads, tails)) in residuals.enumerate() {
@@ -75,7 +74,8 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
     let penalties = ridge.penalties(&norms);
     let start = &solved.coefficients;
     let mut coefficients = WideMatrix::from_fn(p, q, |i, a| start[(i, a)].into());
-    // What one correction leaves of the error: a cautious figure until one has been measured.
+    // The fraction of the error that a correction leaves: a conservative estimate until one has been
+    // measured.
     let mut contraction = 16.0 * p as f64 * f64::EPSILON * solved.condition;
     let mut before: Option<Vec<f64>> = None;
     let ill_conditioned =
@@ -108,7 +108,7 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
                 coefficients[(j, a)] += DoubleDouble::from(correction[(j, a)]);
             }
         }
-        // The residuals are those before the correction, which takes its own part out of them.
+        // These residuals are from before the correction; subtract its contribution.
         let removed = inner.transpose() * &inner;
         solved.residual_products = Mat::from_fn(q, q, |a, b| {
             let product = sums[(p + a.min(b)) * q + a.max(b)].total().to_f64() - removed[(a, b)];
@@ -123,9 +123,9 @@ pub(super) fn solve<R: RowSource>(rows: &mut R, ridge: Ridge) -> Result<LeastSqu
     Err(ill_conditioned.into())
 }
 
-/// Whether `contraction` times the last correction is below what an `f64` can show, coefficient by
-/// coefficient; one that is zero but for rounding need only be small beside the others, columns
-/// scaled to norm one.
+/// Returns true if, for each coefficient, `contraction` times the last correction is below the resolution of
+/// `f64`. A coefficient that is zero except for rounding only needs a correction that is small relative to
+/// the other coefficients, with columns scaled to norm one.
 fn is_settled(
     correction: MatRef<'_, f64>,
     coefficients: &WideMatrix,

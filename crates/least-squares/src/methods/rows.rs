@@ -1,4 +1,4 @@
-//! Rows in chunks, and what a pass over them computes.
+//! Rows in chunks, and the traits for passes over them.
 
 use std::ops::Range;
 
@@ -10,19 +10,19 @@ use crate::r_factor::{LeastSquaresError, RFactor};
 pub struct RowChunk<'a> {
     /// Number of rows.
     pub rows: usize,
-    /// Distance between the beginnings of columns.
+    /// Distance between the starts of columns.
     pub stride: usize,
     /// The elements, rounded to `f64`.
     pub heads: &'a [f64],
-    /// What rounding left out of the elements of `X`, laid out like them; empty if nothing.
+    /// Rounding errors of the elements of `X`, in the same layout; empty if all are zero.
     pub tails: &'a [f64],
 }
 
 impl<'a> RowChunk<'a> {
-    /// Rows of a chunk of `columns` columns that stays in a core's own cache, and is long enough
-    /// for the work per chunk not to count.
+    /// Number of rows in a chunk of `columns` columns that fits in a core's private cache and is long enough
+    /// to make the overhead per chunk negligible.
     pub fn rows_in_cache(columns: usize) -> usize {
-        /// Bytes of a chunk.
+        /// Size of a chunk, in bytes.
         const BYTES: usize = 1 << 18;
         (BYTES / (8 * columns.max(1))).max(4 * columns)
     }
@@ -33,7 +33,7 @@ impl<'a> RowChunk<'a> {
         &self.heads[j * self.stride..][..self.rows]
     }
 
-    /// What rounding left out of column `j`; empty if nothing.
+    /// Rounding errors of column `j`; empty if all are zero.
     #[inline(always)]
     pub(super) fn tail(&self, j: usize) -> &'a [f64] {
         self.tails.get(j * self.stride..).and_then(|tails| tails.get(..self.rows)).unwrap_or(&[])
@@ -45,7 +45,7 @@ impl<'a> RowChunk<'a> {
     }
 }
 
-/// Columns of equal height, one after the other, and what rounding left out of each element.
+/// Columns of equal height, one after another, with the rounding error of each element.
 #[derive(Clone, Debug)]
 pub(super) struct WideColumns {
     pub(super) height: usize,
@@ -54,7 +54,7 @@ pub(super) struct WideColumns {
 }
 
 impl WideColumns {
-    /// Copies of columns of a chunk.
+    /// Copies columns of a chunk.
     pub(super) fn new(chunk: &RowChunk<'_>, columns: Range<usize>) -> Self {
         let elements = columns.len() * chunk.rows;
         let (mut heads, mut tails) = (Vec::with_capacity(elements), Vec::with_capacity(elements));
@@ -70,10 +70,10 @@ impl WideColumns {
 
 /// The result of a pass over the rows. It starts as the result for zero rows.
 pub trait Reduction: Clone + Send + Sync {
-    /// Whether [`RowChunk::tails`] are looked at.
+    /// True if the reduction uses [`RowChunk::tails`].
     const WIDE: bool;
 
-    /// Rows of a chunk of so many columns at most.
+    /// Maximum number of rows of a chunk with `columns` columns.
     fn chunk_rows(columns: usize) -> usize {
         RowChunk::rows_in_cache(columns)
     }
@@ -87,10 +87,10 @@ pub trait Reduction: Clone + Send + Sync {
 
 /// Rows that can be passed over any number of times.
 pub trait RowSource {
-    /// What can go wrong on the way.
+    /// The error of a pass.
     type Error: From<LeastSquaresError>;
 
-    /// Columns of `X` and of `Y`.
+    /// Numbers of columns of `X` and of `Y`.
     fn shape(&self) -> Shape;
 
     /// Reduces all rows, starting from `empty`, the result for zero rows.
@@ -100,17 +100,17 @@ pub trait RowSource {
     fn pass<R: Reduction>(&mut self, empty: &R) -> Result<R, Self::Error>;
 }
 
-/// Columns of `X` and of `Y`.
+/// Numbers of columns of `X` and of `Y`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Shape {
-    /// p, columns of `X`.
+    /// p, number of columns of `X`.
     pub features: usize,
-    /// q, columns of `Y`.
+    /// q, number of columns of `Y`.
     pub outputs: usize,
 }
 
 impl Shape {
-    /// Columns of `[X | Y]`.
+    /// Number of columns of `[X | Y]`.
     pub fn columns(self) -> usize {
         self.features + self.outputs
     }
@@ -119,7 +119,7 @@ impl Shape {
 impl Reduction for RFactor {
     const WIDE: bool = false;
 
-    /// By Householder QR over row blocks, see [`r_factor`](crate::r_factor).
+    /// Householder QR over row blocks, see [`r_factor`](crate::r_factor).
     fn absorb(&mut self, chunk: &RowChunk<'_>) {
         self.absorb(chunk.rows, |rows, columns, stride| {
             for (j, column) in columns.chunks_mut(stride).enumerate() {

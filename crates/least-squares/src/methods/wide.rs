@@ -1,5 +1,5 @@
 //! Methods in double-double. Normal equations: forming them costs no digit that an `f64` could hold.
-//! Householder QR, streamed over rows: slow, and right to the last digit of an `f64` for any condition
+//! Householder QR, streamed over rows: slow, and correct to the last digit of an `f64` for any condition
 //! number that `f64` data can have.
 
 use faer::Mat;
@@ -12,12 +12,12 @@ use super::wide_matrix::{
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, Ridge};
 
-/// `[X | Y]ᵀ[X | Y]` in double-double, the upper half of it, column by column.
+/// The upper triangle of `[X | Y]ᵀ[X | Y]` in double-double, column by column.
 #[derive(Clone, Debug)]
 pub(super) struct WideGram {
     shape: Shape,
     rows: u64,
-    /// Chunks and merges so far.
+    /// Number of chunks and merges so far.
     additions: u64,
     products: Vec<DoubleDouble>,
 }
@@ -55,8 +55,8 @@ impl WideGram {
         self.products[j * (j + 1) / 2 + i]
     }
 
-    /// Relative error of an element, of columns scaled to norm one: Dot2 within a chunk (n²·2⁻¹⁰⁶
-    /// for n terms to a lane), sums of double-doubles over chunks and in Cholesky's factorisation.
+    /// The relative error of an element, with columns scaled to norm one: Dot2 within a chunk (n²·2⁻¹⁰⁶ for n
+    /// terms to a lane), and sums of double-doubles over chunks and in the Cholesky factorisation.
     fn rounding(&self) -> f64 {
         let chunk_rows = RowChunk::rows_in_cache(self.shape.columns()) as u64;
         let terms = chunk_rows.min(self.rows).div_ceil(LANES as u64) as f64 + 1.0;
@@ -64,10 +64,10 @@ impl WideGram {
         (terms * terms + 4.0 * sums) * (f64::EPSILON / 2.0).powi(2)
     }
 
-    /// Solves by Cholesky's factorisation.
+    /// Solves by Cholesky factorisation.
     ///
-    /// A loss of rank is not distinguished from a condition number above the limit: the smallest gap between
-    /// columns of `f64`, squared, is below the rounding of these sums.
+    /// Loss of rank is not distinguished from a condition number above the limit: the smallest gap between
+    /// columns of `f64`, squared, is below the rounding error of these sums.
     ///
     /// # Errors
     /// [`LeastSquaresError`].
@@ -78,7 +78,7 @@ impl WideGram {
             norm if norm > 0.0 => norm,
             _ => 1.0,
         };
-        // Powers of two, so that scaling does not round.
+        // Powers of two avoid rounding errors from scaling.
         let scales: Vec<f64> = (0..p).map(|j| libm::ldexp(1.0, -libm::ilogb(norm(j)))).collect();
         let gram = WideMatrix::from_fn(p, p, |i, j| {
             self.product(i, j).scaled(scales[i]).scaled(scales[j])
@@ -89,7 +89,7 @@ impl WideGram {
             damped[(j, j)] += penalty;
         }
         let bound = p as f64 * self.rounding();
-        // An error of one part in a thousand of the coefficients in the worst case.
+        // In the worst case the coefficients have a relative error of 0.1 %.
         let limit = (1e-3 / bound).sqrt();
         let ill_conditioned = LeastSquaresError::IllConditioned { limit };
         let Some(r) = cholesky(&damped) else { return Err(ill_conditioned) };
@@ -113,7 +113,7 @@ impl WideGram {
             solved => solved?,
         };
         if ridge.lambda > 0.0 {
-            // Without the ridge there may be no R factor: the columns may be dependent.
+            // Without the ridge the columns may be dependent, and there may be no R factor.
             (solved.condition, solved.rank) = match cholesky(&gram) {
                 Some(r) => spectrum(&rounded(&r))?,
                 None => (f64::INFINITY, p - 1),
@@ -129,7 +129,7 @@ impl WideGram {
     }
 }
 
-/// The R factor of the rows `[X | Y]` seen so far in double-double, as that of [`crate::r_factor`].
+/// The R factor of the rows `[X | Y]` so far in double-double, as in [`crate::r_factor`].
 #[derive(Clone, Debug)]
 pub(super) struct WideRFactor {
     shape: Shape,
@@ -164,10 +164,10 @@ impl WideRFactor {
         Self { shape, rows: 0, r: WideMatrix::from_fn(columns, columns, |_, _| DoubleDouble::ZERO) }
     }
 
-    /// Factors the R factor with `rows` below it.
+    /// Factors the R factor with `rows` appended below.
     ///
-    /// Column `k` of the stack has a diagonal element and the rows below the R factor, and nothing
-    /// between them; its reflector touches just these rows.
+    /// Column `k` of the stack is zero between its diagonal element and the rows below the R factor, so its
+    /// reflector only affects these rows.
     fn eliminate(&mut self, rows: WideColumns) {
         let n = self.shape.columns();
         let WideColumns { height, mut heads, mut tails } = rows;
@@ -223,7 +223,7 @@ impl WideRFactor {
         }
         let r = WideMatrix::from_fn(p, p, |i, j| damped.r[(i, j)]);
         let z = WideMatrix::from_fn(p, q, |i, a| damped.r[(i, p + a)]);
-        // With a ridge the coefficients do not fit the rows exactly even within the columns' span.
+        // With a ridge, the coefficients leave a residual even within the span of the columns.
         let residual_products = |coefficients: &WideMatrix| {
             let misfit = WideMatrix::from_fn(p, q, |i, a| {
                 let fitted = (i..p).map(|k| self.r[(i, k)] * coefficients[(k, a)]).sum();
@@ -243,8 +243,8 @@ impl WideRFactor {
             (solved.condition, solved.rank) = spectrum(&undamped)?;
             return Ok(solved);
         }
-        // Where the residual is large, its share of the error grows with the square of the
-        // condition number (Björck 1996, §1.4.3): at most one part in a hundred.
+        // If the residual is large, its contribution to the error grows with the square of the condition
+        // number (Björck 1996, §1.4.3). The limit keeps it below 1 %.
         let steepest = (0..q).map(|a| {
             let fitted: f64 = z.col_as_slice(a).iter().map(|e| e.to_f64() * e.to_f64()).sum();
             (solved.residual_products[(a, a)] / fitted.max(f64::MIN_POSITIVE)).sqrt()

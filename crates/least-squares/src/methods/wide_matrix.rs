@@ -1,8 +1,7 @@
-//! Double-double arithmetic: inner loops over rows, with heads and tails in columns of their own; small
-//! matrices; and the answer that a wide R factor gives.
+//! Double-double arithmetic: inner loops over rows, with heads and tails in separate columns; small matrices;
+//! and the solution from a wide R factor.
 //!
-//! Inner loops are compiled for the widest vectors that the machine has, as those of
-//! [`vectors`](crate::vectors).
+//! Inner loops are compiled for the widest vectors of the machine, as in [`vectors`](crate::vectors).
 
 use faer::Mat;
 use pulp::Simd;
@@ -13,7 +12,6 @@ use crate::r_factor::{
 };
 use shell_data::vectorised;
 
-/// A matrix in double-double.
 pub(super) type WideMatrix = Mat<DoubleDouble>;
 
 pub(super) fn rounded(matrix: &WideMatrix) -> Mat<f64> {
@@ -24,12 +22,12 @@ pub(super) fn is_finite(matrix: &WideMatrix) -> bool {
     matrix.col_iter().flat_map(|column| column.iter()).all(|e| e.is_finite())
 }
 
-/// `Σ aᵢ·bᵢ` of the elements that both have.
+/// Computes `Σ aᵢ·bᵢ`, up to the shorter length.
 pub(super) fn product(a: &[DoubleDouble], b: &[DoubleDouble]) -> DoubleDouble {
     a.iter().zip(b).map(|(&a, &b)| a * b).sum()
 }
 
-/// `XᵀX = RᵀR`; `None` if a pivot is not positive.
+/// The Cholesky factorisation `XᵀX = RᵀR`; `None` if a pivot is not positive.
 pub(super) fn cholesky(gram: &WideMatrix) -> Option<WideMatrix> {
     let p = gram.ncols();
     let mut r = WideMatrix::from_fn(p, p, |_, _| DoubleDouble::ZERO);
@@ -48,7 +46,7 @@ pub(super) fn cholesky(gram: &WideMatrix) -> Option<WideMatrix> {
     Some(r)
 }
 
-/// Solves `R·C = Z` with an upper triangle `R`.
+/// Solves `R·C = Z` with upper triangular `R`.
 pub(super) fn solve_upper(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     let p = r.ncols();
     let mut c = z.clone();
@@ -61,7 +59,7 @@ pub(super) fn solve_upper(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     c
 }
 
-/// Solves `Rᵀ·C = Z` with an upper triangle `R`.
+/// Solves `Rᵀ·C = Z` with upper triangular `R`.
 pub(super) fn solve_transposed(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     let mut c = z.clone();
     for a in 0..z.ncols() {
@@ -73,13 +71,15 @@ pub(super) fn solve_transposed(r: &WideMatrix, z: &WideMatrix) -> WideMatrix {
     c
 }
 
-/// Solves the least-squares problem that is reduced to `R`, p × p, the ridge among its rows, and `Z = QᵀY`, p × q.
+/// Solves the least-squares problem that is reduced to `R`, p × p, including the rows of the ridge, and
+/// `Z = QᵀY`, p × q.
 ///
-/// `resolution` is how large a singular value of `R`, columns scaled to norm one, rounding may
-/// have made out of zero. Singular values are those of the inverse, which `f64` gives to full
-/// relative accuracy, so that a condition number of 10²⁰ is reported as such.
+/// `resolution` is the largest singular value of `R`, with columns scaled to norm one, that rounding may
+/// produce from zero. The smallest singular value is computed from the inverse, which `f64` holds to full
+/// relative accuracy, so a condition number of 10²⁰ is reported as such.
 ///
-/// `residual_products` is `(Y − X·C)ᵀ(Y − X·C)` of `C`, q × q, as far as it is not due to the ridge.
+/// `residual_products` computes `(Y − X·C)ᵀ(Y − X·C)` from `C`, q × q, without the part that is due to the
+/// ridge.
 pub(super) fn solve_triangle(
     r: &WideMatrix,
     z: &WideMatrix,
@@ -100,7 +100,7 @@ pub(super) fn solve_triangle(
     let identity = WideMatrix::from_fn(p, p, |i, j| f64::from(u8::from(i == j)).into());
     let inverse = solve_upper(&unit, &identity);
     let size = largest_singular_value(&unit)?;
-    // Rounding dependent columns leaves a singular value that is zero or tiny.
+    // Dependent columns have a singular value that rounding leaves at zero or makes tiny.
     let condition =
         if is_finite(&inverse) { size * largest_singular_value(&inverse)? } else { f64::INFINITY };
     if condition * resolution >= size {
@@ -118,8 +118,8 @@ pub(super) fn solve_triangle(
     Ok(LeastSquares { coefficients, factor, residual_products, rows, condition, rank: p })
 }
 
-/// Condition number and rank, as far as `f64` can tell, of the upper triangle `r` with columns
-/// scaled to norm one: for what a ridge has made solvable.
+/// Condition number and rank of the upper triangle `r` with columns scaled to norm one, within the precision
+/// of `f64`. Used for problems that a ridge has made solvable.
 pub(super) fn spectrum(r: &Mat<f64>) -> Result<(f64, usize), LeastSquaresError> {
     condition_and_rank(&equilibrated(r.as_ref()).0, f64::EPSILON * r.ncols() as f64)
 }
@@ -129,17 +129,17 @@ fn largest_singular_value(m: &WideMatrix) -> Result<f64, LeastSquaresError> {
     Ok(values.first().copied().unwrap_or(1.0))
 }
 
-/// Sums carried side by side: a vector of them, so that the operations of one term hide how long each takes.
+/// Number of parallel sums: one vector, so that their operations hide each other's latency.
 pub(super) const LANES: usize = 8;
 
-/// A column in double-double. No tails stand for zeros.
+/// A column in double-double. Empty tails mean zeros.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wide<'a> {
     pub(super) heads: &'a [f64],
     pub(super) tails: &'a [f64],
 }
 
-/// A sum in double-double while terms are added, in lanes.
+/// A sum in double-double, accumulated in lanes.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct LaneSums {
     heads: [f64; LANES],
@@ -147,7 +147,6 @@ pub(super) struct LaneSums {
 }
 
 impl LaneSums {
-    /// The sum.
     pub(super) fn total(mut self) -> DoubleDouble {
         let mut count = LANES / 2;
         while count > 0 {
@@ -159,7 +158,7 @@ impl LaneSums {
         DoubleDouble::from_sum(self.heads[0], self.tails[0])
     }
 
-    /// Adds other sums.
+    /// Adds the sums of `other`.
     pub(super) fn merge(&mut self, other: &Self) {
         (0..LANES).for_each(|lane| self.add(lane, other.heads[lane], other.tails[lane]));
     }
@@ -190,7 +189,7 @@ impl LaneSums {
         y: Wide<'_>,
     ) {
         let n = x.heads.len();
-        // Equal lengths, said once, spare the checks inside.
+        // Equal lengths, asserted once, remove the bounds checks below.
         assert!(y.heads.len() == n && (!X || x.tails.len() == n) && (!Y || y.tails.len() == n));
         let whole = n - n % LANES;
         let [x_heads, y_heads] = [x.heads, y.heads].map(|heads| S::as_simd_f64s(&heads[..whole]).0);
@@ -211,7 +210,7 @@ impl LaneSums {
                 if Y {
                     error = simd.mul_add_f64s(a, y_tails[i], error);
                 }
-                // The sum of two numbers, and what rounding it loses.
+                // The sum of two numbers and its rounding error.
                 let next = simd.add_f64s(sum, product);
                 let added = simd.sub_f64s(next, sum);
                 let of_sum = simd.sub_f64s(sum, simd.sub_f64s(next, added));
@@ -234,8 +233,8 @@ impl LaneSums {
     }
 }
 
-/// `xᵀy` as if computed in double-double and rounded last: compensated summation (Ogita, Rump and
-/// Oishi, SIAM J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
+/// Computes `xᵀy` as if in double-double and rounded last: compensated summation (Ogita, Rump and Oishi, SIAM
+/// J. Sci. Comput. 26, 2005, algorithm Dot2) in [`LANES`] sums.
 pub(super) fn dot(x: Wide<'_>, y: Wide<'_>) -> DoubleDouble {
     let mut sum = LaneSums::default();
     add_products(std::slice::from_mut(&mut sum), &[x], y);
@@ -250,7 +249,7 @@ vectorised! {
 }
 
 vectorised! {
-    /// `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.
+    /// Computes `y += c·x`, each element with a relative error of a few 2⁻¹⁰⁵ of `|y| + |c·x|`.
     pub(super) fn add_multiple(
         heads: &mut [f64],
         tails: &mut [f64],

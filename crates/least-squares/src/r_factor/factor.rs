@@ -1,8 +1,9 @@
-//! The R factor itself, and coefficients from it.
+//! The R factor, and coefficients from it.
 //!
-//! Extreme singular values are found by Lanczos's recursion. That of `RᵀR` finds the largest, that of its inverse the
-//! smallest, as each finds the largest eigenvalue first (Golub & Van Loan, 4th ed., §10.1). Every vector is kept orthogonal to all before it: of a polynomial's features
-//! some twenty are enough, where all singular values take as long as a refinement.
+//! Extreme singular values are found by Lanczos iteration. It finds the largest eigenvalue first, so it is
+//! applied to `RᵀR` for the largest singular value and to its inverse for the smallest (Golub & Van Loan, 4th
+//! ed., §10.1). Each vector is kept orthogonal to all previous ones. For the features of a polynomial some
+//! twenty vectors are enough, whereas computing all singular values takes as long as a refinement.
 
 use faer::linalg::{triangular_inverse, triangular_solve};
 use faer::{Mat, MatRef, Par};
@@ -13,11 +14,11 @@ use crate::symmetric::SymmetricMatrix;
 use crate::vectors::{add_multiple, dot};
 
 impl RFactor {
-    /// `R` and `Z` without the rows of `R` that are rounding errors. If fewer rows than features were added, no more
-    /// remain than were added.
+    /// `R` and `Z` without the rows of `R` that are rounding errors. If fewer rows than features were added,
+    /// at most as many rows remain as were added.
     pub fn significant_rows(&self) -> (Mat<f64>, Mat<f64>) {
         let (p, q) = (self.features, self.r.ncols() - self.features);
-        // So many reflections, each with a rounding of the column.
+        // There are p reflections, each with a rounding error relative to the column.
         let rounding = |j: usize| self.r.col(j).norm_l2() * p as f64 * f64::EPSILON;
         let rounding: Vec<f64> = (0..p).map(rounding).collect();
         let is_significant = |&i: &usize| (i..p).any(|j| self.r[(i, j)].abs() > rounding[j]);
@@ -26,7 +27,7 @@ impl RFactor {
         (r, Mat::from_fn(rows.len(), q, |i, j| self.r[(rows[i], p + j)]))
     }
 
-    /// That of the same rows of `X·T`, `change` being `T`, p × any number of columns.
+    /// The R factor of the same rows of `X·T`, with `T` = `change`, p × any number of columns.
     pub(crate) fn in_terms_of(&self, change: MatRef<'_, f64>) -> Self {
         let (p, order) = (self.features, self.r.nrows());
         let mut x = Mat::zeros(order, change.ncols());
@@ -37,17 +38,17 @@ impl RFactor {
 
     /// Solves for the coefficients.
     ///
-    /// Singular values of the equilibrated `R` that rounding in the factorisation may have made out
-    /// of zero count as zero. A ridge fills those directions, so rank is then only reported.
+    /// Singular values of the equilibrated `R` count as zero if rounding in the factorisation may have
+    /// produced them from zero. A ridge makes up for those directions, so rank is then only reported.
     ///
     /// # Errors
-    /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, if the
-    /// columns are so nearly dependent that rounding may have left no digit of the coefficients, or
-    /// where something is not finite.
+    /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, if the columns are
+    /// so nearly dependent that rounding may have left no correct digit of the coefficients, or if a value is
+    /// not finite.
     pub fn solve(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let solved = self.solve_roughly(ridge)?;
-        // The relative error is about ε·κ·(1 + κ·‖r‖/‖D·C‖), D the norms of columns (Björck 1996,
-        // theorem 1.4.6); sixteen times that leaves room for the constants in it.
+        // The relative error is about ε·κ·(1 + κ·‖r‖/‖D·C‖), with D the norms of columns (Björck 1996,
+        // theorem 1.4.6). A factor of sixteen allows for the constants in it.
         let steepest = (0..solved.coefficients.ncols()).map(|a| {
             let sizes = self.r().col_iter().zip(solved.coefficients.col(a).iter());
             let fitted = sizes.fold(0.0, |f: f64, (x, c)| f.hypot(x.norm_l2() * c));
@@ -64,8 +65,7 @@ impl RFactor {
         Ok(solved)
     }
 
-    /// As [`RFactor::solve`], whatever rounding has left of the coefficients: something to begin
-    /// with.
+    /// Like [`RFactor::solve`], but accepts any loss of accuracy: a starting point for refinement.
     pub(crate) fn solve_roughly(&self, ridge: Ridge) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         ridge.check(self.rows, p, self.r.is_all_finite())?;
@@ -95,40 +95,40 @@ impl RFactor {
         })
     }
 
-    /// What rounding leaves of a singular value that is zero, as a share of the largest: roundings
-    /// of p columns add up like steps at random, those of one row block after another likewise.
+    /// The size that rounding can give a zero singular value, relative to the largest. Rounding errors add up
+    /// like a random walk, over the p columns and over the row blocks.
     fn rounding(&self) -> f64 {
         const ROWS: f64 = 256.0;
         4.0 * f64::EPSILON * (self.features as f64 * (1.0 + self.rows as f64 / ROWS)).sqrt()
     }
 
-    /// `(Y − X·C)ᵀ(Y − X·C)` of any `C`, q × q.
+    /// Computes `(Y − X·C)ᵀ(Y − X·C)` for any `C`, q × q.
     pub(crate) fn residual_products(&self, coefficients: MatRef<'_, f64>) -> Mat<f64> {
         let misfit = self.misfit(coefficients);
         misfit.transpose() * &misfit + self.rest_products()
     }
 
-    /// `Z − R·C` of any `C`, p × q.
+    /// Computes `Z − R·C` for any `C`, p × q.
     pub(crate) fn misfit(&self, coefficients: MatRef<'_, f64>) -> Mat<f64> {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         self.r.as_ref().submatrix(0, p, p, q) - self.r() * coefficients
     }
 
-    /// Sums of the residuals `X·C − Y` of any `C`, where the column `ones` of `X` is ones.
+    /// Sums of the residuals `X·C − Y` for any `C`; column `ones` of `X` must contain ones.
     pub(crate) fn sums_of_residuals(&self, coefficients: MatRef<'_, f64>, ones: usize) -> Vec<f64> {
         let misfit = self.misfit(coefficients);
         let column = self.r().col(ones).to_owned();
         (0..misfit.ncols()).map(|a| -(column.transpose() * misfit.col(a))).collect()
     }
 
-    /// `EᵀE`, q × q: what no `C` can fit.
+    /// `EᵀE`, q × q: the residual products that no `C` can reduce.
     pub(crate) fn rest_products(&self) -> Mat<f64> {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         let rest = self.r.as_ref().submatrix(p, p, q, q);
         rest.transpose() * rest
     }
 
-    /// `R` and `Z` after the rows of a ridge have been added.
+    /// `R` and `Z` after adding the rows of a ridge.
     pub(crate) fn damped_parts(&self, ridge: Ridge) -> (Mat<f64>, Mat<f64>) {
         let (p, q) = (self.features, self.r.nrows() - self.features);
         let (_, norms) = equilibrated(self.r());
@@ -137,7 +137,7 @@ impl RFactor {
         (part(0, p), part(p, q))
     }
 
-    /// The R factor after the rows `√λ·D` of the ridge have been added.
+    /// The R factor after adding the rows `√λ·D` of the ridge.
     fn damped(&self, norms: &[f64], ridge: Ridge) -> Mat<f64> {
         let mut damped = self.clone();
         if ridge.lambda > 0.0 {
@@ -154,7 +154,8 @@ impl RFactor {
     }
 }
 
-/// What makes all but `rank` columns depend on the others, those of an upper triangular `R`.
+/// The error for an upper triangular `R` with only `rank` independent columns, with the directions in which
+/// columns cancel.
 pub(crate) fn rank_deficient(r: MatRef<'_, f64>, rank: usize) -> LeastSquaresError {
     let columns = r.ncols();
     let Ok(svd) = equilibrated(r).0.svd() else { return LeastSquaresError::NotFinite };
@@ -163,27 +164,27 @@ pub(crate) fn rank_deficient(r: MatRef<'_, f64>, rank: usize) -> LeastSquaresErr
     LeastSquaresError::RankDeficient { rank, columns, null_space, r_factor }
 }
 
-/// A matrix with columns of norm one, and what they were divided by. A column of zeros stays as it is.
+/// Scales the columns of a matrix to norm one. Returns the divisors too. Columns of zeros stay unchanged.
 pub(crate) fn equilibrated(matrix: MatRef<'_, f64>) -> (Mat<f64>, Vec<f64>) {
     let unit = |norm: f64| if norm > 0.0 { norm } else { 1.0 };
     let norms: Vec<f64> = matrix.col_iter().map(|column| unit(column.norm_l2())).collect();
     (Mat::from_fn(matrix.nrows(), matrix.ncols(), |i, j| matrix[(i, j)] / norms[j]), norms)
 }
 
-/// Vectors made before giving up.
+/// Maximum number of Lanczos vectors.
 const MOST_VECTORS: usize = 100;
 
-/// Vectors between two looks at what they say.
+/// Number of vectors between convergence checks.
 const VECTORS_AT_ONCE: usize = 4;
 
-/// By how much so many vectors may still raise an eigenvalue, as a share of it.
+/// The convergence threshold: the relative increase of an eigenvalue from one check to the next.
 const SETTLED: f64 = 1e-13;
 
-/// Columns of which all singular values are soon found.
+/// The largest number of columns for which computing all singular values is fast.
 const FEW_COLUMNS: usize = 100;
 
-/// The condition number of an upper triangular matrix, and how many of its singular values are above a share of the
-/// largest. All of them are needed only where one may be zero.
+/// The condition number of an upper triangular matrix, and the number of its singular values above a fraction
+/// `tolerance` of the largest. All singular values are computed only if one may be zero.
 pub(crate) fn condition_and_rank(
     matrix: &Mat<f64>,
     tolerance: f64,
@@ -202,8 +203,8 @@ pub(crate) fn condition_and_rank(
     Ok((largest / smallest, values.iter().filter(|&&value| value > tolerance * largest).count()))
 }
 
-/// The smallest singular value and the largest of an upper triangular matrix; `None` if the recursion has not settled,
-/// or the matrix is singular.
+/// The smallest and the largest singular value of an upper triangular matrix; `None` if the iteration has not
+/// converged, or the matrix is singular.
 fn by_recursion(r: &Mat<f64>) -> Option<[f64; 2]> {
     let column = |j: usize| contiguous(r.col(j));
     let multiply = |x: &mut [f64]| {
@@ -232,9 +233,9 @@ fn by_recursion(r: &Mat<f64>) -> Option<[f64; 2]> {
     Some([smallest.sqrt(), largest.sqrt()])
 }
 
-/// The largest eigenvalue of a positive definite matrix, of which `apply` makes `A·x` of `x`.
+/// The largest eigenvalue of a positive definite matrix. `apply` replaces `x` with `A·x`.
 fn largest_eigenvalue(size: usize, apply: impl Fn(&mut [f64])) -> Option<f64> {
-    // Multiples of the golden ratio: in no direction that features have.
+    // Fractional parts of multiples of the golden ratio: a direction unrelated to any feature.
     let mut next: Vec<f64> =
         (1..=size).map(|i| (i as f64 * 0.618_033_988_749_895).fract() - 0.5).collect();
     let mut norm = dot(&next, &next).sqrt();
@@ -244,7 +245,7 @@ fn largest_eigenvalue(size: usize, apply: impl Fn(&mut [f64])) -> Option<f64> {
         vectors.push(next.clone());
         apply(&mut next);
         let diagonal = dot(&next, &vectors[count - 1]);
-        // Twice is enough (Parlett, The Symmetric Eigenvalue Problem, §6.9).
+        // Orthogonalising twice is enough (Parlett, The Symmetric Eigenvalue Problem, §6.9).
         for v in vectors.iter().chain(&vectors) {
             let share = dot(&next, v);
             add_multiple(&mut next, -share, v);
@@ -274,7 +275,7 @@ mod tests {
     use proptest::prelude::*;
     use system_tests::random::Random;
 
-    /// Values in [−1, 1] that look random, the same on every machine.
+    /// Pseudorandom values in [−1, 1], the same on every machine.
     fn noise(rows: usize, columns: usize, seed: u64) -> Mat<f64> {
         let mut random = Random(seed);
         Mat::from_fn(rows, columns, |_, _| 2.0 * random.unit() - 1.0)
@@ -313,7 +314,7 @@ mod tests {
         let (x, c) = (noise(500, 12, 1), noise(12, 6, 2));
         let solved = least_squares(x.as_ref(), (&x * &c).as_ref(), Ridge::NONE).unwrap();
         assert_eq!((solved.rank, solved.rows), (12, 500));
-        // A random matrix is well conditioned: rounding alone.
+        // A random matrix is well conditioned, so the error is only rounding.
         assert!(difference(&solved.coefficients, &c) < 1e-14);
         assert!(solved.residual_products.norm_max() < 1e-27);
     }
@@ -340,7 +341,7 @@ mod tests {
         let solved =
             least_squares(x.as_ref(), Mat::<f64>::zeros(2, 1).as_ref(), Ridge::NONE).unwrap();
         let expected = (t / 2.0).tan().recip();
-        // The condition of the condition number is the number itself: 2000 · 2⁻⁵³.
+        // The condition number of the condition number is itself: 2000 · 2⁻⁵³.
         assert!((solved.condition / expected - 1.0).abs() < 1e-11);
     }
 
@@ -451,7 +452,7 @@ mod tests {
         }
     }
 
-    /// Columns of norm one whose angles are those of random columns that differ by `apart` from one they share.
+    /// Columns of norm one with the angles of random columns that differ by `apart` from a common column.
     fn upper(size: usize, apart: f64, seed: u64) -> Mat<f64> {
         let mut random = Random(seed);
         let mut r = Mat::from_fn(size, size, |i, j| match (i, i <= j) {
@@ -480,7 +481,7 @@ mod tests {
             prop_assume!(condition < 1e12);
             if let Some([low, high]) = by_recursion(&r) {
                 prop_assert!((high / largest - 1.0).abs() < 1e-12, "{high} {largest}");
-                // Either way rounding leaves the smallest an error of some ε of the largest.
+                // In both methods, rounding gives the smallest an error of some ε of the largest.
                 prop_assert!((low / smallest - 1.0).abs() < 1e-12 + 1e-14 * condition, "{low} {smallest}");
             } else {
                 prop_assert!(size > MOST_VECTORS / 2, "not settled: {size} {condition}");

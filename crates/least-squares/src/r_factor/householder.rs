@@ -1,8 +1,8 @@
-//! Householder QR of a R factor with rows below it.
+//! Householder QR of an R factor with rows below it.
 //!
-//! The factorisation is its own and not that of faer, whose QR (0.24) leaves out a column, and
-//! shifts the rows after it, when less than 16·n·2⁻⁵² of its norm stands out from the columns
-//! before: with a thousand rows to a block that is a silent loss of rank at a condition of 10¹¹.
+//! The QR of faer (0.24) is not used: it drops a column, and shifts the later rows, if the part of the column
+//! that is independent of earlier columns is less than 16·n·2⁻⁵² of its norm. With a thousand rows to a
+//! block, that is a silent loss of rank at a condition number of 10¹¹.
 
 use std::ops::Range;
 
@@ -12,42 +12,43 @@ use faer::{Accum, ColMut, ColRef, Mat, MatMut, Par};
 
 use crate::vectors::{add_multiple, dot};
 
-/// Bytes of a row block: each reflector goes over it, so it should stay in the cache next to a core.
+/// Bytes in a row block. Each reflector passes over the block, so it should fit in the L1 cache.
 const BLOCK_BYTES: usize = 1 << 15;
 
-/// Bytes of a row block of many columns, of which each panel makes one pass.
+/// Bytes in a row block with many columns. Each panel passes over it once.
 const LARGE_BLOCK_BYTES: usize = 1 << 20;
 
-/// Columns whose reflectors are applied together.
+/// Number of columns whose reflectors are applied together.
 const PANEL: usize = 16;
 
-/// What is kept of the rows seen so far.
+/// The R factor of the rows so far.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RFactor {
     pub(super) features: usize,
-    /// Rows that were absorbed.
+    /// Number of rows absorbed.
     pub rows: u64,
-    /// Upper triangular of order p + q.
+    /// Upper triangular matrix of order p + q.
     pub(super) r: Mat<f64>,
 }
 
 impl RFactor {
-    /// No rows yet of `features` columns of `X` and `outputs` columns of `Y`.
+    /// The R factor of zero rows, with `features` columns of `X` and `outputs` columns of `Y`.
     pub fn new(features: usize, outputs: usize) -> Self {
         let order = features + outputs;
         Self { features, rows: 0, r: Mat::zeros(order, order) }
     }
 
-    /// That of so many rows, of an upper triangular matrix of order p + q: [`RFactor::whole`].
+    /// The R factor of `rows` rows from an upper triangular matrix of order p + q, as [`RFactor::whole`]
+    /// returns it.
     ///
     /// # Panics
-    /// If the matrix is not square, or smaller than there are features.
+    /// If the matrix is not square, or its order is less than `features`.
     pub fn from_parts(features: usize, rows: u64, whole: Mat<f64>) -> Self {
         assert!(whole.nrows() == whole.ncols() && features <= whole.ncols());
         Self { features, rows, r: whole }
     }
 
-    /// All of it, of order p + q: `R` and `Z`, below them zeros and `E`.
+    /// The whole matrix of order p + q: `R` and `Z`, and below them zeros and `E`.
     pub fn whole(&self) -> MatRef<'_, f64> {
         self.r.as_ref()
     }
@@ -58,19 +59,19 @@ impl RFactor {
     }
 }
 
-/// The memory that factoring row blocks needs, to be used again from block to block.
+/// Working memory for factoring row blocks, reused from block to block.
 struct Workspace {
     rows: usize,
     /// The rows of a block, column-major.
     block: Vec<f64>,
     /// `T` of a panel, [`PANEL`] × [`PANEL`].
     compact: Mat<f64>,
-    /// What is taken from later columns, 2·[`PANEL`] × order.
+    /// The update of later columns, 2·[`PANEL`] × order.
     update: Mat<f64>,
 }
 
 impl RFactor {
-    /// Rows of a block that stays in cache.
+    /// Number of rows in a block that fits in the cache.
     pub(crate) fn block_rows(&self) -> usize {
         let order = self.r.ncols();
         let rows_of = |bytes| bytes / (8 * order.max(1));
@@ -78,10 +79,10 @@ impl RFactor {
         rows_of(BLOCK_BYTES).max(rows).max(1)
     }
 
-    /// Adds `rows` rows, in blocks that stay in cache.
+    /// Adds `rows` rows, in blocks that fit in the cache.
     ///
-    /// `fill` is given the range of rows of a block and the columns of `[X | Y]`, column `j` at
-    /// `[j·stride ..][..rows.len()]`, and writes all of them.
+    /// `fill` receives the range of rows of a block and the columns of `[X | Y]`, column `j` at
+    /// `[j·stride ..][..rows.len()]`, and must write all elements.
     pub fn absorb(&mut self, rows: usize, mut fill: impl FnMut(Range<usize>, &mut [f64], usize)) {
         let mut workspace = Workspace::new(self.block_rows(), self.r.ncols());
         for start in (0..rows).step_by(workspace.rows) {
@@ -96,19 +97,19 @@ impl RFactor {
     /// Adds the rows of `later`.
     ///
     /// # Panics
-    /// If the two are of different shapes.
+    /// If the shapes differ.
     pub fn merge(&mut self, later: &RFactor) {
         assert_eq!((self.features, self.r.shape()), (later.features, later.r.shape()));
         if self.rows == 0 {
             self.clone_from(later);
         } else if later.rows > 0 {
-            // Of columns of a R factor, the first `end` are zero below row `end`.
+            // In an R factor, the first `end` columns are zero below row `end`.
             self.add_columns(self.r.nrows(), later.r.col_iter(), |end| end);
             self.rows += later.rows;
         }
     }
 
-    /// That of the rows of matrices no taller than wide.
+    /// The R factor of matrices that have at most as many rows as columns.
     pub(crate) fn from_rows(x: &Mat<f64>, y: &Mat<f64>) -> Self {
         let mut r_factor = Self::new(x.ncols(), y.ncols());
         let height = x.nrows();
@@ -117,7 +118,7 @@ impl RFactor {
         r_factor
     }
 
-    /// Factors the R factor with columns of so many rows below it; see [`RFactor::factor_below`].
+    /// Factors the R factor with columns of `height` rows below it; see [`RFactor::factor_below`].
     fn add_columns<'a>(
         &mut self,
         height: usize,
@@ -131,13 +132,13 @@ impl RFactor {
         self.factor_below(rows, &mut workspace);
     }
 
-    /// Factors the R factor with rows of the workspace below it, of which the first `rows(end)` matter to the first `end`
-    /// columns.
+    /// Factors the R factor with the rows of the workspace below it. The first `end` columns are zero after
+    /// the first `rows(end)` of those rows.
     ///
-    /// Column `k` of that stack has a diagonal element, zeros, and a column of the block. So its
-    /// reflector is one on row `k` of the R factor, zero on the others, and `v` on the block; the
-    /// reflectors of a panel together are `I − V·T·Vᵀ` with an identity on top of `V` (the compact
-    /// form of Schreiber and Van Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
+    /// Column `k` of that stack has a diagonal element, zeros, and a column of the block. So its reflector is
+    /// one on row `k` of the R factor, zero on the other rows, and `v` on the block. The product of the
+    /// reflectors of a panel is `I − V·T·Vᵀ`, with an identity on top of `V` (the compact form of Schreiber
+    /// and Van Loan, SIAM J. Sci. Stat. Comput. 10, 1989).
     fn factor_below(&mut self, rows: impl Fn(usize) -> usize, workspace: &mut Workspace) {
         let order = self.r.nrows();
         let Workspace { rows: stride, block, compact, update, .. } = workspace;
@@ -150,7 +151,7 @@ impl RFactor {
             if end == order {
                 break;
             }
-            // Later columns: R − Tᵀ·W and B − V·Tᵀ·W, where W = R + Vᵀ·B.
+            // Later columns become R − Tᵀ·W and B − V·Tᵀ·W, where W = R + Vᵀ·B.
             let (width, count) = (end - start, order - end);
             let panel = panel.rb();
             let compact = compact.as_ref().submatrix(0, 0, width, width);
@@ -167,8 +168,8 @@ impl RFactor {
         }
     }
 
-    /// Factors the columns of a panel, column `start` of the stack and those after it, and leaves
-    /// the reflectors in their place and `T` in `compact`.
+    /// Factors the columns of a panel, from column `start` of the stack on. Replaces them with the reflectors
+    /// and writes `T` to `compact`.
     fn factor_panel(&mut self, start: usize, mut panel: MatMut<'_, f64>, compact: &mut Mat<f64>) {
         let width = panel.ncols();
         for k in 0..width {
@@ -197,7 +198,7 @@ impl RFactor {
                 *top -= share;
                 add_multiple(x, -share, v);
             }
-            // Column k of T: −τ·T·(Vᵀv), T and V those of the reflectors before.
+            // Column k of T is −τ·T·(Vᵀv), with T and V of the earlier reflectors.
             for i in 0..k {
                 compact[(k, i)] = dot(contiguous(before.rb().col(i)), v);
             }
@@ -221,7 +222,7 @@ impl Workspace {
     }
 }
 
-/// The elements of a column, which in every matrix here follow each other.
+/// The elements of a column, which are contiguous in every matrix here.
 #[inline(always)]
 pub(super) fn contiguous(column: ColRef<'_, f64>) -> &[f64] {
     column.try_as_col_major().expect("a column of a column-major matrix").as_slice()

@@ -1,20 +1,20 @@
 //! Least squares by Householder QR streamed over row blocks (TSQR), for any dense problem.
 //!
-//! Of the rows `[X | Y]` seen so far only the R factor of their QR factorisation is kept,
+//! The method keeps only the R factor of the QR factorisation of the rows `[X | Y]` so far,
 //!
 //! ```text
 //! [X | Y] = Q · | R  Z |      R p × p, Z = QᵀY p × q, E q × q
 //!               | 0  E |
 //! ```
 //!
-//! so memory does not grow with the number of rows. More rows are put below the R factor and the
-//! stack is factored again; two R factors merge in the same way (Demmel, Grigori, Hoemmen, Langou,
-//! SIAM J. Sci. Comput. 34, 2012). `R·C = Z` solves `min ‖X·C − Y‖`, and `EᵀE` is the matrix of
-//! sums of squares and products of the residuals, at the relative accuracy of a QR factorisation.
-//! The factorisation does not depend on the scaling of columns; rank and condition are those of the
-//! column-equilibrated `R`, whose columns have norm one.
+//! so memory does not grow with the number of rows. Further rows are put below the R factor and the stack is
+//! factored again; two R factors merge in the same way (Demmel, Grigori, Hoemmen, Langou, SIAM J. Sci.
+//! Comput. 34, 2012). `R·C = Z` solves `min ‖X·C − Y‖`, and `EᵀE` is the matrix of sums of squares and
+//! products of the residuals, with the relative accuracy of a QR factorisation. The factorisation does not
+//! depend on the scaling of columns. Rank and condition number refer to the column-equilibrated `R`, whose
+//! columns have norm one.
 //!
-//! Omitted: pivoting, as a rank loss is an error and not something to be worked around.
+//! Omitted: pivoting, because a loss of rank is an error here and not worked around.
 
 mod factor;
 mod householder;
@@ -41,7 +41,7 @@ pub struct LeastSquares {
     pub rank: usize,
 }
 
-/// Why there is no unique finite solution.
+/// The reason why there is no unique finite solution.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LeastSquaresError {
@@ -53,31 +53,31 @@ pub enum LeastSquaresError {
         /// Columns of `X`.
         columns: usize,
     },
-    /// The columns depend on each other.
+    /// The columns are linearly dependent.
     #[error("only `{rank}` of `{columns}` columns are independent")]
     RankDeficient {
         /// Independent columns.
         rank: usize,
         /// Columns of `X`.
         columns: usize,
-        /// p × (p − rank): directions along which equilibrated columns cancel, orthonormal.
+        /// p × (p − rank): orthonormal directions in which equilibrated columns cancel.
         null_space: Mat<f64>,
-        /// p × p: columns with the lengths and angles of those of `X`.
+        /// p × p: columns with the lengths and angles of the columns of `X`.
         r_factor: Box<Mat<f64>>,
     },
-    /// The columns are so nearly dependent that this method cannot tell what they say.
+    /// The columns are too nearly dependent for this method.
     #[error("the condition number is above `{limit:.1e}`, which this method cannot solve for")]
     IllConditioned {
-        /// The largest condition number, of columns scaled to norm one, that it can.
+        /// The largest condition number, with columns scaled to norm one, that the method can solve for.
         limit: f64,
     },
-    /// An iteration that does not come to rest.
+    /// An iteration that does not converge.
     #[error("no answer after `{passes}` passes over the rows")]
     NotConverged {
         /// Passes made.
         passes: usize,
     },
-    /// Infinite or not a number, in the input or by overflow.
+    /// A value is infinite or not a number, in the input or by overflow.
     #[error("a value is not finite, or too large for its square to be")]
     NotFinite,
 }
@@ -85,10 +85,10 @@ pub enum LeastSquaresError {
 /// A penalty on the size of the coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ridge {
-    /// λ ≥ 0: minimises `‖X·C − Y‖² + λ·‖D·C‖²` with `D` the norms of the columns of `X`, so that λ
-    /// has no unit and means the same for any number of rows.
+    /// λ ≥ 0: minimises `‖X·C − Y‖² + λ·‖D·C‖²` with `D` the norms of the columns of `X`, so λ has no unit
+    /// and has the same effect for any number of rows.
     pub lambda: f64,
-    /// The column that is not penalised, which is where the intercept is.
+    /// The column that is not penalised: the intercept.
     pub free_column: Option<usize>,
 }
 
@@ -96,7 +96,8 @@ impl Ridge {
     /// No penalty.
     pub const NONE: Ridge = Ridge { lambda: 0.0, free_column: None };
 
-    /// Whether so many rows, whose sums are finite or not, can determine the coefficients of so many columns.
+    /// Checks that `rows` rows can determine the coefficients of `columns` columns, and that their sums are
+    /// finite.
     ///
     /// # Errors
     /// [`LeastSquaresError::TooFewRows`], [`LeastSquaresError::NotFinite`].
@@ -112,7 +113,7 @@ impl Ridge {
         if is_finite { Ok(()) } else { Err(LeastSquaresError::NotFinite) }
     }
 
-    /// What it adds to the squares of columns with these norms.
+    /// The amounts added to the squares of columns with these norms.
     pub(crate) fn penalties(&self, norms: &[f64]) -> Vec<f64> {
         let penalty = |(j, norm): (usize, &f64)| match self.free_column == Some(j) {
             true => 0.0,

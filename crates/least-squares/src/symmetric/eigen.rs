@@ -1,27 +1,28 @@
-//! Eigenvalues and vectors, by a tridiagonal matrix and implicit QL steps (Bowdler, Martin, Reinsch & Wilkinson,
-//! Numer. Math. 11, 1968).
+//! Eigenvalues and eigenvectors, by tridiagonalisation and implicit QL steps (Bowdler, Martin, Reinsch &
+//! Wilkinson, Numer. Math. 11, 1968).
 //!
-//! Values are right to some rounding errors of the largest. The vectors stay products of Householder's reflections and
-//! of rotations: a few vectors are turned into their basis and back at less than what the basis takes.
+//! Values are accurate to a few rounding errors of the largest. The matrix of eigenvectors is kept as a
+//! product of Householder reflections and rotations: transforming a few vectors with it and back costs less
+//! than forming the matrix.
 
 use super::{SymmetricMatrix, add_multiple, product};
 use shell_data::vectorised;
 
-/// Steps for one eigenvalue: two as a rule.
+/// Maximum number of steps for one eigenvalue; usually two.
 const MOST_STEPS: usize = 60;
 
-/// `A = Z·diag(values)·Zᵀ`.
+/// The decomposition `A = Z·diag(values)·Zᵀ`.
 #[derive(Clone, Debug)]
 pub struct Eigen {
     pub values: Vec<f64>,
-    /// Of all but the first number, of all but two, …
+    /// Reflections of all elements but the first, of all but the first two, …
     reflections: Vec<Reflection>,
-    /// Of the numbers at a position and after it: cosine and sine.
+    /// Rotations of the elements at a position and the next: position, cosine and sine.
     rotations: Vec<(usize, f64, f64)>,
 }
 
 impl SymmetricMatrix {
-    /// `None` if the matrix is not finite.
+    /// The eigenvalues and eigenvectors; `None` if the matrix is not finite.
     pub fn eigen(mut self) -> Option<Eigen> {
         let (mut values, mut beside, reflections) = tridiagonal(&mut self);
         let rotations = implicit_ql(&mut values, &mut beside)?;
@@ -30,7 +31,7 @@ impl SymmetricMatrix {
 }
 
 impl Eigen {
-    /// The vector of a value.
+    /// The eigenvector of a value.
     pub fn vector(&self, position: usize) -> Vec<f64> {
         let mut vector = vec![0.0; self.values.len()];
         vector[position] = 1.0;
@@ -38,7 +39,7 @@ impl Eigen {
         vector
     }
 
-    /// `Zᵀ·x`.
+    /// Replaces `x` with `Zᵀ·x`.
     pub fn turn(&self, x: &mut [f64]) {
         for (k, reflection) in self.reflections.iter().enumerate() {
             reflection.apply(&mut x[k + 1..]);
@@ -48,7 +49,7 @@ impl Eigen {
         }
     }
 
-    /// `Z·x`.
+    /// Replaces `x` with `Z·x`.
     pub fn turn_back(&self, x: &mut [f64]) {
         for &(i, cos, sin) in self.rotations.iter().rev() {
             (x[i], x[i + 1]) = (cos * x[i] + sin * x[i + 1], cos * x[i + 1] - sin * x[i]);
@@ -60,7 +61,7 @@ impl Eigen {
 }
 
 vectorised! {
-    /// Diagonal, what is beside it, and the reflections that leave these.
+    /// The diagonal, the subdiagonal, and the reflections that produce them.
     fn tridiagonal(a: &mut SymmetricMatrix) -> (Vec<f64>, Vec<f64>, Vec<Reflection>) {
         let size = a.size;
         let mut rest = a.upper.as_mut_slice();
@@ -81,12 +82,13 @@ vectorised! {
     }
 }
 
-/// Makes the diagonal the eigenvalues; returns the rotations, `None` if the numbers are not finite.
+/// Turns the diagonal into the eigenvalues. Returns the rotations, or `None` if a value is not finite.
 fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize, f64, f64)>> {
     let size = diagonal.len();
     beside.resize(size, 0.0);
     let mut rotations = Vec::with_capacity(2 * size * size);
-    // Of the whole matrix: what rounding leaves of a lower rank has no digits, and does not converge to any.
+    // The threshold is relative to the whole matrix: with low rank, the rounding errors that remain have no
+    // correct digits and do not converge.
     let sums = diagonal.iter().zip(&*beside).map(|(d, e)| d.abs() + e.abs());
     let zero = f64::EPSILON * sums.fold(0.0, f64::max);
     for first in 0..size {
@@ -105,7 +107,7 @@ fn implicit_ql(diagonal: &mut [f64], beside: &mut Vec<f64>) -> Option<Vec<(usize
     diagonal.iter().all(|value| value.is_finite()).then_some(rotations)
 }
 
-/// A step with Wilkinson's shift, of the rows from the first to the last.
+/// One step with Wilkinson's shift, on the rows from the first to the last.
 fn ql_step(
     diagonal: &mut [f64],
     beside: &mut [f64],
@@ -138,7 +140,7 @@ fn ql_step(
     beside[last] = 0.0;
 }
 
-/// `I − β·v·vᵀ`, which leaves of a vector its first number alone.
+/// The reflection `I − β·v·vᵀ`, which maps a vector to a multiple of the first unit vector.
 #[derive(Clone, Debug)]
 pub(super) struct Reflection {
     v: Vec<f64>,
@@ -146,7 +148,7 @@ pub(super) struct Reflection {
 }
 
 impl Reflection {
-    /// That of a vector, and what is left of it.
+    /// The reflection for a vector, and the remaining first element.
     #[inline(always)]
     pub(super) fn new(x: &[f64]) -> (Self, f64) {
         let length = product(x, x).sqrt();
@@ -165,7 +167,7 @@ impl Reflection {
         add_multiple(x, -self.beta * product(&self.v, x), &self.v);
     }
 
-    /// `H·A·H`.
+    /// Replaces `A` with `H·A·H`.
     #[inline(always)]
     pub(super) fn apply_both(&self, rows: &mut [f64]) {
         let size = self.v.len();

@@ -1,8 +1,8 @@
-//! Symmetric and triangular matrices whose sums run in one order: the same bits on every machine.
+//! Symmetric and triangular matrices with a fixed order of summation: the same bits on every machine.
 //!
-//! Those of faer depend on how wide the vectors of the processor are. Here a vector has elements of a row side by
-//! side, and products are rounded: WebAssembly has no fused multiply-add. (Golub & Van Loan, 4th ed., §§3.1, 4.2,
-//! 5.2 and 8.3.)
+//! The results of faer depend on the vector width of the processor. Here vectors hold neighbouring elements
+//! of a row, and products are rounded, because WebAssembly has no fused multiply-add. (Golub & Van Loan, 4th
+//! ed., §§3.1, 4.2, 5.2 and 8.3.)
 
 mod eigen;
 mod squares;
@@ -12,33 +12,33 @@ use faer::{Mat, MatRef};
 use self::eigen::Reflection;
 use shell_data::vectorised;
 
-/// The upper triangle of a symmetric matrix, row after row.
+/// The upper triangle of a symmetric matrix, row by row.
 #[derive(Clone, Debug)]
 pub struct SymmetricMatrix {
-    /// Rows, and columns.
+    /// The order of the matrix.
     pub size: usize,
     upper: Vec<f64>,
 }
 
-/// Where a row of an upper triangle begins.
+/// The position of the first element of a row of an upper triangle.
 fn first(size: usize, row: usize) -> usize {
     row * (2 * size + 1 - row) / 2
 }
 
 impl SymmetricMatrix {
-    /// Of `element(i, j)`, `i ≤ j`.
+    /// The matrix with elements `element(i, j)`, `i ≤ j`.
     pub fn from_fn(size: usize, mut element: impl FnMut(usize, usize) -> f64) -> Self {
         let mut upper = Vec::with_capacity(first(size, size));
         (0..size).for_each(|i| upper.extend((i..size).map(|j| element(i, j))));
         Self { size, upper }
     }
 
-    /// Of zeros.
+    /// The zero matrix.
     pub fn zeros(size: usize) -> Self {
         Self::from_fn(size, |_, _| 0.0)
     }
 
-    /// The identity.
+    /// The identity matrix.
     pub fn identity(size: usize) -> Self {
         Self::from_fn(size, |i, j| f64::from(u8::from(i == j)))
     }
@@ -55,7 +55,7 @@ impl SymmetricMatrix {
         &mut self.upper[first(self.size, row)..][..self.size - row]
     }
 
-    /// Subtracts `x·xᵀ` of each of these, as long as a row.
+    /// Subtracts `x·xᵀ` for each of the vectors, whose length is the order of the matrix.
     pub fn subtract_squares(&mut self, of: &[Vec<f64>]) {
         squares::subtract_squares(self, of);
     }
@@ -67,7 +67,7 @@ impl SymmetricMatrix {
 }
 
 vectorised! {
-    /// Makes the upper triangle that of the factor; false if there is none.
+    /// Replaces the upper triangle with the Cholesky factor; returns false if there is none.
     fn factorise(a: &mut SymmetricMatrix) -> bool {
         let mut rest = a.upper.as_mut_slice();
         for size in (1..=a.size).rev() {
@@ -89,13 +89,13 @@ vectorised! {
     }
 }
 
-/// `y += c·x`.
+/// Computes `y += c·x`.
 #[inline(always)]
 pub fn add_multiple(y: &mut [f64], c: f64, x: &[f64]) {
     y.iter_mut().zip(x).for_each(|(y, x)| *y += c * x);
 }
 
-/// `xᵀy`, in four sums side by side.
+/// Computes `xᵀy`, in four parallel sums.
 #[inline(always)]
 pub fn product(x: &[f64], y: &[f64]) -> f64 {
     let ((x, x_rest), (y, y_rest)) = (x.as_chunks::<4>(), y.as_chunks::<4>());
@@ -112,7 +112,7 @@ pub fn product(x: &[f64], y: &[f64]) -> f64 {
 pub struct UpperTriangle(SymmetricMatrix);
 
 impl UpperTriangle {
-    /// Of `element(i, j)`, `i ≤ j`.
+    /// The matrix with elements `element(i, j)`, `i ≤ j`.
     pub fn from_fn(size: usize, element: impl FnMut(usize, usize) -> f64) -> Self {
         Self(SymmetricMatrix::from_fn(size, element))
     }
@@ -122,13 +122,13 @@ impl UpperTriangle {
         Self::from_fn(matrix.nrows(), |i, j| matrix[(i, j)])
     }
 
-    /// With the zeros.
+    /// The full matrix, including zeros.
     pub fn matrix(&self) -> Mat<f64> {
         let element = |i, j| if i <= j { self.row(i)[j - i] } else { 0.0 };
         Mat::from_fn(self.size(), self.size(), element)
     }
 
-    /// Rows, and columns.
+    /// The order of the matrix.
     #[inline]
     pub fn size(&self) -> usize {
         self.0.size
@@ -146,7 +146,8 @@ impl UpperTriangle {
         self.0.row_mut(row)
     }
 
-    /// `T` with `T·Tᵀ = MᵀM`, of the rows of `M`: by Householder's reflections of `M` with its columns backwards.
+    /// Computes `T` with `T·Tᵀ = MᵀM` from the rows of `M`, by Householder reflections of `M` with its
+    /// columns reversed.
     pub fn root_of_squares(rows: &[Vec<f64>], size: usize) -> Self {
         let backwards = (0..size).rev();
         let mut columns: Vec<Vec<f64>> =
@@ -154,7 +155,7 @@ impl UpperTriangle {
         root_of_columns(&mut columns, rows.len())
     }
 
-    /// `U⁻ᵀ·b`.
+    /// Computes `U⁻ᵀ·b`.
     pub fn forward(&self, mut b: Vec<f64>) -> Vec<f64> {
         for i in 0..self.size() {
             let row = self.row(i);
@@ -165,13 +166,13 @@ impl UpperTriangle {
         b
     }
 
-    /// `bᵀ·(UᵀU)⁻¹·b`.
+    /// Computes `bᵀ·(UᵀU)⁻¹·b`.
     pub fn square(&self, b: Vec<f64>) -> f64 {
         let z = self.forward(b);
         product(&z, &z)
     }
 
-    /// `(UᵀU)⁻¹·b`.
+    /// Computes `(UᵀU)⁻¹·b`.
     pub fn solve(&self, b: Vec<f64>) -> Vec<f64> {
         let mut b = self.forward(b);
         for i in (0..self.size()).rev() {
@@ -181,23 +182,23 @@ impl UpperTriangle {
         b
     }
 
-    /// `U⁻¹`, not finite if a number of the diagonal is zero.
+    /// Computes `U⁻¹`; not finite if a diagonal element is zero.
     pub fn inverse(mut self) -> Self {
         invert(&mut self.0);
         self
     }
 
-    /// An element of `T·Tᵀ`, `i ≤ j`.
+    /// Computes an element of `T·Tᵀ`, `i ≤ j`.
     pub fn square_element(&self, i: usize, j: usize) -> f64 {
         product(&self.row(i)[j - i..], self.row(j))
     }
 
-    /// `T·b`.
+    /// Computes `T·b`.
     pub fn times(&self, b: &[f64]) -> Vec<f64> {
         (0..self.size()).map(|i| product(self.row(i), &b[i..])).collect()
     }
 
-    /// `Tᵀ·b`.
+    /// Computes `Tᵀ·b`.
     pub fn transposed_times(&self, b: &[f64]) -> Vec<f64> {
         let mut sums = vec![0.0; self.size()];
         for (i, &b) in b.iter().enumerate() {
@@ -207,7 +208,7 @@ impl UpperTriangle {
     }
 }
 
-/// A row of `A·T` from the diagonal on.
+/// Computes a row of `A·T` from the diagonal on.
 #[inline(always)]
 fn row_of_product(a: &SymmetricMatrix, t: &UpperTriangle, i: usize, row: &mut [f64]) {
     row.fill(0.0);
@@ -222,7 +223,7 @@ vectorised! {
     fn invert(factor: &mut SymmetricMatrix) {
         let size = factor.size;
         let mut inverse = vec![0.0; size];
-        // From the last row up: those below are inverted.
+        // From the last row up, so that the rows below are already inverted.
         for i in (0..size).rev() {
             let (row, mut below) = factor.upper[first(size, i)..].split_at_mut(size - i);
             let inverse = &mut inverse[..size - i];
@@ -238,7 +239,7 @@ vectorised! {
         }
     }
 
-    /// `Tᵀ·A·T`.
+    /// Computes `Tᵀ·A·T`.
     pub fn congruence(t: &UpperTriangle, a: &SymmetricMatrix) -> SymmetricMatrix {
         let size = a.size;
         let mut product = SymmetricMatrix::zeros(size);
@@ -253,7 +254,7 @@ vectorised! {
         product
     }
 
-    /// The trace of `Tᵀ·A·T`.
+    /// Computes the trace of `Tᵀ·A·T`.
     pub fn trace_of_congruence(t: &UpperTriangle, a: &SymmetricMatrix) -> f64 {
         let mut row = vec![0.0; a.size];
         let mut trace = 0.0;
@@ -264,7 +265,7 @@ vectorised! {
         trace
     }
 
-    /// The columns are those of `M`, the last first.
+    /// The columns are the columns of `M`, the last first.
     fn root_of_columns(columns: &mut [Vec<f64>], rows: usize) -> UpperTriangle {
         let size = columns.len();
         for k in 0..size.min(rows) {
@@ -274,7 +275,7 @@ vectorised! {
             rest.iter_mut().for_each(|column| reflection.apply(&mut column[k..]));
         }
         let last = size - 1;
-        // Rows and columns of R, from the last to the first.
+        // Rows and columns of R in reverse order.
         UpperTriangle::from_fn(size, |i, j| match columns[last - i].get(last - j) {
             Some(element) => *element,
             None => 0.0,
@@ -297,7 +298,7 @@ mod tests {
 
     use super::*;
 
-    /// `MᵀM + I` of a matrix of numbers up to 1: its condition is below 1 + size².
+    /// `MᵀM + I` for a matrix of numbers up to 1. Its condition number is below 1 + size².
     fn positive(size: usize, numbers: &[f64]) -> SymmetricMatrix {
         let mut a = SymmetricMatrix::from_fn(size, |i, j| -f64::from(u8::from(i == j)));
         a.subtract_squares(&numbers.chunks(size).map(<[f64]>::to_vec).collect::<Vec<_>>());
@@ -342,7 +343,7 @@ mod tests {
     }
 
     proptest! {
-        // Of matrices whose smallest eigenvalue is 1 or more, and a condition of some hundreds.
+        // The smallest eigenvalue is 1 or more, and the condition number some hundreds.
         #[test]
         fn factors_solve_and_invert((size, numbers) in matrices()) {
             let a = positive(size, &numbers);
@@ -359,7 +360,7 @@ mod tests {
                     prop_assert!((element - solved[row]).abs() < 1e-13);
                 }
             }
-            // U⁻ᵀ·A·U⁻¹ is the identity, whose trace is that of A·U⁻¹·U⁻ᵀ.
+            // U⁻ᵀ·A·U⁻¹ is the identity; its trace equals the trace of A·U⁻¹·U⁻ᵀ.
             let identity = congruence(&inverse, &a);
             for i in 0..size {
                 for (j, &element) in identity.row(i).iter().enumerate() {
@@ -376,10 +377,10 @@ mod tests {
             rank in 0..24_usize,
         ) {
             let mut a = positive(size, &numbers);
-            // Of either sign.
+            // Eigenvalues of either sign.
             (0..size).for_each(|i| a.row_mut(i)[0] -= shift);
             check_eigen(a);
-            // Of a low rank, and columns of many sizes.
+            // Low rank, and columns of many sizes.
             let rows = numbers.chunks(size).take(rank);
             let graded = |row: &[f64]| row.iter().enumerate().map(|(j, x)| x * 10_f64.powi(-(j as i32 % 7))).collect();
             let mut a = SymmetricMatrix::zeros(size);

@@ -1,6 +1,6 @@
-//! What is left of a symmetric matrix without the squares `x·xᵀ` of some vectors.
+//! Subtraction of the squares `x·xᵀ` of vectors from a symmetric matrix.
 //!
-//! Four vectors at a time, in their order, whatever the size of the tiles.
+//! Takes four vectors at a time, in their order, independent of the size of the tiles.
 
 use std::ops::Range;
 
@@ -9,19 +9,19 @@ use pulp::Simd;
 use super::SymmetricMatrix;
 use shell_data::vectorised;
 
-/// Columns and rows of a tile, which stays in registers while squares are subtracted.
+/// Number of columns and rows in a tile, which stays in registers while squares are subtracted.
 const TILE_COLUMNS: usize = 8;
 const TILE_ROWS: usize = 4;
 
-/// Vectors that are packed at once: as many as fit the first-level cache.
+/// Number of vectors packed together: as many as fit in the L1 cache.
 const VECTORS_AT_ONCE: usize = 64;
 
 vectorised! {
-    /// Subtracts `x·xᵀ` of each of `vectors`, as long as a row.
+    /// Subtracts `x·xᵀ` for each of `vectors`, whose length is the order of the matrix.
     pub(super) fn subtract_squares<S: Simd>(simd: S, from: &mut SymmetricMatrix, vectors: &[Vec<f64>]) {
         let bands = from.size.div_ceil(TILE_COLUMNS);
         let at_once = VECTORS_AT_ONCE.min(vectors.len()).max(1);
-        // For each band of columns, that band of every vector, with zeros beyond the last column.
+        // Each band of columns contains that band of every vector, with zeros beyond the last column.
         let mut packed = vec![[0.0; TILE_COLUMNS]; bands * at_once];
         for of in vectors.chunks(at_once) {
             for (position, x) in of.iter().enumerate() {
@@ -50,7 +50,7 @@ vectorised! {
 
 type TileValues = [[f64; TILE_COLUMNS]; TILE_ROWS];
 
-/// `tile -= Σ a·xᵀ` of rows `a`, from `first` on, and columns `x`.
+/// Computes `tile -= Σ a·xᵀ` for rows `a`, from `first` on, and columns `x`.
 #[inline(always)]
 fn subtract_from_tile<S: Simd>(
     simd: S,
@@ -89,7 +89,7 @@ fn subtract_from_tile<S: Simd>(
     }
 }
 
-/// Where a tile begins; what it has below the diagonal or beyond the matrix is not used.
+/// The start of a tile. Elements below the diagonal or beyond the matrix are not used.
 struct Tile {
     first_row: usize,
     first_column: usize,

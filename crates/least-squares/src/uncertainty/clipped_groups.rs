@@ -1,15 +1,15 @@
-//! Standard errors and intervals by group of a fit by Huber's M-estimator.
+//! Standard errors and intervals by group for a fit by Huber's M-estimator.
 //!
-//! At the solution `Σ ψ(rᵢ/σ)·xᵢ = 0`, so least squares of the pseudo-responses
+//! The solution satisfies `Σ ψ(rᵢ/σ)·xᵢ = 0`, so least squares with the pseudo-responses
 //!
 //! ```text
 //! yᵢ* = xᵢᵀC + σ·ψ(rᵢ/σ) / mean ψ'
 //! ```
 //!
-//! has the same coefficients, and the scatter of its scores over groups is the sandwich of the M-estimator:
-//! `(Σψ'xxᵀ)⁻¹ (Σ_g s_g·s_gᵀ) (Σψ'xxᵀ)⁻¹`, `s_g` a group's sum of `σ·ψ·x` (Huber, Robust Statistics, 1981, §7.6,
-//! with groups in the place of rows). What a group errs that is held out is found by a fit to all others, and is
-//! not clipped: an interval holds rows as they are.
+//! gives the same coefficients, and the scatter of its scores over groups is the sandwich of the M-estimator:
+//! `(Σψ'xxᵀ)⁻¹ (Σ_g s_g·s_gᵀ) (Σψ'xxᵀ)⁻¹`, with `s_g` a group's sum of `σ·ψ·x` (Huber, Robust Statistics,
+//! 1981, §7.6, with groups instead of rows). The errors on a held-out group come from a fit to all other
+//! groups and are not clipped, because an interval must cover rows as they are.
 
 use super::covariance::Covariance;
 use super::new_groups::{of_scores, score_on};
@@ -25,11 +25,11 @@ use shell_data::block::Block;
 use shell_data::wrench::PerAxis;
 
 impl Covariance {
-    /// The covariance of a solution by Huber's M-estimator of all rows of `block`, errors being alike within
-    /// its groups. `ridge` is what was asked for.
+    /// The covariance of a solution by Huber's M-estimator of all rows of `block`, with errors that are
+    /// correlated within its groups. `ridge` is the requested value.
     ///
     /// # Errors
-    /// [`FitError`] if there are too few groups, or without one of them the model cannot be fitted.
+    /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
     pub fn from_clipped_groups(
         block: &Block,
         solution: &Solution,
@@ -52,7 +52,7 @@ impl Covariance {
     }
 }
 
-/// The rows by group, about the centre of all.
+/// The rows by group, relative to a common centre.
 fn factored(block: &Block, solution: &Solution) -> Result<FactoredGroups, FitError> {
     let scaling = Scaling::from_sample(&block.readings, true);
     let mut groups = GroupFactors::new(solution.model, scaling);
@@ -94,7 +94,7 @@ mod tests {
     use crate::uncertainty::CoefficientCovariance;
     use system_tests::random::Random;
 
-    /// Groups of nine rows that err alike, and one row in twenty that errs by far more.
+    /// Groups of nine rows with similar errors; one row in twenty has a far larger error.
     fn wild_block(groups: usize, wild: f64) -> Block {
         let mut random = Random(5);
         let rows = 9 * groups;
@@ -130,10 +130,10 @@ mod tests {
         let block = wild_block(30, 40.0);
         let robust = fit(SolverKind::Huber, &block);
         let again = fit(SolverKind::RefinedTsqr, &clipped(&block, &robust).unwrap());
-        // Passes of the robust fit end at 1e-8 of the standard errors, of which some 1e-7 may be left.
+        // The robust fit stops at steps of 1e-8 of the standard errors; its remaining error may be some 1e-7.
         let difference = (&robust.coefficients - &again.coefficients).norm_max();
         assert!(difference < 1e-6, "{difference}");
-        // The wild rows move least squares.
+        // The outliers move the least-squares fit.
         let plain = fit(SolverKind::RefinedTsqr, &block);
         assert!((&robust.coefficients - &plain.coefficients).norm_max() > 0.1);
     }
@@ -168,13 +168,13 @@ mod tests {
         };
         let clean = wild_block(30, 0.0);
         let ratio = errors(&clean, SolverKind::Huber) / errors(&clean, SolverKind::RefinedTsqr);
-        // Of normal errors the M-estimator has a variance of 1/0.95; thirty groups tell it to 13 % or so, both
-        // from the same rows.
+        // For normal errors the variance of the M-estimator is 1/0.95 times as large. Thirty groups determine
+        // it to 13 % or so; both fits use the same rows.
         assert!((0.8..1.3).contains(&ratio), "{ratio}");
         let wild = wild_block(30, 40.0);
         let ratio = errors(&wild, SolverKind::Huber) / errors(&clean, SolverKind::Huber);
-        // At a twentieth of wild rows the variance is 1.3 times as large (Huber 1964); plain least squares has
-        // some tens.
+        // With 5 % outliers the variance is 1.3 times as large (Huber 1964); for plain least squares it is
+        // some tens of times as large.
         assert!(ratio < 2.0, "{ratio}");
         assert!(errors(&wild, SolverKind::RefinedTsqr) > 3.0 * errors(&wild, SolverKind::Huber));
     }

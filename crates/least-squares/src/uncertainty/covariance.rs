@@ -18,49 +18,49 @@ use crate::validation::grouped::SumsByGroup;
 use shell_data::by_axis;
 use shell_data::wrench::PerAxis;
 
-/// The covariance that standard errors of predictions are computed from.
+/// The covariance from which standard errors of predictions are computed.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Covariance {
     /// `S`, the covariance of the errors of a row, in products of N and N·m.
     #[serde(with = "by_axis::matrix")]
     pub residual: PerAxis<PerAxis<f64>>,
-    /// Rows less coefficients, or groups less one.
+    /// Number of rows minus coefficients, or number of groups minus one.
     pub degrees_of_freedom: u64,
-    /// That of the coefficients.
+    /// The covariance of the coefficients.
     pub coefficients: CoefficientCovariance,
-    /// How the training errors are distributed, where that is known.
+    /// The distribution of the training errors, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shape: Option<ErrorShape>,
-    /// The share of the squared errors that the rows of a group have in common, where groups are known.
+    /// The fraction of the squared errors that the rows of a group share, if groups are known.
     #[serde(default, skip_serializing_if = "Option::is_none", with = "by_axis::option")]
     pub shared: Option<PerAxis<f64>>,
-    /// Intervals from groups that were held out, where groups are few.
+    /// Intervals from held-out groups, if there are few groups.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub intervals: Option<GroupIntervals>,
 }
 
-/// The covariance of the coefficients, in factors.
+/// The covariance of the coefficients, as factors.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum CoefficientCovariance {
-    /// For errors that are independent from row to row.
+    /// For errors that are independent between rows.
     Rows {
-        /// `F`, to be multiplied by `S[a][b]`.
+        /// `F`; multiply `F·Fᵀ` by `S[a][b]`.
         factor: TriangularColumns,
     },
-    /// For errors that are alike within groups of rows.
+    /// For errors that are correlated within groups of rows.
     Groups {
-        /// Their number.
+        /// Number of groups.
         groups: u64,
-        /// `T` of each axis.
+        /// `T` for each axis.
         #[serde(with = "by_axis")]
         factors: PerAxis<TriangularColumns>,
     },
 }
 
 impl Covariance {
-    /// The covariance of a solution, errors of rows being independent; `None` if there are no more
-    /// rows than coefficients.
+    /// The covariance of a solution with independent errors of rows; `None` if there are no more rows than
+    /// coefficients.
     pub fn from_rows(solution: &Solution) -> Option<Self> {
         let factor = &solution.factor;
         let degrees_of_freedom =
@@ -80,13 +80,12 @@ impl Covariance {
         })
     }
 
-    /// The covariance of the fit of `model` to all rows of `sums`, errors being alike within its
-    /// groups. `ridge` is as in [`ExactSums::solve`](crate::exact::ExactSums::solve). Groups may be stretches of time that
-    /// nothing else tells apart.
+    /// The covariance of the fit of `model` to all rows of `sums`, with errors that are correlated within its
+    /// groups. `ridge` is as in [`ExactSums::solve`](crate::exact::ExactSums::solve). With `are_stretches`,
+    /// groups are stretches of time without other differences.
     ///
     /// # Errors
-    /// [`FitError`] if there are too few groups, or without one of them the model cannot be
-    /// fitted.
+    /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
     pub fn from_groups(
         sums: &SumsByGroup,
         model: &Model,
@@ -98,8 +97,8 @@ impl Covariance {
         let fit = whole.solve(model, ridge)?;
         let (found, groups) = (fit.scatter(&sums.groups)?, &sums.groups);
         let intervals = if are_stretches {
-            // The standard errors are those of the fit to all, to which one stretch adds little: of poly3, 40 scatters
-            // of 39 stretches take most of a fit.
+            // These are the standard errors of the fit to all rows, which one stretch hardly changes. For
+            // poly3, 40 scatters of 39 stretches would take most of the time of a fit.
             let (parts, variances) = (sums.partitioned(model)?, fit.variances(&found, groups));
             of_scores(groups.len(), workers, |group| {
                 let errors = errors_on(&parts, &groups[group].1, ridge).ok()?;
@@ -112,9 +111,10 @@ impl Covariance {
         Ok(Self::from_scatter(found, whole.rows(), intervals))
     }
 
-    /// The same of a solution by `method`, from R factors of its rows: for rows that could not be summed
-    /// exactly, and methods that sums do not serve. The ridge is what was asked for. Groups that are stretches of time are
-    /// held out by whole `files` or each alone, as these say.
+    /// Like [`Covariance::from_groups`], for a solution by `method`, from R factors of its rows: for rows
+    /// that cannot be summed exactly, and methods that cannot use sums. `ridge` is the requested value. If
+    /// groups are stretches of time, `files` lists the ranges of groups that are held out together, such as
+    /// whole files.
     ///
     /// # Errors
     /// As [`Covariance::from_groups`].
@@ -127,7 +127,7 @@ impl Covariance {
     ) -> Result<Self, FitError> {
         let (model, groups) = (&solution.model, rows.groups.len());
         Self::from_r_factors(rows, solution, workers, |scatter| match files {
-            // A ridge by GCV is found anew without each group.
+            // A ridge by GCV is determined again without each group.
             None => {
                 let others = (groups <= MOST_GROUPS).then(|| rows.without_each()).flatten()?;
                 of_scores(groups, workers, |group| {
@@ -136,8 +136,8 @@ impl Covariance {
                     score_on(rows, group, &fit, &scatter)
                 })
             }
-            // Rows of a file have more in common than those of two. The fit to all rows says how much the errors of a
-            // stretch are expected to be.
+            // Rows of one file have more in common than rows of two files. The expected error of a stretch
+            // comes from the fit to all rows.
             Some(files) => {
                 let others = rows.merged(files).without_each()?;
                 let of_file = |file: usize| {
@@ -156,7 +156,8 @@ impl Covariance {
         })
     }
 
-    /// As [`Covariance::from_groups`], from R factors, with the intervals that are found from the scatter.
+    /// Like [`Covariance::from_groups`], from R factors, with the intervals that `intervals` computes from
+    /// the scatter.
     pub(super) fn from_r_factors(
         rows: &FactoredGroups,
         solution: &Solution,
@@ -186,10 +187,10 @@ impl Covariance {
         }
     }
 
-    /// How many standard errors either way a prediction interval of `level` reaches, per axis.
+    /// The half-width of a prediction interval of `level` in standard errors, per axis.
     ///
     /// # Errors
-    /// [`NoIntervals`] where rows are taken as independent, or groups are too few to tell.
+    /// [`NoIntervals`] if rows count as independent, or there are too few groups.
     ///
     /// # Panics
     /// If `level` is not above 0 and below 1.
@@ -209,7 +210,7 @@ impl Covariance {
         }))
     }
 
-    /// Standard deviation of the residuals, per axis, N and N·m.
+    /// Standard deviation of the residuals, per axis, in N and N·m.
     pub fn residual_sd(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| self.residual[axis][axis].sqrt())
     }

@@ -1,45 +1,45 @@
-//! Intervals from errors on groups that were held out.
+//! Intervals from errors on held-out groups.
 //!
-//! A group is one observation, however many rows it has. The score of a row is its error in standard
-//! errors. With G groups, each has the mass `1/(G + 1)`, spread evenly over its rows, and what a new
-//! group may do has the rest, at infinity: the quantile of level L of that distribution holds the
-//! score of a row of a new group with a probability of L at least, whatever the errors' distribution,
-//! if groups are exchangeable (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal
-//! prediction; Lei et al., J. Am. Stat. Assoc. 113, 2018, §2.2 and 5.2, with one row a group). Scores of
-//! models that were trained without a fold, not without one group alone, keep it nearly.
+//! A group is one observation, however many rows it has. The score of a row is its error in standard errors.
+//! With G groups, each group has the mass `1/(G + 1)`, spread evenly over its rows, and the remaining mass,
+//! for a new group, is at infinity. The quantile of level L of that distribution covers the score of a row of
+//! a new group with a probability of at least L, for any distribution of errors, if groups are exchangeable
+//! (Lee, Barber & Willett, arXiv:2306.06342, hierarchical conformal prediction; Lei et al., J. Am. Stat.
+//! Assoc. 113, 2018, §2.2 and 5.2, with one row per group). With scores of models that were trained without a
+//! fold instead of a single group, the coverage is nearly the same.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use shell_data::wrench::PerAxis;
 use statrs::distribution::{ContinuousCDF, Normal};
 
-/// The levels that are kept; for one between, the next above.
+/// The levels that are kept. For a level in between, the next higher one is used.
 pub const LEVELS: [f64; 10] = [0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
 
-/// How many standard errors hold which share of the errors on new groups.
+/// Numbers of standard errors that contain given fractions of the errors on new groups.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct GroupIntervals {
-    /// Groups that were held out.
+    /// Number of groups that were held out.
     pub groups: usize,
-    /// Those of [`LEVELS`] that so many groups can tell.
+    /// The [`LEVELS`] for which there are enough groups.
     pub levels: Vec<f64>,
-    /// For each axis and level, standard errors.
+    /// For each axis and level, the number of standard errors.
     #[serde(with = "shell_data::by_axis")]
     pub factors: PerAxis<Vec<f64>>,
 }
 
-/// The level is higher than the groups can tell.
+/// The level is too high for the number of groups.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
     "an interval of {} % needs `{needed}` held-out groups or stretches of time, there are `{groups}`",
     100.0 * level
 )]
 pub struct TooFewGroups {
-    /// What was asked for.
+    /// The requested level.
     pub level: f64,
-    /// Groups that it takes.
+    /// Number of groups that it needs.
     pub needed: usize,
-    /// Groups that there are.
+    /// Number of groups available.
     pub groups: usize,
 }
 
@@ -48,7 +48,7 @@ pub struct TooFewGroups {
 pub struct Scores(BTreeMap<u64, PerAxis<Vec<f64>>>);
 
 impl Scores {
-    /// Adds a row: its error and the standard error of each axis, N and N·m.
+    /// Adds a row: the error and the standard error of each axis, in N and N·m.
     pub fn add(&mut self, group: u64, error: &PerAxis<f64>, standard_error: &PerAxis<f64>) {
         let scores = self.0.entry(group).or_default();
         for (axis, scores) in scores.iter_mut().enumerate() {
@@ -57,14 +57,14 @@ impl Scores {
         }
     }
 
-    /// The scores of all other groups.
+    /// The scores of all groups except `groups`.
     pub fn without(&self, groups: &BTreeSet<u64>) -> Self {
         let others = self.0.iter().filter(|(group, _)| !groups.contains(group));
         Self(others.map(|(&group, scores)| (group, scores.clone())).collect())
     }
 
-    /// Divides the scores of each axis by their root mean square, each group with the same weight, where the
-    /// standard errors as they are count as `prior` groups of mean square one. Returns what they were divided by.
+    /// Divides the scores of each axis by their root mean square, with the same weight for each group. The
+    /// existing standard errors count as `prior` groups with a mean square of one. Returns the divisors.
     pub fn rescale(&mut self, prior: f64) -> PerAxis<f64> {
         let count = prior + self.0.len() as f64;
         let mean_square = |scores: &Vec<f64>| {
@@ -79,7 +79,7 @@ impl Scores {
         })
     }
 
-    /// The intervals.
+    /// Computes the intervals.
     pub fn intervals(&self) -> GroupIntervals {
         let groups = self.0.len();
         let levels = levels_known(groups);
@@ -96,7 +96,7 @@ impl Scores {
     }
 }
 
-/// The size at a level, evenly between those of the levels that so many groups tell.
+/// The size at a level, interpolated linearly between the levels `k/(G + 1)` that G groups provide.
 fn size_between(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
     let mass = (scores.len() + 1) as f64;
     let below = (level * mass + 1e-9).floor();
@@ -108,7 +108,7 @@ fn size_between(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 
     }
 }
 
-/// The least size that holds the errors of a new group with a probability of `level`.
+/// The smallest size that contains the errors of a new group with a probability of `level`.
 fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f64 {
     let normal = Normal::standard();
     let within = |size: f64, (mean, scatter): (f64, f64)| match scatter > 0.0 {
@@ -119,14 +119,14 @@ fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f
         let held: f64 = scores.iter().map(|score| within(size, score[axis])).sum();
         held / (scores.len() + 1) as f64
     };
-    // Eight standard deviations hold all but 10⁻¹⁵.
+    // Eight standard deviations contain all but 10⁻¹⁵.
     let reach = |score: &PerAxis<(f64, f64)>| score[axis].0 + 8.0 * score[axis].1;
     let sizes = scores.iter().map(reach).filter(|size| size.is_finite());
     let (mut below, mut at) = (0.0, sizes.fold(0.0, f64::max));
     if mass(at) < level - 1e-9 {
         return f64::INFINITY;
     }
-    // Each step halves what is left: after sixty no digit is.
+    // Each step halves the interval; sixty exhaust the digits.
     for _ in 0..60 {
         let middle = 0.5 * (below + at);
         if mass(middle) < level - 1e-9 { below = middle } else { at = middle }
@@ -134,18 +134,18 @@ fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f
     at
 }
 
-/// The least G with `G/(G + 1) ≥ level`.
+/// The smallest G with `G/(G + 1) ≥ level`.
 fn groups_needed(level: f64) -> usize {
-    // A level such as 0.95 is not quite 0.95.
+    // A level such as 0.95 has a rounding error.
     (level / (1.0 - level) - 1e-9).ceil() as usize
 }
 
-/// Those of [`LEVELS`] that so many groups tell.
+/// The [`LEVELS`] for which there are enough groups.
 fn levels_known(groups: usize) -> Vec<f64> {
     LEVELS.into_iter().filter(|&level| groups_needed(level) <= groups).collect()
 }
 
-/// For each level, ascending, the least score that with those below has that mass.
+/// For each level, in ascending order, the smallest score up to which the scores have that mass.
 fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
     let (mut rest, mut mass, mut quantile) = (scores.iter(), 0.0, 0.0);
     let mut of_level = |&level: &f64| {
@@ -159,9 +159,10 @@ fn quantiles(scores: &[(f64, f64)], levels: &[f64]) -> Vec<f64> {
 }
 
 impl GroupIntervals {
-    /// From the errors of every group that was held out, in standard errors: the size of their mean, and how they
-    /// scatter about it, taken as normal. Between the levels that so many groups tell, `k/(G + 1)`, it runs
-    /// evenly. Levels that would take more than is known are left out.
+    /// Computes the intervals from the errors of every held-out group in standard errors: the magnitude of
+    /// their mean, and their scatter around it, which is assumed to be normal. The size is interpolated
+    /// linearly between the levels `k/(G + 1)` that G groups provide. Omits levels that need more than is
+    /// known.
     pub fn from_groups(scores: &[PerAxis<(f64, f64)>]) -> Self {
         let groups = scores.len();
         let mut levels = levels_known(groups);
@@ -176,7 +177,7 @@ impl GroupIntervals {
         Self { groups, levels, factors }
     }
 
-    /// How many standard errors an interval of this level reaches either way, per axis.
+    /// The half-width of an interval of this level in standard errors, per axis.
     ///
     /// # Errors
     /// [`TooFewGroups`].
@@ -208,7 +209,7 @@ mod tests {
         let intervals = scores(&groups);
         assert_eq!(intervals.factors(0.95), Ok([38.0; 6]));
         assert_eq!(intervals.factors(0.5), Ok([20.0; 6]));
-        // With nineteen groups it is the largest, with fewer there is none.
+        // With nineteen groups it is the largest score; with fewer there is no quantile.
         assert_eq!(scores(&groups[..19]).factors(0.95), Ok([19.0; 6]));
         let refused = scores(&groups[..18]).factors(0.95).unwrap_err();
         assert_eq!((refused.needed, refused.groups), (19, 18));
@@ -222,11 +223,12 @@ mod tests {
             let found = intervals.factors(level).unwrap()[3];
             assert!((found - expected).abs() < 1e-12, "{found}");
         }
-        // Many groups that scatter about zero: quantiles of the normal distribution, but for 1/(G + 1).
+        // Many groups that scatter around zero give quantiles of the normal distribution, except for 1/(G +
+        // 1).
         let many = vec![[(0.0, 2.0); 6]; 100_000];
         let found = GroupIntervals::from_groups(&many).factors(0.95).unwrap()[0];
         assert!((found - 2.0 * 1.959_964).abs() < 1e-3, "{found}");
-        // Two of forty groups cannot be told: 95 % is beyond what the others hold, 90 % is not.
+        // Two of forty groups are unknown: 95 % is beyond the coverage of the others, 90 % is not.
         let mut unknown = alone;
         unknown[..2].fill([(f64::INFINITY, 0.0); 6]);
         let intervals = GroupIntervals::from_groups(&unknown);
@@ -237,7 +239,7 @@ mod tests {
     fn a_group_of_many_rows_counts_no_more_than_one_of_few() {
         let many = vec![5.0; 1000];
         let intervals = scores(&[&[1.0], &[2.0], &[3.0], &many]);
-        // Masses of a fifth: the third makes 0.6.
+        // Each group has a mass of a fifth, so the first three have 0.6.
         assert_eq!(intervals.factors(0.5), Ok([3.0; 6]));
         assert_eq!(intervals.factors(0.8), Ok([5.0; 6]));
     }

@@ -1,17 +1,17 @@
-//! Prediction intervals: how many standard errors hold so much of the truth.
+//! Prediction intervals: the number of standard errors for a given coverage.
 //!
-//! For normal errors that is the quantile of Student's t. Errors of a calibration are not normal:
-//! what the model does not follow, a hard tap or a pose at the edge, is far larger than the rest, and
-//! intervals by the normal distribution hold too much (97 % where 95 % are asked for, on the sensor
-//! model). So the shape is measured. With `q(L)` the size that a share L of the training errors
-//! stays below, over their root mean square, the interval of level L is
+//! For normal errors that is the quantile of Student's t. Errors of a calibration are not normal: where the
+//! model does not fit, such as at a hard tap or at an extreme pose, errors are far larger than elsewhere, and
+//! intervals from the normal distribution cover too much (97 % instead of 95 %, on the sensor model). So the
+//! shape is measured. Let `q(L)` be the size below which a fraction L of the training errors lies, over their
+//! root mean square. The interval of level L is
 //!
 //! ```text
 //! prediction ± q(L)·t_ν(L)/z(L)·se
 //! ```
 //!
-//! with z and `t_ν` the two-sided quantiles of the normal distribution and of Student's t with ν
-//! degrees of freedom: for normal errors `q = z`, and the formula is the textbook's.
+//! with z and `t_ν` the two-sided quantiles of the normal distribution and of Student's t with ν degrees of
+//! freedom. For normal errors `q = z`, which gives the textbook formula.
 
 use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
 
@@ -19,39 +19,40 @@ use super::group_intervals::TooFewGroups;
 use crate::magnitudes::Magnitudes;
 use shell_data::wrench::PerAxis;
 
-/// The levels at which the shape is kept.
+/// The levels at which the shape is stored.
 const LEVELS: [f64; 12] = [0.1, 0.25, 0.5, 0.683, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995, 0.998, 0.999];
 
-/// The largest level that an interval can be given for: more would rest on a handful of rows.
+/// The highest level of an interval; higher levels would depend on a handful of rows.
 pub const HIGHEST_LEVEL: f64 = 0.999;
 
-/// Why no interval can be given.
+/// The reason why there is no interval.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum NoIntervals {
-    /// Rows of one pose are alike, and intervals that count each as an observation hold far less than they say.
+    /// Rows of one pose are correlated, and intervals that count each row as an observation have far less
+    /// coverage than their level.
     #[error(
         "the standard errors take every row as independent, and no groups of rows were held out: an interval from them \
          would hold less than it says"
     )]
     IndependentRows,
-    /// The groups are too few.
+    /// There are too few groups.
     #[error(transparent)]
     TooFewGroups(#[from] TooFewGroups),
 }
 
-/// How large errors are compared with their root mean square.
+/// The distribution of error sizes relative to their root mean square.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ErrorShape {
-    /// Shares of the errors, ascending, above 0 and below 1.
+    /// Fractions of the errors, ascending, above 0 and below 1.
     pub levels: Vec<f64>,
-    /// For each axis and level the size that this share stays below.
+    /// For each axis and level, the size below which that fraction lies.
     #[serde(with = "shell_data::by_axis")]
     pub quantiles: PerAxis<Vec<f64>>,
 }
 
 impl ErrorShape {
-    /// Of errors whose sizes were counted in units of `unit[axis]`; `rms` is their root mean square,
-    /// N and N·m.
+    /// The shape of errors whose sizes were counted in units of `unit[axis]`; `rms` is their root mean
+    /// square, in N and N·m.
     pub fn from_errors(
         sizes: &PerAxis<Magnitudes>,
         unit: &PerAxis<f64>,
@@ -65,7 +66,7 @@ impl ErrorShape {
         Self { levels: LEVELS.to_vec(), quantiles }
     }
 
-    /// `q(level)` of an axis: between the levels it runs evenly with the normal quantile.
+    /// `q(level)` of an axis, interpolated linearly in the normal quantile between the levels.
     pub(super) fn quantile(&self, axis: usize, level: f64) -> f64 {
         let z = normal_quantile(level);
         let (mut below, mut at) = ((0.0, 0.0), (0.0, 0.0));
@@ -99,15 +100,15 @@ impl ErrorShape {
     }
 }
 
-/// The size that a share `level` of standard normal numbers stays below.
+/// The size below which a fraction `level` of standard normal magnitudes lies.
 pub(super) fn normal_quantile(level: f64) -> f64 {
     Normal::standard().inverse_cdf(0.5 + level / 2.0)
 }
 
-/// The same of Student's t.
+/// The size below which a fraction `level` of magnitudes with Student's t distribution lies.
 pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
-    /// From here on the series is exact to 10⁻¹⁵, while the search for the quantile, whose function is
-    /// flat at this scale, loses digits (three are left of 4·10⁶ degrees) and at last does not end.
+    /// Above this number, the series is exact to 10⁻¹⁵. The search for the quantile, whose function is flat
+    /// at this scale, loses digits (three remain at 4·10⁶ degrees) and eventually does not terminate.
     const MANY: f64 = 1e5;
     if degrees_of_freedom > MANY {
         // Abramowitz & Stegun, 26.7.5.
@@ -133,7 +134,7 @@ mod tests {
         for (nu, expected) in [(1.0, 12.706), (4.0, 2.776), (10.0, 2.228), (120.0, 1.980)] {
             assert!((student_quantile(0.95, nu) - expected).abs() < 6e-4, "{nu}");
         }
-        // Both ways agree where one takes over from the other.
+        // Both methods agree where one replaces the other.
         let (below, above) = (student_quantile(0.95, 1e5), student_quantile(0.95, 1.00001e5));
         assert!((below - above).abs() < 1e-5, "{below} {above}");
         for nu in [2e5, 1e7, 1e12] {
@@ -166,7 +167,7 @@ mod tests {
         for level in [0.05, 0.3, 0.683, 0.93, 0.95, 0.999] {
             let plain = covariance(None).interval_factors(level).unwrap()[0];
             let shaped = covariance(Some(normal.clone())).interval_factors(level).unwrap()[5];
-            // Bins of four parts in a thousand; interpolation of a straight line costs nothing.
+            // Bins of four parts in a thousand; interpolating a straight line is exact.
             assert!((shaped / plain - 1.0).abs() < 4e-3, "{level}: {shaped} {plain}");
         }
         assert!((covariance(None).interval_factors(0.95).unwrap()[0] - 2.228).abs() < 6e-4);

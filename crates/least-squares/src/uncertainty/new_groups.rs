@@ -1,8 +1,8 @@
-//! Intervals of polynomials from errors on groups that were held out.
+//! Intervals of polynomials from errors on held-out groups.
 //!
-//! The score of a group is what the fit without it errs there, in standard errors of that fit: a mean over its
-//! rows and what scatters about it, taken as normal. Both come from the sums of the group, so that no row is
-//! read again. What the scores say, [`GroupIntervals`] does.
+//! The score of a group is the error there of the fit without it, in standard errors of that fit: the mean
+//! over its rows, and the scatter around the mean, which is assumed to be normal. Both come from the sums of
+//! the group, so no row is read again. [`GroupIntervals`] derives intervals from the scores.
 
 use super::group_intervals::GroupIntervals;
 use crate::exact::ExactSums;
@@ -14,12 +14,13 @@ use crate::sandwich::GroupScatter;
 use crate::solver::Solution;
 use shell_data::wrench::PerAxis;
 
-/// With more groups than this the scatter of the groups and the shape of the training errors say enough (95.0
-/// to 95.7 % of the sensor model's errors are in intervals of 95 % from 60 groups), and as many fits would take
-/// long.
+/// Maximum number of groups with scores. With more groups, the scatter of the groups and the shape of the
+/// training errors are sufficient (intervals of 95 % contain 95.0 to 95.7 % of the sensor model's errors from
+/// 60 groups on), and one fit per group would take long.
 pub(super) const MOST_GROUPS: usize = 50;
 
-/// The intervals of a fit to so many groups, from what `score` says of each; `None` where there are many, or one.
+/// The intervals of a fit to `groups` groups, from the `score` of each; `None` if there are too many, or only
+/// one.
 pub(super) fn of_scores(
     groups: usize,
     workers: Workers<'_>,
@@ -33,8 +34,8 @@ pub(super) fn of_scores(
     Some(GroupIntervals::from_groups(&scores))
 }
 
-/// What `score` says of so many groups, on all threads; `None` if whoever watches wants no more, which the next pass over
-/// the rows says.
+/// Computes the `score` of each group, on all threads; `None` if [`Workers::watch`] cancels, which the next
+/// pass over the rows reports.
 pub(super) fn each<T: Send>(
     groups: usize,
     workers: Workers<'_>,
@@ -43,8 +44,8 @@ pub(super) fn each<T: Send>(
     map(&(0..groups).collect::<Vec<_>>(), workers, |&group| Ok(score(group))).ok()
 }
 
-/// Mean and scatter of the errors of a group, in standard errors, by the fit to all others; `None` where that
-/// cannot be.
+/// Mean and scatter of the errors of a group, in standard errors, from the fit to all others; `None` if that
+/// is impossible.
 pub(super) fn score_without(
     total: &ExactSums,
     groups: &[(String, ExactSums)],
@@ -58,7 +59,8 @@ pub(super) fn score_without(
     Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }
 
-/// The same of a solution from R factors, whose coefficients scatter so; `None` if it has other features.
+/// Mean and scatter of the errors of a group from R factors, for a solution with the given `scatter` of
+/// coefficients; `None` if its features were not kept.
 pub(super) fn score_on(
     rows: &FactoredGroups,
     group: usize,
@@ -70,8 +72,8 @@ pub(super) fn score_on(
     Some(score_of(&errors, &variance, scatter, solution.rows))
 }
 
-/// Mean and scatter of the errors of a group, in standard errors of the fit to so many other rows. `variance` is that
-/// which the coefficients give its rows.
+/// Mean and scatter of the errors of a group, in standard errors of the fit to `rows` other rows. `variance`
+/// is the variance of its rows that comes from the coefficients.
 pub(super) fn score_of(
     errors: &PerAxis<HeldOutErrors>,
     variance: &PerAxis<f64>,
@@ -84,7 +86,7 @@ pub(super) fn score_of(
         let rows = errors.rows.max(1) as f64;
         let (mean, square) = (errors.sum / rows, errors.squares / rows);
         let unit = (residual[axis][axis] + variance[axis]).sqrt();
-        // An axis without errors has no scores.
+        // An axis without errors has zero scores.
         let score = |value: f64| if unit > 0.0 { value / unit } else { 0.0 };
         (score(mean.abs()), score((square - mean * mean).max(0.0).sqrt()))
     })
@@ -106,7 +108,7 @@ mod tests {
         2.0 * Random(i as u64).unit() - 1.0
     }
 
-    /// Groups of twelve rows, two channels; what a group errs is common to its rows but for a tenth.
+    /// Groups of twelve rows, two channels. Nine tenths of the error of a group are common to its rows.
     fn block(groups: usize) -> Block {
         let rows = 12 * groups;
         let reading = |c: usize, row: usize| {
@@ -135,7 +137,7 @@ mod tests {
         sums.finish([worker]).unwrap()
     }
 
-    /// The variances of predictions: that of a row, and what the coefficients add.
+    /// The variances of predictions: the variance of a row plus the contribution of the coefficients.
     fn variances(
         polynomial: &Polynomial,
         covariance: &Covariance,
@@ -187,7 +189,7 @@ mod tests {
                 let scatter = (off.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / 12.0).sqrt();
                 let unit = variances[axis].iter().sum::<f64>() / 12.0;
                 let expected = (mean.abs() / unit.sqrt(), scatter / unit.sqrt());
-                // Condition numbers below 100, squared, in double precision.
+                // The condition number is below 100, squared in double precision.
                 assert!((found[axis].0 / expected.0 - 1.0).abs() < 1e-9, "{found:?} {expected:?}");
                 assert!((found[axis].1 / expected.1 - 1.0).abs() < 1e-9, "{found:?} {expected:?}");
             }
@@ -205,7 +207,7 @@ mod tests {
         let (all, without) = (intervals(true), intervals(false));
         let (all, without) = (all.factors(0.95).unwrap(), without.factors(0.95).unwrap());
         for (all, without) in all.into_iter().zip(without) {
-            // A stretch has a fortieth of the variance, one that errs by two standard errors a tenth.
+            // A stretch has a fortieth of the variance; one with an error of two standard errors has a tenth.
             assert!(all <= without && all > 0.94 * without, "{all} {without}");
         }
     }

@@ -1,9 +1,9 @@
-//! Two models compared by their errors on the same groups.
+//! Comparison of two models by their errors on the same groups.
 //!
-//! Folds that are hard for one model are mostly hard for the other, so what lies between them is known better than
-//! either error (Dietterich, Neural Computation 10, 1998, on paired tests). Compared is the root mean square error on a
-//! fold, the mean over the folds weighted by their rows, as a ratio: where folds differ much in how hard they are, the
-//! mean of squared errors would be that of the hardest.
+//! Folds that are hard for one model are mostly hard for the other, so the difference is known more precisely
+//! than either error (Dietterich, Neural Computation 10, 1998, on paired tests). The compared quantity is the
+//! root mean square error on a fold, averaged over the folds with their rows as weights, as a ratio. If folds
+//! differ much in difficulty, the mean of squared errors would be determined by the hardest fold.
 
 use std::fmt;
 
@@ -11,15 +11,15 @@ use crate::held_out_errors::HeldOutErrors;
 use crate::quality::significant;
 use shell_data::wrench::PerAxis;
 
-/// Errors that are smaller relative to the standard deviation of the loads do not count: they are rounding.
+/// Relative to the standard deviation of the loads, smaller errors are rounding and do not count.
 const NO_ERROR: f64 = 1e-8;
 
-/// Errors of a model beside those of another, on the same held-out rows.
+/// The errors of two models on the same held-out rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Comparison {
-    /// Root mean square errors of both over all rows, N and N·m.
+    /// Root mean square errors of both over all rows, in N and N·m.
     pub rms: [PerAxis<f64>; 2],
-    /// How the errors on each axis compare: logarithms of their ratios.
+    /// The mean logarithm of the error ratio on each axis.
     pub axes: PerAxis<FoldMean>,
     /// The geometric mean over the axes.
     pub all: FoldMean,
@@ -28,15 +28,15 @@ pub struct Comparison {
 /// A mean over folds and its standard error.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FoldMean {
-    /// Weighted by the rows of the folds.
+    /// The mean, weighted by the rows of the folds.
     pub value: f64,
-    /// Its standard error.
+    /// The standard error of the mean.
     pub standard_error: f64,
 }
 
 impl FoldMean {
-    /// From the rows and the value of each fold (Cochran, Sampling Techniques, 3rd ed., §6.3, of a
-    /// ratio).
+    /// Computes the mean from the rows and the value of each fold (Cochran, Sampling Techniques, 3rd ed.,
+    /// §6.3, for a ratio).
     pub fn new(folds: &[(u64, f64)]) -> Self {
         let total: f64 = folds.iter().map(|(rows, _)| *rows as f64).sum();
         let share = |rows: u64| rows as f64 / total;
@@ -47,24 +47,26 @@ impl FoldMean {
         Self { value, standard_error: (spread * n / (n - 1.0)).sqrt() }
     }
 
-    /// Whether the first of two models, of whose errors this is the log ratio, errs less by more than a standard error.
+    /// For a log ratio of errors: returns true if the first model has a smaller error, by more than a
+    /// standard error.
     pub fn first_is_better(self) -> bool {
         self.value < -self.standard_error
     }
 
-    /// Whether the second model errs less by more than a standard error.
+    /// For a log ratio of errors: returns true if the second model has a smaller error, by more than a
+    /// standard error.
     pub fn second_is_better(self) -> bool {
         self.value > self.standard_error
     }
 
-    /// The same from the other side.
+    /// The log ratio with the models exchanged.
     #[must_use]
     pub fn reversed(self) -> Self {
         Self { value: -self.value, ..self }
     }
 }
 
-/// Of a log ratio of errors: by how much the first model errs less, or more.
+/// Formats a log ratio of errors: the percentage by which the error of the first model is smaller or larger.
 impl fmt::Display for FoldMean {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let ratio = libm::exp(self.value);
@@ -75,11 +77,11 @@ impl fmt::Display for FoldMean {
 }
 
 impl Comparison {
-    /// Of the errors on each fold, in the same order for both models; `variances` are those of the
-    /// measured wrench, squares of N and N·m.
+    /// Compares the errors on each fold, in the same order for both models. `variances` are the variances of
+    /// the measured wrench, in squares of N and N·m.
     ///
     /// # Panics
-    /// If there are not as many folds of either, or fewer than two.
+    /// If the numbers of folds differ, or are below two.
     pub fn new(
         first: &[PerAxis<HeldOutErrors>],
         second: &[PerAxis<HeldOutErrors>],
@@ -98,7 +100,7 @@ impl Comparison {
     }
 }
 
-/// The axes on which there are loads.
+/// The axes with varying loads.
 pub(super) fn varying(variances: &PerAxis<f64>) -> Vec<usize> {
     (0..6).filter(|&axis| variances[axis] > 0.0).collect()
 }
@@ -107,7 +109,7 @@ pub(super) fn varying(variances: &PerAxis<f64>) -> Vec<usize> {
 pub(super) struct RelativeErrors {
     /// Rows and root mean square errors of each fold.
     folds: Vec<(u64, PerAxis<f64>)>,
-    /// The mean of these over the folds.
+    /// The means over the folds.
     means: PerAxis<f64>,
 }
 
@@ -125,12 +127,13 @@ impl RelativeErrors {
         Self { means: std::array::from_fn(mean), folds }
     }
 
-    /// The natural logarithm of the mean over the folds, and its standard error: the geometric mean over some axes.
+    /// The natural logarithm of the mean over the folds, and its standard error; for several axes, of the
+    /// geometric mean.
     pub(super) fn log(&self, axes: &[usize]) -> FoldMean {
         FoldMean { value: self.log_mean(axes), ..FoldMean::new(&self.shares(axes)) }
     }
 
-    /// The same of the ratio to the errors of another model on the same folds.
+    /// The logarithm of the ratio to the errors of another model on the same folds.
     fn log_ratio(&self, other: &Self, axes: &[usize]) -> FoldMean {
         let (own, others) = (self.shares(axes), other.shares(axes));
         let apart = own.iter().zip(&others).map(|((rows, own), (_, other))| (*rows, own - other));
@@ -142,7 +145,7 @@ impl RelativeErrors {
         axes.iter().map(|&axis| libm::log(self.means[axis])).sum::<f64>() / axes.len().max(1) as f64
     }
 
-    /// The error on each fold as a share of the mean, averaged over some axes.
+    /// The error on each fold relative to the mean, averaged over some axes.
     fn shares(&self, axes: &[usize]) -> Vec<(u64, f64)> {
         let share = |(rows, errors): &(u64, PerAxis<f64>)| {
             let of = axes.iter().map(|&axis| errors[axis] / self.means[axis]);
@@ -181,7 +184,7 @@ mod tests {
         let first = [0.8, 0.7, 0.8, 0.7, 0.8, 0.7, 0.8, 6.2].map(fold);
         let second = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 5.0].map(fold);
         assert!(Comparison::new(&first, &second, &[1e4; 6]).all.first_is_better());
-        // The hard one makes up for the others: nobody can tell.
+        // The hard fold offsets the others: no significant difference.
         let second = [1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 2.0].map(fold);
         let found = Comparison::new(&first, &second, &[1e4; 6]).all;
         assert!(!found.first_is_better() && !found.second_is_better(), "{found:?}");

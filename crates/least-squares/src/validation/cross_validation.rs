@@ -1,4 +1,4 @@
-//! Errors on groups that were not trained on, beside those on rows that were held out at random.
+//! Cross-validation on groups, with rows that are held out at random for comparison.
 
 use super::grouped::SumsByGroup;
 use crate::error::FitError;
@@ -8,16 +8,16 @@ use crate::model::Model;
 use crate::uncertainty::student_quantile;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// How many times the error of a random split the error on new groups may be before it is worth a word
-/// that rows of a group resemble each other.
+/// The ratio of the error on new groups to the error of a random split above which a warning about similar
+/// rows in groups is justified.
 pub const SUSPICIOUS_RATIO: f64 = 2.0;
 
-/// Errors on rows that were held out, on one axis, N or N·m.
+/// Errors on held-out rows, on one axis, in N or N·m.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct HeldOutQuality {
     /// Root mean square.
     pub rms: f64,
-    /// Mean, predicted less measured.
+    /// Mean, predicted minus measured.
     pub bias: f64,
 }
 
@@ -27,36 +27,36 @@ impl From<HeldOutErrors> for HeldOutQuality {
     }
 }
 
-/// What cross-validation has found. Errors are over all rows that were held out, each once.
+/// The result of a cross-validation. Errors are over all held-out rows, each counted once.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CrossValidation {
-    /// Groups of rows.
+    /// Number of groups.
     pub groups: usize,
-    /// Folds of groups, each held out once: as many as groups where one is left out at a time.
+    /// Number of folds of groups, each held out once; as many as groups in leave-one-group-out.
     pub folds: usize,
-    /// Rows.
+    /// Number of rows.
     pub rows: u64,
-    /// The groups without which the model cannot be fitted; they are not in `grouped`.
+    /// The groups without which the model cannot be fitted; `grouped` excludes them.
     pub undetermined: Vec<String>,
-    /// Errors on groups that were not trained on.
+    /// Errors on held-out groups.
     #[serde(with = "shell_data::by_axis")]
     pub grouped: PerAxis<HeldOutQuality>,
-    /// Parts of the rows that were drawn at random and held out in turn; 0 if there were none.
+    /// Number of random parts of the rows that were held out in turn; 0 if there were none.
     pub random_folds: usize,
-    /// Errors on rows that were held out at random; `None` if that was not asked for, or not
-    /// possible.
+    /// Errors on rows that were held out at random; `None` if not requested or not possible.
     #[serde(with = "shell_data::by_axis::option")]
     pub random: Option<PerAxis<HeldOutQuality>>,
-    /// Errors on each fold; no part of a document.
+    /// Errors on each fold; not stored in documents.
     #[serde(skip)]
     pub by_fold: Vec<PerAxis<HeldOutErrors>>,
 }
 
 impl CrossValidation {
-    /// From the errors on folds of so many groups and rows, each with the labels of its groups.
+    /// Combines the errors on folds, each with the labels of its groups, given the numbers of groups and
+    /// rows.
     ///
     /// # Errors
-    /// That of a fold, if no row could be held out.
+    /// The error of a fold, if no fold could be held out.
     pub fn from_folds(
         (groups, rows): (usize, u64),
         folds: impl ExactSizeIterator<Item = (Vec<String>, Result<PerAxis<HeldOutErrors>, FitError>)>,
@@ -88,7 +88,7 @@ impl CrossValidation {
         }
     }
 
-    /// The same beside the errors on so many folds of rows that were drawn at random, where they are known.
+    /// Adds the errors on folds of randomly drawn rows, if they are known.
     pub fn beside_random(
         self,
         random_folds: usize,
@@ -99,14 +99,14 @@ impl CrossValidation {
         Self { random_folds, random, ..self }
     }
 
-    /// The same as a document has it.
+    /// Removes the errors by fold, as in a document.
     #[must_use]
     pub fn without_folds(self) -> Self {
         Self { by_fold: Vec::new(), ..self }
     }
 
-    /// How many times its error that of a new fold may be, with 95 % probability, from the scatter between so many folds;
-    /// `None` of one.
+    /// The factor between the error of a new fold and the mean error that is not exceeded with 95 %
+    /// probability, from the scatter between the folds; `None` with one fold.
     pub fn spread(&self) -> Option<PerAxis<f64>> {
         let n = self.by_fold.len() as f64;
         if n < 2.0 {
@@ -123,8 +123,7 @@ impl CrossValidation {
         }))
     }
 
-    /// For each axis how many times the random error the grouped one is; `None` where there is
-    /// no random error to compare with.
+    /// The ratio of the grouped error to the random error for each axis; `None` without a random error.
     pub fn ratios(&self) -> PerAxis<Option<f64>> {
         std::array::from_fn(|axis| {
             let random = self.random?[axis].rms;
@@ -132,7 +131,7 @@ impl CrossValidation {
         })
     }
 
-    /// The axis with the largest ratio and that ratio, if it is more than [`SUSPICIOUS_RATIO`].
+    /// The axis with the largest ratio, and the ratio, if it exceeds [`SUSPICIOUS_RATIO`].
     pub fn suspicious(&self) -> Option<(Axis, f64)> {
         let ratios = self.ratios();
         let known = Axis::ALL.iter().filter_map(|&axis| Some((axis, ratios[axis.index()]?)));
@@ -140,11 +139,11 @@ impl CrossValidation {
     }
 }
 
-/// Fits `model` without each group, or without each of `folds` folds of groups, and finds the
-/// errors there; the same with the rows that were assigned at random.
+/// Fits `model` without each group, or without each of `folds` folds of groups, and computes the errors
+/// there; likewise for the rows that were assigned at random.
 ///
-/// Folds are filled with the largest groups first, each into the fold with the fewest rows. `ridge`
-/// is as in [`ExactSums::solve`].
+/// Folds are filled with the largest groups first, each into the fold with the fewest rows. `ridge` is as in
+/// [`ExactSums::solve`].
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit.
@@ -173,7 +172,7 @@ pub fn labels_of<T>(groups: &[(String, T)], positions: &[usize]) -> Vec<String> 
     positions.iter().map(|&group| groups[group].0.clone()).collect()
 }
 
-/// The errors on some of the rows of a fit to all others.
+/// The errors on some rows of a fit to all others.
 pub fn errors_on(
     parts: &PartitionedSums<'_>,
     held_out: &ExactSums,
@@ -182,12 +181,12 @@ pub fn errors_on(
     parts.held_out(held_out, &parts.part(held_out), ridge)
 }
 
-/// The rows of each group.
+/// The number of rows of each group.
 pub fn sizes(sums: &SumsByGroup) -> Vec<u64> {
     sums.groups.iter().map(|(_, moments)| moments.rows()).collect()
 }
 
-/// Groups of so many rows in so many folds, or each alone.
+/// Assigns groups with these numbers of rows to folds; each group alone if `folds` is `None`.
 pub(super) fn assign_to_folds(
     rows: &[u64],
     folds: Option<usize>,
@@ -198,11 +197,11 @@ pub(super) fn assign_to_folds(
     }
 }
 
-/// Groups of so many rows, by their positions, assigned to folds of about the same number of rows: the largest
-/// first, each into the fold with the fewest.
+/// Assigns groups with these numbers of rows to folds of about equal size: the largest first, each into the
+/// fold with the fewest rows. Returns the positions of the groups.
 ///
 /// # Errors
-/// [`FitError::Folds`] unless there are two folds to as many as groups.
+/// [`FitError::Folds`] unless there are at least two folds and at most as many as groups.
 pub fn assign_groups(rows: &[u64], folds: usize) -> Result<Vec<Vec<usize>>, FitError> {
     let groups = rows.len();
     if !(2..=groups).contains(&folds) {

@@ -1,4 +1,4 @@
-//! Errors on groups that were held out, and the choice of a model, from [R factors](crate::factored).
+//! Errors on held-out groups, and the choice of a model, from [R factors](crate::factored).
 
 use super::cross_validation::{CrossValidation, assign_groups, assign_to_folds, labels_of};
 use super::selection::{ErrorsByRidge, FOLDS, Selection, choose};
@@ -7,14 +7,14 @@ use crate::factored::{FactoredGroups, FactoredRows};
 use crate::model::{Basis, Model};
 use crate::scaling::Scaling;
 
-/// The rows of a fold, and all others.
+/// The rows of a fold, and all other rows.
 struct Fold {
     groups: Vec<usize>,
     held_out: FactoredRows,
     rest: FactoredRows,
 }
 
-/// As [`cross_validate`](super::cross_validation::cross_validate), without rows that were assigned at random.
+/// Like [`cross_validate`](super::cross_validation::cross_validate), without randomly assigned rows.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no fold leaves enough rows to fit.
@@ -34,7 +34,7 @@ pub fn cross_validate(
     CrossValidation::from_folds((sizes.len(), sizes.iter().sum()), on_folds)
 }
 
-/// As [`select`](super::selection::select), of the families within the one that was kept.
+/// Like [`select`](super::selection::select), over the families within the one that was kept.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no model can be fitted.
@@ -66,7 +66,7 @@ fn sizes(rows: &FactoredGroups) -> Vec<u64> {
     rows.groups.iter().map(|(_, rows)| rows.rows()).collect()
 }
 
-/// The rows of each fold of groups and of all others.
+/// The rows of each fold of groups, with all other rows.
 fn parted(rows: &FactoredGroups, assigned: Vec<Vec<usize>>) -> Result<Vec<Fold>, FitError> {
     let merged = |groups: &Vec<usize>| {
         let all = FactoredRows::merged(groups.iter().map(|&group| &rows.groups[group].1))?;

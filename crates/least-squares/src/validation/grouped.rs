@@ -1,18 +1,16 @@
 //! Sums of rows, group by group, in one pass.
 //!
-//! Beside the groups, rows are assigned at random into as many folds as are asked for, for the naive
-//! figure. All sums are exact, so those of the groups add up to those of all rows, bit for bit, and
-//! so do those of the random folds, in any order of the rows.
+//! Rows are also assigned to random folds, for comparison. All sums are exact, so the sums of the groups add
+//! up to the sums of all rows, bit for bit, and so do the sums of the random folds, in any order of the rows.
 //!
-//! Every worker thread has a [`GroupWorker`], which sums rows by group without locks. It hands over
-//! the sums of the groups that it has not seen for longest with its blocks, to the [`GroupSums`] of
-//! the caller, and the others at the end.
+//! Every worker thread has a [`GroupWorker`], which sums rows by group without locks. With its blocks it
+//! hands over the sums of the groups that it has not seen for the longest time to the [`GroupSums`] of the
+//! caller; it hands over the rest at the end.
 //!
-//! Memory: a group costs about 16 bytes for each distinct sum and some 50 for each sum with a wrench
-//! (under 150 kB for eight channels and poly3, 20 kB for the cubic model), in each worker that has
-//! met it up to 256 rows that wait to be summed together, and at most `MAX_OPEN` groups of a worker
-//! have working sums besides. There may be [`MAX_GROUPS`] groups, or any number
-//! of them in as many sets, see [`Apart::Sets`].
+//! Memory: a group takes about 16 bytes for each distinct sum and some 50 for each sum with a wrench (under
+//! 150 kB for eight channels and poly3, 20 kB for the cubic model). In each worker that has met the group, up
+//! to 256 of its rows wait to be summed together, and at most `MAX_OPEN` groups of a worker also have working
+//! sums. There may be [`MAX_GROUPS`] groups, or any number of groups in as many sets, see [`Apart::Sets`].
 
 use crate::error::FitError;
 use std::borrow::Cow;
@@ -35,14 +33,15 @@ pub struct GroupSums {
     empty: GroupWorker,
     /// The labels of the groups, in the order of their first rows.
     labels: Vec<Arc<str>>,
-    /// Every group is among them, and those folds that have been handed over.
+    /// The sums of every group, and of those folds that have been handed over.
     sums: BTreeMap<SummedRows, Option<ExactSums>>,
     /// Hashes of the groups that have been assigned to sets.
     assigned: HashSet<u64>,
 }
 
 impl GroupSums {
-    /// Zero rows: for `basis` and the bases within it, by what is `apart` and as `random` says.
+    /// Starts with zero rows, for `basis` and the bases within it. `apart` selects separate sums for groups
+    /// or sets; `random` defines the random folds.
     pub fn new(basis: Basis, channels: usize, apart: Apart, random: RandomSplit) -> Self {
         let (sums, open) = (BTreeMap::new(), VecDeque::new());
         let adder = Adder::new(basis, channels);
@@ -54,7 +53,7 @@ impl GroupSums {
         }
     }
 
-    /// The number of groups, or sets of them, so far.
+    /// Number of groups, or sets of groups, so far.
     pub fn group_count(&self) -> usize {
         self.labels.len()
     }
@@ -64,10 +63,10 @@ impl GroupSums {
         self.empty.clone()
     }
 
-    /// Adds what a worker hands over with a block, after all blocks before it.
+    /// Adds the sums that a worker hands over with a block. Call it in the order of the blocks.
     ///
     /// # Errors
-    /// [`FitError::NotExact`] if the rows cannot be summed exactly with those before;
+    /// [`FitError::NotExact`] if the rows cannot be summed exactly together with earlier rows;
     /// [`FitError::TooManyGroups`].
     pub fn add(&mut self, block: BlockGroups) -> Result<(), FitError> {
         for label in block.labels {
@@ -84,7 +83,7 @@ impl GroupSums {
         block.settled.into_iter().try_for_each(|(rows, moments)| self.add_sums(rows, moments))
     }
 
-    /// The sums over all rows of all `workers`.
+    /// Returns the sums over all rows of all `workers`.
     ///
     /// # Errors
     /// [`FitError::NotExact`] if they cannot be exact.
@@ -118,21 +117,21 @@ impl GroupSums {
     }
 }
 
-/// What a group is.
+/// The definition of a group.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum GroupKind {
     /// The rows of a file.
     File,
-    /// The rows with one label in the logs' group column.
+    /// The rows with one label in the group column of the logs.
     Column,
 }
 
 impl GroupKind {
-    /// Both.
+    /// Both kinds.
     pub const ALL: [Self; 2] = [Self::File, Self::Column];
 
-    /// As options and documents call it.
+    /// The name in options and documents.
     pub fn name(self) -> &'static str {
         match self {
             Self::File => "file",
@@ -141,20 +140,20 @@ impl GroupKind {
     }
 }
 
-/// Sums over all rows, apart by group.
+/// Sums over all rows, separately by group.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SumsByGroup {
     /// Label and sums of each group, in the order of their first rows.
     pub groups: Vec<(String, ExactSums)>,
-    /// How many groups there are: more than have sums where sets of them were summed.
+    /// Number of groups; more than `groups` contains if sets of groups were summed.
     pub group_count: usize,
-    /// The sums of rows that were drawn at random from the same ones.
+    /// The sums of random folds of the same rows.
     pub random: Vec<ExactSums>,
     total: Option<ExactSums>,
 }
 
 impl SumsByGroup {
-    /// The sums of `groups`, in the order of their first rows, and of the rows drawn at random.
+    /// Combines the sums of `groups`, in the order of their first rows, and of the random folds.
     ///
     /// # Errors
     /// [`ExactError`] if all groups together cannot be summed exactly.
@@ -169,24 +168,24 @@ impl SumsByGroup {
         Ok(Self { group_count: groups.len(), groups, random, total })
     }
 
-    /// The sums of all rows, of which those of groups are parts.
+    /// The sums of all rows, prepared for fits without groups.
     ///
     /// # Errors
-    /// [`FitError`] if there are fewer than two groups, or the sums do not suit the model.
+    /// [`FitError`] if there are fewer than two groups, or the features of the model were not summed.
     pub(crate) fn partitioned(&self, model: &Model) -> Result<PartitionedSums<'_>, FitError> {
         PartitionedSums::new(self.all_of_several()?, model)
     }
 
-    /// The sums over the rows of all groups, which are two at least.
+    /// The sums over the rows of all groups; an error with fewer than two groups.
     pub(crate) fn all_of_several(&self) -> Result<&ExactSums, FitError> {
         let found = self.groups.len();
         self.total().filter(|_| found > 1).ok_or(FitError::TooFewGroups { found })
     }
 
-    /// The sums over the rows of a fold of groups, by their positions.
+    /// The sums over the rows of a fold, given by the positions of its groups.
     ///
     /// # Panics
-    /// If there are none.
+    /// If the fold is empty.
     pub(crate) fn of_fold(&self, fold: &[usize]) -> ExactSums {
         let moments = total(fold.iter().map(|&group| &self.groups[group].1));
         moments.expect("parts of sums that are exact").expect("a fold of one group or more")
@@ -211,22 +210,21 @@ fn total<'a>(
     Ok(Some(total))
 }
 
-/// The largest number of groups with sums in working form; when there are more, those that have
-/// been for longest are handed over.
+/// Maximum number of groups with sums in working form. If there are more, those that have been open for the
+/// longest time are handed over.
 pub(super) const MAX_OPEN: usize = 64;
 
-/// What has sums of its own.
+/// The level at which sums are kept separately.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Apart {
-    /// Each group; there may be [`MAX_GROUPS`].
+    /// Each group; at most [`MAX_GROUPS`].
     #[default]
     Groups,
-    /// Each of [`MAX_GROUPS`] sets that the groups are assigned to, each whole: for folds of any number of
-    /// groups.
+    /// Each of [`MAX_GROUPS`] sets. Every group belongs to one set, so folds can have any number of groups.
     Sets,
 }
 
-/// Sums by group of the rows that one worker thread gets.
+/// Sums by group of the rows of one worker thread.
 #[derive(Clone, Debug)]
 pub struct GroupWorker {
     channels: usize,
@@ -234,35 +232,35 @@ pub struct GroupWorker {
     random: RandomSplit,
     adder: Adder,
     sums: BTreeMap<SummedRows, Accumulator>,
-    /// What has sums in working form, in the order of these.
+    /// Entries with sums in working form, in the order in which they were opened.
     open: VecDeque<SummedRows>,
 }
 
-/// The rows that are summed together.
+/// A set of rows that are summed together.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum SummedRows {
-    /// Those of a random fold.
+    /// The rows of a random fold.
     Fold(usize),
-    /// Those with a label.
+    /// The rows with a label.
     Group(Arc<str>),
 }
 
-/// The groups of a block, and sums that are complete but for later rows.
+/// The groups of a block, and the sums handed over with it. Later rows may still add to them.
 #[derive(Debug)]
 #[must_use]
 pub struct BlockGroups {
-    /// Labels of what has sums of its own, in the order of first rows.
+    /// Labels of the groups or sets with separate sums, in the order of their first rows.
     pub(super) labels: Vec<Arc<str>>,
-    /// Where groups are assigned to sets: a hash of each group.
+    /// A hash of each group, if groups are assigned to sets.
     pub(super) assigned: Vec<u64>,
     pub(super) settled: Vec<(SummedRows, ExactSums)>,
 }
 
 impl GroupWorker {
-    /// Adds the rows of a block, by their labels.
+    /// Adds the labelled rows of a block.
     ///
     /// # Errors
-    /// [`FitError::NotExact`] if they cannot be summed exactly with those before;
+    /// [`FitError::NotExact`] if they cannot be summed exactly together with earlier rows;
     /// [`FitError::TooManyGroups`].
     pub fn add(
         &mut self,
@@ -294,7 +292,7 @@ impl GroupWorker {
         sums.into_iter().map(move |(rows, sums)| Ok((rows, self.adder.finish(sums)?)))
     }
 
-    /// Adds some rows of the columns to sums, each row once; returns sums to be handed over.
+    /// Adds some rows of the columns to the sums, each row once. Returns sums to hand over.
     fn add_rows<'a>(
         &mut self,
         summed: SummedRows,
@@ -325,18 +323,17 @@ impl GroupWorker {
         Ok(sums.settle()?.map(|moments| (longest, moments)))
     }
 
-    /// The number of sums in working form.
     #[cfg(test)]
     pub(super) fn open_sums(&self) -> usize {
         self.sums.values().filter(|sums| sums.is_open()).count()
     }
 }
 
-/// The same runs with the labels of their sets, and the hashes of their groups: always the same set for
-/// one label.
+/// Replaces group labels with set labels. Also returns the hashes of the groups. A label always belongs to
+/// the same set.
 fn assign_to_sets(runs: &[(String, usize)]) -> (Option<LabelRuns>, Vec<u64>) {
     let assign = |(label, rows): &(String, usize)| {
-        // FNV-1a, mixed: its high bits are poor for short labels.
+        // FNV-1a with a final mix, because its high bits are poor for short labels.
         let fnv = |hash: u64, byte: &u8| (hash ^ u64::from(*byte)).wrapping_mul(0x100_0000_01b3);
         let hash = mix(label.as_bytes().iter().fold(0xcbf2_9ce4_8422_2325, fnv));
         ((format!("set {}", hash % MAX_GROUPS as u64 + 1), *rows), hash)
@@ -347,7 +344,7 @@ fn assign_to_sets(runs: &[(String, usize)]) -> (Option<LabelRuns>, Vec<u64>) {
     (Some(sets), hashes)
 }
 
-/// The rows of every label, labels in the order of their first rows.
+/// The rows of every label, with labels in the order of their first rows.
 fn rows_by_label(runs: &[(String, usize)]) -> Vec<(Arc<str>, Vec<usize>)> {
     let mut index: HashMap<&str, usize> = HashMap::new();
     let mut labels: Vec<(Arc<str>, Vec<usize>)> = Vec::new();
@@ -369,7 +366,7 @@ mod tests {
     use crate::exact::Accumulator;
     use shell_data::block::Block;
 
-    /// So many rows from `start` on, of two channels, each row of another group than the one before.
+    /// `rows` rows of two channels from `start` on; consecutive rows belong to different groups.
     fn interleaved(start: usize, rows: usize, groups: usize) -> Block {
         let number = |row: usize, column: u64| (mix(row as u64 ^ (column << 32)) >> 54) as f64;
         let column = |column: u64| (start..start + rows).map(|row| number(row, column)).collect();
@@ -384,7 +381,7 @@ mod tests {
 
     #[test]
     fn more_groups_than_stay_open_are_summed_as_each_alone_by_any_workers() {
-        // 420 rows of each group: a full block and more, so that all are open at some time.
+        // 420 rows per group, more than a full block, so that every group is open at some time.
         const GROUPS: usize = 2 * MAX_OPEN + 2;
         const ROWS: usize = 420 * GROUPS;
         let whole = interleaved(0, ROWS, GROUPS);
@@ -429,9 +426,9 @@ mod tests {
         assert_eq!(sum(Apart::Groups, ROWS).unwrap_err(), too_many);
         let found = sum(Apart::Sets, ROWS).unwrap();
         assert_eq!(found.group_count, GROUPS);
-        // Poisson of mean 3: of 2000 sets e⁻³, some 100, stay empty.
+        // Poisson distribution of mean 3: a fraction e⁻³ of 2000 sets, some 100, stay empty.
         assert!((1850..1950).contains(&found.groups.len()), "{}", found.groups.len());
-        // Both rows of a group are in one set, so that every number of rows is even.
+        // Both rows of a group are in one set, so every number of rows is even.
         assert!(found.groups.iter().all(|(_, moments)| moments.rows() % 2 == 0));
         assert_eq!(found.total().unwrap().rows(), ROWS as u64);
         assert_eq!(sum(Apart::Sets, 777).unwrap(), found);
@@ -458,10 +455,10 @@ mod tests {
         let mut all: Vec<usize> = assigned.iter().flatten().copied().collect();
         all.sort_unstable();
         assert_eq!(all, (0..10_000).collect::<Vec<_>>());
-        // Binomial: mean 1000, standard deviation 30; five of those.
+        // Binomial distribution: mean 1000, standard deviation 30; the limit is five standard deviations.
         assert!(assigned.iter().all(|rows| rows.len().abs_diff(1000) < 150));
         assert_ne!(assign(&column, RandomSplit { seed: 8, ..split }), assigned);
-        // The same rows, whatever block they come in.
+        // The rows are the same for any division into blocks.
         let [first, second] = [&column[..4321], &column[4321..]];
         let parts = assign(first, split).into_iter().zip(assign(second, split));
         let parts: Vec<Vec<usize>> = parts

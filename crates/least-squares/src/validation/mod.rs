@@ -1,13 +1,13 @@
-//! Errors on rows that were held out, and the choice of a model by them.
+//! Errors on held-out rows, and the choice of a model by these errors.
 //!
-//! Rows of one recording, or of one pose, resemble each other. A random split puts neighbours on both sides,
-//! and a model is then tested on what it has all but seen. So rows are held out by group: [`grouped`] sums
-//! them group by group in one pass, [`cross_validation`] fits without each group and finds the errors on it
-//! from those sums, [`selection`] compares models by these errors.
+//! Rows of one recording, or of one pose, resemble each other. A random split puts similar rows on both
+//! sides, so a model is tested on rows much like those it was trained on. Therefore rows are held out by
+//! group: [`grouped`] sums them group by group in one pass, [`cross_validation`] fits without each group and
+//! computes the errors on it from those sums, and [`selection`] compares models by these errors.
 //!
-//! Without exact sums, taking a group away from the whole would cancel: for readings that the exact solver
-//! cannot take, [`factored`] merges the R factors of the others, and [`normal_equations`] adds theirs up for choices
-//! that need three digits.
+//! Without exact sums, subtracting a group from the total would cancel. For readings that the exact solver
+//! cannot take, [`factored`] merges the R factors of the other groups, and [`normal_equations`] adds up the
+//! normal equations of the others for choices that need only three digits.
 
 pub mod comparison;
 pub mod cross_validation;

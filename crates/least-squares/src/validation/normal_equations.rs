@@ -1,14 +1,15 @@
-//! Held-out errors where rows cannot be summed exactly: from the normal equations of each fold.
+//! Held-out errors from the normal equations of each fold, for rows that cannot be summed exactly.
 //!
-//! Of the rows of every fold `[X | W]ᵀ[X | W]` is kept. Those of all other folds added up are the normal equations of
-//! a fit without the fold, whatever the ridge, and its errors on the fold come from the fold's own:
+//! Each fold is reduced to `[X | W]ᵀ[X | W]`. The sum over all other folds gives the normal equations of a
+//! fit without the fold, for any ridge. The errors of that fit on the fold come from the equations of the
+//! fold:
 //!
 //! ```text
 //! ‖X_f·C − W_f‖² = W_fᵀW_f − 2·Cᵀ·X_fᵀW_f + Cᵀ·X_fᵀX_f·C
 //! ```
 //!
-//! Errors of a choice need three digits: with columns scaled to norm one, condition numbers up to 10⁶ leave that many.
-//! A fit itself is never found in this way.
+//! A choice needs errors with three digits. With columns scaled to norm one, condition numbers up to 10⁶
+//! leave that many. The final fit never uses this method.
 
 use crate::error::FitError;
 use faer::linalg::matmul::matmul;
@@ -24,29 +25,29 @@ use crate::passes::Workers;
 use crate::solver::ReadingSums;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Families of more features than this are left out of a choice: the covariance of one over groups of rows, an
-/// eigenvalue problem for each, takes minutes.
+/// Families with more features than this are excluded from a choice: the covariance over groups of rows, with
+/// an eigenvalue problem for each group, would take minutes.
 const MOST_FEATURES: usize = 600;
 
-/// Rows that are made into features at once.
+/// Number of rows whose features are computed together.
 const CHUNK: usize = 1024;
 
-/// Squares of pivots below this, of columns of norm one, are rounding errors.
+/// Squares of pivots below this, with columns of norm one, are rounding errors.
 const LEAST_PIVOT: f64 = 1e-13;
 
-/// `[X | W]ᵀ[X | W]` of some rows.
+/// The matrix `[X | W]ᵀ[X | W]` of some rows.
 #[derive(Clone, Debug)]
 pub struct NormalEquations {
-    /// Columns of `X`.
+    /// Number of columns of `X`.
     pub features: usize,
-    /// Rows.
+    /// Number of rows.
     pub rows: u64,
     /// The matrix.
     pub products: Mat<f64>,
 }
 
 impl NormalEquations {
-    /// Of some rows.
+    /// Computes the normal equations of some rows.
     fn new(features: &Features, rows: &GroupedRows, runs: &[Run]) -> Self {
         let columns = features.len() + Axis::ALL.len();
         let mut products = Mat::zeros(columns, columns);
@@ -70,7 +71,7 @@ impl NormalEquations {
         self.rows += other.rows;
     }
 
-    /// All of `all` but one; of one alone, nothing.
+    /// The sum of all but one; `None` if there is only one.
     pub fn all_but(all: &[Self], position: usize) -> Option<Self> {
         let mut others = all.iter().enumerate().filter(|(at, _)| *at != position).map(|(_, of)| of);
         let mut rest = others.next()?.clone();
@@ -86,8 +87,8 @@ impl NormalEquations {
         self.products.submatrix(0, self.features, self.features, Axis::ALL.len())
     }
 
-    /// The coefficients, features × 6, with a ridge on columns of norm one, but for the one that is `free`; `None`
-    /// where the rows do not determine them.
+    /// The coefficients, features × 6, with a ridge on columns of norm one, except the column `free`; `None`
+    /// if the rows do not determine them.
     pub fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
         let p = self.features;
         if self.rows < p as u64 && ridge == 0.0 || !self.products.is_all_finite() {
@@ -112,7 +113,7 @@ impl NormalEquations {
         Some(solved)
     }
 
-    /// The errors of coefficients on these rows. `ones` is the feature that is constant.
+    /// The errors of coefficients on these rows. `ones` is the constant feature.
     pub fn errors(
         &self,
         coefficients: MatRef<'_, f64>,
@@ -125,14 +126,15 @@ impl NormalEquations {
             let squares =
                 square - 2.0 * (own.transpose() * of) + own.transpose() * explained.col(axis);
             let sum = ones.map_or(0.0, |ones| explained[(ones, axis)] - of[ones]);
-            // What is left of a cancellation may be below zero, which a sum of squares is not.
+            // Cancellation may leave a negative number, which is impossible for a sum of squares.
             HeldOutErrors { rows: self.rows, sum, squares: squares.max(0.0) }
         })
     }
 }
 
-/// Compares the families of features by errors on each group of rows, held out in turn, each family with `ridges` (and
-/// larger ones, as [`select`](super::selection::select) does). `model` says what is beside the family.
+/// Compares the families of features by errors on each group of rows, held out in turn, each family with
+/// `ridges` (and larger ones, as [`select`](super::selection::select) does). `model` defines everything but
+/// the family.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, a row is not finite, or no model can be fitted.
@@ -183,7 +185,7 @@ mod tests {
         2.0 * Random(i as u64).unit() - 1.0
     }
 
-    /// The same rows by exact sums: seven groups, which are the folds.
+    /// Compares with exact sums of the same rows: seven groups, each of them a fold.
     #[test]
     fn errors_are_those_that_exact_sums_tell() {
         let fold = |group: usize| -> Block {
@@ -220,7 +222,7 @@ mod tests {
         assert_eq!(found.candidates.len(), exact.candidates.len());
         for (found, exact) in found.candidates.iter().zip(&exact.candidates) {
             let (found, exact) = (found.errors.unwrap(), exact.errors.unwrap());
-            // Squares of condition numbers below 100 in double precision.
+            // Condition numbers below 100, squared in double precision.
             assert!((found.score / exact.score - 1.0).abs() < 1e-9, "{found:?} {exact:?}");
             assert!((found.standard_error / exact.standard_error - 1.0).abs() < 1e-7);
             let pairs = found.rms.iter().zip(exact.rms);

@@ -1,16 +1,18 @@
-//! Which model, and which ridge: the one that predicts new groups best, or a smaller one that is
-//! as good.
+//! The choice of model and ridge: the candidate that predicts new groups best, or a smaller one that is as
+//! good.
 //!
-//! The score of a candidate is its error on groups that it was not trained on, relative to the standard deviation of each
-//! axis, squared: the mean over folds, and the geometric mean over axes. Of all candidates that err no more than the best,
-//! within one standard error of the [ratio of their errors](super::comparison) on the same folds, the one with the fewest
-//! features is chosen (after Breiman et al., Classification and Regression Trees, 1984, §3.4.3, whose standard error is
-//! that of the best: folds differ far more from each other than two models on one of them); of several ridges on these,
-//! the one with the smallest error: a ridge stronger than need be would bias every prediction and make no model smaller.
+//! The score of a candidate is its error on held-out groups, relative to the standard deviation of each axis,
+//! squared: the mean over folds, and the geometric mean over axes. A candidate counts as equal to the best if
+//! its error is within one standard error of the [ratio of their errors](super::comparison) on the same
+//! folds. Among these, the one with the fewest features is chosen (after Breiman et al., Classification and
+//! Regression Trees, 1984, §3.4.3; they use the standard error of the best, but folds differ far more from
+//! each other than two models on one fold). Among several ridges on these features, the one with the smallest
+//! error is chosen, because a stronger ridge would bias every prediction and make no model smaller.
 //!
-//! [`Advice`] says it in words: the model that predicts new groups best, the smallest that is as good as far as one can
-//! tell, and what lies between them. How many times the error of a random split a model's error on new groups is says how
-//! alike the rows of a group are, and nothing of which model to take.
+//! [`Advice`] describes the choice in words: the model that predicts new groups best, the smallest that is
+//! not significantly worse, and the difference between them. The ratio of the error on new groups to the
+//! error of a random split is not part of it: that ratio shows how similar the rows of a group are, not which
+//! model to use.
 
 use super::comparison::{Comparison, FoldMean, RelativeErrors, varying};
 use super::cross_validation::{assign_groups, errors_on, sizes};
@@ -22,70 +24,70 @@ use crate::model::{Basis, Model};
 use crate::quality::{in_units, significant};
 use shell_data::wrench::{Axes, Axis, PerAxis};
 
-/// Ridge parameters that are tried; larger ones follow, up to [`LARGEST_RIDGE`], as long as the last
-/// is the best.
+/// Ridge parameters to try. Larger ones follow, up to [`LARGEST_RIDGE`], as long as the last is the best.
 pub const RIDGES: [f64; 5] = [0.0, 1e-8, 1e-6, 1e-4, 1e-2];
 
-/// The largest ridge that is tried: features count for next to nothing against it.
+/// The largest ridge to try; with it, features have almost no effect.
 pub const LARGEST_RIDGE: f64 = 1e4;
 
-/// How much larger each ridge is than the one before.
+/// The ratio of each ridge to the previous one.
 const RIDGE_STEP: f64 = 100.0;
 
-/// Folds that groups are assigned to, where there are as many groups.
+/// Number of folds, if there are as many groups.
 pub const FOLDS: usize = 10;
 
-/// A model that was tried.
+/// A model and ridge that were tried.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Candidate {
     /// The family of features.
     pub basis: Basis,
     /// The ridge parameter.
     pub ridge: f64,
-    /// Coefficients of each axis.
+    /// Number of coefficients per axis.
     pub features: usize,
-    /// Its errors on new groups; `None` if it cannot be fitted without one of the folds.
+    /// The errors on new groups; `None` if the model cannot be fitted without one of the folds.
     pub errors: Option<CandidateErrors>,
 }
 
-/// How well a model predicts groups that it was not trained on.
+/// The prediction errors of a model on held-out groups.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CandidateErrors {
-    /// The square of the error relative to the standard deviation of each axis, mean over folds and geometric mean over axes.
+    /// The square of the error relative to the standard deviation of each axis: the mean over folds and the
+    /// geometric mean over axes.
     pub score: f64,
     /// Standard error of the score.
     pub standard_error: f64,
-    /// Root mean square error, N and N·m.
+    /// Root mean square error, in N and N·m.
     #[serde(with = "shell_data::by_axis")]
     pub rms: PerAxis<f64>,
 }
 
-/// What was tried and what was chosen.
+/// The candidates and the choice.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Selection {
-    /// Folds of groups.
+    /// Number of folds of groups.
     pub folds: usize,
-    /// All candidates: smallest models first, smallest ridges first.
+    /// All candidates, by ascending size and then by ascending ridge.
     pub candidates: Vec<Candidate>,
-    /// The position of the one with the smallest error.
+    /// The position of the candidate with the smallest error.
     pub best: usize,
-    /// The position of the one chosen.
+    /// The position of the chosen candidate.
     pub chosen: usize,
 }
 
-/// What was tried, with the errors of each candidate on the folds.
+/// A selection, with the errors of each candidate on the folds.
 #[derive(Clone, Debug)]
 pub struct Tried {
     /// The candidates and the choice.
     pub selection: Selection,
-    /// The errors on each fold; none of a candidate that cannot be fitted without one of them.
+    /// The errors on each fold; empty for a candidate that cannot be fitted without one of the folds.
     errors: Vec<Vec<PerAxis<HeldOutErrors>>>,
-    /// Those of the measured wrench, squares of N and N·m.
+    /// The variances of the measured wrench, in squares of N and N·m.
     variances: PerAxis<f64>,
 }
 
 impl Tried {
-    /// The errors of one candidate beside those of another, if that is another.
+    /// Compares the errors of two candidates; `None` if they are the same.
     ///
     /// # Panics
     /// If one of them cannot be fitted.
@@ -95,8 +97,8 @@ impl Tried {
     }
 }
 
-/// Compares all models within the basis that was summed, with each of `ridges`; where those are several
-/// and the last is the best, with larger ones until one is not.
+/// Compares all models within the basis that was summed, with each of `ridges`. If there are several ridges
+/// and the last is the best, larger ones follow until one is not.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, or no model can be fitted.
@@ -122,10 +124,10 @@ pub fn select(sums: &SumsByGroup, intercept: bool, ridges: &[f64]) -> Result<Tri
     choose(model, ridges, variances, errors_of)
 }
 
-/// The errors on each fold by ridge; `None` where the model cannot be fitted without one of them.
+/// The errors on each fold by ridge; `None` if the model cannot be fitted without one of the folds.
 pub(super) type ErrorsByRidge<'a> = Box<dyn Fn(f64) -> Option<Vec<PerAxis<HeldOutErrors>>> + 'a>;
 
-/// Compares models by the errors that `errors_of` gives of a family, if that can be fitted at all.
+/// Compares models by the errors that `errors_of` returns for a family, or `None` if it cannot be fitted.
 pub(super) fn choose<'a>(
     model: impl Fn(Basis) -> Model,
     ridges: &[f64],
@@ -166,7 +168,7 @@ pub(super) fn choose<'a>(
     Ok(Tried { selection, errors: tried, variances })
 }
 
-/// Whether the last of some candidates has the smallest error.
+/// Returns true if the last candidate has the smallest error.
 fn is_best(candidates: &[Candidate]) -> bool {
     let score = |candidate: &Candidate| candidate.errors.map_or(f64::INFINITY, |of| of.score);
     let Some((last, others)) = candidates.split_last() else { return false };
@@ -181,8 +183,8 @@ pub fn folds(sums: &SumsByGroup) -> Result<Vec<Vec<usize>>, FitError> {
     assign_groups(&sizes(sums), sums.groups.len().min(FOLDS))
 }
 
-/// The errors of a model on each of `folds`, positions of groups in `sums`; `None` if it cannot be fitted without one
-/// of them.
+/// The errors of a model on each of `folds`, given as positions of groups in `sums`; `None` if it cannot be
+/// fitted without one of them.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups.
@@ -207,25 +209,25 @@ fn summarise(folds: &[PerAxis<HeldOutErrors>], variances: &PerAxis<f64>) -> Cand
     }
 }
 
-/// The models to choose from, and what the choice is worth.
+/// The recommended models, with comparisons of their errors.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Advice {
-    /// Folds of groups.
+    /// Number of folds of groups.
     pub folds: usize,
     /// The model that predicts new groups best.
     pub best: Candidate,
-    /// The one with the fewest features within a standard error of it.
+    /// The model with the fewest features within a standard error of the best.
     pub cautious: Candidate,
-    /// Errors of the cautious choice and of the best; `None` where they are one.
+    /// The errors of the cautious choice and of the best; `None` if they are the same model.
     pub caution: Option<Comparison>,
-    /// The errors of the best and of the model that was asked for, where that is another.
+    /// The errors of the best and of the requested model, if they differ.
     pub given: Option<Comparison>,
-    /// Whether the best ridge is the largest that was tried, and a larger one may be better.
+    /// True if the best ridge is the largest that was tried, so a larger one may be better.
     pub ridge_is_at_limit: bool,
 }
 
 impl Advice {
-    /// Of what was tried; `given` is the position of the model that was asked for.
+    /// Derives advice from a selection; `given` is the position of the requested model.
     pub fn new(tried: &Tried, given: Option<usize>) -> Self {
         let Selection { folds, candidates, best, chosen } = &tried.selection;
         Self {
@@ -238,13 +240,13 @@ impl Advice {
         }
     }
 
-    /// Whether another model errs less on new groups than the one that was asked for, by more than a
+    /// Returns true if another model has a smaller error on new groups than the requested one, by more than a
     /// standard error of the ratio.
     pub fn another_is_better(&self) -> bool {
         self.given.is_some_and(|given| given.all.first_is_better())
     }
 
-    /// Which model is best on new groups, and which is the cautious choice.
+    /// Describes the best model on new groups and the cautious choice.
     pub fn words(&self, axes: Axes) -> String {
         let score = |of: &Candidate| {
             let errors =
@@ -280,7 +282,7 @@ impl Advice {
         said
     }
 
-    /// The model that predicts new groups better than the one that was asked for, if there is one.
+    /// Describes the model that predicts new groups better than the requested one, if there is one.
     pub fn better_words(&self, model: Basis, axes: Axes) -> Option<String> {
         let given = self.given.as_ref().filter(|_| self.another_is_better())?;
         let best = &self.best;
@@ -295,7 +297,7 @@ impl Advice {
     }
 }
 
-/// The model and its ridge.
+/// The name of the model, with its ridge.
 fn name(of: &Candidate) -> String {
     match of.ridge > 0.0 {
         true => format!("{} with ridge {:e}", of.basis.name(), of.ridge),
@@ -303,7 +305,7 @@ fn name(of: &Candidate) -> String {
     }
 }
 
-/// The errors of the second of two models and of the first.
+/// Formats the errors of the second of two models and of the first.
 fn worth(comparison: &Comparison, axes: Axes) -> String {
     in_units(axes.iter(), |axis| {
         let [first, second] = comparison.rms.map(|rms| significant(rms[axis], 3));

@@ -1,4 +1,5 @@
-//! A single web page with events to browsers, as Server-Sent Events, and short orders back.
+//! A server of a single web page that sends events to browsers, as Server-Sent Events, and takes short
+//! orders.
 //!
 //! ```text
 //! publish() ─▶ newest event ─▶ a thread for each listener ─▶ GET /events
@@ -9,12 +10,12 @@
 //! none is dropped. Memory is bounded by the number of connections, of waiting orders, and of bytes per
 //! request.
 //!
-//! A [`OpenDocument`] is for programs, which know no token: whoever asks gets it.
+//! An [`OpenDocument`] is for programs, which do not know the token: every client may read it. Every other
+//! request must carry the server's token, and a `Host` that no other site can have (`request`).
 //!
-//! Plain HTTP 1.1, one request for each connection, and nothing of it that this does not need: no bodies, no
-//! files, no cookies. Every other request has to carry the token of the server, and a `Host` that no other site
-//! can have (`request`). It knows nothing of what is shown; docs/adr/0009-live-in-a-browser.md says why it is
-//! own code, and why it is no WebSocket.
+//! The server speaks plain HTTP 1.1 with one request per connection, without bodies, files or cookies. It is
+//! independent of the content shown. docs/adr/0009-live-in-a-browser.md explains why it uses no library and
+//! no WebSocket.
 
 mod request;
 
@@ -35,29 +36,27 @@ const CONNECTIONS: usize = 16;
 /// client with the token sends it at once, so other clients cannot lock it out.
 const STRANGERS: usize = 32;
 
-/// Maximum number of waiting orders.
 const ORDERS: usize = 64;
 
 /// Timeout of a request's arrival, and of a write.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// Interval without events after which a listener gets an empty line, which detects closed connections.
+/// Interval without events after which a listener gets an empty comment, which detects closed connections.
 const KEEP_ALIVE: Duration = Duration::from_secs(2);
 
-/// Time that the end waits for listeners to be notified.
+/// Maximum time that the end waits until listeners are notified.
 const GOODBYE: Duration = Duration::from_millis(500);
 
-/// Stack of a connection's thread, bytes.
+/// Stack size of a connection's thread, bytes.
 const STACK: usize = 256 * 1024;
 
-/// A document without secrets, which programs read that know no token.
+/// A document without secrets, for programs that do not know the token.
 #[derive(Clone)]
 pub struct OpenDocument {
-    /// Where it is: `/name`.
+    /// Path: `/name`.
     pub path: &'static str,
-    /// What it is, as HTTP names it.
     pub content_type: &'static str,
-    /// Makes it.
+    /// Returns the current text.
     pub text: Arc<dyn Fn() -> String + Send + Sync>,
 }
 
@@ -67,18 +66,19 @@ impl fmt::Debug for OpenDocument {
     }
 }
 
-/// What is served.
+/// Content of the server.
 #[derive(Clone, Debug, Default)]
 pub struct Site {
     /// The page, HTML.
     pub page: String,
     /// Nonce of the page's scripts and styles; others are not run.
     pub nonce: String,
-    /// What every request has to carry, in the address: `?token=…`. Without a token there are open documents only.
+    /// Token that every request has to carry in the address: `?token=…`. If it is empty, only the open
+    /// documents are served.
     pub token: String,
     /// The available orders: `mark` is `POST /mark`.
     pub orders: Vec<&'static str>,
-    /// What everybody may read.
+    /// Documents for clients without the token.
     pub open: Vec<OpenDocument>,
 }
 
@@ -94,8 +94,9 @@ struct ServerShared {
     site: Site,
     state: Mutex<ServerState>,
     changed: Condvar,
-    /// Cloned for each authorised connection, and for each listener to events, to count them.
+    /// Cloned for each authorised connection, to count them.
     connections: Arc<()>,
+    /// Cloned for each listener to events, to count them.
     listeners: Arc<()>,
 }
 
@@ -140,14 +141,14 @@ impl Server {
         self.address
     }
 
-    /// Returns whether any client listens to events.
+    /// Returns true if any client listens to events.
     pub fn has_listeners(&self) -> bool {
         others(&self.shared.listeners) > 0
     }
 
     /// Publishes a line of text as the newest event.
     pub fn publish(&self, line: &str) {
-        // A text of several lines becomes several data lines.
+        // Text of several lines becomes several data lines.
         let data: String = line.lines().map(|line| format!("data: {line}\n")).collect();
         let mut state = self.shared.state();
         (state.event, state.number) = ((data + "\n").into(), state.number + 1);
@@ -171,7 +172,8 @@ impl Server {
 }
 
 impl ServerShared {
-    /// A panicked thread leaves the state consistent: no operation under the lock can fail half way.
+    /// Locks the state. A panicked thread leaves it consistent: no operation under the lock can fail half
+    /// way.
     fn state(&self) -> MutexGuard<'_, ServerState> {
         lock(&self.state)
     }
@@ -226,7 +228,7 @@ impl ServerShared {
             *place = Some(self.take_in(stream)?);
             return self.send_document(stream, document).map_err(|_| None);
         }
-        // HTTP 1.0 has no `Host` that could be relied on.
+        // HTTP 1.0 does not require a `Host`, so such a request cannot be checked.
         let host = request.host.ok_or(HttpRefusal::VERSION)?;
         if self.site.token.is_empty() {
             return Err(Some(HttpRefusal::NOT_FOUND));
@@ -432,7 +434,7 @@ mod tests {
         }
     }
 
-    /// Each would block a place for [`PATIENCE`].
+    /// Each silent connection would block a place for [`PATIENCE`].
     #[test]
     fn who_says_nothing_locks_nobody_out() {
         let server = server();
@@ -477,7 +479,7 @@ mod tests {
         }
     }
 
-    /// A publisher that waited for one that reads nothing would wait for [`PATIENCE`] each of ten times.
+    /// A publisher that waited for a listener that reads nothing would wait ten times for [`PATIENCE`].
     #[test]
     fn who_takes_nothing_holds_up_nobody_and_is_dropped() {
         let server = server();
@@ -503,7 +505,7 @@ mod tests {
         });
         wait_for_listeners(&server, 1);
         drop(stuck);
-        // The end is signalled, and awaited.
+        // `end` signals the end and waits for it.
         server.end();
         let mut rest = String::new();
         reader.read_to_string(&mut rest).unwrap();

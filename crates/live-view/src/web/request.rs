@@ -6,7 +6,7 @@ use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 /// Maximum length of a request's head, bytes; a browser's has about one thousand.
 pub(super) const LONGEST: usize = 8192;
 
-/// The response to a refused request: the status line (RFC 9110) and a text for people.
+/// The response to a refused request: status code and phrase (RFC 9110), and a text for people.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct HttpRefusal(pub(super) &'static str, pub(super) &'static str);
 
@@ -33,7 +33,6 @@ impl HttpRefusal {
         Self("505 HTTP Version Not Supported", "only HTTP 1.1 is spoken");
 }
 
-/// A parsed request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Request<'a> {
     /// `GET` or `POST`.
@@ -41,7 +40,7 @@ pub(super) struct Request<'a> {
     pub(super) path: &'a str,
     /// The value of `token=` in the address; empty if missing.
     pub(super) token: &'a str,
-    /// `None` of HTTP 1.0, which does not ask for one.
+    /// The `Host` header; `None` for HTTP 1.0, which does not require it.
     pub(super) host: Option<&'a str>,
 }
 
@@ -86,19 +85,19 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     }
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let token = query.split('&').find_map(|pair| pair.strip_prefix("token=")).unwrap_or_default();
-    // Before HTTP 1.1 there was no `Host`, and no browser is as old.
+    // HTTP 1.0 has no `Host`. Every browser speaks a later version.
     let host = if version == "HTTP/1.0" { None } else { Some(host.ok_or(HttpRefusal::MALFORMED)?) };
     Ok(Request { method, path, token, host })
 }
 
-/// Returns whether two secrets are equal, in a time that does not depend on the position of a difference.
+/// Returns true if two secrets are equal, in a time that does not depend on the position of a difference.
 pub(super) fn is_same(given: &str, secret: &str) -> bool {
     let pairs = given.bytes().zip(secret.bytes());
     let difference = pairs.fold(0, |difference, (a, b)| black_box(difference | (a ^ b)));
     given.len() == secret.len() && difference == 0
 }
 
-/// Returns whether a `Host` is one that no other site can have: an address, or `localhost`.
+/// Returns true for a `Host` that no other site can have: an address, or `localhost`.
 ///
 /// A page of another site could let its own name point to this machine ("DNS rebinding"), and the browser
 /// would then take it for this page. But the browser sends that name as the `Host`.

@@ -143,8 +143,8 @@ impl RowPlan {
             match self.parse_line(line, parsed) {
                 None => parsed.pass_lines(1),
                 Some(Ok(())) => parsed.rows += 1,
-                // The last row of a file whose writer was killed or lost power is cut off, and is no error; nor is a frame
-                // without the reference that was recorded beside it.
+                // A writer that was killed or lost power leaves a cut-off last row. This is no error, and
+                // neither is a frame without a sample of the reference.
                 Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
                     parsed.skipped += 1;
                     parsed.first_skipped.get_or_insert(RowError { offset: at, problem });
@@ -277,7 +277,7 @@ impl RowPlan {
         }
     }
 
-    /// Whether a row of a board has no forces because the reference beside it has sent none at that time.
+    /// Returns true if a row of a board has no forces because the reference had no sample at that time.
     fn lacks_reference(&self, problem: &RowProblem) -> bool {
         let is_load = |name: &String| Axis::ALL.iter().any(|axis| axis.column() == name);
         let RowProblem::Field { name, problem: FieldProblem::Empty, .. } = problem else {
@@ -286,7 +286,7 @@ impl RowPlan {
         is_load(name) && self.names.iter().any(|name| name == REFERENCE_NUMBER)
     }
 
-    /// Whether fields are missing at the end of a row, or the last one is.
+    /// Returns true if the last field of a row is missing or empty.
     fn is_short(&self, problem: &RowProblem) -> bool {
         match problem {
             RowProblem::ColumnCount { expected, found } => found < expected,

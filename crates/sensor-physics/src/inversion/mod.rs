@@ -1,23 +1,23 @@
-//! From frames of readings to wrenches.
+//! Conversion of frames of readings to wrenches.
 //!
 //! ```text
 //! minimise  Σ (yᵢ − fᵢ(x, u))²/vᵢ + λ·xᵀΣ_w⁻¹x + uᵀu      vᵢ = σ² + τ²·(dfᵢ/dq)² + gᵢᵀCᵢgᵢ
 //! ```
 //!
-//! over the wrench `x` and the [factors](crate::factors) `u` that the sensors share, which displace as
-//! the wrench does: `q = b + aᵀx + cᵀu`. To first order that is `u` integrated out, where the variance of the
-//! sensors' answers has `D·C·Cᵀ·D` beside `v`. The minimum is found
-//! by Gauss's and Newton's steps with `v` from the step before. `gᵀCg` is what the parameters of the
-//! sensor are unsure about there, so a sensor counts little where it was not trained; on a plateau
-//! `df/dx` is nothing, so a saturated sensor drops out by itself. The start inverts each curve for its
-//! displacement and solves the linear problem that is left. Nothing is carried from frame to frame:
-//! results do not depend on the order of rows, on the rows beside them or on the width of vectors.
+//! The unknowns are the wrench `x` and the [factors](crate::factors) `u` that the sensors share, which
+//! displace the reflectors as the wrench does: `q = b + aᵀx + cᵀu`. To first order this integrates `u` out:
+//! `D·C·Cᵀ·D` is added to the variance `v` of the sensors' responses. Gauss-Newton steps find the minimum,
+//! with `v` from the previous step. `gᵀCg` is the variance from the uncertain parameters of the sensor, so a
+//! sensor counts little where it was not trained. On a plateau `df/dx` vanishes, so a saturated sensor drops
+//! out by itself. The start inverts each curve for its displacement and solves the linear problem that is
+//! left. No state is carried from frame to frame: results do not depend on the order of rows, on neighbouring
+//! rows or on the width of vectors.
 //!
-//! **A sensor that has died** reads what no wrench explains. Where a reading is [`FAR`](newton::FAR) from its
-//! curve and eight sensors or more are in use, the row is solved without each of them in turn, and without
-//! the one that leaves the least sum if then all fit; that one is told as left out.
+//! **A sensor that has died** gives readings that no wrench explains. If a reading is [`FAR`](newton::FAR)
+//! from its curve and eight sensors or more are in use, the row is solved without each of them in turn. The
+//! sensor whose removal leaves the least sum is left out and flagged if all others then fit.
 //!
-//! Standard errors are those of Laplace's approximation, the curvature at the end (MacKay, Neural
+//! Standard errors come from Laplace's approximation: the curvature at the minimum (MacKay, Neural
 //! Computation 4, 1992).
 
 mod newton;
@@ -30,61 +30,61 @@ use super::response::{FACTORS, PARAMETERS, Parameters, SHAPE, displacement};
 use shell_data::instructions::arch;
 use shell_data::wrench::PerAxis;
 
-/// A wrench and how far to trust it.
+/// A wrench with its standard errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// N and N·m.
     pub wrench: PerAxis<f64>,
     /// N and N·m.
     pub standard_errors: PerAxis<f64>,
-    /// What is to be said of the frame.
+    /// Flags of the frame.
     pub flags: Flags,
 }
 
-/// What is to be said of a frame. Masks have bit `i` for channel `i`.
+/// Flags of a frame. Masks have bit `i` for channel `i`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Flags {
-    /// Channels on a plateau of their curve: they say nothing about this wrench.
+    /// Channels on a plateau of their curve: they carry no information about this wrench.
     pub saturated: u16,
-    /// Channels that were left out: constant in the training data, not a number in this frame, or at
-    /// odds with all others.
+    /// Channels that were left out: constant in the training data, not a number in this frame, or
+    /// inconsistent with all others.
     pub left_out: u16,
-    /// Channels whose reading is far from what the others say.
+    /// Channels whose reading is far from the value that the others imply.
     pub misfit: u16,
-    /// Whether the steps came to rest.
+    /// True if the steps converged.
     pub converged: bool,
 }
 
-/// The wrenches of some rows.
+/// Wrenches of some rows.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Estimates {
     /// N and N·m.
     pub wrench: PerAxis<Vec<f64>>,
     /// N and N·m.
     pub standard_errors: PerAxis<Vec<f64>>,
-    /// What is to be said of each row.
+    /// Flags of each row.
     pub flags: Vec<Flags>,
 }
 
-/// Sensors in use of which one may be left out: without it there must be more than axes to show that
-/// the others agree.
+/// Fewest sensors in use for one to be left out: more sensors than axes must remain, to show that the others
+/// agree.
 const LEAVE_OUT_OF: u32 = 8;
 
-/// Axes and factors.
+/// Largest number of unknowns: axes and factors.
 const MOST_UNKNOWNS: usize = 6 + FACTORS;
 
-/// A model made ready to convert frames.
+/// A model prepared for the conversion of frames.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inversion {
     pub(super) model: PhysicsModel,
     sensors: Vec<Ready>,
-    /// `λ·Σ_w⁻¹`, and one for each factor.
+    /// `λ·Σ_w⁻¹`, and 1 for each factor.
     prior: [[f64; MOST_UNKNOWNS]; MOST_UNKNOWNS],
     dead: u16,
 }
 
 impl Inversion {
-    /// Makes a model ready.
+    /// Prepares a model.
     pub fn new(model: &PhysicsModel) -> Self {
         let all = ((1_u32 << model.channels) - 1) as u16;
         let known = model.sensors.iter().fold(0, |mask, sensor| mask | 1 << sensor.channel);
@@ -98,7 +98,6 @@ impl Inversion {
         inversion
     }
 
-    /// Takes another λ.
     pub(super) fn set_lambda(&mut self, lambda: f64) {
         self.model.lambda = lambda;
         for (i, row) in self.prior.iter_mut().enumerate() {
@@ -109,10 +108,10 @@ impl Inversion {
         }
     }
 
-    /// The wrenches of all rows. `readings` has one column per channel, in counts.
+    /// Wrenches of all rows. `readings` has one column per channel, in counts.
     ///
     /// # Panics
-    /// If `readings` are not the model's channels, or of different lengths.
+    /// If `readings` does not have one column per channel of the model, or the columns differ in length.
     pub fn estimates(&self, readings: &[Vec<f64>]) -> Estimates {
         assert_eq!(readings.len(), self.model.channels, "one column per channel");
         let rows = readings.first().map_or(0, Vec::len);
@@ -122,7 +121,7 @@ impl Inversion {
         out
     }
 
-    /// The squared errors of the wrenches of some observations in units of `scale`, summed over the axes, one for
+    /// Squared errors of the wrenches of some observations in units of `scale`, summed over the axes; one for
     /// each observation.
     pub fn squared_errors(&self, observations: &[&Observation], scale: &PerAxis<f64>) -> Vec<f64> {
         let column = |channel: usize| observations.iter().map(|o| o.readings[channel]).collect();
@@ -136,7 +135,7 @@ impl Inversion {
         observations.iter().enumerate().map(of_row).collect()
     }
 
-    /// The wrenches with all sensors that have a reading, and the least sum of each row.
+    /// Solves with all sensors that have a reading; also returns the least sum of each row.
     fn solve(&self, readings: &[Vec<f64>]) -> (Estimates, Vec<f64>) {
         match self.model.factor_count() {
             0 => arch().dispatch(Invert::<'_, 6> { inversion: self, readings }),
@@ -145,8 +144,8 @@ impl Inversion {
         }
     }
 
-    /// Solves rows with a reading that does not fit again, without the sensor that leaves the least
-    /// sum, where that makes all others fit.
+    /// Solves rows with a misfitting reading again, without the sensor whose removal leaves the least sum, if
+    /// all others then fit.
     fn leave_out_dead(&self, readings: &[Vec<f64>], out: &mut Estimates) {
         let is_wanted = |row: &usize| {
             let flags = out.flags[*row];
@@ -199,16 +198,16 @@ impl Estimates {
     }
 }
 
-/// How near the plateaus, in shares of h, the start takes a reading.
+/// Least distance from the plateaus, in shares of h, of a reading in the start.
 const MARGIN: f64 = 0.01;
 
-/// What noise of readings the start allows for, in shares of h.
+/// Noise of readings in the start, in shares of h.
 const START_NOISE: f64 = 0.02;
 
-/// A sensor whose curve is flatter than this share of its steepest is on a plateau.
+/// A sensor is on a plateau where its curve is flatter than this share of its steepest slope.
 const FLAT: f64 = 0.05;
 
-/// Steps of the tables that a start is read from: it is off by less than a hundredth of q.
+/// Steps of the tables for the start, which is off by less than 0.01 in q.
 const TABLE_STEPS: usize = 128;
 
 #[derive(Clone, Debug, PartialEq)]
@@ -217,16 +216,16 @@ pub(super) struct Ready {
     pub(super) least: f64,
     pub(super) per_count: f64,
     pub(super) offset: f64,
-    /// a, and then c.
+    /// a, then c.
     pub(super) gains: [f64; MOST_UNKNOWNS],
     pub(super) lo: f64,
     pub(super) h: f64,
     pub(super) nu: f64,
-    /// Of the parameters, the lower triangle, with twice what is off its diagonal.
+    /// Lower triangle of the parameters' covariance; off-diagonal elements are doubled.
     pub(super) covariance: [Parameters; PARAMETERS],
     /// `dy/dq` below which the curve is flat.
     pub(super) flat: f64,
-    /// At even shares of the way from plateau to plateau: `q − b`, and its weight in the start.
+    /// `q − b` and its weight in the start, at equal steps from plateau to plateau.
     table: Vec<(f64, f64)>,
 }
 
@@ -261,13 +260,13 @@ impl Ready {
         }
     }
 
-    /// A reading, in counts, in ranges above the least.
+    /// Converts a reading from counts to ranges above the least.
     #[inline]
     pub(super) fn scaled(&self, reading: f64) -> f64 {
         (reading - self.least) * self.per_count
     }
 
-    /// The displacement less b that a scaled reading says by itself, and the weight of that.
+    /// Displacement minus b according to this scaled reading alone, and the weight of this value.
     #[inline]
     pub(super) fn start(&self, y: f64) -> (f64, f64) {
         let position = ((y - self.lo) / self.h).clamp(0.0, 1.0) * TABLE_STEPS as f64;
@@ -304,7 +303,7 @@ mod tests {
         [0.2 * sensor as f64 - 0.8, fx, fy, fz, mx, my, mz, 0.05, -0.1, 0.2]
     }
 
-    /// Eight sensors, hardly any noise and prior; the second channel is dead.
+    /// Eight sensors with very little noise and a very weak prior; the second channel is dead.
     fn model() -> PhysicsModel {
         let sensor = |position: usize| Sensor {
             channel: if position == 0 { 0 } else { position + 1 },
@@ -327,7 +326,7 @@ mod tests {
         }
     }
 
-    /// What the sensors read at wrenches in units of the scales.
+    /// Readings at wrenches in units of the scales.
     fn readings(wrenches: &[PerAxis<f64>]) -> Vec<Vec<f64>> {
         let of = |position: usize| -> Vec<f64> {
             let answer = |x: &PerAxis<f64>| Answer::at(&parameters(position), x).value;
@@ -353,7 +352,7 @@ mod tests {
             assert_eq!(estimate.flags.left_out, 0b10);
             for (axis, x) in x.iter().enumerate() {
                 let error = estimate.wrench[axis] / model.wrench_scale[axis] - x;
-                // Steps end a thousandth of a standard error from rest, of 1e-4 over the slopes.
+                // Steps end within a thousandth of a standard error, which is 1e-4 over the slopes.
                 let size = estimate.standard_errors[axis] / model.wrench_scale[axis];
                 assert!(error.abs() < 0.01 * size, "{row} {axis}: {error:e} {size:e}");
             }

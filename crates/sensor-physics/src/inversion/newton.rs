@@ -1,7 +1,7 @@
-//! Gauss's and Newton's steps of several rows at a time.
+//! Gauss-Newton steps for several rows at a time.
 //!
-//! A lane takes the steps that its row needs and then rests, so no row's result depends on those
-//! beside it.
+//! A lane takes the steps that its row needs and then rests, so the result of a row does not depend on
+//! neighbouring rows.
 
 use pulp::{Simd, WithSimd};
 
@@ -10,19 +10,19 @@ use crate::cholesky::LaneCholesky;
 use crate::fit::MOST_CHANNELS;
 use crate::lanes::{Answers, Lanes, MOST_LANES, linear, quadratic_form};
 
-/// Most steps, halved ones among them; five or six are usual.
+/// Largest number of steps, including halved ones; five or six are usual.
 const STEPS: usize = 16;
 
-/// Rest: a step that is shorter than this many standard errors, squared.
+/// Limit of convergence: squared length of a step, in standard errors.
 const REST: f64 = 1e-6;
 
-/// Halvings of a step that does not lower the sum.
+/// Largest number of halvings of a step that does not lower the sum.
 const HALVINGS: f64 = 4.0;
 
-/// A reading this many standard deviations from its curve does not belong to the wrench found.
+/// A reading is inconsistent with the wrench if it is this many standard deviations from its curve.
 pub(super) const FAR: f64 = 5.0;
 
-/// The rows of some columns, inlined whole into code for the widest vectors of the machine.
+/// Inversion of all rows, inlined as a whole into code for the widest vectors of the machine.
 pub(super) struct Invert<'a, const N: usize> {
     pub(super) inversion: &'a Inversion,
     /// One column per channel, counts.
@@ -30,7 +30,7 @@ pub(super) struct Invert<'a, const N: usize> {
 }
 
 impl<const N: usize> WithSimd for Invert<'_, N> {
-    /// The estimates, and the minimum that each was found at.
+    /// The estimates, and the least sum of each row.
     type Output = (Estimates, Vec<f64>);
 
     #[inline(always)]
@@ -56,39 +56,39 @@ impl<const N: usize> WithSimd for Invert<'_, N> {
 
 /// A frame of readings per lane. Lanes without a row repeat the first.
 struct Frames<S: Simd> {
-    /// Scaled readings, by position of the sensor; zero where not in use.
+    /// Scaled readings by position of the sensor; zero if not in use.
     y: [Lanes<S>; MOST_CHANNELS],
-    /// One where the sensor is in use, zero where its reading is not a number.
+    /// One if the sensor is in use, zero if its reading is not a number.
     used: [Lanes<S>; MOST_CHANNELS],
-    /// The displacement less b that the reading alone says, and its weight.
+    /// Displacement minus b according to the reading alone, and its weight.
     start: [(Lanes<S>, Lanes<S>); MOST_CHANNELS],
 }
 
-/// The curves at one wrench per lane, and the equations of the next step.
+/// Values of the curves at one wrench per lane, for the equations of the next step.
 #[derive(Clone, Copy)]
 struct LaneState<S: Simd, const N: usize> {
     /// The wrench, then the factors.
     x: [Lanes<S>; N],
     residual: [Lanes<S>; MOST_CHANNELS],
     slope: [Lanes<S>; MOST_CHANNELS],
-    /// Inverse variances; zero of a sensor that is not in use.
+    /// Inverse variances; zero for a sensor that is not in use.
     weight: [Lanes<S>; MOST_CHANNELS],
-    /// `xᵀPx`, of the prior.
+    /// `xᵀPx`, the term of the prior.
     held_back: Lanes<S>,
 }
 
-/// Where the steps of each lane ended.
+/// Final state of each lane.
 struct NewtonResult<S: Simd, const N: usize> {
     state: LaneState<S, N>,
-    /// The last step, too short for the curves to be looked at again.
+    /// The last step, which is too short to evaluate the curves again.
     rest: [Lanes<S>; N],
     /// The sum at `state`.
     sum: Lanes<S>,
-    /// One where the steps came to rest.
+    /// One where the steps converged.
     converged: Lanes<S>,
 }
 
-/// The curvature of half the sum, lower triangle, and its descent.
+/// Curvature of half the sum (lower triangle), and its descent.
 type StepEquations<S, const N: usize> = ([[Lanes<S>; N]; N], [Lanes<S>; N]);
 
 impl<S: Simd> Frames<S> {
@@ -125,7 +125,7 @@ impl<S: Simd> Frames<S> {
 }
 
 impl Inversion {
-    /// Steps from the start until each lane rests.
+    /// Makes steps from the start until each lane rests.
     #[inline(always)]
     fn descend<S: Simd, const N: usize>(&self, simd: S, frames: &Frames<S>) -> NewtonResult<S, N> {
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
@@ -137,8 +137,8 @@ impl Inversion {
         for _ in 0..STEPS {
             let at = std::array::from_fn(|axis| state.x[axis] + step[axis]);
             let next = self.state(simd, frames, &at);
-            // The sum with the variances of before says whether this is a step down; with those of
-            // now, it is what the next step is compared with.
+            // The sum with the previous variances shows whether this step goes down. The sum with the new
+            // variances is the reference for the next step.
             let (by_old, by_new) = (self.sum(&next, &state.weight), self.sum(&next, &next.weight));
             let is_down = simd.less_than_or_equal_f64s(by_old.1, before.1);
             let down = zero.replaced(is_down, active);
@@ -163,7 +163,7 @@ impl Inversion {
         NewtonResult { state, rest, sum: before, converged }
     }
 
-    /// The sum that is minimised, with these inverse variances.
+    /// The minimised sum, with these inverse variances.
     #[inline(always)]
     fn sum<S: Simd, const N: usize>(
         &self,
@@ -177,7 +177,7 @@ impl Inversion {
         sum
     }
 
-    /// The wrench of the displacements that the readings alone say.
+    /// Wrench that fits the displacements implied by each reading alone.
     #[inline(always)]
     fn start<S: Simd, const N: usize>(&self, simd: S, frames: &Frames<S>) -> [Lanes<S>; N] {
         let mut equations = (self.prior_lanes(simd), [Lanes::splat(simd, 0.0); N]);
@@ -234,7 +234,7 @@ impl Inversion {
         equations
     }
 
-    /// The step to take from `state`, and its length in standard errors, squared.
+    /// Step to take from `state`, and its squared length in standard errors.
     #[inline(always)]
     fn step<S: Simd, const N: usize>(&self, state: &LaneState<S, N>) -> ([Lanes<S>; N], Lanes<S>) {
         let (curvature, descent) = self.equations(state);
@@ -286,7 +286,7 @@ impl Inversion {
 }
 
 impl<S: Simd, const N: usize> LaneState<S, N> {
-    /// Becomes `next` in the lanes of `taken`.
+    /// Replaces itself by `next` in the lanes of `taken`.
     #[inline(always)]
     fn take(&mut self, taken: S::m64s, next: &Self, sensors: usize) {
         for axis in 0..N {

@@ -1,10 +1,10 @@
-//! The equations of a step: those of each load, and the border of what loads share.
+//! Equations of a step: one block for each load, and the border of the unknowns that loads share.
 
 use super::super::cholesky::Cholesky;
 use super::load::OWN;
 use least_squares::symmetric::{SymmetricMatrix, UpperTriangle, product};
 
-/// The sum that is minimised, and its equations. The border is what loads share: sensors, then offsets.
+/// The minimised sum and its equations. The border holds the shared unknowns: sensors, then offsets.
 pub(super) struct LoadEquations {
     pub(super) cost: f64,
     pub(super) border: SymmetricMatrix,
@@ -15,9 +15,9 @@ pub(super) struct LoadEquations {
 pub(super) struct OfLoad {
     pub(super) curvature: [[f64; OWN]; OWN],
     pub(super) descent: [f64; OWN],
-    /// With the border, a row for each deviation.
+    /// Coupling with the border, a row for each deviation.
     pub(super) coupling: [Vec<f64>; OWN],
-    /// The reading of each sensor.
+    /// One row for the reading of each sensor.
     pub(super) rows: Vec<Row>,
 }
 
@@ -25,20 +25,20 @@ pub(super) struct OfLoad {
 pub(super) struct Row {
     pub(super) residual: f64,
     pub(super) slope: f64,
-    /// The derivatives by the deviations of the load.
+    /// Derivatives with respect to the deviations of the load.
     pub(super) by_load: [f64; OWN],
-    /// The positions of the border that it depends on, with its slopes by them.
+    /// Positions in the border that it depends on, with the derivatives.
     pub(super) border: Vec<(usize, f64)>,
 }
 
-/// `h⁻¹` of a load with `h⁻¹·coupling`: what it follows of the border.
+/// Inverse `h⁻¹` of a load's curvature, and `h⁻¹·coupling`: how the load follows the border.
 pub(super) struct Eliminated {
     pub(super) factor: Cholesky<OWN>,
     pub(super) following: [Vec<f64>; OWN],
 }
 
 impl LoadEquations {
-    /// A prior of one number of the border.
+    /// Adds the prior of one unknown of the border.
     pub(super) fn pull(&mut self, position: usize, precision: f64, off: f64) {
         self.border.row_mut(position)[0] += precision;
         self.descent[position] += precision * off;
@@ -82,7 +82,7 @@ impl LoadEquations {
         self.loads.push(of);
     }
 
-    /// The equations of the border alone, the diagonals of all multiplied by `more`.
+    /// Equations of the border alone, with the diagonals of all blocks multiplied by `more`.
     pub(super) fn reduced(
         &self,
         more: f64,
@@ -94,7 +94,8 @@ impl LoadEquations {
             let mut curvature = load.curvature;
             (0..OWN).for_each(|k| curvature[k][k] *= more);
             let factor = Cholesky::new(&curvature)?;
-            // With h = L·Lᵀ: L⁻¹·coupling, whose squares are what the load takes from the border.
+            // With h = L·Lᵀ: L⁻¹·coupling, whose squares the elimination of the load subtracts from the
+            // border.
             let mut taken: [Vec<f64>; OWN] = std::array::from_fn(|_| vec![0.0; border.size]);
             let mut following = taken.clone();
             for (position, descent) in descent.iter_mut().enumerate() {
@@ -111,7 +112,7 @@ impl LoadEquations {
         Some((border, descent, eliminated))
     }
 
-    /// The factor of the inverse covariance of the border, and the loads as they follow it.
+    /// Factor of the inverse covariance of the border, and the eliminated loads.
     pub(super) fn factor(&self) -> Option<(UpperTriangle, Vec<Eliminated>)> {
         let (border, _, eliminated) = self.reduced(1.0)?;
         Some((border.cholesky()?, eliminated))
@@ -119,12 +120,12 @@ impl LoadEquations {
 }
 
 impl Eliminated {
-    /// By how much a step of the border moves the deviations of a load.
+    /// Change of a load's deviations that compensates a step of the border, to be subtracted.
     pub(super) fn follow(&self, step: &[f64]) -> [f64; OWN] {
         self.following.each_ref().map(|row| product(row, step))
     }
 
-    /// Of the deviations of a load, with the factor of the border.
+    /// Standard errors of a load's deviations, with the factor of the border.
     pub(super) fn standard_errors(&self, border: &UpperTriangle) -> [f64; OWN] {
         let own = self.factor.inverse();
         std::array::from_fn(|k| (own[k][k] + border.square(self.following[k].clone())).sqrt())

@@ -1,46 +1,47 @@
-//! Loads as they are written down, and by how much they may be wrong.
+//! Stated loads, and how wrong they may be.
 
 use shell_data::wrench::{LoadErrors, PerAxis, cross, force_at};
 
-/// Deviations of a load, in stated errors: of its size, two of its direction, three of its lever.
+/// Number of deviations of a load, in stated errors: one of its size, two of its direction, three of its
+/// lever.
 pub(super) const OWN: usize = 6;
 
-/// Those of the lever offset of a mounting.
+/// Number of components of a mounting's lever offset.
 pub(super) const SHARED: usize = 3;
 
 /// A load as it was written down.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StatedLoad {
-    /// A wrench that is right.
+    /// An exact wrench.
     Wrench(PerAxis<f64>),
     /// A force at a point, each with an error.
     Force {
-        /// Its size, N.
+        /// Magnitude, N.
         force_n: f64,
-        /// Along it, of length 1.
+        /// Unit vector along the force.
         direction: [f64; 3],
-        /// Where it acts, from the sensor's origin, m.
+        /// Point of action, from the sensor's origin, m.
         point_m: [f64; 3],
-        /// How wrong these may be.
+        /// Stated errors of these.
         errors: LoadErrors,
-        /// The position of its mounting, among those whose lever offsets are found.
+        /// Index of its mounting, if a lever offset is fitted for it.
         mounting: Option<usize>,
     },
 }
 
-/// What of a load is wrong.
+/// Quantity of a load that may be wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LoadQuantity {
-    /// Its mass or force.
+    /// Mass or force.
     Size,
-    /// Its direction.
+    /// Direction of the force.
     Direction,
-    /// Its point.
+    /// Point of action.
     Lever,
 }
 
 impl LoadQuantity {
-    /// All of them.
+    /// All quantities.
     pub const ALL: [Self; 3] = [Self::Size, Self::Direction, Self::Lever];
 
     pub(super) fn positions(self) -> std::ops::Range<usize> {
@@ -51,12 +52,12 @@ impl LoadQuantity {
         }
     }
 
-    /// How far a load is off, in stated errors.
+    /// Length of this quantity's deviation, in stated errors.
     pub(super) fn length(self, own: &[f64; OWN]) -> f64 {
         own[self.positions()].iter().map(|x| x * x).sum::<f64>().sqrt()
     }
 
-    /// The median length of so many standard normal deviations.
+    /// Median length for standard normal deviations.
     pub(super) fn median(self) -> f64 {
         match self {
             Self::Size => 0.674_490,
@@ -67,12 +68,12 @@ impl LoadQuantity {
 }
 
 impl StatedLoad {
-    /// The wrench as it is stated, N and N·m.
+    /// Stated wrench, N and N·m.
     pub fn wrench(&self) -> PerAxis<f64> {
         self.deviated(&[0.0; OWN], &[0.0; SHARED]).0
     }
 
-    /// The standard error of each axis of the wrench as it is stated, N and N·m.
+    /// Standard error of each axis of the stated wrench, N and N·m.
     pub fn standard_errors(&self) -> PerAxis<f64> {
         let mut squares = PerAxis::default();
         for position in 0..OWN {
@@ -89,7 +90,7 @@ impl StatedLoad {
         squares.map(f64::sqrt)
     }
 
-    /// The wrench and the direction with these deviations, in stated errors, and offset of the mounting, m.
+    /// Wrench and direction with these deviations, in stated errors, and this offset of the mounting, m.
     pub(super) fn deviated(
         &self,
         own: &[f64; OWN],
@@ -114,9 +115,9 @@ impl StatedLoad {
     }
 }
 
-/// `d` turned by `angles` towards two directions across it.
+/// Turns `d` by two angles, towards two directions perpendicular to it.
 fn turned(d: [f64; 3], [first, second]: [f64; 2]) -> [f64; 3] {
-    // Across the axis that d has least of.
+    // Perpendicular to the axis along which d is least.
     let least = (0..3).min_by(|&i, &j| d[i].abs().total_cmp(&d[j].abs())).unwrap_or(0);
     let mut axis = [0.0; 3];
     axis[least] = 1.0;

@@ -1,18 +1,20 @@
-//! Hung weights as the reference: loads known up to stated errors, found together with the sensors.
+//! Hung weights as the reference: loads known up to stated errors, estimated together with the sensors.
 //!
 //! ```text
 //! yᵢⱼ = fᵢ(bᵢ + aᵢᵀxⱼ(δⱼ, o)) + e      δⱼ: mass, two angles, lever of load j      o: lever offset of its mounting
 //! ```
 //!
-//! Eight readings say more of a pose than six parameters of a force at a point, five of which matter, so a load's
-//! errors can be told from those of the sensors. All are found together, at greatest posterior density, by Levenberg's
-//! and Marquardt's steps; those of a load are eliminated from the equations first (a Schur complement: Triggs et al.,
-//! Bundle Adjustment, 2000, §6). The deviations of a load have a prior of the stated errors, of Student's shape for each
-//! of mass, direction and lever: a mistyped one costs little more than a few standard errors and does not bend the
-//! sensors (Lange, Little & Taylor, J. Am. Stat. Assoc. 84, 1989). What sensors and loads took from a residual is
-//! given back to the noise, as for the residuals of a fit to loads that are known.
+//! Eight readings determine more of a pose than the six parameters of a force at a point (only five of the
+//! six matter). So errors of a load can be told from errors of the sensors. Levenberg-Marquardt steps find
+//! all of them together, at the maximum of the posterior density. The deviations of a load are eliminated
+//! from the equations first (a Schur complement: Triggs et al., Bundle Adjustment, 2000, §6). Their prior has
+//! the stated errors and Student's shape for each of mass, direction and lever: a mistyped value costs little
+//! more than a few standard errors and does not bend the sensors (Lange, Little & Taylor, J. Am. Stat. Assoc.
+//! 84, 1989). The noise is corrected for the part of the residuals that sensors and loads absorbed, as in a
+//! fit to known loads.
 //!
-//! What all loads have in common stays as it is stated: a turn or a shift of all of them is another frame of reference.
+//! Errors that all loads have in common are not corrected: a turn or a shift of all of them is another frame
+//! of reference.
 
 mod equations;
 mod load;
@@ -32,52 +34,54 @@ use shell_data::wrench::PerAxis;
 /// Degrees of freedom of Student's prior: one load in a few dozen may be far off.
 const FREEDOM: f64 = 4.0;
 
-/// A quantity is suspicious from so many stated errors, or so many times what is usual in the table.
+/// A quantity is suspicious beyond this many stated errors, or beyond this many times the scatter of the
+/// table if that is larger.
 const FAR: f64 = 5.0;
 
-/// Standard deviation of the priors of lo, ln h and ln ν: the middle of those that a fit chooses from.
+/// Standard deviation of the priors of lo, ln h and ln ν: the middle one of the candidates of a fit.
 const WIDTH: f64 = 0.5;
 
-/// Rounds of steps of all parameters, each with the weights and the noise that the last one left.
+/// Number of rounds, and of steps of all parameters in a round. Each round uses the weights and the noise
+/// from the previous one.
 const ROUNDS: usize = 20;
 const STEPS: usize = 3;
 
-/// A load as the sensors say it was.
+/// A load as corrected by the sensors.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CorrectedLoad {
     /// The wrench, N and N·m.
     pub wrench: PerAxis<f64>,
-    /// The direction, of length 1; zero for a wrench.
+    /// Direction, of length 1; zero for a wrench.
     pub direction: [f64; 3],
-    /// Found less stated size, with its standard error, N.
+    /// Found minus stated size, with its standard error, N.
     pub force_n: (f64, f64),
-    /// Between the found and the stated direction, with its standard error, rad.
+    /// Angle between the found and the stated direction, with its standard error, rad.
     pub angle_rad: (f64, f64),
-    /// Found less stated point, m.
+    /// Found minus stated point, m.
     pub lever_m: [f64; 3],
-    /// What is far off what was stated, most first.
+    /// Quantity that is furthest from its stated value, if any is suspicious.
     pub suspicious: Option<LoadQuantity>,
 }
 
 /// All loads of a table, corrected.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CorrectedLoads {
-    /// In the order of the observations.
+    /// Loads in the order of the observations.
     pub loads: Vec<CorrectedLoad>,
-    /// The lever offset of each mounting, m.
+    /// Lever offset of each mounting, m.
     pub mountings: Vec<[f64; 3]>,
-    /// Scatter of sizes, directions and levers, in stated errors: 1 where those are right.
+    /// Scatter of sizes, directions and levers, in stated errors: 1 if the stated errors are right.
     pub scatter: [f64; 3],
 }
 
-/// Corrects loads by the readings at them: `observations[j]` was made under `loads[j]`. `mounting_m` is the standard
-/// deviation of the lever offsets of `mountings` mountings, on each axis.
+/// Corrects loads by the readings at them: `observations[j]` was made under `loads[j]`. `mounting_m` is the
+/// standard deviation of the lever offsets of `mountings` mountings, on each axis.
 ///
 /// # Errors
 /// [`PhysicsError`] if there are too few observations or channels.
 ///
 /// # Panics
-/// If there are not as many loads as observations.
+/// If the numbers of loads and observations differ.
 pub fn correct_loads(
     observations: &[Observation],
     loads: &[StatedLoad],
@@ -108,34 +112,31 @@ pub fn correct_loads(
     Ok(search.outcome(&at))
 }
 
-/// What is looked for.
 #[derive(Clone, Debug)]
 struct Unknowns {
     parameters: Vec<Parameters>,
-    /// In stated errors.
+    /// Deviations of each load, in stated errors.
     own: Vec<[f64; OWN]>,
-    /// In `mounting_m`.
+    /// Lever offsets of the mountings, in `mounting_m`.
     offsets: Vec<[f64; SHARED]>,
 }
 
-/// The search under way.
 struct LoadSearch<'a> {
     loads: &'a [StatedLoad],
-    /// Readings, and wrenches as they are stated.
+    /// Readings and stated wrenches.
     data: Scaled,
     scales: Scales,
     mounting_m: f64,
     at: Unknowns,
     noise: Noise,
-    /// Marquardt's damping.
     damping: f64,
 }
 
-/// What a round holds fast.
+/// Weights and prior that stay fixed during a round.
 struct FixedWeights {
     /// Inverse variances by load and sensor.
     readings: Vec<Vec<f64>>,
-    /// Of the deviations of each load.
+    /// Weights of the deviations of each load.
     own: Vec<[f64; OWN]>,
     prior: Prior,
 }
@@ -155,7 +156,7 @@ impl LoadSearch<'_> {
         at
     }
 
-    /// One of Marquardt's steps, taken if it lowers the sum.
+    /// Makes one Levenberg-Marquardt step, if it lowers the sum.
     fn step(&mut self, at: &mut LoadEquations, weights: &FixedWeights) {
         let more = 1.0 + self.damping;
         let Some((reduced, descent, eliminated)) = at.reduced(more) else { return };
@@ -191,9 +192,10 @@ impl LoadSearch<'_> {
         units.map(|x| x * self.mounting_m)
     }
 
-    /// A load in the scales of the model, and by its deviations and the offset of its mounting.
+    /// Wrench of a load in the scales of the model, and its derivatives with respect to the load's deviations
+    /// and the offset of its mounting.
     fn wrench(&self, at: &Unknowns, row: usize) -> (PerAxis<f64>, [PerAxis<f64>; OWN + SHARED]) {
-        // Of a smooth function of numbers of order 1: central differences err by 1e-8 of it.
+        // Central differences of a smooth function with numbers of order 1 have a relative error of 1e-8.
         const STEP: f64 = 1e-4;
         let load = &self.loads[row];
         let offset = self.offset(at, load);
@@ -282,7 +284,7 @@ impl LoadSearch<'_> {
         all
     }
 
-    /// Residuals with what sensors and loads took of them.
+    /// Residuals, corrected for the part that sensors and loads absorbed.
     fn residuals(&self, at: &LoadEquations) -> Vec<Residuals> {
         let mut all = vec![Residuals::default(); self.at.parameters.len()];
         let Some((border, eliminated)) = at.factor() else { return all };
@@ -356,7 +358,7 @@ mod tests {
     const EXACT: LoadErrors = LoadErrors { force_n: 0.0, angle_rad: 0.0, lever_m: 0.0 };
     const USUAL: LoadErrors = LoadErrors { force_n: 0.005, angle_rad: 0.0175, lever_m: 1e-3 };
 
-    /// Forces of 1 to 5 N at points to 40 mm, alternately of two mountings.
+    /// Forces of 1 to 5 N at points up to 40 mm away, alternately on two mountings.
     fn loads(count: usize, errors: LoadErrors) -> Vec<StatedLoad> {
         let mut random = Random(11);
         let load = |at| {
@@ -373,7 +375,7 @@ mod tests {
         (0..count).map(load).collect()
     }
 
-    /// Eight sensors under these loads, with noise of 2 counts on 1000.
+    /// Observations by eight sensors under these loads, with noise of 2 counts on 1000.
     fn observe(loads: &[StatedLoad]) -> Vec<Observation> {
         let mut random = Random(5);
         let gains: Vec<PerAxis<f64>> =
@@ -417,7 +419,7 @@ mod tests {
         let found = correct_loads(&observe(&moved), &stated, (2, 3e-3)).unwrap();
         let [first, second] = found.mountings[..] else { panic!("two mountings") };
         let between: [f64; 3] = std::array::from_fn(|i| second[i] - first[i]);
-        // 1 mm of each lever over 24 loads a side is 0.3 mm; offsets are held to 3 mm.
+        // Errors of 1 mm in each lever, over 24 loads a side, give 0.3 mm; the prior of the offsets is 3 mm.
         for (found, expected) in between.iter().zip([4e-3, 0.0, 0.0]) {
             assert!((found - expected).abs() < 1e-3, "{between:?}");
         }

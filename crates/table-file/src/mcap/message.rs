@@ -11,13 +11,13 @@ use crate::write::mcap::RECORD_TYPE;
 pub(super) enum FieldKind {
     /// `geometry_msgs/Wrench` or `geometry_msgs/WrenchStamped`, in the encoding of ROS 2 (CDR) or ROS 1.
     Wrench { is_stamped: bool, is_ros1: bool },
-    /// Numbers and texts after a header, as [`write::mcap`](crate::write::mcap) writes them: names, and whether each is text.
+    /// Numbers and texts after a header, as written by [`write::mcap`](crate::write::mcap). Each field has a
+    /// name, and true for a text.
     Record(Vec<(String, bool)>),
-    /// Objects in JSON.
+    /// JSON objects.
     Json,
 }
 
-/// A message.
 pub(super) struct Message {
     /// Time of measurement in ns, if the message states it.
     pub(super) stamp_ns: Option<u64>,
@@ -73,7 +73,7 @@ impl FieldKind {
     }
 }
 
-/// The fields in a definition after its header; `None` if one is neither `float64` nor `string`.
+/// Returns the fields of a definition after its header; `None` if one is neither `float64` nor `string`.
 fn record_fields(definition: &str) -> Option<Vec<(String, bool)>> {
     let mut lines = definition.lines().take_while(|line| !line.starts_with('='));
     if lines.next()? != "std_msgs/Header header" {
@@ -87,7 +87,7 @@ fn record_fields(definition: &str) -> Option<Vec<(String, bool)>> {
     lines.map(field).collect()
 }
 
-/// Numbers and texts after a header (CDR, little-endian).
+/// Decodes numbers and texts after a header (CDR, little-endian).
 fn record(data: &[u8], fields: &[(String, bool)]) -> Option<Message> {
     let data = data.strip_prefix(&[0, 1, 0, 0])?;
     let mut bytes = ByteReader::new(data);
@@ -121,8 +121,7 @@ fn record(data: &[u8], fields: &[(String, bool)]) -> Option<Message> {
 /// Decodes force and torque, with or without a header.
 fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
     let (order, data) = if is_ros1 { (&[0, 1][..], data) } else { data.split_at_checked(4)? };
-    // CDR begins with its byte order and version. Doubles are aligned to eight bytes, in the second version
-    // to four.
+    // CDR begins with its byte order and version. Doubles are aligned to eight bytes; in version 2, to four.
     let (is_little, step) = match order {
         [0, 0, ..] => (false, 8),
         [0, 1, ..] => (true, 8),

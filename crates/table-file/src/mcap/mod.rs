@@ -1,8 +1,8 @@
-//! Recordings in MCAP ("MCAP File Format Specification"): wrenches of ROS (`WrenchStamped` and
-//! `Wrench`), records of this program and messages in JSON, as one table.
+//! Recordings in MCAP ("MCAP File Format Specification") as one table: ROS wrenches (`WrenchStamped` and
+//! `Wrench`), records of this program, and JSON messages.
 //!
-//! Messages of several topics with the same log time form one row. The first pass finds the topics and the
-//! names in their JSON, the second reads the rows.
+//! Messages of several topics with the same log time form one row. The first pass finds the topics and their
+//! column names; the second reads the rows.
 
 mod message;
 mod records;
@@ -21,7 +21,7 @@ use crate::kind::{FileKind, TableError};
 
 const KIND: FileKind = FileKind::Mcap;
 
-/// The largest number of rows that wait for messages of other topics.
+/// Maximum number of rows that wait for messages of other topics.
 const WAITING: usize = 4096;
 
 #[derive(Debug)]
@@ -44,7 +44,6 @@ struct Topic {
     channels: BTreeSet<u16>,
     name: String,
     kind: FieldKind,
-    /// The names of the topic's columns.
     columns: Vec<String>,
 }
 
@@ -64,7 +63,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
                     schemas.get(&schema).map_or(("", ""), |(name, text)| (name, text));
                 let known = topics.iter_mut().find(|known| known.name == topic);
                 match (known, FieldKind::new(schema, definition, &encoding)) {
-                    // The same channels are listed in every chunk.
+                    // Every chunk lists its channels again.
                     (Some(known), Some(kind)) if known.kind == kind => {
                         known.channels.insert(id);
                     }
@@ -145,7 +144,6 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     Ok(found)
 }
 
-/// Statistics of the messages' time stamps.
 #[derive(Default)]
 struct Stamps {
     count: u64,
@@ -250,7 +248,7 @@ impl Topic {
     fn push(&self, message: Message, row: &mut Vec<Cell>) {
         let mut values = message.columns;
         for (position, name) in self.columns.iter().enumerate() {
-            // Usually the order is the same.
+            // The order usually matches.
             let is_same = |entry: &(String, Cell)| entry.0 == *name;
             let found = match values.get(position).is_some_and(is_same) {
                 true => Some(position),
@@ -263,7 +261,7 @@ impl Topic {
 }
 
 impl McapRecording {
-    /// The error of topics that have no rows in common.
+    /// Returns the error for topics without common log times.
     fn apart(&self) -> TableError {
         let names: Vec<&str> = self.topics.iter().map(|topic| topic.name.as_str()).collect();
         KIND.unsupported(format!(

@@ -1,4 +1,4 @@
-//! The records of a recording in order, inside and outside of chunks.
+//! The records of a recording in order, inside and outside chunks.
 
 use std::io::{BufReader, Read};
 
@@ -16,18 +16,17 @@ pub(super) enum McapRecord {
     Message { channel: u16, log_time: u64, data: Vec<u8> },
 }
 
-/// The largest message that is read, in bytes.
+/// Maximum size of a record outside chunks, bytes.
 const MESSAGE: u64 = 16 << 20;
 
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
-/// The records of a file.
 pub(super) struct Records {
     file: BufReader<OpenFile>,
     at: u64,
     length: u64,
-    /// Records that have been read from the file, and the position of the next one.
     records: Vec<u8>,
+    /// Position of the next record in `records`.
     next: usize,
     unpacked: Unpacked,
     ended: bool,
@@ -152,7 +151,7 @@ fn record(kind: u8, content: &[u8]) -> Option<Option<McapRecord>> {
         0x03 => {
             let (id, name) = (bytes.u16()?, bytes.text()?.to_owned());
             let _encoding = bytes.text()?;
-            // Only definitions of ROS are looked at, and those are text.
+            // Only ROS definitions are used, and these are text.
             let length = usize::try_from(bytes.u32()?).ok()?;
             let definition = String::from_utf8_lossy(bytes.take(length)?).into_owned();
             Some(McapRecord::Schema { id, name, definition })

@@ -1,19 +1,19 @@
-//! Recordings in MCAP, for ROS 2: wrenches, and named values in a message type with a field for each.
+//! Recordings in MCAP for ROS 2: wrenches, transforms, and named values in a message type with one field
+//! each.
 //!
-//! Any thread can make chunks of rows ([`McapChunk`]). They are written in order ([`McapWriter`]), with an
-//! index of their messages, and a summary at the end.
+//! Any thread can make chunks of rows ([`McapChunk`]). [`McapWriter`] writes them in order, each with an
+//! index of its messages, and a summary at the end.
 
 use std::io::{self, Write};
 
 use crate::bytes::ByteWriter;
 
-/// A channel of a recording.
 #[derive(Clone, Debug)]
 pub struct McapChannel {
     pub topic: String,
-    /// Name and definition of its message type (`ros2msg`).
+    /// Name and definition of the message type (`ros2msg`).
     pub schema: (&'static str, String),
-    /// Further entries, by name.
+    /// Metadata entries: name and value.
     pub metadata: Vec<(&'static str, String)>,
 }
 
@@ -36,9 +36,10 @@ impl McapChannel {
         }
     }
 
-    /// Named values with a time: a type of its own with a field for each, in the order of `fields` (name, and
-    /// whether it is a text). Readers that follow the definition in the file need no package of ROS for it. No
-    /// topic is JSON: `mcap-ros2-support` 0.6.0 stops at the first message that is not of ROS.
+    /// Makes a channel of named values with a time, in a message type with one field per value, in the order
+    /// of `fields` (name, and true for a text). Readers that use the definition in the file need no ROS
+    /// package for it. The encoding is not JSON, because `mcap-ros2-support` 0.6.0 stops at the first message
+    /// that is not a ROS message.
     pub fn record(topic: &str, fields: &[(String, bool)]) -> Self {
         let names = field_names(fields.iter().map(|(name, _)| name));
         let mut own = "std_msgs/Header header\n".to_owned();
@@ -56,8 +57,8 @@ impl McapChannel {
 /// The message type of [`McapChannel::record`].
 pub(crate) const RECORD_TYPE: &str = "shellcal_msgs/msg/Record";
 
-/// Names as ROS 2 allows them for fields: small letters, digits and single underscores, a letter first. Names that
-/// become equal get a number.
+/// Converts names to field names allowed by ROS 2: lower-case letters, digits and single underscores, a
+/// letter first. Names that become equal get a number.
 fn field_names<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
     let mut found: Vec<String> = vec!["header".to_owned()];
     for name in names {
@@ -75,7 +76,7 @@ fn field_names<'a>(names: impl Iterator<Item = &'a String>) -> Vec<String> {
     found.split_off(1)
 }
 
-/// Types of ROS 2 that others are made of.
+/// Definitions of ROS 2 types that other types contain.
 const STD_HEADER: &str = "MSG: std_msgs/Header\nbuiltin_interfaces/Time stamp\nstring frame_id\n";
 const STAMP: &str = "MSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n";
 const VECTOR3: &str = "MSG: geometry_msgs/Vector3\nfloat64 x\nfloat64 y\nfloat64 z\n";
@@ -132,8 +133,8 @@ pub fn wrench_stamped(message: &mut Vec<u8>, time_ns: u64, frame_id: &str, wrenc
     doubles(message, start, &wrench);
 }
 
-/// Adds a message of [`McapChannel::record`]: the time, then numbers and texts in the order of its fields, all
-/// numbers first (CDR, little-endian).
+/// Appends a message of [`McapChannel::record`]: the time and frame, then the numbers and then the texts, in
+/// the order of its fields (CDR, little-endian).
 pub fn record_stamped<'a>(
     message: &mut Vec<u8>,
     time_ns: u64,
@@ -188,19 +189,19 @@ fn string(message: &mut Vec<u8>, text: &str) {
     message.push(0);
 }
 
-/// Fills up to a multiple of `step` bytes after `start`.
+/// Pads with zeros to a multiple of `step` bytes after `start`.
 fn align(message: &mut Vec<u8>, start: usize, step: usize) {
     message.resize(start + (message.len() - start).next_multiple_of(step), 0);
 }
 
-/// Adds doubles, at multiples of eight bytes after `start`.
+/// Appends doubles, aligned to eight bytes after `start`.
 fn doubles(message: &mut Vec<u8>, start: usize, values: &[f64]) {
     align(message, start, 8);
     values.iter().for_each(|value| message.extend(value.to_le_bytes()));
 }
 
-/// Messages that are written together. They are not compressed, as is the default of ROS 2: LZ4 takes longer
-/// than making the messages.
+/// Messages that are written together. They are not compressed, which is also the default of ROS 2: LZ4 would
+/// take longer than making the messages.
 #[derive(Debug, Default)]
 pub struct McapChunk {
     records: Vec<u8>,
@@ -209,7 +210,7 @@ pub struct McapChunk {
     times: Option<(u64, u64)>,
 }
 
-/// The message index of a channel in a chunk, in the form in which it is written: times and positions.
+/// The message index of a channel in a chunk, in file format: times and positions.
 type MessageIndex = Vec<u8>;
 
 /// Bytes per entry of a message index.
@@ -227,7 +228,6 @@ const DATA_END: u8 = 0x0f;
 const HEADER: u8 = 0x01;
 const FOOTER: u8 = 0x02;
 
-/// The name for no compression.
 const UNCOMPRESSED: &str = "";
 
 fn record(kind: u8, content: ByteWriter) -> Vec<u8> {
@@ -269,7 +269,6 @@ impl McapChunk {
     }
 }
 
-/// A writer of recordings.
 pub struct McapWriter<W> {
     out: W,
     at: u64,

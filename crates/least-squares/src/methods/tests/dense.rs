@@ -1,4 +1,4 @@
-//! Rows of matrices in memory, for the tests here and for the certified problems of the program.
+//! Matrices in memory as a source of rows, for these tests and for the certified problems of the program.
 
 use faer::{Mat, MatRef};
 
@@ -8,23 +8,23 @@ use super::{
 
 /// `X` and `Y` in memory.
 ///
-/// Columns are multiplied by powers of two that bring their largest element near one, so that
-/// squares neither overflow nor underflow: any units will do, subnormal ones too.
+/// Columns are multiplied by powers of two that bring their largest element near one, so squares neither
+/// overflow nor underflow in any units, even with subnormal numbers.
 #[derive(Clone, Debug)]
 pub(crate) struct Dense<'a> {
     x: MatRef<'a, f64>,
-    /// What rounding left out of `x`.
+    /// Rounding errors of `x`.
     tails: Option<MatRef<'a, f64>>,
     y: MatRef<'a, f64>,
-    /// Exponents of two to multiply the columns of `[X | Y]` by.
+    /// Exponents of the powers of two that scale the columns of `[X | Y]`.
     units: Vec<i32>,
 }
 
 impl<'a> Dense<'a> {
-    /// Rows of `x` (n × p) and `y` (n × q); the elements of `X` are `x + tails` if there are tails.
+    /// A source with rows of `x` (n × p) and `y` (n × q). With tails, the elements of `X` are `x + tails`.
     ///
     /// # Panics
-    /// If the shapes do not fit.
+    /// If the shapes do not match.
     pub(crate) fn new(
         x: MatRef<'a, f64>,
         tails: Option<MatRef<'a, f64>>,
@@ -39,7 +39,7 @@ impl<'a> Dense<'a> {
         Self { x, tails, y, units: units.collect() }
     }
 
-    /// The solution in the units of `X` and `Y`.
+    /// Converts a solution to the units of `X` and `Y`.
     fn unscaled(&self, mut solved: LeastSquares) -> Result<LeastSquares, LeastSquaresError> {
         let (p, q) = (self.x.ncols(), self.y.ncols());
         let (x, y) = self.units.split_at(p);
@@ -98,7 +98,7 @@ impl RowSource for Dense<'_> {
 /// Solves `min ‖X·C − Y‖` for matrices in memory.
 ///
 /// # Errors
-/// As [`solve`]; also where a coefficient is too large for an `f64`.
+/// As [`solve`]; also if a coefficient is too large for an `f64`.
 pub(crate) fn solve_dense(
     mut rows: Dense<'_>,
     method: impl Into<Method>,
