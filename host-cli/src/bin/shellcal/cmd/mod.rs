@@ -24,6 +24,7 @@ mod quality;
 mod record;
 mod simulate;
 mod simulate_board;
+mod simulated_unit;
 mod stream;
 mod synth;
 mod synth_trial;

@@ -17,8 +17,8 @@ use simulation::sensor_model::LoadTable;
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 
 use super::choices::{number_in, numbers};
+use super::simulated_unit::{NoiseArgs, SeedArgs};
 use super::stream::{EndingArgs, each_line};
-use super::synth::{NoiseArgs, SeedArgs};
 use crate::files::{InputPath, OutputLocation, is_standard};
 use crate::printer::Printer;
 use crate::signals;

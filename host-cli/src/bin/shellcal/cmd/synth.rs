@@ -11,6 +11,7 @@ use simulation::synthetic_log::{
 };
 
 use super::choices::one_of;
+use super::simulated_unit::{NoiseArgs, SeedArgs, WrittenArg};
 use super::synth_trial::{SynthTrialArgs, TrialsArgs};
 use crate::files::OutputPath;
 use crate::printer::Printer;
@@ -60,14 +61,6 @@ struct RecordingArgs {
 
     #[command(flatten)]
     written: WrittenArg,
-}
-
-/// The file of a recording.
-#[derive(Clone, Debug, clap::Args)]
-pub(super) struct WrittenArg {
-    /// File to write [default: standard output]
-    #[arg(long, short, value_name = "FILE")]
-    pub(super) output: Option<OutputPath>,
 }
 
 /// Resolution of the board's converter.
@@ -261,48 +254,4 @@ pub(super) fn check_rows(rows: f64) -> anyhow::Result<()> {
         "{rows:e} rows were asked for, at most {MOST_ROWS:e} are made"
     );
     Ok(())
-}
-
-/// The simulated unit, and one of its recordings.
-#[derive(Clone, Debug, clap::Args)]
-pub(super) struct SeedArgs {
-    /// Seed of the recording: its loads, noise, light, mounting and scatter [default: 1]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..1 << 60))]
-    seed: Option<u64>,
-
-    /// Seed of the unit: its springs, reflectors and gains; 1 is the unit of the shipped data [default: 1]
-    #[arg(long, value_name = "N")]
-    unit_seed: Option<u64>,
-}
-
-impl SeedArgs {
-    pub(super) fn seed(&self) -> u64 {
-        self.seed.unwrap_or(1)
-    }
-
-    pub(super) fn unit_seed(&self) -> u64 {
-        self.unit_seed.unwrap_or(1)
-    }
-
-    pub(super) fn is_given(&self) -> bool {
-        self.seed.is_some() || self.unit_seed.is_some()
-    }
-}
-
-/// The noise of a simulated sensor.
-#[derive(Clone, Debug, clap::Args)]
-pub(super) struct NoiseArgs {
-    /// Factor on all random noise; 0 for none [default: 1]
-    #[arg(long, value_name = "FACTOR", allow_negative_numbers = true)]
-    noise_scale: Option<f64>,
-}
-
-impl NoiseArgs {
-    pub(super) fn scale(&self) -> f64 {
-        self.noise_scale.unwrap_or(1.0)
-    }
-
-    pub(super) fn is_given(&self) -> bool {
-        self.noise_scale.is_some()
-    }
 }

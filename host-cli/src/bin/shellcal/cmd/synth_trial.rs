@@ -5,7 +5,7 @@ use simulation::synthetic_log::TrialLayout;
 use simulation::virtual_robot::{ChannelForces, TrialSettings, VirtualTrial};
 
 use super::choices::one_of;
-use super::synth::{SeedArgs, WrittenArg};
+use super::simulated_unit::{SeedArgs, WrittenArg};
 use crate::files::{OutputLocation, OutputPath};
 use crate::printer::Printer;
 
