@@ -50,7 +50,6 @@ impl Converter {
         }
     }
 
-    /// Returns whether a zero is set.
     pub fn is_zeroed(&self) -> bool {
         self.zero.is_some()
     }

@@ -60,7 +60,7 @@ fn the_original_board_is_found_wherever_listening_begins() {
 }
 
 #[test]
-fn nothing_is_found_in_nothing_and_in_noise() {
+fn no_framing_is_found_in_silence_and_noise() {
     let mut random = Random(3);
     let noise: Vec<u8> = (0..100_000).map(|_| random.next() as u8).collect();
     assert_eq!(detect(&noise), None);

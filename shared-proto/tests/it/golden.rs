@@ -320,7 +320,7 @@ fn commands_with_arguments_that_are_not_theirs_are_unknown_commands() {
 }
 
 #[test]
-fn what_a_newer_board_says_is_read_as_far_as_it_goes() {
+fn packets_of_newer_boards_are_read_as_far_as_known() {
     let answer_in = |hex| {
         let frame = bytes(hex);
         match Packet::decode(&frame[..frame.len() - 1]) {

@@ -5,7 +5,6 @@ use shared_proto::{Decoder, Event, Framing, MAX_FRAME, Packet, ReceivedPacket};
 
 use crate::common::{any_packet, any_sample, decode, on_the_wire};
 
-/// Returns the packet of an event.
 fn packet(event: &Event) -> Packet {
     match *event {
         Event::Packet(ReceivedPacket { packet, .. }) => packet,
@@ -68,7 +67,7 @@ proptest! {
     }
 
     #[test]
-    fn lost_bytes_cost_the_packets_they_are_of(
+    fn lost_bytes_cost_only_their_packets(
         sent in prop::collection::vec(any_packet(), 3),
         from in any::<prop::sample::Index>(),
         count in 1..40_usize,
