@@ -86,7 +86,7 @@ fn columns_that_were_assigned_count_and_are_remembered() {
 }
 
 #[test]
-fn what_cannot_be_done_is_told() {
+fn impossible_requests_are_refused() {
     let error = |answer: Answer| answer.document["error"].as_str().unwrap().to_owned();
     assert!(error(answer(b"{", &[], UNWATCHED)).contains("EOF"));
     assert_eq!(error(fit(&json!({}), b"")), "`a.csv` is empty");

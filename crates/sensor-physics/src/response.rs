@@ -45,7 +45,6 @@ impl Answer {
         Self::at_displacement(q, p[SHAPE], h, nu)
     }
 
-    /// Response at the displacement `q`.
     #[inline]
     pub(super) fn at_displacement(q: f64, lo: f64, h: f64, nu: f64) -> Self {
         // e^(−|q|) never overflows; beyond 40 the curve is a plateau to the last bit of its height.

@@ -143,7 +143,7 @@ fn three_wires_are_enough() {
 
 #[test]
 #[ignore = "needs the flashed image"]
-fn the_books_balance_over_two_thousand_frames_behind_a_bad_line() {
+fn sent_received_and_lost_frames_add_up_over_a_bad_line() {
     let model = &Model::find();
     let mut host = Host::new(model);
     host.order(Command::SetSettling { settling_us: 100 });
