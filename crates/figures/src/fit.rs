@@ -41,7 +41,6 @@ impl FitPlot {
         }
     }
 
-    /// Adds the rows of another plot.
     pub fn merge(&mut self, other: &Self) {
         for (axis, other) in self.axes.iter_mut().zip(&other.axes) {
             axis.agreement.merge(&other.agreement);
@@ -154,7 +153,6 @@ struct AxisView {
     plateaus: Vec<LoadPlateau>,
     residuals: Vec<HistogramCell>,
     predicted_range: ValueRange,
-    /// The range of the residuals shown.
     residual_range: ValueRange,
     /// Number of rows not shown.
     beyond: u64,
@@ -200,7 +198,6 @@ impl AxisView {
         }
     }
 
-    /// Draws predicted against measured.
     fn draw_agreement(&self, canvas: &mut Figure, area: Rect, colours: ColourScale) {
         let (name, unit) = (self.axis.name(), self.axis.unit());
         let [x, y] = ["measured", "predicted"].map(|what| {
@@ -299,7 +296,6 @@ fn profile(marginal: &[(ValueRange, u64)], shown: ValueRange) -> Vec<(ValueRange
     inside.chunks(merged).map(sum).collect()
 }
 
-/// Formats three significant digits.
 fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return decimal(value, 0);
@@ -362,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_constant_and_unfinished_data_still_draw() {
+    fn empty_constant_and_unfinished_data_are_drawn() {
         let empty = FitPlot::default();
         assert!(
             fit_figure(Size::Screen, "fit", Axes::ALL, &empty, Some(&empty))

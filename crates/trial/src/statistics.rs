@@ -40,7 +40,6 @@ const FEWEST_BOOTSTRAPPED: usize = 8;
 /// for its skewness, which is known, and resampling takes minutes.
 const MOST_DRAWN: usize = 5000;
 
-/// Values of one quantity in one condition.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ValueSample {
     values: Vec<f64>,
@@ -61,10 +60,8 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// The statistics of a sample.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Statistics {
-    /// Number of values.
     pub n: usize,
     /// Number of trials that the values come from.
     pub trials: usize,
@@ -90,7 +87,6 @@ pub struct Statistics {
 /// The difference of a mean from that of a reference condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeanDifference {
-    /// The reference condition.
     pub reference: String,
     /// The mean minus that of the reference.
     pub mean: f64,
@@ -236,7 +232,6 @@ fn student(samples: &[Signed<'_>]) -> Interval {
     Interval { low: estimate - half, high: estimate + half }
 }
 
-/// The signed sum of the samples' means.
 fn signed_sum(samples: &[Signed<'_>], means: &[f64]) -> f64 {
     samples.iter().zip(means).map(|((sign, _), mean)| sign * mean).sum()
 }

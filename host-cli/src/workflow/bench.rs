@@ -271,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_is_what_nothing_beats_in_both_time_and_error() {
+    fn the_front_has_the_solvers_that_none_beats_in_both_time_and_error() {
         let mut solvers = [
             measured(1.0, Some(1e-9)),
             measured(2.0, Some(1e-16)),

@@ -116,7 +116,7 @@ pub fn drift(
         let found = times_s.len();
         WorkflowError::refused(
             format!(
-                "`{path}` has `{found}` stretches at rest, {FEWEST_RESTS} at least are needed to tell a drift"
+                "`{path}` has `{found}` stationary intervals, a drift needs at least {FEWEST_RESTS}"
             ),
             "begin with the sensor at rest and unloaded, and let it rest for a second or more now and then",
         )

@@ -47,7 +47,7 @@ pub struct Scatter {
 }
 
 /// Measures the scatter of the frames of a log, in one pass and constant memory. `window` is the unloaded
-/// stretch of time; `None` for the whole log.
+/// block of time; `None` for the whole log.
 ///
 /// # Errors
 /// [`WorkflowError`].

@@ -178,7 +178,7 @@ fn an_unplugged_adapter_is_an_error_and_the_log_is_whole() {
     let sender = Sender::start(board, 0);
     sender.wait_for(80);
     let path = dir.path().join("log.csv");
-    // Nothing is to be lost of a log once there is one.
+    // A log must keep every frame from its start on.
     let deadline = Instant::now() + Duration::from_secs(60);
     while !path.exists() {
         assert!(Instant::now() < deadline, "nothing is recorded");
@@ -289,7 +289,7 @@ fn a_board_that_is_there_but_stopped_is_told() {
     assert!(!dir.path().join("log.csv").exists());
 }
 
-/// What a terminal of so many columns is shown on one line while something is recorded with forces.
+/// The status lines shown in a terminal with `columns` columns during a recording with forces.
 fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let dir = tempfile::tempdir().unwrap();
     self::calibration(dir.path());
@@ -304,7 +304,7 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let (board, port) = pty();
     // Otherwise the program waits for the timing of the channels, at most for 120 frames.
     let plain = "--no-tare --as-sampled";
-    // In a session of its own, so that this terminal is the program's.
+    // In a separate session, so that this terminal is the program's.
     let mut child = std::process::Command::new("setsid")
         .args(["--ctty", "sh", "-c"])
         .arg(format!("stty rows 24 cols {columns}; exec \"$0\" \"$@\""))

@@ -28,7 +28,7 @@ impl Board {
 }
 
 #[test]
-fn a_board_over_tcp_is_asked_recorded_and_looked_at() {
+fn a_board_over_tcp_works_with_board_record_and_doctor() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let board = Board::start(dir);

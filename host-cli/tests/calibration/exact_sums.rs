@@ -1,4 +1,4 @@
-//! What the exact sums promise: the same bits in any order, certain rank, honest refusal.
+//! Properties of the exact sums: the same bits in any order, certain rank, honest refusal.
 
 use calibration::FitError;
 use calibration::exact::{Accumulator, ExactError, ExactFit, ExactSums, MAX_ROWS, StoredSums};

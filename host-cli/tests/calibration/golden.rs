@@ -35,7 +35,7 @@ fn calibrations_are_read_and_written_as_they_were() {
     }
 }
 
-/// What the documents hold, by looking into them.
+/// Looks into the documents for their parts.
 #[test]
 fn the_parts_of_a_calibration_are_where_they_belong() {
     let file = CalibrationFile::read_edited(&golden("calibration-v1.json")).unwrap();
@@ -111,8 +111,8 @@ fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
     lines.map(|row| positions.iter().map(|&at| row[at].to_owned()).collect()).collect()
 }
 
-/// What the first program with this protocol recorded: its board did not say when its readings were taken, nor
-/// how it was, and its log has no columns for that.
+/// A recording of the first program with this protocol: its board sent no sampling times and no
+/// state, and its log has no columns for them.
 #[test]
 fn recordings_are_converted_and_replayed_as_they_were() {
     let dir = tempfile::tempdir().unwrap();
@@ -140,7 +140,7 @@ fn recordings_are_converted_and_replayed_as_they_were() {
     run(&format!("record --replay {} -o log.csv", name("recording-v2.raw")));
     let replayed = text(&dir.path().join("log.csv"));
     assert_eq!(columns(&replayed, &names), columns(&recorded, &names));
-    // What nobody has said is empty.
+    // Unset fields are empty.
     for name in ["temperature_c", "vrefint", "dark8", "sync", "sync_s"] {
         assert!(columns(&replayed, &[name]).iter().all(|row| row[0].is_empty()), "{name}");
     }

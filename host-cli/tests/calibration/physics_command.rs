@@ -83,7 +83,7 @@ fn an_interval_that_the_groups_cannot_tell_is_refused_with_both_numbers() {
     fs::write(dir.path().join("few.csv"), few.join("\n") + "\n").unwrap();
     let (_, said) = ended(&dir, "fit few.csv --model physics -o cal.json", 0);
     let warning =
-        "an interval of 95 % needs `19` held-out groups or stretches of time, there are `15`";
+        "an interval of 95 % needs `19` held-out groups or blocks of time, there are `15`";
     assert!(said.contains(warning), "{said}");
     let said = refused(&dir, "convert cal.json few.csv --interval=95 -o out.csv");
     assert!(said.contains(warning), "{said}");
@@ -95,7 +95,8 @@ fn auto_weighs_physics_on_the_same_folds_and_says_what_it_takes() {
     let dir = tempfile::tempdir().unwrap();
     let fit = &format!("fit {DATA}/synthetic-train.csv --model auto");
     let (_, words) = ended(&dir, &format!("{fit} --verbose"), 0);
-    let reason = "the physics model was not compared: it has no memory terms, which pay here";
+    let reason =
+        "the physics model was not compared: it has no memory terms, which reduce the error here";
     assert!(words.contains(reason), "{words}");
     let (printed, words) =
         ended(&dir, &format!("{fit} --memory-terms none --verbose --json -o cal.json"), 0);
@@ -112,7 +113,7 @@ fn auto_weighs_physics_on_the_same_folds_and_says_what_it_takes() {
     assert_eq!(report["model"] == "physics", takes_physics);
     let verdict = if takes_physics { "so physics is taken" } else { "is kept" };
     assert!(words.contains(verdict), "{words}");
-    // What is for polynomials only is said to be.
+    // Options for polynomials only are refused by name.
     let said = refused(
         &dir,
         &format!("fit {DATA}/synthetic-train.csv --model physics --export-matrix m.csv"),

@@ -1,4 +1,4 @@
-//! The verdict of `fit`: what it says first, what `--max-rms` checks, and which leaks it names.
+//! The verdict of `fit`: its first lines, the check of `--max-rms`, and the leaks that it names.
 
 use std::fs;
 use std::path::Path;
@@ -55,7 +55,7 @@ fn the_verdict_comes_first_and_limits_check_what_was_held_out() {
     ended(&dir, &format!("{fit} --cv --max-rms 0.14 --max-rms-moment 0.006"), 0);
     let (_, said) = ended(&dir, &format!("{fit} --max-rms 0.14"), 1);
     assert!(said.contains("the error on new loads is not known"), "{said}");
-    // The test errs by 0.143 N at most, and is shown: it has to be within the limit, too.
+    // The test errs by at most 0.143 N and is printed: the limit applies to it as well.
     let test = format!("--test {DATA}/synthetic-test.csv");
     ended(&dir, &format!("{fit} --cv {test} --max-rms 0.15"), 0);
     let (_, said) = ended(&dir, &format!("{fit} --cv {test} --max-rms 0.13"), 1);
@@ -163,7 +163,7 @@ fn units_that_are_not_known_are_refused_and_moments_in_other_units_are_told() {
     let large = large.replacen("mx_nm,my_nm,mz_nm", "mx,my,mz", 1);
     fs::write(dir.path().join("mm.csv"), large).unwrap();
     let (_, said) = ended(&dir, "fit mm.csv --model cubic", 0);
-    assert!(said.contains("moments over forces make a lever of"), "{said}");
+    assert!(said.contains("moments are probably in mN·m"), "{said}");
     let (_, said) = ended(&dir, "fit mm.csv --model cubic --moment-unit mnm", 0);
     assert!(!said.contains("lever"), "{said}");
 }

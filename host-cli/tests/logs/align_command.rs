@@ -90,7 +90,7 @@ fn a_match_that_is_not_clear_writes_nothing_and_exits_with_1() {
 }
 
 #[test]
-fn what_cannot_be_read_exits_with_2() {
+fn unreadable_logs_exit_with_2() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     succeed(at, PAIR);

@@ -292,7 +292,7 @@ fn the_trace_sees_every_frame() {
 }
 
 #[test]
-fn what_cannot_be_done_is_said_by_name() {
+fn impossible_conversions_are_refused_by_name() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 30, 2);
     let error = |options: ConvertOptions| run(&path, &options).unwrap_err();

@@ -80,7 +80,7 @@ fn results_do_not_depend_on_threads() {
 }
 
 #[test]
-fn what_cannot_be_written_is_refused_before_any_work() {
+fn unwritable_outputs_are_refused_before_any_work() {
     let dir = tempfile::tempdir().unwrap();
     converted(dir.path(), "--no-lowpass");
     for (flags, expected) in [

@@ -104,7 +104,7 @@ fn messages_are_in_the_order_in_which_they_were_logged() {
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn what_is_not_read_is_named_for_what_it_is() {
+fn unsupported_files_are_named_by_kind() {
     for (name, expected) in [
         ("plate.c3d", "a C3D motion capture file"),
         ("hdf5-libver-latest.h5", "a layout of HDF5 2.0"),

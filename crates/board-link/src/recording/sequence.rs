@@ -142,7 +142,6 @@ pub(super) struct EdgeTracker {
 }
 
 impl EdgeTracker {
-    /// Takes an edge.
     pub(super) fn take(&mut self, edge: Edge) {
         let (number, arrival) = self.tracker.position(edge.number);
         if arrival == Arrival::Duplicate {

@@ -201,7 +201,6 @@ pub(crate) struct Limbs {
 }
 
 impl Limbs {
-    /// `count` limbs for integers.
     pub(crate) fn from_integers(width: u32, count: usize) -> Self {
         Self { unit: 0, width, count }
     }
@@ -313,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn places_of_subnormal_and_of_no_numbers() {
+    fn places_of_subnormal_numbers_and_of_an_empty_column() {
         assert_eq!(BinaryPlaces::new(&[0.0, -0.0]), BinaryPlaces::NONE);
         assert_eq!(BinaryPlaces::new(&[5e-324]), BinaryPlaces { low: -1074, high: -1073 });
         assert_eq!(BinaryPlaces::new(&[-6.0, 0.5]), BinaryPlaces { low: -1, high: 3 });

@@ -31,8 +31,7 @@ pub enum NoIntervals {
     /// Rows of one pose are correlated, and intervals that count each row as an observation have far less
     /// coverage than their level.
     #[error(
-        "the standard errors take every row as independent, and no groups of rows were held out: an interval from them \
-         would hold less than it says"
+        "no groups were held out, so an interval would be too narrow: rows of one pose are not independent"
     )]
     IndependentRows,
     /// There are too few groups.
@@ -180,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_that_do_not_fit_together_are_told() {
+    fn inconsistent_shapes_are_refused() {
         let shape = ErrorShape { levels: vec![0.5, 0.9], quantiles: Default::default() };
         assert!(shape.check().unwrap_err().contains("quantiles"));
         let shape = ErrorShape { levels: vec![0.9, 0.5], quantiles: PerAxis::default() };

@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_what_their_names_say() {
+    fn file_names_decide_the_format() {
         let frame = RecordingFrame { id: "base".to_owned(), mount: None };
         let of = |path: &str| OutputFormat::from_path(Path::new(path), &frame);
         assert_eq!(of("a/b.CSV").unwrap(), OutputFormat::Csv);

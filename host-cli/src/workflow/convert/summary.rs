@@ -119,7 +119,7 @@ impl ConvertSummary {
         };
         match (tare.rests, tare.last_rest_s) {
             (Some(rests), Some(last_s)) => format!(
-                "tare: follows {rests} stretches at rest, the first{when}, the last until {} s",
+                "tare: follows {rests} stationary intervals, the first{when}, the last until {} s",
                 short(last_s)
             ),
             _ => format!("tare: mean of {} frames{when}", tare.frames),
@@ -157,7 +157,7 @@ impl fmt::Display for LagMadeUp {
                 let sign = if self.lag.by < 0.0 { '-' } else { '+' };
                 write!(
                     f,
-                    "clock: t_s is that of the readings {sign} {lag}, the lag of the reference"
+                    "clock: t_s is the time of the readings {sign} {lag}, the lag of the reference"
                 )
             }
             LagRule::BetweenRows => {

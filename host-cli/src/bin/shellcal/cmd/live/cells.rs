@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_beyond_the_edges_is_left_out() {
+    fn cells_beyond_the_edges_are_left_out() {
         for size in [(0, 0), (3, 0), (0, 3), (3, 2)] {
             let mut grid = CellGrid::new(size);
             for at in [(0, 5), (3, 0), (2, 1), (u16::MAX, u16::MAX)] {
