@@ -64,7 +64,7 @@ mod tests {
 
     /// Checks the table in docs/nucleo.md.
     #[test]
-    fn rates_are_those_of_the_documentation() {
+    fn rates_equal_those_of_the_documentation() {
         let docs = include_str!("../../docs/nucleo.md");
         for rate in RATES {
             let exact = f64::from(CLOCK_HZ) / f64::from(rate.divider);

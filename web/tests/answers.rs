@@ -32,7 +32,7 @@ fn fit(columns: &Value, log: &[u8]) -> Answer {
 }
 
 #[test]
-fn files_are_what_their_bytes_say() {
+fn files_are_recognised_by_their_bytes() {
     let plain = examine("a.csv", TRAIN);
     assert_eq!(plain["columns"][1], json!({ "name": "s1", "meaning": "sensor 1" }));
     assert_eq!((&plain["fits"], &plain["has_readings"]), (&json!(true), &json!(true)));

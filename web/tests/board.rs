@@ -92,7 +92,7 @@ fn frames(from: u16, count: u16, reading: impl Fn(u16) -> u16) -> Vec<u8> {
 }
 
 #[test]
-fn a_log_is_that_of_record_byte_for_byte() {
+fn a_log_equals_that_of_record_byte_for_byte() {
     // Missing frames, some late ones, and noise in between.
     let [one, two, three] =
         [(0, 400), (400, 50), (460, 300)].map(|(from, count)| frames(from, count, |n| 16_000 + n));

@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_are_those_of_the_syntax() {
+    fn paths_equal_those_of_the_syntax() {
         let absolute =
             vec![Move(1.0, 2.0), Line(5.0, 2.0), Line(5.0, -3.0), Line(1.0, -3.0), Close];
         let steps = |path: &str| Outline::Path(path.to_owned()).steps();

@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn the_picture_is_the_same_however_rows_are_split() {
+    fn the_picture_is_the_same_for_any_blocks() {
         let whole = fit_figure(Size::Screen, "fit", Axes::ALL, &plot(0..5000), None);
         let mut merged = plot(3000..5000);
         merged.merge(&plot(0..3000));
@@ -338,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn rms_is_that_of_predicted_minus_measured() {
+    fn rms_equals_that_of_predicted_minus_measured() {
         let plot = plot(0..5000);
         // 0.1·sin has a root mean square of 0.1/√2; 5000 samples cover whole turns to within 1 %.
         for axis in &plot.axes {

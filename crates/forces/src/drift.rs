@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_that_of_least_squares() {
+    fn a_line_equals_that_of_least_squares() {
         // Slope 1.0135135 and standard error 0.0468122 are numpy's, as printed. The residuals alternate (ρ =
         // −0.774), so ρ adds nothing.
         let found = Trend::fit(&[0.0, 1.0, 2.0, 3.0, 5.0], &[1.0, 1.9, 3.2, 3.8, 6.1]).unwrap();

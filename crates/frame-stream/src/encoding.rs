@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_of_csv_are_those_of_the_first_row() {
+    fn columns_of_csv_equal_those_of_the_first_row() {
         let axes: Axes = [Axis::Fx, Axis::Mx].into_iter().collect();
         let expected = "t_s,index,host_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,mx_nm,flags,row,lost\n\
             12.345678,7,1700000000.000001,1,2.5,3,4,5,6,7,8,0.1,,s3:range mark1,9,2\n";

@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_bias_and_status_are_those_of_the_row() {
+    fn counts_bias_and_status_equal_those_of_the_row() {
         let (mut state, client) = (BoxState::default(), SocketAddr::from(([127, 0, 0, 1], 9)));
         assert!(state.take(&row(1, 1.0, "")).is_none(), "nobody has asked");
         state.obey(RdtCommand::Start(0), client);

@@ -247,7 +247,7 @@ mod tests {
     use system_tests::random::Random;
 
     #[test]
-    fn whole_weights_are_those_of_repeated_rows() {
+    fn whole_weights_equal_those_of_repeated_rows() {
         let mut random = Random(19);
         let mut column = |scale: f64| (0..200).map(|_| scale * random.unit()).collect::<Vec<f64>>();
         let readings = vec![column(4000.0), column(4000.0)];

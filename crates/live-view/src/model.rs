@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tare_takes_the_mean_of_the_next_rows_and_changes_only_what_is_shown() {
+    fn a_tare_takes_the_mean_of_the_next_rows_and_changes_only_the_display() {
         let mut model = model();
         model.tare.begin();
         for index in 1001..1001 + forces::DEFAULT_TARE_FRAMES as i64 - 1 {

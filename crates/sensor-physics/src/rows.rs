@@ -366,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_of_constant_load_is_one_observation_wherever_it_lies() {
+    fn a_pose_of_constant_load_is_one_observation_at_any_position() {
         let load = |group: u64| 3.1 * group as f64;
         let rows: Vec<_> = (0..40).map(|row| (row / 10, vec![load(row / 10); 7])).collect();
         let found = training_rows(&rows, 16).observations().unwrap();

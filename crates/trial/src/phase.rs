@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn mean_and_spread_are_those_of_the_forces_at_a_phase() {
+    fn mean_and_spread_equal_those_of_the_forces_at_a_phase() {
         for backwards in [false, true] {
             let trace = trace(backwards);
             let profile = PhaseProfile::new(&trace, [0.05, 1.95]).unwrap();

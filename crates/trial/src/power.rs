@@ -164,7 +164,7 @@ mod tests {
     const VOLTS: &str = "battery = { unit = \"V\" }\n";
 
     #[test]
-    fn power_is_as_it_was_measured() {
+    fn measured_power_is_used_unchanged() {
         let watts = [(Telemetry::Power, [1.5, 2.5]), (Battery, [4.0, 4.0]), (Current, [9.0, 9.0])];
         let units = "power = { unit = \"W\" }\ncurrent = { unit = \"A\" }\n".to_owned() + VOLTS;
         assert_eq!(power(&units, &watts), Ok(([1.5, 2.5], None)), "power before current");

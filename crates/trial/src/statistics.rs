@@ -327,7 +327,7 @@ mod tests {
 
     /// Expected: `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the same values.
     #[test]
-    fn box_plots_are_those_of_matplotlib() {
+    fn box_plots_equal_those_of_matplotlib() {
         let s = of(&[7.0, 1.0, 2.0, 100.0, 3.0, 4.0]);
         assert_eq!((s.q1, s.median, s.q3), (2.25, 3.5, 6.25));
         assert_eq!((s.whisker_low, s.whisker_high), (1.0, 7.0));
@@ -340,7 +340,7 @@ mod tests {
 
     /// Both methods on one skewed sample: the bootstrap's interval scatters by a few percent of its width.
     #[test]
-    fn intervals_of_many_values_are_those_of_the_bootstrap() {
+    fn intervals_of_many_values_equal_those_of_the_bootstrap() {
         let value = |i: usize| (-(i as f64 + 0.5).ln() + (MOST_DRAWN as f64).ln()).powi(2);
         let drawn: Vec<f64> = (0..MOST_DRAWN).map(value).collect();
         let drawn = of(&drawn).mean_95.unwrap();
@@ -365,7 +365,7 @@ mod tests {
 
     /// For many normal values the interval is the textbook's, `mean ± 1.96·sd/√n`.
     #[test]
-    fn the_interval_of_many_values_is_that_of_the_normal_distribution() {
+    fn the_interval_of_many_values_equals_that_of_the_normal_distribution() {
         let mut stream = RandomStream::new(9, Purpose::Readings, 0);
         let values: Vec<f64> = (0..2000).map(|_| 3.0 + stream.normal()).collect();
         let s = of(&values);

@@ -130,7 +130,7 @@ fn a_new_period_counts_from_the_command_and_stopping_stops() {
 }
 
 #[test]
-fn wrenches_are_those_of_the_calibration_uploaded_less_the_zero() {
+fn wrenches_equal_those_of_the_calibration_uploaded_less_the_zero() {
     let mut bench = Bench::new();
     bench.play(|channel, us| (100, 200 + 100 * channel as u16 + (us / 10_000 % 50) as u16));
     assert_eq!(
@@ -360,7 +360,7 @@ fn health_delays_no_frame_that_fills_its_period() {
 }
 
 #[test]
-fn the_self_test_shows_what_each_emitter_raises() {
+fn the_self_test_reports_the_rise_of_each_emitter() {
     let mut bench = Bench::new();
     bench.world.tests_itself.set(true);
     bench.play(|channel, _| (50 + channel as u16, 1_000 + 10 * channel as u16));
@@ -393,7 +393,7 @@ fn the_self_test_shows_what_each_emitter_raises() {
 }
 
 #[test]
-fn the_watchdog_is_fed_whatever_the_host_does() {
+fn the_watchdog_is_fed_under_any_host_traffic() {
     let mut bench = Bench::new();
     bench.run_for(3_000_000);
     bench.done(Command::SetPeriod { period_us: 10_000_000 });

@@ -191,7 +191,7 @@ fn commands_are_repeated_until_they_are_answered() {
 }
 
 #[test]
-fn a_board_is_told_to_start_until_it_does_and_to_stop_at_the_end() {
+fn start_is_sent_until_the_board_streams_and_stop_at_the_end() {
     let dir = tempfile::tempdir().unwrap();
     let (port, name) = pty();
     // As soon as no program has the line open, the board's end reports it dead, even if bytes are still

@@ -290,7 +290,7 @@ fn a_plan_leads_through_its_loads_and_labels_their_rows() {
 }
 
 #[test]
-fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
+fn a_kilohertz_is_shown_and_recorded_whole_under_any_input() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     calibrate(dir);

@@ -230,7 +230,7 @@ fn an_adapter_that_comes_back_goes_on_in_the_same_log() {
 }
 
 #[test]
-fn ports_that_cannot_be_opened_are_told_apart() {
+fn ports_that_cannot_be_opened_are_distinguished() {
     let dir = tempfile::tempdir().unwrap();
     let error = refused(dir.path(), "record /dev/no-such-port -o log.csv");
     assert!(error.contains("there is no port `/dev/no-such-port`"), "{error}");
@@ -247,7 +247,7 @@ fn ports_that_cannot_be_opened_are_told_apart() {
 }
 
 #[test]
-fn a_silent_port_and_a_wrong_baud_rate_are_told() {
+fn a_silent_port_and_a_wrong_baud_rate_are_reported() {
     let dir = tempfile::tempdir().unwrap();
     let (mut board, port) = pty();
     let error = refused(dir.path(), &format!("record {port} -o log.csv --duration 0.3"));
@@ -271,7 +271,7 @@ fn a_silent_port_and_a_wrong_baud_rate_are_told() {
 }
 
 #[test]
-fn a_board_that_is_there_but_stopped_is_told() {
+fn a_stopped_board_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let (mut board, port) = pty();
     let child = start(dir.path(), &format!("record {port} -o log.csv --duration 1.5"));

@@ -198,7 +198,7 @@ fn wrenches_of_the_board_are_a_log_of_wrenches() {
 }
 
 #[test]
-fn forces_beside_the_readings_are_those_of_the_calibration() {
+fn forces_beside_the_readings_equal_those_of_the_calibration() {
     let dir = tempfile::tempdir().unwrap();
     let path = calibration(dir.path());
     let calibration = CalibrationFile::read(&path).unwrap().calibration;
@@ -267,7 +267,7 @@ fn the_original_board_is_read_too() {
 }
 
 #[test]
-fn bytes_without_a_frame_are_an_error_that_says_so() {
+fn bytes_without_a_frame_are_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let noise: Vec<u8> = (0..5000_u32).map(|i| (i * i % 251) as u8).collect();
     fs::write(dir.path().join("raw"), noise).unwrap();
@@ -296,7 +296,7 @@ fn crc16(bytes: &[u8]) -> u16 {
 }
 
 #[test]
-fn a_board_of_another_version_is_told_as_such() {
+fn a_board_of_another_version_is_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let mut bytes = Vec::new();
     for number in 1..100_u8 {

@@ -153,7 +153,7 @@ fn plug(link: &Path) -> TTYPort {
 }
 
 #[test]
-fn a_board_that_resets_is_started_again_as_it_was() {
+fn a_board_that_resets_is_restarted_with_its_settings() {
     for loss in [Loss::Announced, Loss::Silent, Loss::Unplugged] {
         let dir = tempfile::tempdir().unwrap();
         let link = dir.path().join("adapter");

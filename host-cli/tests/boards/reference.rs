@@ -326,7 +326,7 @@ fn a_program_is_started_and_ended() {
 }
 
 #[test]
-fn a_reference_that_is_not_there_is_named_with_what_to_do() {
+fn a_missing_reference_is_an_error_with_a_hint() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (_board, port) = board(dir);

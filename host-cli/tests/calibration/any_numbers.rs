@@ -61,7 +61,7 @@ fn assert_close(found: &[Vec<f64>], expected: &[Vec<f64>], relative: f64) {
 
 /// The exact sums of the counts are the truth: a fit is the same in any unit.
 #[test]
-fn standard_errors_by_group_are_those_of_exact_sums() {
+fn standard_errors_by_group_equal_those_of_exact_sums() {
     let dir = folder();
     let dir = dir.path();
     for model in ["linear", "cubic --no-intercept", "quadratic"] {
@@ -85,7 +85,7 @@ fn standard_errors_by_group_are_those_of_exact_sums() {
 
 /// With few groups, intervals come from held-out groups.
 #[test]
-fn intervals_of_few_groups_are_those_of_exact_sums() {
+fn intervals_of_few_groups_equal_those_of_exact_sums() {
     let dir = folder();
     let dir = dir.path();
     for name in ["train", "volts"] {

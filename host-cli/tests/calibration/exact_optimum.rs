@@ -119,7 +119,7 @@ fn to_f64(value: &BigRational) -> f64 {
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
+fn residuals_on_a_real_recording_equal_those_of_the_exact_optimum() {
     let block = recording();
     for intercept in [false, true] {
         let model = Model { basis: Basis::Cubic, intercept, channels: 8, memory: 0 };

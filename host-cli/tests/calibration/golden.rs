@@ -25,7 +25,7 @@ fn as_before(document: &str, version: u64) -> String {
 
 /// A field that was renamed, added or left out would change the document that is written.
 #[test]
-fn calibrations_are_read_and_written_as_they_were() {
+fn golden_calibrations_are_read_and_written_unchanged() {
     for name in ["calibration-v1.json", "calibration-v1-rows.json"] {
         let path = golden(name);
         // They have no checksum yet.
@@ -54,7 +54,7 @@ fn the_parts_of_a_calibration_are_where_they_belong() {
 }
 
 #[test]
-fn partial_fits_are_read_and_written_as_they_were() {
+fn golden_partial_fits_are_read_and_written_unchanged() {
     let path = golden("partial-v1.json");
     // It has no checksum yet.
     PartialFit::read(&path).unwrap_err();
@@ -64,7 +64,7 @@ fn partial_fits_are_read_and_written_as_they_were() {
 }
 
 #[test]
-fn partial_fits_with_groups_are_read_and_written_as_they_were() {
+fn golden_partial_fits_with_groups_are_read_and_written_unchanged() {
     let path = golden("partial-v2.json");
     let partial = PartialFit::read(&path).unwrap();
     let text = fs::read_to_string(&path).unwrap();
@@ -77,7 +77,7 @@ fn partial_fits_with_groups_are_read_and_written_as_they_were() {
 }
 
 #[test]
-fn manifests_mean_what_they_meant() {
+fn golden_manifests_keep_their_meaning() {
     let text = |name| fs::read_to_string(golden(name)).unwrap();
     let csv = Manifest::parse(&text("manifest-v1.csv"), false).unwrap();
     let toml = Manifest::parse(&text("manifest-v1.toml"), true).unwrap();
@@ -114,7 +114,7 @@ fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
 /// A recording of the first program with this protocol: its board sent no sampling times and no
 /// state, and its log has no columns for them.
 #[test]
-fn recordings_are_converted_and_replayed_as_they_were() {
+fn golden_recordings_are_converted_and_replayed_unchanged() {
     let dir = tempfile::tempdir().unwrap();
     let name = |name| golden(name).display().to_string();
     let run = |arguments: &str| {

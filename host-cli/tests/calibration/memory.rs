@@ -46,7 +46,7 @@ fn solvers_give_the_same_bits_on_any_number_of_threads() {
 }
 
 #[test]
-fn a_compressed_log_gives_what_its_text_gives_and_a_copy_is_told() {
+fn a_compressed_log_equals_its_text_and_a_copy_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     program::run(dir, &format!("synth train --rows 20000 {NO_GROUPS} --output train.csv"), 0);

@@ -155,7 +155,7 @@ fn rows_that_belong_are_not_named_and_a_slip_deep_in_a_long_log_has_its_line() {
 }
 
 #[test]
-fn effects_are_told_of_the_model_that_is_written_and_impossible_predictions_are_not_quoted() {
+fn effects_are_those_on_the_written_model_and_impossible_predictions_are_not_quoted() {
     let dir = tempfile::tempdir().unwrap();
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
     let text = fs::read_to_string(path).unwrap();

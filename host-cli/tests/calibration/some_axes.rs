@@ -66,7 +66,7 @@ fn picked(values: &Value) -> Value {
 }
 
 #[test]
-fn a_fit_of_some_axes_is_that_of_six() {
+fn a_fit_of_some_axes_equals_a_fit_of_six() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let [six, two] = logs(dir, 3);

@@ -203,7 +203,7 @@ print("checked", len(rows))
 
 #[test]
 #[ignore = "needs a Python with packages that read tables and bags"]
-fn python_packages_read_what_is_written() {
+fn python_packages_read_the_written_files() {
     let dir = tempfile::tempdir().unwrap();
     converted(dir.path(), "--no-lowpass");
     let checked = program::python().args(["-c", CHECK]).current_dir(dir.path()).output().unwrap();

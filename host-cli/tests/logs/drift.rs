@@ -106,7 +106,7 @@ fn alarms_have_the_stated_rate_and_a_drift_raises_them() {
 }
 
 #[test]
-fn slopes_are_those_of_the_warm_up() {
+fn slopes_equal_those_of_the_warm_up() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     calibration(folder);
@@ -194,7 +194,7 @@ fn a_still_zero_holds() {
 }
 
 #[test]
-fn logs_that_tell_no_drift_are_refused() {
+fn logs_too_short_for_a_drift_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let short = recorded(sensor(0.0, 1.0, 3), 0.8, |_| false);

@@ -116,7 +116,7 @@ fn a_fault_far_down_a_file_is_found_at_its_line_with_any_number_of_threads() {
 }
 
 #[test]
-fn a_gzip_file_that_is_cut_short_or_damaged_is_told_from_a_bad_log() {
+fn a_gzip_file_that_is_cut_short_or_damaged_is_distinguished_from_a_bad_log() {
     let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     for row in 0..20_000 {
         if row == 0 {
@@ -161,7 +161,7 @@ fn info(bytes: &[u8], args: &[&str]) -> Output {
 }
 
 #[test]
-fn the_command_ends_with_2_and_says_what_to_do() {
+fn the_command_ends_with_2_and_a_hint() {
     for (text, hint) in [
         ("time,s1\n1,x\n", "`--skip-bad-rows`"),
         ("time,s1\n", "nothing was recorded"),

@@ -134,7 +134,7 @@ fn matrices_are_readings_and_wrench_by_their_names_or_their_shapes() {
 /// Recordings of a capacitive sensor, as published and as CSV with all digits.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn published_hdf5_recordings_are_those_of_their_csv() {
+fn published_hdf5_recordings_equal_those_of_their_csv() {
     let name = "others/coinft/CFT24_calibrationData_20251219_110601_train";
     let open = |extension: &str| {
         let path = system_tests::real_recording(&format!("{name}.{extension}"));

@@ -374,7 +374,7 @@ fn a_sample_has_rows_from_all_over_the_file() {
 }
 
 #[test]
-fn the_checksum_is_that_of_the_file_on_disk() {
+fn the_checksum_equals_that_of_the_file_on_disk() {
     let (_file, log) = open("time,s1\n1,2\n");
     let options = ReadOptions { checksum: true, ..ReadOptions::default() };
     let (_, summary) = read_with(&log, &all(&log), &options);

@@ -117,7 +117,7 @@ proptest! {
     // Within one turn of its clock the board gives the length, beyond that the host's time: the true length
     // or "at least".
     #[test]
-    fn the_length_of_a_silence_is_told(outage in outages()) {
+    fn the_length_of_a_silence_is_reported(outage in outages()) {
         let (losses, silence_us, frames) = told(outage);
         let elapsed_us = (outage.lost + 1 + u64::from(outage.dropped)) * outage.period_us;
         prop_assert_eq!(frames as u64, outage.before + 20);
@@ -133,7 +133,7 @@ proptest! {
 
     // Live, the time that the board was off is frames that are missing.
     #[test]
-    fn a_restart_in_a_silence_is_told(outage in outages(), position in 0.0..1.0_f64) {
+    fn a_restart_in_a_silence_is_reported(outage in outages(), position in 0.0..1.0_f64) {
         let restart = (position * outage.lost as f64) as u64;
         let (losses, silence_us, frames) =
             told(Outage { restart: Some(restart), dropped: 0, ..outage });

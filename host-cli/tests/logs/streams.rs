@@ -44,7 +44,7 @@ fn the_file_name_decides_the_format() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_disk_that_is_full_ends_a_command_with_what_was_written() {
+fn a_full_disk_ends_a_command_and_keeps_the_written_part() {
     let dir = folder(400);
     let (_, said) = program::ended(&dir, "stream log.csv --speed 1000 -o /dev/full", 2);
     assert!(said.contains("cannot write `/dev/full`: 0 rows, "), "{said}");

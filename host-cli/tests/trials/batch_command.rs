@@ -113,7 +113,7 @@ fn shares_of_a_manifest_are_the_whole_one_after_the_other() {
 }
 
 #[test]
-fn a_bad_trial_is_told_with_its_place_and_the_others_are_finished() {
+fn a_bad_trial_is_reported_with_its_position_and_the_others_are_finished() {
     let (dir, windows) = folder(1);
     let dir = dir.path();
     let [enter, exit] = windows[0];
@@ -168,7 +168,7 @@ fn a_bad_trial_is_told_with_its_place_and_the_others_are_finished() {
 }
 
 #[test]
-fn numbers_that_cannot_be_are_told_with_their_place() {
+fn impossible_numbers_are_reported_with_their_position() {
     let (dir, windows) = folder(1);
     let [enter, exit] = windows[0];
     let rows = format!("1.txt,x,{enter},{exit},0\n");

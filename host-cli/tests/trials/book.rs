@@ -130,7 +130,7 @@ fn every_page_of_the_documentation_is_a_chapter_and_every_chapter_is_there() {
 
 /// The screen of the live view in the book equals the screen in its tests.
 #[test]
-fn the_screen_in_the_book_is_that_of_the_live_view() {
+fn the_screen_in_the_book_equals_that_of_the_live_view() {
     let page = fs::read_to_string(root().join("docs/board.md")).unwrap();
     let golden = "host-cli/tests/boards/golden/live/forces-80x24.txt";
     let screen = fs::read_to_string(root().join(golden)).unwrap();
@@ -138,7 +138,7 @@ fn the_screen_in_the_book_is_that_of_the_live_view() {
 }
 
 #[test]
-fn anchors_are_those_of_github() {
+fn anchors_equal_those_of_github() {
     let of = |text: &str| anchors(text).into_iter().collect::<Vec<_>>();
     assert_eq!(of("## `--model auto`"), ["--model-auto"]);
     assert_eq!(

@@ -20,7 +20,7 @@ fn console_pages() -> Vec<PathBuf> {
 
 /// Each page runs in a separate folder with the shipped data, because the commands write files there.
 #[test]
-fn the_console_blocks_of_the_pages_do_what_they_say() {
+fn the_console_blocks_of_the_pages_give_their_output() {
     let root = root();
     let folder = tempfile::tempdir().unwrap();
     let cases = trycmd::TestCases::new();

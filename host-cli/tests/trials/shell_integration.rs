@@ -57,7 +57,7 @@ fn tables_are_printed_as_they_are_asked_for() {
 }
 
 #[test]
-fn colour_is_given_when_asked_for_and_never_into_a_pipe_by_itself() {
+fn colour_is_used_on_request_and_never_by_default_into_a_pipe() {
     let styled = |arguments: &str, no_color: bool| {
         let mut command = program::command(Path::new("."));
         command.args(arguments.split_whitespace()).env("TERM", "xterm");

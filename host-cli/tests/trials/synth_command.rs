@@ -82,7 +82,7 @@ fn a_zero_load_recording_has_no_poses_to_group_by() {
 }
 
 #[test]
-fn without_rows_the_sizes_are_those_of_the_paper() {
+fn without_rows_the_sizes_equal_those_of_the_paper() {
     assert_eq!(stdout(&["train"]).lines().count(), 1 + 77_522);
     assert_eq!(stdout(&["test"]).lines().count(), 1 + 19_932);
 }
@@ -101,7 +101,7 @@ fn no_row_holds_a_negative_zero() {
 }
 
 #[test]
-fn json_tells_what_was_made_and_the_file_is_whole() {
+fn json_describes_the_recording_and_the_file_is_complete() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("rows.csv");
     let path_arg = path.to_str().unwrap();

@@ -137,7 +137,7 @@ fn assert_near(found: Option<f64>, expected: f64, what: &str) {
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn by_row_results_are_those_of_the_lab_s_formulas() {
+fn by_row_results_equal_those_of_the_lab_s_formulas() {
     let (log, matrix) = (real_recording(TRIAL), real_recording(MATRIX));
     let plain = Plain::read(&log, &matrix);
     let forces = ForceOptions {
@@ -187,7 +187,7 @@ fn by_row_results_are_those_of_the_lab_s_formulas() {
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn by_time_results_are_those_of_the_formulas_over_time() {
+fn by_time_results_equal_those_of_the_formulas_over_time() {
     let (log, matrix) = (real_recording(TRIAL), real_recording(MATRIX));
     let plain = Plain::read(&log, &matrix);
     let forces = ForceOptions { rate_hz: Some(999.0), ..ForceOptions::default() };

@@ -23,7 +23,7 @@ fn encoded(packets: &[Packet]) -> Vec<Vec<u8>> {
 
 proptest! {
     #[test]
-    fn every_packet_comes_back_however_the_stream_is_cut(
+    fn every_packet_is_decoded_for_any_cuts_of_the_stream(
         sent in prop::collection::vec(any_packet(), 0..30),
         framing in prop::sample::select(&Framing::ALL[..]),
         pieces in prop::collection::vec(1..90_usize, 1..20),

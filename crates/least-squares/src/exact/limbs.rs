@@ -252,7 +252,7 @@ mod tests {
     use crate::model::Basis;
 
     #[test]
-    fn sums_of_a_block_never_exceed_what_is_exact() {
+    fn sums_of_a_block_stay_exact() {
         let wrench = [BinaryPlaces::new(&[1e-3, 500.0 / 3.0]); 6];
         for basis in Basis::ALL {
             let layout = SumLayout::new(basis, 2);

@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn condition_is_that_of_columns_of_norm_one() {
+    fn condition_equals_that_of_columns_of_norm_one() {
         // Columns (1, 0) and (cos t, sin t) have singular values √(1 ± cos t).
         let t = 1e-3_f64;
         let x = Mat::from_fn(2, 2, |i, j| [[1.0, t.cos() * 1e9], [0.0, t.sin() * 1e9]][i][j]);
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn nearly_dependent_columns_are_told_from_dependent_ones() {
+    fn nearly_dependent_columns_are_distinguished_from_dependent_ones() {
         for gap in [1e-4, 1e-8, 1e-11] {
             let mut x = noise(1000, 5, 7);
             for i in 0..1000 {

@@ -371,7 +371,7 @@ mod tests {
         }
 
         #[test]
-        fn eigenvalues_and_vectors_are_those_of_faer(
+        fn eigenvalues_and_vectors_equal_those_of_faer(
             (size, numbers) in matrices(),
             shift in 0.0..300.0,
             rank in 0..24_usize,

@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_those_of_the_tables() {
+    fn quantiles_equal_those_of_the_tables() {
         // Abramowitz & Stegun, tables 26.5 and 26.10.
         for (level, expected) in [(0.5, 0.67449), (0.95, 1.95996), (0.99, 2.57583)] {
             assert!((normal_quantile(level) - expected).abs() < 1e-5);
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_shape_and_with_that_of_normal_errors_an_interval_is_students() {
+    fn intervals_without_shape_or_with_normal_shape_are_students() {
         let mut sizes = PerAxis::<Magnitudes>::default();
         for i in 0..100_000 {
             let z = normal_quantile((f64::from(i) + 0.5) / 1e5);

@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn scores_are_those_of_fits_to_the_other_rows() {
+    fn scores_equal_those_of_fits_to_the_other_rows() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let block = block(12);
         let grouped = sums(&block);

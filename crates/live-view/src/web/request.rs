@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_a_head_is_found_however_it_arrives() {
+    fn the_end_of_a_head_is_found_for_any_pieces() {
         let head = b"GET / HTTP/1.1\r\nHost: a\r\n\r\nrest";
         let end = head.len() - 4;
         assert_eq!(end_of_head(head), Some(end));

@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn exponential_and_logarithm_are_those_of_double_precision() {
+    fn exponential_and_logarithm_equal_those_of_double_precision() {
         for step in 0..=8_000 {
             let x = -f64::from(step) / 100.0;
             let (found, expected) = (f64::from(exp_of_negative(x as f32)), libm::exp(x));

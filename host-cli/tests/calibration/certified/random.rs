@@ -67,7 +67,7 @@ fn deficient(random: &mut Random) -> Problem {
 const PROBLEMS: usize = 10_000;
 
 #[test]
-fn ten_thousand_random_problems_get_what_theory_promises_or_a_refusal() {
+fn ten_thousand_random_problems_have_the_digits_of_theory_or_are_refused() {
     let mut random = Random(2024);
     let mut worst = METHODS.map(|_| 0.0_f64);
     let mut answered = METHODS.map(|_| 0);

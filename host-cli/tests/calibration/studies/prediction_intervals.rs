@@ -136,7 +136,7 @@ fn rows_that_are_taken_as_independent_have_no_intervals() {
 }
 
 #[test]
-fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_do_not() {
+fn standard_errors_by_group_cover_errors_of_poses_and_naive_ones_do_not() {
     // Thirty poses of forty rows, with one error per pose and a smaller one per row. The estimate is the
     // wrench at one set of readings, without that row's error.
     const SIMULATIONS: usize = 2000;

@@ -204,7 +204,7 @@ fn csv(data: &Dataset) -> String {
 }
 
 #[test]
-fn the_program_says_what_has_changed_and_writes_a_calibration_of_any_kind() {
+fn changes_are_reported_and_calibrations_of_any_kind_are_written() {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
     let mut random = Random(5);

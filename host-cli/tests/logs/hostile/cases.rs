@@ -192,7 +192,7 @@ fn calibrations_that_cannot_be_read_back_are_not_written() {
 }
 
 #[test]
-fn a_reading_that_no_converter_gives_is_told_with_its_place() {
+fn an_impossible_reading_is_an_error_with_its_position() {
     let dir = folder();
     let text = read(&dir, "test.csv");
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
@@ -259,7 +259,7 @@ fn sizes_are_refused_before_they_are_taken() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn endless_and_enormous_files_are_told_at_once() {
+fn endless_and_enormous_files_are_refused_at_once() {
     let dir = folder();
     let zeros = fs::File::create(dir.path().join("zeros")).unwrap();
     zeros.set_len(10 << 30).unwrap();

@@ -183,7 +183,7 @@ fn errors(settings: TrialSettings, calibration: &Calibration, options: &TrialOpt
 }
 
 #[test]
-fn drag_energy_and_specific_resistance_are_those_of_the_truth() {
+fn drag_energy_and_specific_resistance_equal_those_of_the_truth() {
     let calibration = true_calibration(1);
     let three_cm = ChannelForces::named("3 cm").unwrap();
     let elastic = |seed| TrialSettings { elastic: true, ..TrialSettings::new(three_cm, seed) };

@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn dots_are_those_of_unicode() {
+    fn dots_equal_those_of_unicode() {
         let mut canvas = CharacterCanvas::new(2, 1);
         // U+28FF has all eight dots, U+2801 the upper left one.
         (0..4).for_each(|y| (0..2).for_each(|x| canvas.dot(x, y)));
