@@ -16,7 +16,6 @@ pub const TEMPERATURE: &str = "temperature_c";
 /// Drift of the zero of a log.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DriftSummary {
-    /// Number of rows in the log.
     pub rows: u64,
     /// Invalid rows that were left out.
     pub skipped_rows: u64,
