@@ -47,7 +47,6 @@ impl Law {
         }
     }
 
-    /// Returns the force of a beam of a wall.
     #[inline]
     pub(crate) fn force(&self, path: &Path, contact: &Contact, wall: Wall) -> BeamForce {
         let deflection_rad = self.deflection(path, contact);

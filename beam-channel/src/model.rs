@@ -48,7 +48,6 @@ impl Model {
         Ok(model)
     }
 
-    /// Checks that the tips slide everywhere.
     fn check_sliding(&self) -> Result<(), SetupError> {
         for wall in Wall::BOTH {
             let Some(side) = self.side(wall) else { continue };

@@ -8,7 +8,6 @@
 //! errors together. The internal oscillator adds an error of up to 1 % (DS11451, table "HSI16 oscillator
 //! characteristics").
 
-/// A baud rate of the line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Baud {
     /// The nominal rate, to which the other end is set.
@@ -65,7 +64,7 @@ mod tests {
 
     /// Checks the table in docs/nucleo.md.
     #[test]
-    fn rates_are_those_of_the_documentation() {
+    fn rates_equal_those_of_the_documentation() {
         let docs = include_str!("../../docs/nucleo.md");
         for rate in RATES {
             let exact = f64::from(CLOCK_HZ) / f64::from(rate.divider);
@@ -77,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_called_57600_is_as_far_from_the_xbee_as_from_57600() {
+    fn the_board_rate_differs_equally_from_the_xbee_rate_and_from_57600() {
         let rate = f64::from(CLOCK_HZ) / f64::from(FIRST.divider);
         // Digi's modules divide 16 MHz by 16 times 17.
         let xbee = 16e6 / (16.0 * 17.0);

@@ -40,10 +40,8 @@ pub(crate) struct Core<'a> {
     described: Option<Settings>,
 }
 
-/// A requested self-test.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct SelfTest {
-    /// The emitter to test.
     pub(crate) emitter: u8,
     number: u16,
 }
@@ -51,7 +49,6 @@ pub(crate) struct SelfTest {
 /// The next action on the serial line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum OnLine {
-    /// Send this frame.
     Frame(WireFrame),
     /// Change the line itself.
     Change(Change),
@@ -207,7 +204,6 @@ impl<'a> Core<'a> {
         }
     }
 
-    /// Returns whether the board is streaming.
     fn is_streaming(&self) -> bool {
         self.schedule.is_some()
     }
@@ -545,7 +541,7 @@ mod tests {
     }
 
     #[test]
-    fn uploads_that_went_wrong_say_how_and_keep_the_old_calibration() {
+    fn failed_uploads_report_the_reason_and_keep_the_old_calibration() {
         let mut bench = Bench::new();
         let bytes = calibration().to_bytes();
         let crc = shared_proto::crc32(&bytes);

@@ -78,7 +78,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_that_say_nothing_are_unknown() {
+    fn invalid_codes_give_unknown_conditions() {
         assert_eq!(FACTORY.vitals(0, 0, 4), Vitals::default());
         let blank = Factory { reference: 0xFFFF, cold: 0xFFFF, hot: 0xFFFF };
         assert_eq!(blank.vitals(1_500, 1_000, 1).temperature_cdeg, None);

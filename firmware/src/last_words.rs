@@ -13,7 +13,6 @@ impl LastWords {
     /// Maximum length in bytes.
     pub const LEN: usize = 200;
 
-    /// Creates an empty text.
     pub const fn new() -> Self {
         Self(Vec::new())
     }
@@ -25,7 +24,6 @@ impl LastWords {
         words
     }
 
-    /// Returns the bytes to store.
     pub fn as_bytes(&self) -> &[u8] {
         &self.0
     }

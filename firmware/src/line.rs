@@ -8,9 +8,7 @@ const TRIAL_US: u64 = 3_000_000;
 /// A change to make after the pending answers have left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Change {
-    /// Set this rate.
     Rate(Baud),
-    /// Start the chip's bootloader.
     Bootloader,
 }
 
@@ -42,7 +40,6 @@ impl LineState {
         self.wanted = Some(change);
     }
 
-    /// Takes the change that is due.
     pub(crate) fn take(&mut self) -> Option<Change> {
         let change = self.wanted.take()?;
         if let (Change::Rate(rate), Some(old)) = (change, self.rate) {
@@ -93,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_on_which_nothing_is_heard_is_taken_back_and_stays_so() {
+    fn a_rate_without_reply_is_reverted_for_good() {
         let mut line = changed();
         assert_eq!(line.give_up(1_000 + TRIAL_US - 1), None);
         assert_eq!(line.give_up(1_000 + TRIAL_US), Some(FIRST));
@@ -103,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rate_on_which_something_is_heard_stays() {
+    fn a_rate_with_a_reply_is_kept() {
         let mut line = changed();
         line.heard();
         assert_eq!(line.give_up(u64::MAX), None);
@@ -115,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_heard_at_the_rate_of_before_proves_nothing() {
+    fn bytes_at_the_previous_rate_do_not_confirm_the_new_one() {
         let mut line = LineState::new(Some(FIRST));
         line.want(Change::Rate(FAST));
         line.take();

@@ -10,7 +10,6 @@ pub(crate) const SAMPLES: usize = 16;
 /// Capacity for answers. The host sends one request at a time.
 const ANSWERS: usize = 4;
 
-/// Capacity for edges.
 pub(crate) const EDGES: usize = 8;
 
 /// Outgoing frames: answers before samples, and samples before edges.
@@ -21,7 +20,6 @@ pub(crate) const EDGES: usize = 8;
 /// samples leave. Edges that do not fit are counted, so that the next edge's number shows the gap.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Outbox {
-    /// The origin that all packets carry.
     origin: PacketOrigin,
     answers: Deque<Frame, ANSWERS>,
     /// Samples and health reports.
@@ -35,7 +33,6 @@ pub(crate) struct Outbox {
 }
 
 impl Outbox {
-    /// Creates an empty outbox.
     pub(crate) fn new(origin: PacketOrigin) -> Self {
         Self { origin, ..Self::default() }
     }
@@ -52,7 +49,6 @@ impl Outbox {
         _ = self.stream.push_back(packet);
     }
 
-    /// Queues an edge at the sync input.
     pub(crate) fn push_edge(&mut self, seen: SeenEdge) {
         let number = self.seen_edges.wrapping_add(seen.missed);
         self.seen_edges = number.wrapping_add(1);
@@ -60,7 +56,6 @@ impl Outbox {
         _ = self.edges.push_back(Edge { number, clock_us: seen.at_us as u32 });
     }
 
-    /// Queues an answer.
     pub(crate) fn answer(&mut self, number: u16, answer: Answer) {
         self.push_now(Packet::Answer { number, answer });
     }
@@ -70,7 +65,6 @@ impl Outbox {
         _ = self.answers.push_back(packet.encode_from(self.origin));
     }
 
-    /// Takes the next answer.
     pub(crate) fn pop_answer(&mut self) -> Option<Frame> {
         self.answers.pop_front()
     }

@@ -101,7 +101,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_rate_that_the_line_cannot_carry_is_refused_and_what_fits_is_said() {
+    fn a_rate_too_high_for_the_line_is_refused_with_the_highest_possible() {
         // Bytes of a sample from the protocol's table, at 95 % of 5,760 per second.
         for (stream, bytes) in [(Stream::Raw, 34.0), (Stream::Wrench, 42.0)] {
             let shortest_us = (bytes * 1e6 / (0.95 * 5_760.0_f64)).ceil() as u32;
@@ -115,7 +115,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn the_longer_of_frame_and_sample_is_said_to_fit() {
+    fn the_highest_rate_allows_for_the_longer_of_frame_and_sample() {
         let slow = Settings { settling_us: 1_000, ..settings(Stream::Raw, 6_500) };
         // 8 · (2 · 1,000 + 3 · 13 + 30)
         assert_eq!(

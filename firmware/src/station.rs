@@ -36,7 +36,6 @@ const RETRY_US: u64 = 10_000;
 
 type Wake = Signal<NoopRawMutex, ()>;
 
-/// The state that the tasks share.
 pub struct Station<'a, C> {
     core: RefCell<Core<'a>>,
     clock: C,

@@ -95,7 +95,7 @@ def test_the_physics_model(
 
 def test_rows_of_physics_without_groups_are_held_out_in_stretches(table: shellcal.Table) -> None:
     verdict = Calibration("physics", cv=4).fit(table.X, table.Y).verdict_
-    assert any("judged by 40 stretches of time, held out in 4 folds" in line for line in verdict)
+    assert any("judged by 40 blocks of time, held out in 4 folds" in line for line in verdict)
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,6 @@ impl<const N: usize> Deref for Bytes<N> {
     }
 }
 
-/// A field of a packet.
 pub(crate) trait Field: Sized {
     /// Appends the field to a packet.
     fn write<const N: usize>(&self, out: &mut Bytes<N>);

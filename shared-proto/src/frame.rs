@@ -161,7 +161,7 @@ mod tests {
         }
 
         #[test]
-        fn what_is_no_cobs_is_refused(frame in prop::collection::vec(1..9_u8, 2..40)) {
+        fn invalid_cobs_is_refused(frame in prop::collection::vec(1..9_u8, 2..40)) {
             let mut theirs = [0; 64];
             let theirs = ::cobs::decode(&frame, &mut theirs).ok().map(|report| {
                 theirs[..report.frame_size()].to_vec()

@@ -311,7 +311,7 @@ mod tests {
 
     // Examples in Digi's user guides.
     #[test]
-    fn frames_are_those_of_the_manual() {
+    fn frames_equal_those_of_the_manual() {
         // 90002002, "Transmit Request frame - 0x10".
         let payload = b"TxData0A";
         let to = Address::Zigbee { long: 0x0013_A200_400A_0127, short: 0xFFFE };

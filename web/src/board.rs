@@ -30,7 +30,6 @@ const WINDOW_S: f64 = 10.0;
 /// The request that begins a connection.
 #[derive(Deserialize)]
 pub(crate) struct Begin {
-    /// Name of the port.
     name: String,
     /// As for `--framing`; detected if `None`.
     framing: Option<String>,
@@ -52,11 +51,8 @@ struct BoardEvents {
     elapsed_ms: f64,
     /// Time since then by the wall clock, which continues while a computer sleeps.
     arrival_ms: f64,
-    /// Order of the user.
     order: Option<String>,
-    /// True to draw a picture.
     draws: bool,
-    /// True if the connection ends.
     ends: bool,
 }
 
@@ -187,7 +183,6 @@ fn duration(ms: f64) -> Duration {
     Duration::try_from_secs_f64(ms / 1e3).unwrap_or_default()
 }
 
-/// Logs on their way to the page.
 #[derive(Clone, Debug, Default)]
 struct PageLogs(Arc<Mutex<PageState>>);
 
@@ -197,7 +192,6 @@ struct PageState {
     ended: Vec<String>,
 }
 
-/// A log that grows in the page.
 #[derive(Debug)]
 struct PageLog {
     path: PathBuf,

@@ -35,7 +35,6 @@ use convert::Convert;
 use examine::Examine;
 use fit::FitRequest;
 
-/// The answer to a request.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     /// The document to show; contains `error` and possibly `hint` after a failure.
@@ -107,7 +106,6 @@ pub struct Progress<'a> {
     pub folds: &'a (dyn Fn(usize, usize) + Sync),
 }
 
-/// A request of the page.
 #[derive(Deserialize)]
 #[serde(tag = "task", rename_all = "snake_case")]
 enum PageRequest {

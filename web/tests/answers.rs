@@ -32,7 +32,7 @@ fn fit(columns: &Value, log: &[u8]) -> Answer {
 }
 
 #[test]
-fn files_are_what_their_bytes_say() {
+fn files_are_recognised_by_their_bytes() {
     let plain = examine("a.csv", TRAIN);
     assert_eq!(plain["columns"][1], json!({ "name": "s1", "meaning": "sensor 1" }));
     assert_eq!((&plain["fits"], &plain["has_readings"]), (&json!(true), &json!(true)));
@@ -86,7 +86,7 @@ fn columns_that_were_assigned_count_and_are_remembered() {
 }
 
 #[test]
-fn what_cannot_be_done_is_told() {
+fn impossible_requests_are_refused() {
     let error = |answer: Answer| answer.document["error"].as_str().unwrap().to_owned();
     assert!(error(answer(b"{", &[], UNWATCHED)).contains("EOF"));
     assert_eq!(error(fit(&json!({}), b"")), "`a.csv` is empty");

@@ -80,7 +80,6 @@ impl Page {
     }
 }
 
-/// Frames with these readings, from one number on.
 fn frames(from: u16, count: u16, reading: impl Fn(u16) -> u16) -> Vec<u8> {
     let sample = |sequence: u16| Sample {
         sequence,
@@ -93,7 +92,7 @@ fn frames(from: u16, count: u16, reading: impl Fn(u16) -> u16) -> Vec<u8> {
 }
 
 #[test]
-fn a_log_is_that_of_record_byte_for_byte() {
+fn a_log_equals_that_of_record_byte_for_byte() {
     // Missing frames, some late ones, and noise in between.
     let [one, two, three] =
         [(0, 400), (400, 50), (460, 300)].map(|(from, count)| frames(from, count, |n| 16_000 + n));
@@ -184,7 +183,7 @@ fn loads_that_are_held_are_labelled_while_a_log_is_made_and_ended() {
 }
 
 #[test]
-fn what_cannot_be_done_is_told_and_what_came_is_kept() {
+fn impossible_requests_are_refused_and_received_frames_kept() {
     let refused = |request, files: &[&[u8]]| begin(request, files).map(drop).unwrap_err();
     assert_eq!(refused(json!({ "framing": "morse" }), &[]), "there is no framing `morse`");
     let plan = json!({ "plan": { "name": "plan.csv", "file": 0 } });

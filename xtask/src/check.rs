@@ -11,7 +11,7 @@ use crate::compiler::SYSTEMS;
 use crate::firmware::{self, FirmwareArgs};
 use crate::need::{self, FUZZER, Need};
 use crate::steps::{self, Job, PROFILE, cargo, run as step, scratch, workspace};
-use crate::{book, dependencies, pictures, python, test};
+use crate::{book, dependencies, pictures, python, test, words};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct CheckArgs {
@@ -29,6 +29,8 @@ pub(crate) struct CheckArgs {
 enum CheckPart {
     /// Formatting
     Format,
+    /// Wording of comments, pages and messages, by docs/style.md
+    Words,
     /// Errors of the methods, over hundreds of sensors, sessions or trials
     Studies,
     /// Lints; every warning is an error
@@ -59,6 +61,7 @@ pub(crate) fn run(args: &CheckArgs) -> Result<()> {
     for part in parts {
         let done = match part {
             CheckPart::Format => format(),
+            CheckPart::Words => words::check(),
             CheckPart::Studies => test::studies(),
             CheckPart::Lints => lints(),
             CheckPart::Firmware => {

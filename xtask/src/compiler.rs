@@ -24,12 +24,10 @@ const GNU_LINKER: &str = "arm-none-eabi-ld";
 pub(crate) struct Compiler {
     /// Its directory, `None` for the one that runs this task.
     dir: Option<&'static str>,
-    /// Its version string.
     pub(crate) version: String,
     target: &'static str,
     /// Parts of the standard library to compile as well.
     pub(crate) std_parts: Option<&'static str>,
-    /// True if it has a linker for all targets.
     has_linker: bool,
 }
 
@@ -67,7 +65,6 @@ impl Compiler {
         Some(Self { dir, version: about.lines().next()?.to_owned(), target, std_parts, has_linker })
     }
 
-    /// Returns a cargo command for the target.
     pub(crate) fn cargo(&self, arguments: &[&str]) -> Command {
         let mut cargo = command("cargo", self.dir);
         cargo.current_dir(workspace()).stdin(Stdio::null());

@@ -34,7 +34,6 @@ pub(crate) fn run(args: &EmulateArgs) -> Result<()> {
     steps::run("the modelled board", command.arg("--pty"))
 }
 
-/// Reads the frames of a recording.
 fn read(path: &Path) -> Result<Vec<PlayedFrame>> {
     let text = std::fs::read_to_string(path);
     let text = text.with_context(|| format!("cannot read `{}`", path.display()))?;

@@ -38,7 +38,6 @@ const RATE_HZ: f64 = 100.0;
 /// compilers.
 const INSTRUCTIONS_FACTOR: f64 = 1.25;
 
-/// File of recorded measurements.
 const RECORD: &str = "firmware/measured.toml";
 const RECORD_HEAD: &str = "\
 # What the images take, as `cargo xtask firmware --record` measured it: bytes, and instructions from one
@@ -73,7 +72,6 @@ pub(crate) fn run(args: FirmwareArgs) -> Result<()> {
     Ok(())
 }
 
-/// Measurements of all boards.
 #[derive(Debug, Default, Serialize, Deserialize)]
 struct MeasuredImages {
     compiler: String,

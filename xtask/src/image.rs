@@ -62,7 +62,6 @@ impl Board {
         steps::run(&format!("lints of {}", self.name()), cargo.args(["--", "-D", "warnings"]))
     }
 
-    /// Builds the image and returns its path.
     pub(crate) fn build(self) -> Result<PathBuf> {
         let compiler = need::compiler(BOARD_TARGET)?;
         let title = format!("build {} ({})", self.name(), compiler.version);

@@ -19,7 +19,6 @@ const MARGIN: f64 = 12.0;
 /// The packages of the workspace, each with its dependencies.
 type Dependencies = BTreeMap<String, BTreeSet<String>>;
 
-/// Draws the crates as SVG.
 pub(crate) fn draw() -> Result<String> {
     let metadata = ["metadata", "--no-deps", "--format-version", "1", "--offline"];
     let metadata: Value = serde_json::from_str(&steps::output(&mut cargo(&metadata))?)?;

@@ -16,6 +16,7 @@ mod stack;
 mod steps;
 mod test;
 mod web;
+mod words;
 
 use std::process::ExitCode;
 

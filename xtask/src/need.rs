@@ -13,12 +13,15 @@ use crate::steps::{self, installed, workspace};
 /// A requirement of a task.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Need {
-    /// A compiler for a target.
     Target(&'static str),
     /// rustfmt and clippy.
     Linters,
     /// Programs in packages of Debian and its derivatives.
-    Packages { what: &'static str, is_met: fn() -> bool, packages: &'static [&'static str] },
+    Packages {
+        what: &'static str,
+        is_met: fn() -> bool,
+        packages: &'static [&'static str],
+    },
 }
 
 pub(crate) const BROWSER: Need = Need::Packages {
@@ -176,12 +179,12 @@ mod tests {
         Need::Packages { what: "air", is_met: || true, packages: &["no-such-package"] };
 
     #[test]
-    fn what_is_there_is_not_fetched() {
+    fn present_requirements_are_not_installed() {
         assert!(AIR.meet().is_ok());
     }
 
     #[test]
-    fn what_no_command_gets_is_named_with_the_commands() {
+    fn missing_requirements_are_named_with_their_commands() {
         let need = Need::Packages { what: "air", is_met: || false, packages: &["no-such-package"] };
         assert_eq!(
             need.to_string(),

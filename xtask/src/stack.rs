@@ -40,7 +40,6 @@ struct Function {
     calls_pointers: bool,
 }
 
-/// The code of an image.
 #[derive(Debug)]
 struct Code {
     functions: BTreeMap<u32, Function>,

@@ -19,7 +19,6 @@ pub(crate) const PROFILE: [&str; 2] = ["--profile", "checked"];
 /// everything.
 pub(crate) const BUILD: [&str; 5] = ["build", "--workspace", "--lib", "--bins", "--tests"];
 
-/// The root of the workspace.
 pub(crate) fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("xtask lies in the workspace")
 }
@@ -69,7 +68,6 @@ pub(crate) fn build_shellcal() -> Result<PathBuf> {
     Ok(target().join("checked").join("shellcal"))
 }
 
-/// Runs `command` and returns its output.
 pub(crate) fn output(command: &mut Command) -> Result<String> {
     let output = command.output().with_context(|| format!("cannot start {command:?}"))?;
     let errors = String::from_utf8_lossy(&output.stderr);
@@ -119,7 +117,6 @@ pub(crate) struct Job {
     pub(crate) command: Command,
 }
 
-/// The result of a job.
 #[derive(Debug)]
 pub(crate) struct EndedJob {
     pub(crate) name: String,
@@ -172,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn all_jobs_run_and_tell_how_they_ended() {
+    fn all_jobs_run_and_report_their_results() {
         let job = |name: &str, code: &str| {
             let mut command = Command::new("sh");
             command.args(["-c", &format!("echo out; echo err >&2; exit {code}")]);

@@ -67,7 +67,6 @@ const AXE: &str = "SHELLCAL_AXE";
 /// Variable with the path of the page that fits and converts, for the tests.
 const PAGE: &str = "SHELLCAL_WEB_PAGE";
 
-/// Equipment available to the tests.
 #[derive(Default)]
 struct TestEquipment {
     /// Reasons to ignore a test that do not apply here.
@@ -158,7 +157,6 @@ impl TestEquipment {
         self.variables.push((variable, value.into()));
     }
 
-    /// Adds browser and recordings.
     fn add_rest(&mut self, has_browser: bool) -> Result<()> {
         if has_browser {
             self.met.push("needs Chromium");
@@ -199,12 +197,10 @@ fn axe() -> Result<PathBuf> {
     file.canonicalize().context("npm has installed no axe-core")
 }
 
-/// A test program.
 #[derive(Debug)]
 struct Program {
     name: String,
     file: PathBuf,
-    /// The folder of its package.
     folder: PathBuf,
 }
 

@@ -14,7 +14,7 @@ fn setup(width_m: f64, friction: f64) -> Setup {
 /// position of its tip by SciPy 1.17.1, and from MuJoCo 4.0.0 with chains of six hinges whose last link
 /// touches.
 #[test]
-fn mean_drag_of_clamped_beams_is_that_of_shooting_and_of_a_physics_engine() {
+fn mean_drag_of_clamped_beams_equals_that_of_shooting_and_of_a_physics_engine() {
     for (width_m, shooting_n, engine_n) in
         [(0.08, 0.276, 0.277), (0.06, 0.597, 0.614), (0.04, 1.219, 1.226)]
     {
@@ -28,7 +28,7 @@ fn mean_drag_of_clamped_beams_is_that_of_shooting_and_of_a_physics_engine() {
 /// A beam that a frictionless body hardly touches is a cantilever: a force `P` across it moves its tip by
 /// `P·L³/3EI`.
 #[test]
-fn force_at_the_first_touch_is_that_of_a_cantilever() {
+fn force_at_the_first_touch_equals_that_of_a_cantilever() {
     let setup = setup(0.06, 0.0);
     let model = Model::new(&setup).unwrap();
     let side = model.side(Wall::Left).unwrap();

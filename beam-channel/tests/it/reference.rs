@@ -153,7 +153,7 @@ fn the_constants_of_the_paper_give_its_stiffness() {
 }
 
 #[test]
-fn the_reference_solution_is_met() {
+fn drag_equals_the_reference_solution() {
     for reference in &REFERENCES {
         let model = Model::new(&setup(reference.semi_width_m, reference.width_m)).unwrap();
         let side = model.side(Wall::Left).unwrap();

@@ -61,7 +61,7 @@ fn a_body_that_grazes_the_tips_hardly_feels_them() {
 }
 
 #[test]
-fn a_channel_wider_than_the_body_is_an_answer_without_contact() {
+fn a_channel_wider_than_the_body_has_no_contact() {
     for width in [0.1, 0.1 + 1e-15, 0.2] {
         let model = check(&with(|setup| setup.channel.width_m = width)).unwrap();
         assert_eq!((model.extent_m(), model.plateau()), (None, None));
@@ -71,7 +71,7 @@ fn a_channel_wider_than_the_body_is_an_answer_without_contact() {
 }
 
 #[test]
-fn a_body_as_deep_in_as_a_beam_is_long_and_deeper() {
+fn a_body_deeper_than_the_beam_length_has_finite_forces() {
     // d from just below L = 27 mm to just below 2L; the body is large enough for both.
     for depth in [0.027 - 1e-12, 0.027, 0.027 + 1e-12, 0.04, 0.0539, 0.054 - 1e-9, 0.054 - 1e-15] {
         for angle in [Angle::Folded, Angle::True] {
@@ -108,7 +108,7 @@ fn a_body_that_jams_is_refused() {
 }
 
 #[test]
-fn quantities_that_make_no_sense_are_named() {
+fn invalid_quantities_are_named() {
     type Case = (&'static str, fn(&mut Setup));
     let cases: [Case; 8] = [
         ("semi-length", |setup| setup.ellipse.semi_length_m = f64::NAN),
@@ -127,7 +127,7 @@ fn quantities_that_make_no_sense_are_named() {
 }
 
 #[test]
-fn a_position_that_is_no_number_touches_nothing() {
+fn a_nan_position_has_no_contact() {
     let model = Model::new(&Setup::default()).unwrap();
     for x in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e300] {
         assert_eq!(model.total(x).contacts, [0, 0]);
@@ -167,7 +167,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(500))]
 
     #[test]
-    fn nothing_panics_and_everything_is_a_number(setup in setups()) {
+    fn random_setups_give_finite_numbers(setup in setups()) {
         // An error has a name; a success was checked.
         if let Err(error) = check(&setup) {
             prop_assert!(!error.to_string().contains("NaN"));
@@ -192,7 +192,7 @@ proptest! {
 
     /// Twice the size with the same angles: forces scale with stiffness over length.
     #[test]
-    fn the_model_has_no_scale_of_its_own(setup in setups(), position in 0.0..1.0_f64) {
+    fn results_scale_with_the_units(setup in setups(), position in 0.0..1.0_f64) {
         let Ok(model) = Model::new(&setup) else { return Ok(()) };
         let Some([first, last]) = model.extent_m() else { return Ok(()) };
         let mut large = setup;

@@ -140,7 +140,7 @@ mod tests {
     }
 
     #[test]
-    fn a_memory_is_chosen_where_there_is_one() {
+    fn memory_is_chosen_for_sensors_with_memory() {
         for (share, expected) in [(0.0, [true, false, false]), (0.3, [true, true, false])] {
             let candidates = Candidates::new(&gram(share, 0.01), &FAMILIES, 1);
             assert_eq!(candidates.best().unwrap(), &expected);
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn models_that_tell_other_offsets_spread_unless_their_residuals_rule_them_out() {
+    fn models_with_other_offsets_widen_the_error_unless_their_residuals_are_worse() {
         // Without the play, its delay is attributed to the offset: 0.3 of a play that is 0.3 late is about
         // 0.09.
         let seen = gram(0.3, 0.02);

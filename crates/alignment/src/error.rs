@@ -47,16 +47,16 @@ pub enum AlignError {
     /// The recordings agree at no offset. The field is the share of the readings' changes that the reference
     /// explains at the best offset.
     #[error(
-        "no common load found: at the best offset the reference explains {:.0} % of what the \
-         readings do, and {:.0} % are needed",
+        "no common load found: at the best offset the reference explains {:.0} % of the readings, needed are \
+         {:.0} %",
         100.0 * .0, 100.0 * LEAST_EXPLAINED
     )]
     NoMatch(f64),
     /// Two offsets (reference minus board, s) fit about equally well; `ratio` is the score of the second
     /// relative to the best.
     #[error(
-        "the match is ambiguous: an offset of {second_s:.3} s is {:.0} % as good as the best, \
-         {best_s:.3} s (up to {:.0} % is accepted)",
+        "ambiguous match: offset {second_s:.3} s is {:.0} % as good as the best, {best_s:.3} s (at most \
+         {:.0} % allowed)",
         100.0 * ratio, 100.0 * HIGHEST_RATIO
     )]
     Ambiguous { best_s: f64, second_s: f64, ratio: f64 },
@@ -74,8 +74,7 @@ pub enum AlignError {
     /// Neither the gaps between edges nor the loads determine which edge is which; the best pairing has
     /// `matched` pairs.
     #[error(
-        "which edge is which is not clear: there are {ways} ways to pair them, the best of {matched} \
-         pairs, and the loads do not tell"
+        "edges cannot be paired: {ways} ways match {matched} pairs, and the loads do not decide between them"
     )]
     EdgesUnclear { ways: usize, matched: usize },
     /// The drift between the clocks, ppm, exceeds the tolerance of any crystal.
@@ -89,12 +88,12 @@ impl Hint for AlignError {
     fn hint(&self) -> Option<String> {
         let text = match self {
             Self::NoMatch(_) => {
-                "are these of the same session? both must have recorded the same loads: tap the shell a \
-                 few times in different places at the start and at the end"
+                "are both of one session? While both record, tap the shell in several places at the start \
+                 and the end"
             }
             Self::Ambiguous { .. } => {
-                "a load that repeats itself fits at several offsets: tap the shell at uneven intervals, in \
-                 different places"
+                "a repeated load fits at several offsets: tap the shell at uneven intervals, in different \
+                 places"
             }
             Self::TimeGoesBack { .. } | Self::Skew(_) => {
                 "check the time columns and their units, `--time-unit` and `--reference-time-unit`"

@@ -55,7 +55,6 @@ const PRIOR_SKEW: f64 = 2e-4;
 /// The ratio of unexplained variances above which a rival is ruled out.
 const CLEARLY: f64 = 4.0;
 
-/// Options of an alignment.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Options {
     /// Time over which the board averages a frame, s; 0 for an instant.
@@ -82,17 +81,14 @@ pub struct ClockMap {
 }
 
 impl ClockMap {
-    /// Reference time at a board time, s.
     pub fn reference_time_s(&self, board_time_s: f64) -> f64 {
         board_time_s + self.offset_at_s(board_time_s)
     }
 
-    /// Reference time minus board time at a board time, s.
     pub fn offset_at_s(&self, board_time_s: f64) -> f64 {
         self.offset_s + self.skew * (board_time_s - self.pivot_s)
     }
 
-    /// Standard error of [`Self::offset_at_s`], s.
     pub fn offset_se_at_s(&self, board_time_s: f64) -> f64 {
         let d = board_time_s - self.pivot_s;
         let variance = self.offset_se_s * self.offset_se_s
@@ -102,7 +98,6 @@ impl ClockMap {
     }
 }
 
-/// The quality of a match.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Quality {
     /// Share of the readings' variance that the aligned reference explains, through the map with memory,
@@ -135,7 +130,6 @@ pub struct Excerpt {
     pub points: Vec<[f64; 3]>,
 }
 
-/// Two aligned recordings.
 #[derive(Debug)]
 pub struct Aligned {
     pub clock: ClockMap,
@@ -197,7 +191,6 @@ pub fn align(
     })
 }
 
-/// The clock relation from the common loads.
 fn by_loads(reference: &Clean, board: &Clean) -> Result<(ClockMap, Quality), AlignError> {
     let (found, probe) = search(reference, board)?;
     let rate_hz = HIGHEST_MATCHED_RATE_HZ.min(1.0 / board.period_s).min(1.0 / reference.period_s);

@@ -54,7 +54,6 @@ pub(super) struct Projected {
     pub(super) bends: Vec<Bend>,
     /// Coefficients of [D | tD] on X.
     pub(super) along: Mat<f64>,
-    /// Number of features used.
     pub(super) used: usize,
     /// Gram matrix of the remainder.
     left: Mat<f64>,
@@ -165,7 +164,6 @@ impl Projected {
     }
 }
 
-/// Replaces the values by `values − factor·other`.
 fn subtract_multiple(values: &mut [f64], factor: f64, other: &[f64]) {
     values.iter_mut().zip(other).for_each(|(value, other)| *value -= other * factor);
 }
@@ -229,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_recovers_what_the_features_do_not_explain() {
+    fn a_step_recovers_the_unexplained_part() {
         for (features, repeated) in [(2, false), (3, true)] {
             // Without powers that could explain the slopes.
             let mut rows = rows(repeated, 0.0);
@@ -257,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn a_feature_that_others_explain_is_left_out() {
+    fn a_dependent_feature_is_left_out() {
         let projected = Projected::new(&gram(&rows(true, 0.0), 3), |_| true).unwrap();
         assert_eq!((projected.map[(2, 0)], projected.used), (0.0, 2));
         assert!((0..3).all(|i| projected.map[(i, 0)].is_finite()));
@@ -277,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_rows_determine_nothing() {
+    fn too_few_rows_give_no_solution() {
         assert!(Projected::new(&gram(&rows(false, 0.0)[..3], 2), |_| true).is_none());
         assert!(inverse([[1.0, 1.0], [1.0, 1.0]]).is_none());
         assert!(inverse([[0.0, 0.0], [0.0, 0.0]]).is_none());

@@ -81,7 +81,7 @@ mod tests {
     }
 
     #[test]
-    fn damaged_readings_have_no_say_in_the_range_and_no_high_powers() {
+    fn damaged_readings_do_not_affect_the_range_or_high_powers() {
         let mut readings: Vec<f64> = (0..1010).map(|k| f64::from(k % 101)).collect();
         readings[0] = 1e9;
         let range = ReadingReach::new(readings);
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_that_rests_stays_as_it_is() {
+    fn a_constant_channel_is_unchanged() {
         let range = ReadingReach::new(vec![5.0; 3]);
         assert_eq!(range.straighten(5.0, &[1.0; POWERS]).reading, 5.0);
         assert_eq!(ReadingReach::new(vec![]).straighten(5.0, &[0.0; POWERS]).reading, 5.0);

@@ -45,7 +45,6 @@ pub(super) struct Clean {
     /// True for each row that is within the range in every column.
     pub(super) in_range: Vec<bool>,
     pub(super) start_s: f64,
-    /// Median time between rows.
     pub(super) period_s: f64,
     pub(super) left_out: LeftOut,
 }

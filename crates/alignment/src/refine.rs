@@ -86,7 +86,6 @@ impl Warp {
     }
 }
 
-/// An estimate of the warp from the rows.
 #[derive(Clone, Debug)]
 pub(super) struct WarpEstimate {
     pub(super) warp: Warp,

@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn sines_below_the_cutoff_come_out_as_they_are_and_without_delay() {
+    fn sines_below_the_cutoff_pass_unchanged_without_delay() {
         for frequency_hz in [0.7, 8.3, 21.0, 29.0] {
             let sine = |t: f64| (TAU * frequency_hz * t).sin();
             for rate_hz in [500.0, 1000.0, 10_000.0] {
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_comes_from_gaps_ends_or_rows_out_of_range() {
+    fn gaps_ends_and_rows_out_of_range_give_no_value() {
         let time_s = even(1000.0).into_iter().filter(|t| !(1.0..1.01).contains(t)).collect();
         let mut source = clean(time_s, |t| t);
         let clipped = source.time_s.partition_point(|&t| t < 1.5);
@@ -291,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn an_exposure_averages_on_top() {
+    fn an_exposure_adds_its_own_average() {
         let (plain, averaged) = (Kernel::new(100.0, 0.0, 80.0), Kernel::new(100.0, 8e-3, 80.0));
         for frequency_hz in [0.0, 10.0, 25.0] {
             let phase = PI * frequency_hz * 8e-3;

@@ -121,7 +121,6 @@ impl MemoryModel {
         self.axes * (self.axes + 1) / 2
     }
 
-    /// Number of plays along the channels.
     fn channel_plays(&self) -> usize {
         self.directions.len() / self.axes * PLAY.len()
     }
@@ -322,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_has_the_play_of_what_it_sees() {
+    fn a_channel_has_the_play_of_its_own_load() {
         // 0.6 · 1 + 0.8 · 0.5 = 1 there and 0 back.
         let features = run(&[[0.0, 0.0], [2.0, 2.0], [0.0, 0.0]], &beside());
         let first = MemoryModel::on_axes(2).features();

@@ -31,7 +31,6 @@ pub(super) struct MatchedRow<'a> {
     /// The derivative of the predicted straight readings with respect to the offset, counts/s.
     pub(super) slope: &'a [f64],
     pub(super) readings: &'a [f64],
-    /// The straightened readings.
     pub(super) straight: &'a [Straight],
     /// The weight of the row: 1, or less for an outlier.
     pub(super) weight: f64,

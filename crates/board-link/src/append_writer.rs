@@ -26,7 +26,6 @@ pub trait LogSink: Debug + Send {
     /// [`OutputError`] if part of the data is lost.
     fn close(self: Box<Self>) -> Result<(), OutputError>;
 
-    /// Returns the path or name.
     fn path(&self) -> &Path;
 
     /// Creates an output for another board, whose name becomes part of the path.
@@ -36,7 +35,6 @@ pub trait LogSink: Debug + Send {
     fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError>;
 }
 
-/// A growing file.
 #[derive(Debug)]
 pub struct AppendWriter {
     path: PathBuf,

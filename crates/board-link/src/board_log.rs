@@ -35,7 +35,6 @@ pub(super) struct BoardLog {
     /// Created for the first frame, which determines the columns.
     pub(super) rows: Option<RowWriter>,
     pub(super) annotations: Annotations,
-    /// Frames that wait for a label.
     pub(super) waiting: Vec<BoardFrame>,
     /// Frames that wait for the reference to reach their time.
     pub(super) behind: Vec<BoardFrame>,
@@ -118,7 +117,6 @@ impl BoardLog {
         Ok(())
     }
 
-    /// Writes all waiting frames.
     pub(super) fn finish(
         &mut self,
         reference: Option<&mut ReferenceBeside>,
@@ -146,7 +144,6 @@ impl BoardLog {
         self.extent_us.map_or(0, |(first, last)| last - first)
     }
 
-    /// Returns the result of the board, with its losses.
     pub(super) fn recorded(&self, losses: Losses) -> RecordedBoard {
         let log = self.log.as_ref().map(|log| log.path().to_path_buf());
         RecordedBoard { address: self.sender.text(), log, frames: self.frames, losses }

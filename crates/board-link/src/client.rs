@@ -25,7 +25,6 @@ const OTHERS: Duration = Duration::from_millis(100);
 /// The path to the board.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uplink {
-    /// Framing of the base station.
     pub framing: Framing,
     /// Address of the board's module if the base station is in API mode; 0xFFFF addresses all modules.
     pub to: u16,
@@ -333,7 +332,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_emitter_is_to_raise_its_own_channel_and_no_other() {
+    fn an_emitter_that_raises_another_channel_fails_the_self_test() {
         let good = [3, -2, 1_200, 0, 40, 0, 7, -8];
         assert_eq!(judge(2, &good), Ok(()));
         let said = |emitter, rise| judge(emitter, &rise).unwrap_err();
@@ -344,7 +343,7 @@ mod tests {
     }
 
     #[test]
-    fn noise_is_no_leak_of_a_weak_emitter() {
+    fn noise_is_not_reported_as_a_leak_of_a_weak_emitter() {
         assert_eq!(judge(0, &[LEAST_RISE, 8, -9, 7, 0, 0, 0, 0]), Ok(()));
         assert!(judge(0, &[LEAST_RISE, 9, 0, 0, 0, 0, 0, 0]).is_err());
     }

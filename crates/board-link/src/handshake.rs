@@ -27,10 +27,8 @@ const GLANCE: Duration = Duration::from_millis(250);
 /// Number of bytes that suffices to detect the protocol.
 const ENOUGH: usize = 2048;
 
-/// Options of the handshake.
 #[derive(Clone, Debug)]
 pub struct HandshakeOptions {
-    /// The port and its expected settings.
     pub port: PortOptions,
     /// The expected settings of the base station.
     pub uplink: Uplink,
@@ -52,12 +50,9 @@ pub enum Heard {
     Silence,
 }
 
-/// Result of a handshake.
 #[derive(Debug, Default)]
 pub struct Handshake {
-    /// The kind of data on the port.
     pub heard: Heard,
-    /// Identity of the board.
     pub identity: Option<Identity>,
     /// State of the board before its stream was started.
     pub status: Option<Status>,
@@ -166,7 +161,6 @@ fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
     })
 }
 
-/// Collects bytes for a moment.
 fn collect(port: &mut dyn Connection, bytes: &mut Vec<u8>) -> std::io::Result<()> {
     let until = Instant::now() + GLANCE;
     let mut buffer = [0; 1024];

@@ -38,10 +38,8 @@ use shell_data::hint::Hint;
 /// is a normal end.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {
-    /// The port does not exist.
     #[error("there is no port `{0}`")]
     Missing(String),
-    /// Another program has the port.
     #[error("port `{0}` is in use by another program")]
     Busy(String),
     /// The user has no permission to open the port.
@@ -106,12 +104,11 @@ impl Hint for LinkError {
                 "what arrived until then is kept; with `--reconnect` the port is waited for"
             }
             Self::NoAnswer { silent: true, .. } => {
-                "is the board on, and are both radios in one network? Try another `--baud`, or \
-                 `--framing xbee-ap1` or `xbee-ap2` for a base station in API mode"
+                "is the board on? Try another `--baud`, or `--framing xbee-ap1` or `xbee-ap2` for a radio in \
+                 API mode"
             }
             Self::NoAnswer { .. } => {
-                "bytes arrive but no answer: try another `--baud`, or `--framing xbee-ap1` or `xbee-ap2` \
-                 for a base station in API mode"
+                "try another `--baud`, or `--framing xbee-ap1` or `xbee-ap2` for a radio in API mode"
             }
             Self::OtherVersion { .. } => {
                 "flash the firmware that belongs to this version of shellcal"
@@ -132,8 +129,7 @@ impl Hint for LinkError {
             Self::SeveralBoards { .. } => "name one of them with `--board SERIAL`",
             Self::NotKept { .. } => "upload it again",
             Self::UnknownKind { .. } => {
-                "flash the firmware that belongs to this version of shellcal, or upload a calibration of \
-                 `shellcal fit --model cubic`"
+                "flash the firmware of this version of shellcal, or upload a fit with `--model cubic`"
             }
             _ => return None,
         };
@@ -141,7 +137,6 @@ impl Hint for LinkError {
     }
 }
 
-/// Describes a refusal.
 fn refusal_text(refusal: Refusal) -> &'static str {
     match refusal {
         Refusal::UnknownCommand => "its firmware does not know the command",

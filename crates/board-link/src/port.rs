@@ -21,7 +21,6 @@ const READ_TIMEOUT: Duration = Duration::from_millis(50);
 /// Prefix of a port over TCP: `tcp://HOST:PORT`.
 pub const TCP: &str = "tcp://";
 
-/// Timeout of a TCP connection.
 const CONNECT_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// An open connection to a board.
@@ -32,18 +31,13 @@ impl<C: Read + Write + Send + fmt::Debug + ?Sized> Connection for C {}
 /// A port and its settings: 8 data bits, no parity, 1 stop bit.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PortOptions {
-    /// Name or path of the port.
     pub port: String,
-    /// Bits per second.
     pub baud: u32,
-    /// Flow control of the line.
     pub flow_control: FlowControl,
 }
 
-/// A port of this computer.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct PortInfo {
-    /// Name of the port.
     pub port: String,
     /// `usb`, `bluetooth`, `pci` or `unknown`.
     pub kind: &'static str,
@@ -138,10 +132,8 @@ fn connect(address: &str) -> Result<TcpStream, String> {
     Err(reason)
 }
 
-/// Diagnosis of a port.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PortState {
-    /// Name of the port as given.
     pub port: String,
     /// The error of opening the port, if any.
     pub refusal: Option<LinkError>,
@@ -153,7 +145,6 @@ pub struct PortState {
     pub holder: Option<(String, u32)>,
     /// Latency timer of the USB adapter in ms: its wait for more bytes before it passes on a few.
     pub latency_ms: Option<u32>,
-    /// The file that holds the latency timer.
     pub latency_file: Option<PathBuf>,
 }
 

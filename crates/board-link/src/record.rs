@@ -29,7 +29,6 @@ pub struct Source {
     reconnect: bool,
     /// Time of the last attempt to reopen.
     tried_at: Instant,
-    /// Time of the last read.
     read_at: Instant,
     started: Instant,
     wall: SystemTime,

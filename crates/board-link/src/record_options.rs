@@ -45,10 +45,12 @@ pub enum RecordCommand {
     /// Starts a new log in place of the current ones; it belongs to the first board, and other boards get
     /// logs next to it.
     Record(Box<dyn LogSink>),
-    /// Ends the log.
     StopLog,
     /// Adds a flag with the mark's number to the first unwritten row from the frame with this index on.
-    Mark { index: i64, number: u32 },
+    Mark {
+        index: i64,
+        number: u32,
+    },
     /// Labels the unwritten rows of a stretch of the first board.
     Label(FrameLabel),
     /// Declares that frames of the first board before this index get no more labels.
@@ -60,16 +62,11 @@ pub enum RecordCommand {
 pub struct RecordingProgress {
     /// Time since the start.
     pub elapsed: Duration,
-    /// Frames per second since the previous report.
     pub rate_hz: f64,
-    /// Frames so far.
     pub frames: u64,
-    /// Bytes so far.
     pub bytes: u64,
     pub losses: Losses,
-    /// The protocol, once it is known.
     pub protocol: Option<Protocol>,
-    /// True if the port is connected.
     pub connected: bool,
     /// The newest wrench in N and N·m, if forces are enabled.
     pub wrench: Option<AxisValues<f64>>,

@@ -41,7 +41,6 @@ pub struct Recorded {
     pub framing: Option<&'static str>,
     /// Distinct frames, all of them written.
     pub frames: u64,
-    /// Number of bytes that arrived.
     pub bytes: u64,
     /// The board's time from the first frame to the last, s.
     pub board_time_s: f64,
@@ -66,7 +65,6 @@ pub struct Recorded {
 /// A running recording: takes bytes and times, writes lines of logs. It reads no clock and no port.
 #[derive(Debug, Default)]
 pub struct Recorder {
-    /// The port or file.
     name: String,
     recognition: Recognition,
     /// Set once the protocol is known.
@@ -426,7 +424,7 @@ mod tests {
     }
 
     #[test]
-    fn a_label_is_written_however_late_it_comes() {
+    fn late_labels_are_written() {
         let dir = tempfile::tempdir().unwrap();
         let log = dir.path().join("log.csv");
         let options = RecordOptions { labels: true, ..RecordOptions::default() };
@@ -472,7 +470,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_nobody_settles_do_not_wait_for_ever() {
+    fn unsettled_frames_are_written_after_a_timeout() {
         let dir = tempfile::tempdir().unwrap();
         let (capture, log) = (dir.path().join("capture"), dir.path().join("log.csv"));
         std::fs::write(&capture, bytes_of(0..10_000)).unwrap();

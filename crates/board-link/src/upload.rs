@@ -20,8 +20,7 @@ pub enum NotForBoard {
     Channels(usize),
     /// The calibration has fewer axes than the board sends.
     #[error(
-        "the board sends all six axes of a wrench, this calibration gives {0}: stream readings, and \
-         convert them on the host"
+        "the board needs all six axes, this calibration gives {0}: stream readings, and convert on the host"
     )]
     Axes(Axes),
     /// The board keeps no memory of past readings.

@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_what_a_volt_adds_in_the_units_of_the_file() {
+    fn rows_are_forces_per_volt_in_the_units_of_the_file() {
         let rows = "<Axis Name=\"Fz\" values=\"9 9 9\" scale=\"2\"/>\n\
                     <UserAxis Name=\"Fz\" values=\" -0.5  2 1e-1 \" max=\"40\"/>\n\
                     <UserAxis max=\"4\" Name = 'Tx' values='1 0 -3'/>\n";
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_understood_is_refused_by_name() {
+    fn unknown_elements_are_refused_by_name() {
         let units = "ForceUnits=\"N\" TorqueUnits=\"N-m\"";
         let row = "<UserAxis Name=\"Fx\" values=\"1 2\"/>";
         for (units, rows, expected) in [

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn any_byte_that_changes_is_told_but_for_line_ends() {
+    fn any_changed_byte_except_line_ends_is_detected() {
         let document = add("{\n  \"a\": 1,\n  \"b\": [\n    2\n  ]\n}\n");
         assert_eq!(check(document.as_bytes()), Ok(()));
         assert_eq!(check(document.replace('\n', "\r\n").as_bytes()), Ok(()));

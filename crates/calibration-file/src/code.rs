@@ -15,7 +15,6 @@ use shell_data::wrench::Axes;
 
 use super::CalibrationFile;
 
-/// A programming language.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Language {
     /// Python with numpy.

@@ -53,7 +53,6 @@ pub(super) fn read<T: DeserializeOwned>(text: &[u8]) -> Result<T, Problem> {
     Ok(by_axis::among(axes.unwrap_or(Axes::ALL), document)?)
 }
 
-/// The document of a polynomial.
 pub(super) fn format(file: &CalibrationFile, polynomial: &Polynomial) -> String {
     let calibration = &file.calibration;
     let axes = calibration.axes;
@@ -407,7 +406,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_some_axes_has_these_only_and_reads_back_with_zeros_for_the_others() {
+    fn a_file_of_some_axes_reads_back_with_zeros_for_the_others() {
         let mut file = file();
         let axes: Axes = [Axis::Fx, Axis::Fz].into_iter().collect();
         file.calibration.axes = axes;
@@ -442,7 +441,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_json_is_told_with_its_place() {
+    fn invalid_json_is_refused_with_its_position() {
         let Problem::NotJson(fault) = parse(b"{\n  nonsense").unwrap_err() else { panic!() };
         assert_eq!((fault.line, fault.column), (2, 3));
         let overflow = file().to_json().replace("0.1", "1e999");
@@ -466,7 +465,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_do_not_fit_together_are_refused() {
+    fn inconsistent_parts_are_refused() {
         let cases = [
             ("\"channels\": 2", "\"channels\": 3", "`terms` has `3` entries"),
             ("\"channels\": 2", "\"channels\": 0", "`model.channels` is `0`"),
@@ -523,7 +522,7 @@ mod tests {
     }
 
     #[test]
-    fn a_document_of_the_version_before_has_no_factors_and_unscaled_standard_errors() {
+    fn documents_of_the_previous_version_have_no_factors_and_unscaled_standard_errors() {
         let mut document: serde_json::Value =
             serde_json::from_str(&physics_file().to_json()).unwrap();
         document["schema_version"] = 2.into();
@@ -542,7 +541,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_a_physics_model_that_do_not_fit_together_are_refused() {
+    fn inconsistent_parts_of_a_physics_model_are_refused() {
         let cases = [
             ("\"physics\"", "\"magic\"", "`model` is `magic`"),
             ("\"channels\": 8", "\"channels\": 17", "`physics.channels` is `17`"),

@@ -9,7 +9,6 @@ use std::path::Path;
 
 use super::{CalibrationFileError, Problem};
 
-/// The form of a document.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DocumentKind {
     /// JSON: calibrations and partial fits.
@@ -112,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_does_not_begin_right_is_refused_before_it_is_read() {
+    fn a_wrong_beginning_is_refused_before_the_rest_is_read() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("file");
         for (bytes, document, is_right) in [

@@ -78,22 +78,16 @@ pub(crate) const PHYSICS_SCHEMA_VERSION: u64 = 2;
 /// The last version without a checksum of polynomial documents with fewer than six axes.
 pub(crate) const FEWER_AXES_SCHEMA_VERSION: u64 = 3;
 
-/// A calibration with its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CalibrationFile {
-    /// The calibration.
     pub calibration: Calibration,
-    /// Its origin.
     pub origin: Origin,
 }
 
-/// A calibration file that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[error("`{}`", path.display())]
 pub struct CalibrationFileError {
-    /// The file.
     pub path: PathBuf,
-    /// The reason.
     #[source]
     pub problem: Problem,
 }
@@ -135,10 +129,7 @@ pub enum Problem {
     Field(JsonFault),
     /// A version that this program does not know.
     #[error("its schema version is `{found}`, this program reads up to `{SCHEMA_VERSION}`")]
-    SchemaVersion {
-        /// The version of the file.
-        found: u64,
-    },
+    SchemaVersion { found: u64 },
     /// Parts that are inconsistent with each other.
     #[error("{0}")]
     Inconsistent(String),
@@ -146,11 +137,8 @@ pub enum Problem {
     #[error("it is not what was written: {0}")]
     Checksum(&'static str),
     /// The version predates checksums, or was edited to claim so.
-    #[error("version `{version}` has no checksum, so nobody knows whether it is what was written")]
-    Unsealed {
-        /// The version in the file.
-        version: u64,
-    },
+    #[error("version `{version}` has no checksum, so damage cannot be detected")]
+    Unsealed { version: u64 },
     /// Values that no calibration has.
     #[error("it cannot be a calibration: {0}")]
     Implausible(Implausible),
@@ -283,7 +271,6 @@ impl CalibrationFile {
         Some(excitation.largest_loads())
     }
 
-    /// Formats the JSON document.
     pub fn to_json(&self) -> String {
         checksum::add(&match &self.calibration.kind {
             Kind::Polynomial(polynomial) => document::format(self, polynomial),
@@ -322,7 +309,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn another_schema_version_is_told_whatever_else_the_file_holds() {
+    fn another_schema_version_is_reported_before_other_faults() {
         let text = b"{\"schema_version\": 5}";
         let found = CalibrationFile::parse(text);
         assert!(matches!(found, Err(Problem::SchemaVersion { found: 5 })), "{found:?}");

@@ -29,11 +29,7 @@ pub struct ImportOptions {
 pub enum MatrixError {
     /// A MATLAB file without the requested variable.
     #[error("no matrix `{wanted}`; found `{}`", found.join("`, `"))]
-    Variable {
-        wanted: String,
-        /// The variables in the file.
-        found: Vec<String>,
-    },
+    Variable { wanted: String, found: Vec<String> },
     /// The file is not a matrix; the text gives the reason and the position.
     #[error("{0}")]
     Unusable(String),
@@ -254,7 +250,6 @@ fn model_of(coefficients: &HashMap<Term, PerAxis<f64>>) -> Option<Model> {
     })
 }
 
-/// All models with this number of channels.
 fn models(channels: usize) -> impl Iterator<Item = Model> {
     let model = move |basis, intercept| Model { basis, intercept, channels, memory: 0 };
     Basis::ALL.into_iter().flat_map(move |basis| [model(basis, false), model(basis, true)])
@@ -361,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn bare_numbers_are_taken_either_way_round() {
+    fn bare_numbers_are_read_in_both_orientations() {
         let value = |j: usize, axis: usize| (j * 6 + axis).to_string();
         let line = |row: Vec<String>| row.join(",") + "\n";
         let tall: String = (0..25).map(|j| line((0..6).map(|a| value(j, a)).collect())).collect();
@@ -376,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_such_matrix_is_refused_with_its_place() {
+    fn invalid_matrices_are_refused_with_their_position() {
         let header = "feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm\n";
         let cases = [
             ("", "it is `0` by `0`"),
@@ -453,7 +448,7 @@ mod tests {
         }
 
         #[test]
-        fn plain_and_compressed_matrices_are_the_same_either_way_round() {
+        fn plain_and_compressed_matrices_are_equal_in_both_orientations() {
             let calibration = parse(&file(&[matrix("A", 24, 6)]), None).unwrap();
             assert_eq!(calibration.polynomial().unwrap().coefficients[1][..3], [2.0, 26.0, 50.0]);
             let packed = file(&[compressed(&matrix("A", 24, 6))]);
@@ -463,7 +458,7 @@ mod tests {
         }
 
         #[test]
-        fn the_usual_names_are_found_among_others_and_any_on_request() {
+        fn usual_names_are_found_and_others_on_request() {
             let bytes = file(&[matrix("x", 2, 2), matrix("C", 25, 6), matrix("late", 24, 6)]);
             let intercept = |calibration: Calibration| calibration.name().ends_with(" + offset");
             assert!(intercept(parse(&bytes, None).unwrap()));
@@ -476,7 +471,7 @@ mod tests {
         }
 
         #[test]
-        fn files_cut_anywhere_are_errors_and_nothing_worse() {
+        fn truncated_files_are_errors() {
             for bytes in [file(&[matrix("N", 24, 6)]), file(&[compressed(&matrix("N", 24, 6))])] {
                 for length in 128..bytes.len() {
                     assert!(parse(&bytes[..length], None).is_err(), "cut at {length}");

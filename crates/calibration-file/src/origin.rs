@@ -12,14 +12,12 @@ use shell_data::ColumnNames;
 use shell_data::by_axis;
 use shell_data::wrench::PerAxis;
 
-/// The origin of a calibration.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Origin {
     /// Program and version.
     pub made_by: String,
     /// Date and time, UTC, RFC 3339.
     pub date: String,
-    /// The label of the sensor.
     pub sensor_serial: Option<String>,
     /// The solver; `None` for an imported matrix.
     pub solver: Option<SolverRecord>,
@@ -32,10 +30,8 @@ pub struct Origin {
     pub columns: Option<ColumnNames>,
 }
 
-/// The solver and its options.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SolverRecord {
-    /// The name of the solver.
     pub name: SolverKind,
     /// The ridge parameter, 0 for none.
     pub ridge: f64,
@@ -47,26 +43,20 @@ pub struct SolverRecord {
 /// The quality of a fit.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Diagnostics {
-    /// Number of rows fitted.
     pub rows: u64,
-    /// Number of invalid rows that were skipped.
     pub skipped_rows: u64,
     /// Number of rows with the same readings as the previous row.
     pub repeated_rows: u64,
-    /// Number of independent features.
     pub rank: usize,
     /// Condition number of the features, with columns scaled to norm one; `None` if infinite.
     pub condition: Option<f64>,
-    /// Errors on the training data, per axis.
     #[serde(with = "by_axis")]
     pub train: PerAxis<AxisQuality>,
-    /// Errors on the test data, per axis.
     #[serde(with = "by_axis::option")]
     pub test: Option<PerAxis<AxisQuality>>,
     /// Errors on held-out training groups, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cross_validation: Option<CrossValidation>,
-    /// The model comparison, if requested.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub selection: Option<Selection>,
     /// How well the training loads cover the six axes.
@@ -85,7 +75,6 @@ pub struct Diagnostics {
 /// A file that a calibration was made from.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceFile {
-    /// The role of the file.
     pub role: Role,
     /// The path as it was given.
     #[serde(serialize_with = "as_unicode")]
@@ -96,7 +85,6 @@ pub struct SourceFile {
     /// covers the parsed values, whatever the format of the file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<String>,
-    /// Number of rows used.
     pub rows: u64,
 }
 
@@ -104,9 +92,7 @@ pub struct SourceFile {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
-    /// Training data.
     Train,
-    /// Test data.
     Test,
     /// The wrench for the previous source, row by row.
     Wrench,

@@ -22,7 +22,6 @@ use forces::payload::{Accelerometer, Payload, PayloadFit};
 /// The version of the documents that this program writes and reads.
 pub const SCHEMA_VERSION: u64 = 1;
 
-/// The value of `kind`.
 const KIND: &str = "payload";
 
 /// The payload of a sensor, with its origin.
@@ -32,9 +31,7 @@ pub struct PayloadFile {
     pub made_by: String,
     /// Date and time, UTC, RFC 3339.
     pub date: String,
-    /// The logs.
     pub sources: Vec<PayloadSource>,
-    /// The fitted payload.
     #[serde(flatten)]
     pub fit: PayloadFit,
     /// The orientation and offsets of the accelerometer.
@@ -89,7 +86,6 @@ impl PayloadFile {
         Ok(file)
     }
 
-    /// Formats the JSON document.
     pub fn to_json(&self) -> String {
         let document = PayloadDocument { kind: KIND, schema_version: SCHEMA_VERSION, file: self };
         serde_json::to_string_pretty(&document).expect("plain numbers are always JSON") + "\n"
@@ -155,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn a_document_reads_back_as_what_was_written() {
+    fn a_document_reads_back_unchanged() {
         let text = file().to_json();
         assert_eq!(PayloadFile::parse(text.as_bytes()), Ok(file()));
         let none = PayloadFile { accelerometer: None, ..file() };
@@ -163,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_payload_is_told() {
+    fn other_documents_are_refused() {
         let said = |from: &str, to: &str| {
             let text = file().to_json().replacen(from, to, 1);
             PayloadFile::parse(text.as_bytes()).unwrap_err()

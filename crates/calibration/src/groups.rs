@@ -15,7 +15,7 @@ use shell_data::statistics::RunningVariance;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HeldOut {
     /// Each group of the logs' group column, or each file, or each group found in a single log, or else
-    /// stretches of time.
+    /// blocks of time.
     Auto,
     /// Each file.
     File,
@@ -74,7 +74,7 @@ pub enum FoundKind {
     Stretches,
 }
 
-/// Number of stretches of time into which rows without any other group are divided.
+/// Number of blocks of time into which rows without any other group are divided.
 const STRETCHES: u64 = 40;
 
 /// Rows are shuffled if the correlation of neighbouring loads is below this; in a recording in order of
@@ -103,7 +103,7 @@ impl FoundKind {
             Self::Recordings => {
                 ["recordings", "recording", "recordings", "recordings between jumps of the clock"]
             }
-            Self::Stretches => ["stretches", "stretch", "stretches of time", "stretches of time"],
+            Self::Stretches => ["stretches", "block", "blocks of time", "blocks of time"],
         }
     }
 }
@@ -167,7 +167,7 @@ impl From<GroupKind> for GroupBy {
 
 /// Labels the rows of a data set by the groups that can be held out: the groups asked for or, for
 /// [`HeldOut::Auto`] and folds, the first available of: a column that all logs have, several files, plateaus
-/// of constant load, recordings between jumps of the clock, forty stretches of time. `None` if there are
+/// of constant load, recordings between jumps of the clock, forty blocks of time. `None` if there are
 /// none.
 pub fn label_groups(data: &Dataset, held_out: HeldOut) -> Option<(GroupBy, Dataset)> {
     match held_out {
@@ -265,7 +265,7 @@ fn find(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     Some(label_found(data, kind, rows.collect()))
 }
 
-/// Divides the rows of a log into stretches of time, as evenly as possible. `None` for a single row.
+/// Divides the rows of a log into blocks of time, as evenly as possible. `None` for a single row.
 fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     let [log] = &data.logs[..] else { return None };
     let groups = log.rows().min(STRETCHES);
@@ -274,7 +274,7 @@ fn stretches(data: &Dataset) -> Option<(GroupBy, Dataset)> {
     (groups > 1).then(|| label_found(data, FoundKind::Stretches, vec![rows]))
 }
 
-/// Labels the rows of several files by stretches of time, and returns the stretches of each file. Stretches
+/// Labels the rows of several files by blocks of time, and returns the stretches of each file. Stretches
 /// are long enough that the errors of neighbours are nearly uncorrelated. `None` if the order of rows is not
 /// informative: rows in poses, shuffled rows, or loads that stay correlated for too long.
 pub(crate) fn stretches_of_files(data: &Dataset) -> Option<(Dataset, Vec<Range<usize>>)> {

@@ -12,9 +12,7 @@ const AT_REST: f64 = 0.03;
 
 /// The error that the number of holds does not match the number of loads.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "readings are still in `{holds}` stretches, `{loaded}` of them unlike the first, for `{loads}` loads{times}"
-)]
+#[error("found `{holds}` still intervals, `{loaded}` of them loaded, for `{loads}` loads{times}")]
 pub struct HoldMismatch {
     /// Number of stretches of still readings.
     pub holds: usize,

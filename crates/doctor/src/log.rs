@@ -207,9 +207,8 @@ impl<'a> LogObservations<'a> {
         let [forces, moments] = self.squares;
         let lever_m = (moments / forces).sqrt();
         if forces > 0.0 && log.axes().are_all() && lever_m > LONGEST_LEVER_M {
-            let seen = format!("moments over forces make a lever of {lever_m:.1} m");
-            let advice = "the moments are in mN·m (which is N·mm), it seems: give `--moment-unit mnm`, or name the \
-                          columns so";
+            let seen = format!("moments / forces = {lever_m:.1} m");
+            let advice = "moments are probably in mN·m (N·mm): use `--moment-unit mnm`, or rename the columns";
             findings.push(Finding::fault("moment-unit", seen, advice));
         }
     }

@@ -88,12 +88,20 @@ impl Size {
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Shape {
     /// A line with a pen, or an area without one.
-    Drawn { outline: Outline, colour: Colour, pen: Option<Pen> },
+    Drawn {
+        outline: Outline,
+        colour: Colour,
+        pen: Option<Pen>,
+    },
     /// A text, and its tooltip.
-    Text { at: (f64, f64), text: String, title: Option<String>, style: Style },
+    Text {
+        at: (f64, f64),
+        text: String,
+        title: Option<String>,
+        style: Style,
+    },
     /// Clips all later shapes to the rectangle.
     Clip(Rect),
-    /// Ends the clipping.
     EndClip,
 }
 
@@ -268,7 +276,6 @@ impl Figure {
         self.draw(Outline::Path(path.into()), colour, Some(pen));
     }
 
-    /// Fills a path in SVG path syntax.
     pub(super) fn fill(&mut self, path: impl Into<String>, colour: Colour) {
         self.draw(Outline::Path(path.into()), colour, None);
     }
@@ -289,7 +296,6 @@ impl Figure {
         self.draw(Outline::Circle(centre, radius), colour, None);
     }
 
-    /// Draws the outline of a circle.
     pub(super) fn ring(&mut self, centre: (f64, f64), radius: f64, colour: Colour) {
         self.draw(Outline::Circle(centre, radius), colour, Some(Pen::Fine));
     }
@@ -315,7 +321,6 @@ impl Figure {
         self.shapes.push(Shape::Text { at, text, title, style });
     }
 
-    /// Runs `draw` with clipping to `rect`.
     pub(super) fn clipped(&mut self, rect: Rect, draw: impl FnOnce(&mut Self)) {
         self.shapes.push(Shape::Clip(rect));
         draw(self);
@@ -357,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn paths_are_those_of_the_syntax() {
+    fn paths_equal_those_of_the_syntax() {
         let absolute =
             vec![Move(1.0, 2.0), Line(5.0, 2.0), Line(5.0, -3.0), Line(1.0, -3.0), Close];
         let steps = |path: &str| Outline::Path(path.to_owned()).steps();

@@ -19,7 +19,6 @@ pub enum ChartMark {
 /// A set of points with a common label.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// The label in the legend.
     pub label: String,
     /// (x, y) in the units of the axes. Points that are not finite, or not positive on a logarithmic axis,
     /// are skipped.
@@ -83,10 +82,8 @@ impl Series {
     }
 }
 
-/// A curve of the channel figure.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChannelCurve {
-    /// The label in the legend.
     pub label: String,
     /// Position in m and drag in N.
     pub drag: Vec<(f64, f64)>,
@@ -139,7 +136,6 @@ pub fn channel_figure(size: Size, title: &str, curves: &[ChannelCurve]) -> Figur
     canvas
 }
 
-/// The stroke width of a curve.
 const CURVE_WIDTH: f64 = 1.6;
 
 const TOP: f64 = 44.0;

@@ -41,7 +41,6 @@ impl FitPlot {
         }
     }
 
-    /// Adds the rows of another plot.
     pub fn merge(&mut self, other: &Self) {
         for (axis, other) in self.axes.iter_mut().zip(&other.axes) {
             axis.agreement.merge(&other.agreement);
@@ -154,7 +153,6 @@ struct AxisView {
     plateaus: Vec<LoadPlateau>,
     residuals: Vec<HistogramCell>,
     predicted_range: ValueRange,
-    /// The range of the residuals shown.
     residual_range: ValueRange,
     /// Number of rows not shown.
     beyond: u64,
@@ -200,7 +198,6 @@ impl AxisView {
         }
     }
 
-    /// Draws predicted against measured.
     fn draw_agreement(&self, canvas: &mut Figure, area: Rect, colours: ColourScale) {
         let (name, unit) = (self.axis.name(), self.axis.unit());
         let [x, y] = ["measured", "predicted"].map(|what| {
@@ -299,7 +296,6 @@ fn profile(marginal: &[(ValueRange, u64)], shown: ValueRange) -> Vec<(ValueRange
     inside.chunks(merged).map(sum).collect()
 }
 
-/// Formats three significant digits.
 fn significant(value: f64) -> String {
     if value == 0.0 || !value.is_finite() {
         return decimal(value, 0);
@@ -334,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn the_picture_is_the_same_however_rows_are_split() {
+    fn the_picture_is_the_same_for_any_blocks() {
         let whole = fit_figure(Size::Screen, "fit", Axes::ALL, &plot(0..5000), None);
         let mut merged = plot(3000..5000);
         merged.merge(&plot(0..3000));
@@ -342,7 +338,7 @@ mod tests {
     }
 
     #[test]
-    fn rms_is_that_of_predicted_minus_measured() {
+    fn rms_equals_that_of_predicted_minus_measured() {
         let plot = plot(0..5000);
         // 0.1·sin has a root mean square of 0.1/√2; 5000 samples cover whole turns to within 1 %.
         for axis in &plot.axes {
@@ -362,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn empty_constant_and_unfinished_data_still_draw() {
+    fn empty_constant_and_unfinished_data_are_drawn() {
         let empty = FitPlot::default();
         assert!(
             fit_figure(Size::Screen, "fit", Axes::ALL, &empty, Some(&empty))

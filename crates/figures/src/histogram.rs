@@ -159,7 +159,6 @@ fn floor_index(value: f64, exponent: i32) -> f64 {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Histogram2d<const X: usize, const Y: usize> {
     grid: Option<Grid<u64, 2>>,
-    /// Number of points counted.
     pub(super) points: u64,
 }
 
@@ -257,7 +256,7 @@ mod tests {
         }
 
         #[test]
-        fn coarse_bins_hold_what_the_fine_ones_held(value in -1e3..1e3_f64, more in 0.0..1e6_f64) {
+        fn coarse_bins_are_sums_of_fine_ones(value in -1e3..1e3_f64, more in 0.0..1e6_f64) {
             let fine = Bins::around(SMALLEST_EXPONENT, ValueRange { low: value, high: value + 1e-3 }, 64);
             let wider = ValueRange { low: value - more, high: value + 1.0 };
             let coarse = Bins::around(fine.exponent, wider, 64);
@@ -269,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_at_the_ends_of_what_a_double_can_hold() {
+    fn ranges_at_the_limits_of_f64_are_counted() {
         for (low, high) in [
             (0.0, 0.0),
             (-0.0, 0.0),

@@ -51,7 +51,6 @@ pub enum Format {
 /// A picture that cannot be rendered as requested.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
-    /// The extension names no known format.
     #[error("cannot tell the picture format of `{}`: expected `.svg`, `.pdf` or `.png`", .0.display())]
     UnknownFormat(PathBuf),
     /// The renderer refused the picture; the field is the reason.

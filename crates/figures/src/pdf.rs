@@ -221,7 +221,6 @@ struct PdfFile {
 }
 
 impl PdfFile {
-    /// Adds an object; returns its number.
     fn add(&mut self, object: impl AsRef<[u8]>) -> usize {
         self.objects.push(self.bytes.len());
         let number = self.objects.len();

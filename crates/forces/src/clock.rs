@@ -110,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_rate_is_that_of_the_usual_period_whatever_the_pieces() {
+    fn the_rate_follows_the_usual_period_for_any_pieces() {
         // Every tenth row is missing.
         let times: Vec<f64> =
             (0..200).filter(|i| i % 10 != 3).map(|i| 2.0 + f64::from(i) / 500.0).collect();

@@ -23,7 +23,6 @@ const MOST_CORRELATED: f64 = 0.95;
 pub struct Trend {
     /// Change per unit of the regressor.
     pub slope: f64,
-    /// The standard error of the slope.
     pub standard_error: f64,
     /// RMS of the zeros about the line.
     pub residual_rms: f64,
@@ -38,7 +37,6 @@ pub struct Drift {
     /// Standard deviation of the zeros of the stationary intervals, with the contribution of the noise within
     /// them removed.
     pub wander: f64,
-    /// The trend against time, per s.
     pub per_s: Trend,
     /// The trend against temperature, per unit of its column; `None` if temperature is unknown or constant.
     pub per_degree: Option<Trend>,
@@ -100,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_that_of_least_squares() {
+    fn a_line_equals_that_of_least_squares() {
         // Slope 1.0135135 and standard error 0.0468122 are numpy's, as printed. The residuals alternate (ρ =
         // −0.774), so ρ adds nothing.
         let found = Trend::fit(&[0.0, 1.0, 2.0, 3.0, 5.0], &[1.0, 1.9, 3.2, 3.8, 6.1]).unwrap();
@@ -111,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wander_without_aim_has_no_trend_beyond_its_error() {
+    fn a_random_walk_has_no_significant_trend() {
         // 400 walks of 60 steps of ±1. numpy on 3000 walks gives 77 %, and 25 % with the plain least-squares
         // error; a share of 400 has a standard deviation of 2 %.
         let mut state = 1_u64;

@@ -35,7 +35,6 @@ pub enum FilterError {
         *rate_hz as f32, *least_hz as f32
     )]
     TooSlow { cutoff_hz: f64, rate_hz: f64, least_hz: f64 },
-    /// A signal too short for zero-phase filtering.
     #[error("`{samples}` samples are too few to filter without phase: at least `{needed}` needed")]
     TooFewSamples { samples: usize, needed: usize },
 }
@@ -58,7 +57,6 @@ impl Hint for FilterError {
 /// A Butterworth low-pass: maximally flat, −3.01 dB at the cutoff, gain 1 at zero frequency.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Butterworth {
-    /// Number of poles.
     order: usize,
     /// The frequency of attenuation to 1/√2, Hz.
     cutoff_hz: f64,
@@ -79,7 +77,6 @@ enum FilterSection {
 }
 
 impl Butterworth {
-    /// The highest order.
     pub(crate) const LARGEST_ORDER: usize = 16;
 
     /// The lowest cutoff, as a share of the rate. An output there depends on some million samples.
@@ -309,7 +306,7 @@ mod tests {
     /// Expected: poles (a1, a2 of each section) of `scipy.signal.butter(order, cutoff, fs=1000,
     /// output="sos")`, SciPy 1.17.1, and the product of the sections' gains, its `sos[0, 0]`.
     #[test]
-    fn sections_are_those_of_scipy() {
+    fn sections_equal_scipy() {
         let cases: [(usize, f64, f64, &[[f64; 2]]); 4] = [
             (
                 4,
@@ -362,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_designed_is_refused_by_name() {
+    fn impossible_designs_are_refused_by_name() {
         let of = |order, cutoff, rate| Butterworth::low_pass(order, cutoff, rate).unwrap_err();
         assert_eq!(of(0, 10.0, 1000.0), FilterError::Order(0));
         assert_eq!(of(17, 10.0, 1000.0), FilterError::Order(17));
@@ -383,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_further_back_than_the_memory_does_not_matter() {
+    fn samples_older_than_the_memory_have_no_effect() {
         for (order, cutoff, rate) in
             [(4, 10.0, 1000.0), (1, 10.0, 1000.0), (2, 400.0, 1000.0), (8, 3.0, 180.0)]
         {
@@ -415,7 +412,7 @@ mod tests {
 
     /// Expected: `scipy.signal.sosfiltfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199.
     #[test]
-    fn answers_without_phase_are_those_of_scipy() {
+    fn zero_phase_output_equals_scipy() {
         let cases = [
             (
                 4,
@@ -510,7 +507,7 @@ mod tests {
     }
 
     #[test]
-    fn a_signal_no_longer_than_its_continuation_is_refused() {
+    fn a_signal_shorter_than_its_padding_is_refused() {
         let design = design(4, 10.0);
         let error = design.zero_phase(&mut [1.0; 15]).unwrap_err();
         assert_eq!(error, FilterError::TooFewSamples { samples: 15, needed: 16 });
@@ -531,7 +528,7 @@ mod tests {
     /// Expected: `scipy.signal.sosfilt` of SciPy 1.17.1 on [`test_signal`], at samples 0, 1, 50 and 199: from
     /// zero, and from `sosfilt_zi(sos) * x[0]`.
     #[test]
-    fn answers_are_those_of_scipy() {
+    fn causal_output_equals_scipy() {
         let cases = [
             (
                 (4, 10.0),
@@ -638,7 +635,7 @@ mod tests {
     }
 
     #[test]
-    fn a_peek_is_the_next_answer_and_changes_nothing() {
+    fn a_peek_equals_the_next_output_and_keeps_the_state() {
         let mut filter = Filter::new(&Butterworth::low_pass(5, 30.0, 1000.0).unwrap());
         for sample in test_signal() {
             let (peeked, again) = (filter.peek(sample), filter.peek(sample));
@@ -650,7 +647,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn pieces_give_the_answer_of_the_whole(order in 1usize..9, cut in 0usize..200) {
+        fn pieces_give_the_output_of_the_whole(order in 1usize..9, cut in 0usize..200) {
             let whole = filtered(order, 30.0, 1000.0, false);
             let mut pieces = test_signal();
             let mut filter = Filter::new(&Butterworth::low_pass(order, 30.0, 1000.0).unwrap());

@@ -15,7 +15,6 @@ use super::payload::{Matrix, Vector, times};
 use shell_data::hint::Hint;
 use shell_data::wrench::{Axes, Axis, PerAxis, cross};
 
-/// A change of the frame of reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameChange {
     /// The new origin in the old frame, m.
@@ -34,8 +33,7 @@ pub struct NoFrameChange(String);
 impl Hint for NoFrameChange {
     fn hint(&self) -> Option<String> {
         Some(
-            "six numbers, its origin in m and turns about x, y and z in degrees, such as `0,0,0.05,0,0,90`; or three axes, \
-             such as `y,x,-z`"
+            "origin in m and rotations about x, y, z in degrees (`0,0,0.05,0,0,90`), or axes (`y,x,-z`)"
                 .to_owned(),
         )
     }
@@ -70,7 +68,6 @@ impl FrameChange {
         (determinant != 0.0).then_some(Self { origin_m: [0.0; 3], axes: matrix, determinant })
     }
 
-    /// Transforms a wrench to the new frame.
     pub fn wrench(&self, [fx, fy, fz, mx, my, mz]: PerAxis<f64>) -> PerAxis<f64> {
         let force = [fx, fy, fz];
         let lever = cross(self.origin_m, force);

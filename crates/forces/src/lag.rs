@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn a_straight_line_is_moved_along_itself_however_rows_are_cut() {
+    fn a_straight_line_is_shifted_along_itself_for_any_blocks() {
         let times = [0.0, 1.0, 1.5, 3.0, 4.0];
         for pieces in [1, 2, 5] {
             let late = moved(0.25, TimeBase::Seconds, &times, pieces);

@@ -7,7 +7,6 @@ use serde::Serialize;
 /// Number of frames of the lab's usual tare.
 pub const DEFAULT_TARE_FRAMES: usize = 50;
 
-/// Options of the conversion of readings to forces.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ForceOptions {
     /// The frames that define the zero.
@@ -20,7 +19,6 @@ pub struct ForceOptions {
     pub low_pass_is_optional: bool,
     /// Slots of the low-pass per second, in place of the log's own rate, Hz.
     pub rate_hz: Option<f64>,
-    /// The interpretation of a row.
     pub rule: RowRule,
 }
 
@@ -40,7 +38,6 @@ pub enum TareRule {
     Rests { causal: bool },
 }
 
-/// A Butterworth low-pass.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct LowPass {
     /// The frequency at which a causal filter attenuates to 1/√2, and a zero-phase filter to 1/2, Hz.
@@ -117,8 +114,8 @@ impl fmt::Display for TareRule {
             Self::Untared => f.write_str("none"),
             Self::First(frames) => write!(f, "mean of the first {frames} frames"),
             Self::Between(from_s, to_s) => write!(f, "mean from {from_s} s to {to_s} s"),
-            Self::Rests { causal: false } => f.write_str("straight between stretches at rest"),
-            Self::Rests { causal: true } => f.write_str("that of the last stretch at rest"),
+            Self::Rests { causal: false } => f.write_str("linear between stationary intervals"),
+            Self::Rests { causal: true } => f.write_str("that of the last stationary interval"),
         }
     }
 }

@@ -264,7 +264,6 @@ impl PipelineSetup {
 /// A log that cannot give forces with these options.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum ForceError {
-    /// Too few frames to tare on.
     #[error("only `{found}` frames to tare on, `{wanted}` wanted")]
     TareFrames { wanted: usize, found: usize },
     /// No frame between the times of the tare; the frames read are from `first_s` to `last_s`.

@@ -32,7 +32,6 @@ pub struct Rate {
 }
 
 impl Sampling {
-    /// Adds the times of the next frames, s.
     pub fn add(&mut self, time_s: &[f64]) {
         self.steps.resize(2 * DOUBLINGS as usize * STEPS as usize, (0, 0.0));
         for &time in time_s {

@@ -301,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_are_those_of_the_filter_over_the_whole_log() {
+    fn output_equals_the_filter_over_the_whole_log() {
         let (slots, values) = rows(9000);
         let even = spread(&slots, &values);
         let mut zero_phase = even.clone();
@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_of_years_costs_no_memory_and_parts_two_recordings() {
+    fn a_pause_of_years_takes_no_memory_and_splits_the_recording() {
         let slots = [0, 1, 2, u64::MAX / 4, u64::MAX / 4 + 1];
         let found = answers(plan(true), &slots, &[1.0, 1.0, 1.0, 5.0, 5.0], 5);
         assert_eq!(found, [1.0, 1.0, 1.0, 5.0, 5.0]);

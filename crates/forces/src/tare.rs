@@ -42,7 +42,6 @@ pub(super) struct TareSearch {
 pub struct TareFrames {
     /// Readings, counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
-    /// Time of each frame, s.
     pub times_s: Vec<f64>,
     /// Position of the right leg at each frame, counts; empty if unknown.
     pub leg: Vec<f64>,
@@ -55,7 +54,6 @@ pub struct TareResult {
     pub frames: usize,
     /// Time of the first frame, s; `None` if the log has no time.
     pub start_s: Option<f64>,
-    /// Time of the last frame, s.
     pub end_s: Option<f64>,
     /// The mean wrench, which was subtracted, N and N·m.
     #[serde(serialize_with = "by_column")]
@@ -219,7 +217,6 @@ impl TareSearch {
     }
 }
 
-/// Extends a span of times to include a time, if that is known.
 fn extend(span_s: &mut Option<(f64, f64)>, time_s: Option<f64>) {
     if let Some(time_s) = time_s {
         *span_s = Some((span_s.map_or(time_s, |(first, _)| first), time_s));
@@ -356,7 +353,6 @@ pub struct RunningTare {
 }
 
 impl RunningTare {
-    /// Starts a tare on the next wrenches.
     pub fn begin(&mut self) {
         self.pending = Some((0, [0.0; 6]));
     }
@@ -463,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn a_zero_runs_straight_between_rests_and_is_held_while_recording() {
+    fn a_zero_is_linear_between_stationary_intervals_and_constant_while_recording() {
         let knot = |end_s: f64, fx| Knot {
             middle_s: end_s - 1.0,
             end_s,
@@ -503,7 +499,7 @@ mod tests {
     }
 
     #[test]
-    fn a_load_or_a_change_beyond_a_tenth_of_the_range_is_told() {
+    fn loads_and_changes_above_a_tenth_of_the_range_are_reported() {
         assert_eq!(doubt([0.9, 0.09], [0.9, 0.0]), None, "a zero that has drifted");
         for (wrench, sd, said) in [
             ([-2.0, 0.3], [0.0, 0.0], "loaded, it seems: Mx is 0.300 N·m there"),

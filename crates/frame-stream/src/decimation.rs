@@ -23,7 +23,6 @@ const FORGOTTEN: f64 = 1e-6;
 /// Number of filtered values per row.
 const COLUMNS: usize = CHANNELS + Axis::ALL.len();
 
-/// Reduces the rate of rows.
 #[derive(Clone, Debug)]
 pub struct Decimator {
     rate_hz: f64,
@@ -105,7 +104,6 @@ impl Decimator {
     }
 }
 
-/// Adds a flag, unless it is present.
 fn add_flag(flags: &mut String, flag: &str) {
     if flags.split(' ').any(|known| known == flag) || flag.is_empty() {
         return;
@@ -192,7 +190,7 @@ mod tests {
 
     /// Regression test: a rate too low for a filter used to pass every row.
     #[test]
-    fn a_rate_that_is_too_low_is_refused_and_few_rows_are_not_kept_back() {
+    fn a_rate_that_is_too_low_is_refused_and_no_row_is_held_back() {
         let rows = || (0..60).map(|i| row(i, 1000, 1.0)).collect::<Vec<_>>();
         assert!(Decimator::new(1e-6).push(rows(), false).is_err());
         let mut few = Decimator::new(100.0);
@@ -226,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn what_would_be_an_alias_is_gone_and_what_is_below_passes() {
+    fn frequencies_above_the_new_nyquist_are_removed_and_lower_ones_pass() {
         // Butterworth's formula at 0.2, 0.65 and 1.05 of the new rate.
         for (sine_hz, least, most) in
             [(20.0, 0.99, 1.01), (65.0, 0.0, 1.0 / 1.5_f64.powi(8)), (105.0, 0.0, 1e-3)]

@@ -9,7 +9,6 @@ use board_link::recording::write_time;
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// A frame in the stream.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamRow {
     /// Time on the board's clock, µs, as in a log.
@@ -160,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_of_json_has_what_is_known() {
+    fn a_row_of_json_has_the_known_values_only() {
         let expected = "{\"t_s\":12.345678,\"index\":7,\"host_s\":1700000000.000001,\"s1\":1,\"s2\":2.5,\
             \"s3\":3,\"s4\":4,\"s5\":5,\"s6\":6,\"s7\":7,\"s8\":8,\"fx_n\":0.1,\"fy_n\":-0.0,\"fz_n\":1e-7,\
             \"mx_nm\":null,\"my_nm\":2,\"mz_nm\":3,\"flags\":\"s3:range mark1\",\"row\":9,\"lost\":2}\n";
@@ -168,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_of_csv_are_those_of_the_first_row() {
+    fn columns_of_csv_equal_those_of_the_first_row() {
         let axes: Axes = [Axis::Fx, Axis::Mx].into_iter().collect();
         let expected = "t_s,index,host_s,s1,s2,s3,s4,s5,s6,s7,s8,fx_n,mx_nm,flags,row,lost\n\
             12.345678,7,1700000000.000001,1,2.5,3,4,5,6,7,8,0.1,,s3:range mark1,9,2\n";

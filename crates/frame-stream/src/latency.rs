@@ -26,11 +26,9 @@ pub struct Latency {
     rows: u64,
 }
 
-/// Summary of the latency of all rows.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LatencySummary {
     pub rows: u64,
-    /// Median delay, ms.
     pub median_ms: f64,
     /// 99th percentile of the delay, ms.
     pub p99_ms: f64,

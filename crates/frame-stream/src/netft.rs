@@ -56,7 +56,6 @@ pub struct NetFtPage {
 }
 
 impl NetFtPage {
-    /// Returns the current page.
     pub fn text(&self) -> String {
         page::write(&BoxSettings::micro(), lock(&self.state).rate_hz, "shellcal")
     }
@@ -309,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn counts_bias_and_status_are_those_of_the_row() {
+    fn counts_bias_and_status_equal_those_of_the_row() {
         let (mut state, client) = (BoxState::default(), SocketAddr::from(([127, 0, 0, 1], 9)));
         assert!(state.take(&row(1, 1.0, "")).is_none(), "nobody has asked");
         state.obey(RdtCommand::Start(0), client);
@@ -329,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn as_many_are_sent_as_were_asked_for() {
+    fn the_requested_number_of_records_is_sent() {
         let (mut state, client) = (BoxState::default(), SocketAddr::from(([127, 0, 0, 1], 9)));
         state.obey(RdtCommand::Start(2), client);
         let sent = (1..9).filter(|index| state.take(&row(*index, 0.0, "")).is_some()).count();

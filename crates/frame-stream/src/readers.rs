@@ -101,19 +101,16 @@ impl Destination {
     }
 }
 
-/// All readers of a stream.
 #[derive(Debug, Default)]
 pub struct Readers {
     readers: Vec<StreamReader>,
     listeners: Vec<TcpListener>,
     boxes: Vec<NetFtBox>,
-    /// The requested format, if any.
     format: Option<StreamFormat>,
     /// An encoder per format, created for its first reader.
     encoders: [Option<RowEncoder>; 2],
     /// Time of the last check for new connections.
     looked: Option<Instant>,
-    /// Number of rows so far.
     rows: u64,
     /// Readers that have ended.
     gone: Vec<ReaderSummary>,
@@ -129,7 +126,6 @@ struct StreamReader {
     has_names: bool,
     /// Number of rows handed to the reader.
     handed: u64,
-    /// Number of rows lost.
     lost: u64,
 }
 
@@ -219,7 +215,6 @@ impl Readers {
         });
     }
 
-    /// Accepts waiting connections.
     fn accept(&mut self) {
         if self.listeners.is_empty() || self.looked.is_some_and(|at| at.elapsed() < ACCEPT) {
             return;
@@ -260,10 +255,8 @@ fn connection(stream: TcpStream) -> io::Result<PipeReader> {
 
 /// Output of one reader; writes whole rows.
 trait RowSink: Send + 'static {
-    /// Writes whole rows.
     fn put(&mut self, rows: &[u8]) -> io::Result<()>;
 
-    /// Closes the output.
     fn end(self) -> io::Result<()>;
 }
 
@@ -381,7 +374,6 @@ const PIECE: usize = 1 << 16;
 #[derive(Debug)]
 struct PipeReader {
     rows: Option<SyncSender<Vec<u8>>>,
-    /// Number of rows written.
     written: Arc<AtomicU64>,
     /// The writing thread; `None` after it was joined.
     thread: Option<JoinHandle<io::Result<()>>>,
@@ -462,7 +454,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_port_alone_is_of_this_machine() {
+    fn a_port_without_address_listens_on_this_machine_only() {
         let tcp = |text: &str| Destination::Tcp(text.parse().unwrap());
         assert_eq!("tcp:9000".parse(), Ok(tcp("127.0.0.1:9000")));
         assert_eq!("tcp:0.0.0.0:9000".parse(), Ok(tcp("0.0.0.0:9000")));

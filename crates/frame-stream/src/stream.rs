@@ -24,12 +24,10 @@ use shell_data::wrench::Axes;
 /// precision.
 pub const LEAST_RATE_HZ: f64 = 0.1;
 
-/// A command to a running stream.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum StreamCommand {
     /// Takes the mean wrench of the next frames as zero.
     Tare,
-    /// Removes that zero.
     Untare,
     /// Flags the next row.
     Mark,
@@ -64,12 +62,10 @@ impl FromStr for StreamCommand {
     }
 }
 
-/// A stream of frames to its readers.
 #[derive(Debug, Default)]
 pub struct FrameStream {
     simultaneous: Option<Simultaneous>,
     forces: Option<RunningForces>,
-    /// The axes of the wrenches.
     axes: Axes,
     /// The zero of the wrenches; the first row with a new zero has the flag `tared`.
     tare: RunningTare,
@@ -96,13 +92,11 @@ pub struct StreamOptions {
     pub one_time: bool,
     /// Maximum number of rows per second.
     pub rate_hz: Option<f64>,
-    /// Commands of the user during the stream.
     pub commands: Option<Receiver<StreamCommand>>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct StreamSummary {
-    /// Number of frames received.
     pub frames: u64,
     /// Number of rows made from them.
     pub rows: u64,
@@ -351,7 +345,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_a_command_or_told_to_be_none() {
+    fn lines_are_commands_or_refused() {
         assert_eq!("tare\n".parse(), Ok(StreamCommand::Tare));
         assert_eq!(" rate 12.5 ".parse(), Ok(StreamCommand::Rate(Some(12.5))));
         assert_eq!("rate all".parse(), Ok(StreamCommand::Rate(None)));

@@ -2,7 +2,6 @@
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ReaderSummary {
-    /// Name of the destination.
     pub name: String,
     /// Rows received; for UDP, rows sent.
     pub rows: u64,

@@ -27,7 +27,6 @@ fn row(index: i64) -> StreamRow {
     }
 }
 
-/// Returns a number from a JSON row.
 fn number(line: &str, name: &str) -> u64 {
     let start = line.find(&format!("\"{name}\":")).unwrap() + name.len() + 3;
     let digits: String = line[start..].chars().take_while(char::is_ascii_digit).collect();
@@ -42,7 +41,7 @@ fn udp() -> (UdpSocket, Destination) {
 }
 
 #[test]
-fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
+fn a_stopped_reader_loses_rows_and_no_other_reader_does() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("rows.jsonl");
     let ((first, to_first), (second, to_second)) = (udp(), udp());
@@ -112,7 +111,7 @@ fn a_reader_that_stops_loses_rows_and_nobody_else_does() {
 /// A full disk is reported with the numbers of rows written and lost, and does not affect other readers.
 #[cfg(target_os = "linux")]
 #[test]
-fn an_output_that_is_full_is_broken_and_others_go_on() {
+fn a_full_output_is_closed_and_others_continue() {
     let dir = tempfile::tempdir().unwrap();
     let file = dir.path().join("rows.csv");
     let full = Destination::File("/dev/full".into());

@@ -90,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_named_with_its_row() {
+    fn values_that_are_not_finite_are_named_with_their_row() {
         for bad in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             for row in [0, 8, 16] {
                 let mut column = vec![1.0; 17];

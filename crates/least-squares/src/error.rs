@@ -13,15 +13,11 @@ use shell_data::wrench::{Axes, Axis};
 /// The reason why a calibration cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum FitError {
     /// Fewer rows than coefficients.
     #[error("`{rows}` rows are too few for the `{coefficients}` coefficients of each axis")]
-    TooFewRows {
-        /// Rows used.
-        rows: u64,
-        /// Coefficients of each axis.
-        coefficients: usize,
-    },
+    TooFewRows { rows: u64, coefficients: usize },
     /// Every row has the same readings.
     #[error("all `{0}` rows have the same readings")]
     IdenticalRows(u64),
@@ -45,23 +41,21 @@ pub enum FitError {
     #[error("a time constant of `{0}` is not positive")]
     TimeConstant(f64),
     /// Memory terms or a lag in seconds were requested for a log without a clock.
-    #[error("`{}` has no time, which memory terms and lag of the calibration are by", .0.display())]
+    #[error("`{}` has no time column; the calibration's memory terms and lag need one", .0.display())]
     NoTime(PathBuf),
     /// Memory terms or a lag were requested for rows that are reduced to means.
-    #[error("memory terms and a lag are of single rows, not of means")]
+    #[error("memory terms and a lag need single rows, not means")]
     DynamicsOfMeans,
     /// The model has features whose sums were not kept.
     #[error("the sums are for `{kept}` features, not for `{asked}`")]
     OtherFeatures {
         /// The largest model that can be fitted.
         kept: String,
-        /// The requested model.
         asked: String,
     },
     /// A value is infinite or not a number.
     #[error("`{column}` is not a finite number in row `{row}` of a block")]
     NotFinite {
-        /// The channel or axis.
         column: String,
         /// The row within its block, from 0.
         row: usize,
@@ -71,12 +65,7 @@ pub enum FitError {
     Overflow,
     /// The number of channels differs from that of the model.
     #[error("expected `{expected}` channels, found `{found}`")]
-    Channels {
-        /// Channels of the model.
-        expected: usize,
-        /// Channels of the rows.
-        found: usize,
-    },
+    Channels { expected: usize, found: usize },
     /// A ridge parameter that is negative or not finite.
     #[error("the ridge parameter is `{0}`, expected a finite number that is not negative")]
     Ridge(f64),
@@ -84,46 +73,29 @@ pub enum FitError {
     #[error(transparent)]
     Physics(#[from] PhysicsError),
     /// A physics model needs all six axes; the rows have fewer.
-    #[error(
-        "the physics model takes all six axes of the wrench, as sensors answer to each; there are {0}"
-    )]
+    #[error("the physics model needs all six axes of the wrench; found {0}")]
     PhysicsAxes(Axes),
     /// Too few groups to hold one out.
     #[error("at least `2` groups are needed, found `{found}`")]
-    TooFewGroups {
-        /// Groups.
-        found: usize,
-    },
+    TooFewGroups { found: usize },
     /// Too many groups: the column probably holds no group labels.
     #[error("more than `{limit}` groups")]
-    TooManyGroups {
-        /// The largest number.
-        limit: usize,
-    },
+    TooManyGroups { limit: usize },
     /// More folds than groups, or fewer than two.
     #[error("`{folds}` folds of `{groups}` groups, expected `2` to the number of groups")]
-    Folds {
-        /// Number of folds requested.
-        folds: usize,
-        /// Groups.
-        groups: usize,
-    },
+    Folds { folds: usize, groups: usize },
     /// No fold leaves enough rows to fit the model.
     #[error("the model cannot be fitted without any one of the groups: {0}")]
     Undetermined(Box<FitError>),
     /// Without some group a coefficient is undetermined, so that the scatter between groups is unknown.
     #[error("without {} the model cannot be fitted", names(groups))]
-    Alone {
-        /// Labels of these groups.
-        groups: Vec<String>,
-    },
+    Alone { groups: Vec<String> },
     /// The rows determine no candidate model.
     #[error("the rows determine none of the models")]
     NoModel,
     /// The rows have no group labels, and no groups were detected.
     #[error(
-        "there is nothing to hold out: the log has no group column, no plateaus of constant load and no \
-         jumps of time; give several logs, or a column that is one value in each pose (`--group`)"
+        "nothing to hold out: no groups, plateaus of constant load or jumps of time; add logs or `--group`"
     )]
     NoGroups,
     /// The sums were not kept by group, but the request needs groups.
@@ -133,16 +105,11 @@ pub enum FitError {
     #[error("no covariance by groups: {0}")]
     NoGroupCovariance(Box<FitError>),
     /// Weighted rows, for a method that needs equal or whole-number weights.
-    #[error("{0} takes rows that all count the same, or weights that are whole numbers")]
+    #[error("{0} needs rows of equal weight, or whole-number weights")]
     Weights(&'static str),
     /// A log is a copy of another: it would be counted twice, or tested against itself.
     #[error("`{}` has the same rows as `{}`", later.display(), earlier.display())]
-    Copy {
-        /// The log that was given first.
-        earlier: PathBuf,
-        /// The copy.
-        later: PathBuf,
-    },
+    Copy { earlier: PathBuf, later: PathBuf },
     /// No rows are left to fit.
     #[error("no training rows are left")]
     NoRows,
@@ -157,13 +124,13 @@ pub const MAX_ROWS: u64 = 1 << 30;
 /// The reason why rows cannot be summed exactly.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum ExactError {
     /// A reading is neither a 16-bit integer nor such an integer divided by a power of two or ten.
-    #[error("reading `{value}` of channel `s{}` is not an integer of 16 bits, nor that over a power of two or ten", channel + 1)]
+    #[error("reading `{value}` of channel `s{}` is no 16-bit integer, nor one divided by a power of 2 or 10", channel + 1)]
     NotAnInteger {
         /// The channel, from 0.
         channel: usize,
-        /// The reading.
         value: f64,
     },
     /// The readings of a channel span more than 16 bits.
@@ -173,17 +140,11 @@ pub enum ExactError {
         channel: usize,
     },
     /// A component of the wrench is infinite or not a number.
-    #[error("`{}` is not finite in some row", axis.name())]
-    NotFinite {
-        /// The axis.
-        axis: Axis,
-    },
+    #[error("`{}` has a value that is not finite", axis.name())]
+    NotFinite { axis: Axis },
     /// The magnitudes on an axis differ too much for fixed-point numbers.
     #[error("the magnitudes of `{}` span too many powers of two", axis.name())]
-    TooManyPlaces {
-        /// The axis.
-        axis: Axis,
-    },
+    TooManyPlaces { axis: Axis },
     /// The model has memory terms, which are not integers.
     #[error("memory terms are not integers")]
     MemoryTerms,
@@ -195,15 +156,11 @@ pub enum ExactError {
 /// The reason why a physics model cannot be fitted.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "a variant says what its fields are")]
 pub enum PhysicsError {
     /// Fewer observations than a sensor has parameters.
     #[error("`{found}` poses are too few for the `{needed}` parameters of a sensor")]
-    TooFewObservations {
-        /// Observations.
-        found: usize,
-        /// Parameters.
-        needed: usize,
-    },
+    TooFewObservations { found: usize, needed: usize },
     /// Fewer varying channels than axes.
     #[error("`{0}` channels vary, at least `6` are needed for six axes")]
     TooFewChannels(usize),
@@ -218,7 +175,6 @@ pub enum PhysicsError {
     NotFinite,
 }
 
-/// Lists the first few labels.
 fn names(labels: &[String]) -> String {
     const SHOWN: usize = 5;
     let shown: Vec<String> = labels.iter().take(SHOWN).map(|label| format!("`{label}`")).collect();
@@ -236,8 +192,8 @@ impl Hint for FitError {
             }
             Self::Solver(_) => "use `--solver exact`, or choose a smaller `--model`",
             Self::RankDeficient(_) | Self::NearlyDependent => {
-                "record loads that move the channels independently, drop a channel with `--sensors`, \
-                 choose a smaller `--model`, or accept a damped answer with `--ridge 1e-6`"
+                "record loads that move the channels independently, choose a smaller `--model`, or use \
+                 `--ridge 1e-6`"
             }
             Self::TooLarge(_) => {
                 "choose a smaller `--model`, or name fewer columns with `--sensors`"
@@ -251,8 +207,7 @@ impl Hint for FitError {
             }
             Self::Folds { .. } => "leave the number out to hold out one group at a time",
             Self::Undetermined(_) | Self::NoModel => {
-                "record more poses, choose a smaller `--model`, or accept a damped answer with \
-                 `--ridge 1e-6`"
+                "record more poses, choose a smaller `--model`, or use `--ridge 1e-6`"
             }
             Self::Copy { .. } => {
                 "leave one of them out: errors on a copy say nothing about other data"

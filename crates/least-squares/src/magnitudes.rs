@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_those_of_the_numbers_to_the_width_of_a_bin() {
+    fn quantiles_equal_those_of_the_numbers_to_the_width_of_a_bin() {
         for n in [1_u32, 2, 7, 1000] {
             let (mut even, mut odd) = (Magnitudes::default(), Magnitudes::default());
             for i in 0..n {

@@ -70,7 +70,7 @@ pub const MAX_TERMS: usize = 2200;
 /// A model with too many coefficients.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "`{}` of `{}` channels has `{}` coefficients, more than the `{MAX_TERMS}` that are fitted; {}",
+    "`{}` with `{}` channels has `{}` coefficients, at most `{MAX_TERMS}` can be fitted: {}",
     model.name(), model.channels, model.term_count(), fitting(model)
 )]
 pub struct TooLarge {
@@ -85,7 +85,7 @@ fn fitting(model: &Model) -> String {
     let most =
         channels.map(|channels| Model { channels, ..*model }).find(|m| m.check_size().is_ok());
     let most = most.map_or(0, |model| model.channels);
-    format!("`{}` would do, or `{most}` channels", names.join("`, `"))
+    format!("use `{}`, or at most `{most}` channels", names.join("`, `"))
 }
 
 /// The features of a calibration.
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_model_that_is_too_large_is_told_with_what_would_do() {
+    fn a_model_that_is_too_large_is_refused_with_alternatives() {
         let model = Model { basis: Basis::Poly3, intercept: true, channels: 64, memory: 0 };
         let error = model.check_size().unwrap_err().to_string();
         assert!(error.contains("`47905` coefficients"), "{error}");

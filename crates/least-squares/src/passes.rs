@@ -323,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_watches_is_told_of_every_row_and_may_stop_it() {
+    fn progress_reports_every_row_and_can_cancel() {
         let blocks = blocks(50);
         let (seen, most) = (AtomicUsize::new(0), AtomicUsize::new(usize::MAX));
         let watch =

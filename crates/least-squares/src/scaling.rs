@@ -52,7 +52,6 @@ pub(crate) struct ChannelSample {
     pub(crate) min: f64,
     pub(crate) max: f64,
     pub(crate) mean: f64,
-    /// True if all readings are integers.
     pub(crate) integers: bool,
 }
 

@@ -157,7 +157,6 @@ pub fn fit_by(
     }
 }
 
-/// Blocks as rows of features and wrench.
 struct FeatureRows<'a> {
     rows: &'a Rows<'a>,
     features: &'a Features,
@@ -248,7 +247,7 @@ mod tests {
     use system_tests::random::Random;
 
     #[test]
-    fn whole_weights_are_those_of_repeated_rows() {
+    fn whole_weights_equal_those_of_repeated_rows() {
         let mut random = Random(19);
         let mut column = |scale: f64| (0..200).map(|_| scale * random.unit()).collect::<Vec<f64>>();
         let readings = vec![column(4000.0), column(4000.0)];
@@ -285,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn a_solution_without_rows_is_that_of_the_others() {
+    fn a_solution_without_some_rows_equals_a_fit_to_the_others() {
         let mut random = Random(23);
         let mut column = |scale: f64| (0..200).map(|_| scale * random.unit()).collect::<Vec<f64>>();
         let readings = vec![column(4000.0), column(4000.0)];

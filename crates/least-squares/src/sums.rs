@@ -285,7 +285,7 @@ impl GroupedSums {
     }
 
     /// The covariance of a solution by `method` of all these rows, with errors that are correlated within
-    /// groups. `ridge` is the requested value. If groups are stretches of time, `stretches` lists the ranges
+    /// groups. `ridge` is the requested value. If groups are blocks of time, `stretches` lists the ranges
     /// of groups that are held out together; exact sums hold out each group alone.
     ///
     /// # Errors

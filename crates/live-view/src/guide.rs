@@ -44,7 +44,6 @@ const OFF_SHARE: f64 = 0.1;
 /// size.
 const OFF_LOAD: f64 = 0.25;
 
-/// A planned load.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GuidedLoad {
     /// The label of its rows.
@@ -83,11 +82,8 @@ pub struct GuideView {
     pub text: String,
     /// Its wrench, N and N·m.
     pub wrench: PerAxis<f64>,
-    /// Number of the load, from 1.
     pub number: usize,
-    /// Number of loads.
     pub count: usize,
-    /// Number of recorded loads.
     pub recorded: usize,
     /// The event that the guide waits for.
     pub phase: GuidePhase,
@@ -203,7 +199,6 @@ impl Guide {
         self.await_load(false);
     }
 
-    /// Returns the displayed state.
     pub fn view(&self) -> GuideView {
         let next = self.loads.get(self.next).filter(|_| self.phase != GuidePhase::Done);
         let newest_s = self.stretch.back().map_or(0.0, |(newest, _)| newest.time_s);
@@ -394,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_calibration_a_load_is_what_is_off_the_rest() {
+    fn without_a_calibration_a_load_is_a_change_from_the_unloaded_readings() {
         let (mut guide, mut bench) = (guide([0.0; 3]), bench());
         bench.apply(&mut guide, 0.0, 2.0, false);
         bench.apply(&mut guide, 1.0, 4.0, false);

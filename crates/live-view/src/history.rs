@@ -16,7 +16,6 @@ const MOST_ROWS: usize = 65_536;
 pub struct LiveRow {
     /// Time in s, on the clock of the board or log.
     pub time_s: f64,
-    /// The number of the frame.
     pub index: i64,
     /// Readings in steps of the converter.
     pub readings: Option<[f64; CHANNELS]>,
@@ -55,7 +54,6 @@ impl History {
         }
     }
 
-    /// The newest row.
     pub fn newest(&self) -> Option<&LiveRow> {
         self.rows.back()
     }

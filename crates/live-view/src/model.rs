@@ -11,7 +11,6 @@ use super::history::{History, LONGEST_S, LiveRow};
 /// Selectable time spans, s.
 pub(crate) const WINDOWS_S: [f64; 6] = [1.0, 2.0, 5.0, 10.0, 20.0, LONGEST_S];
 
-/// Maximum number of marks.
 pub(crate) const MARKS: usize = 1000;
 
 /// The stretch from which noise and the channels' states are computed, s.
@@ -32,19 +31,15 @@ const LEVELS: f64 = 1000.0;
 /// A moment that the user has marked.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mark {
-    /// Number of the mark, from 1.
     pub number: u32,
-    /// Time of the mark, s.
     pub time_s: f64,
     /// Index of the newest frame at that time.
     pub index: i64,
 }
 
-/// State of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ChannelState {
-    /// No problem.
     Fine,
     /// Outside the calibrated range within the last second.
     Outside,
@@ -55,11 +50,8 @@ pub enum ChannelState {
 /// The displayed state of a channel.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ChannelView {
-    /// The newest reading.
     pub reading: f64,
-    /// The calibrated range.
     pub range: Option<(f64, f64)>,
-    /// State of the channel.
     pub state: ChannelState,
 }
 
@@ -70,7 +62,6 @@ pub struct TraceView<T = f64> {
     pub name: String,
     /// `N`, `N·m`, empty for counts.
     pub unit: &'static str,
-    /// The newest value.
     pub value: f64,
     /// The standard deviation over the last second.
     pub noise: f64,
@@ -83,13 +74,9 @@ pub struct TraceView<T = f64> {
 /// The state of a live view at one moment, as sent to a browser.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Picture {
-    /// The time of the newest row, s.
     pub time_s: Option<f64>,
-    /// The displayed time span, s.
     pub window_s: f64,
-    /// True if the view is paused.
     pub is_paused: bool,
-    /// True if a tare is in progress.
     pub is_taring: bool,
     /// The traces; their columns are in thousandths of the range.
     pub traces: Vec<TraceView<u16>>,
@@ -112,7 +99,6 @@ pub struct LiveModel {
     window: usize,
     /// The wrench that is subtracted for display: the mean of the rows after its start.
     pub tare: RunningTare,
-    /// Marks of the user.
     pub marks: Vec<Mark>,
 }
 
@@ -125,7 +111,6 @@ impl LiveModel {
         Self { ranges, axes, window, ..Self::default() }
     }
 
-    /// Takes the next row.
     pub fn push(&mut self, row: LiveRow) {
         if let Some(wrench) = row.wrench {
             self.tare.push(wrench);
@@ -139,22 +124,18 @@ impl LiveModel {
         self.frozen = running.then(|| Box::new(self.history.clone()));
     }
 
-    /// Returns whether the display is paused.
     pub fn is_paused(&self) -> bool {
         self.frozen.is_some()
     }
 
-    /// Shows a shorter time span.
     pub fn zoom_in(&mut self) {
         self.window = self.window.saturating_sub(1);
     }
 
-    /// Shows a longer time span.
     pub fn zoom_out(&mut self) {
         self.window = (self.window + 1).min(WINDOWS_S.len() - 1);
     }
 
-    /// Returns the displayed time span, s.
     pub fn window_s(&self) -> f64 {
         WINDOWS_S[self.window]
     }
@@ -275,7 +256,6 @@ impl LiveModel {
         Some((force, reach))
     }
 
-    /// Returns the displayed state.
     pub fn picture(&self) -> Picture {
         Picture {
             time_s: self.time_s(),
@@ -294,7 +274,6 @@ impl LiveModel {
     }
 }
 
-/// Returns the largest magnitude in the columns.
 fn largest(columns: &[Option<[f64; 2]>]) -> f64 {
     let ends = columns.iter().flatten().flatten();
     ends.fold(0.0, |largest, value| largest.max(value.abs()))
@@ -375,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn a_tare_takes_the_mean_of_the_next_rows_and_changes_only_what_is_shown() {
+    fn a_tare_takes_the_mean_of_the_next_rows_and_changes_only_the_display() {
         let mut model = model();
         model.tare.begin();
         for index in 1001..1001 + forces::DEFAULT_TARE_FRAMES as i64 - 1 {
@@ -401,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn zoom_ends_where_nothing_more_is_known() {
+    fn zoom_ends_at_the_oldest_row() {
         let mut model = model();
         (0..20).for_each(|_| model.zoom_out());
         assert_eq!(model.window_s(), LONGEST_S);
@@ -468,7 +447,7 @@ mod tests {
     }
 
     #[test]
-    fn bounds_are_round_and_hold_what_they_are_for() {
+    fn bounds_are_round_and_contain_the_values() {
         let cases = [(0.0, 0.1), (0.03, 0.1), (0.11, 0.2), (0.2, 0.2), (3.1, 5.0), (70.0, 100.0)];
         for (largest, expected) in cases {
             let bound = nice_bound(largest, 0.1);

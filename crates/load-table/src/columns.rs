@@ -4,7 +4,6 @@ use super::load::{Pull, STANDARD_GRAVITY};
 use shell_data::hint::did_you_mean;
 use shell_data::wrench::{Axis, LoadErrors};
 
-/// The meaning of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LoadColumn {
     Group,

@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_again_in_the_new_order() {
+    fn a_written_table_reads_back_in_the_new_order() {
         let table = HungLoads::parse("mass_kg,notes,plan_gain\n1,\"a, b\",7\n2,,7\n").unwrap();
         let text = table.to_csv(&[1, 0], &[("plan_gain".to_owned(), vec!["3".to_owned(); 2])]);
         assert_eq!(text, "group,mass_kg,notes,plan_gain\n3,2,,3\n2,1,\"a, b\",3\n");

@@ -79,8 +79,8 @@ pub enum PlacedProblem {
     CarriageReturns,
     /// A file of numbers without a header, whose number of columns no known layout has.
     #[error(
-        "{0} columns and no header, expected 15 (time, eight sensors, six wrench \
-         columns) or 12 (two to drop, time, six wrench columns, three accelerations)"
+        "{0} columns and no header, expected 15 (time, 8 sensors, wrench) or 12 (2 others, time, wrench, \
+         motion)"
     )]
     UnknownLayout(usize),
     /// No lines are rows of numbers, and the first line does not name known columns.
@@ -105,9 +105,7 @@ pub enum PlacedProblem {
     })]
     UnknownUnit { column: String, unit: String, quantity: Quantity },
     /// Times are integers whose median `step` leaves two units possible.
-    #[error(
-        "the unit of column `{column}` is not known, which goes on by `{step}` from row to row"
-    )]
+    #[error("the time unit of column `{column}` is not known; it grows by `{step}` a row")]
     UnclearTimeUnit { column: String, step: f64 },
     /// Two columns, given by their positions from 0, have the same meaning.
     #[error(
@@ -141,8 +139,7 @@ impl Hint for LogError {
                 "leave out a `--where` or `--exclude-group`, or look at the values in the log"
             }
             Self::Binary { .. } => {
-                "logs are text (telemetry, CSV, console), plain or compressed with gzip or zstd, or tables \
-                 in Parquet, MATLAB, NumPy, Excel or MCAP"
+                "logs are text (also gzip, zstd) or tables in Parquet, MATLAB, NumPy, Excel, MCAP"
             }
             Self::NoColumnNames(_) => {
                 "add the line that names the columns, `% time | … | S1 | …`, as the last `%` line"

@@ -12,7 +12,6 @@ const MOST_LINKS: usize = 40;
 /// A property that identifies a file.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum FileKey {
-    /// The resolved path.
     Path(PathBuf),
     /// The device and the inode number.
     #[cfg(unix)]
@@ -84,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_replaced_has_no_identity() {
+    fn files_that_cannot_be_replaced_have_no_identity() {
         assert!(keys(Path::new("/dev/null")).is_none());
         assert!(keys(Path::new("/")).is_none());
     }

@@ -52,7 +52,6 @@ enum FileStage {
     Announced,
     Probed,
     Opened,
-    /// The file is an input.
     Input,
 }
 
@@ -121,7 +120,6 @@ impl Hint for OutputError {
 }
 
 impl Outputs {
-    /// Starts without any inputs or outputs.
     pub fn new() -> Self {
         Self::default()
     }
@@ -375,7 +373,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn what_is_replaced_keeps_its_permissions_and_its_link() {
+    fn a_replaced_file_keeps_its_permissions_and_its_link() {
         use std::os::unix::fs::{PermissionsExt, symlink};
         let dir = tempfile::tempdir().unwrap();
         let [file, link] = ["file", "link"].map(|name| dir.path().join(name));
@@ -390,7 +388,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_full_disk_is_told_with_the_name_of_the_file() {
+    fn a_full_disk_is_an_error_that_names_the_file() {
         let outputs = Outputs::new();
         let mut file = outputs.create("/dev/full").unwrap();
         let error = file.write_all(b"1").unwrap_err();

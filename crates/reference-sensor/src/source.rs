@@ -30,7 +30,7 @@ pub enum ReferenceSource {
 /// Text that does not name a reference.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "`{0}` is no reference; there are `netft:HOST[:PORT][,bias]`, `ft300:PORT`, `lines:COMMAND` and `lines:tcp:HOST:PORT`"
+    "`{0}` is none of `netft:HOST[:PORT][,bias]`, `ft300:PORT`, `lines:COMMAND`, `lines:tcp:HOST:PORT`"
 )]
 pub struct BadSource(String);
 
@@ -149,8 +149,7 @@ impl Hint for ReferenceError {
         let text = match self {
             Self::Open { .. } => "check the name; is the sensor on, and on this network?",
             Self::NoPage { .. } => {
-                "a box serves its page at port 80: open http://HOST/netftapi2.xml in a browser; is another \
-                 program at its port?"
+                "a box serves its page at port 80: open http://HOST/netftapi2.xml in a browser"
             }
             Self::Page { .. } => "choose other units on the box's page, such as N and N-m",
             Self::Port(error) => return error.hint(),
@@ -161,8 +160,8 @@ impl Hint for ReferenceError {
                 "is the sensor on 24 V, and its adapter for RS-485 at this port?"
             }
             Self::Silent { .. } | Self::Ended { .. } => {
-                "lines are CSV below a line of names, or JSON, as `fx_n,fy_n,fz_n`; a program has to flush each \
-                 line (`python -u`)"
+                "lines are CSV below a header `fx_n,fy_n,…`, or JSON; a program must flush each line \
+                 (`python -u`)"
             }
         };
         Some(text.to_owned())

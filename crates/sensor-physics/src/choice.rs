@@ -23,7 +23,6 @@ use least_squares::passes::{Workers, map};
 /// at the edge of the range to a distant minimum; other loads do not show this.
 const LAMBDAS: [f64; 4] = [0.01, 0.03, 0.1, 0.3];
 
-/// Candidate widths.
 const WIDTHS: [f64; 3] = [0.25, 0.5, 1.0];
 
 /// λ and width that are usually near the chosen ones.
@@ -70,7 +69,6 @@ pub struct Choice {
     pub sample: ObservationSample,
 }
 
-/// Data for the fits of all candidates.
 struct CandidateData<'a> {
     scales: Scales,
     folds: Vec<ObservationFold<'a>>,

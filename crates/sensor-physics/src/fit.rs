@@ -66,13 +66,11 @@ pub(super) struct Scales {
 pub(super) struct Scaled {
     /// Number of rows; columns are padded with zeros to a multiple of [`MOST_LANES`].
     pub(super) rows: usize,
-    /// One column per axis.
     pub(super) wrench: PerAxis<Vec<f64>>,
     /// One column per channel that varies.
     pub(super) readings: Vec<Vec<f64>>,
 }
 
-/// The parameters of all sensors.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct FittedParameters {
     pub(super) parameters: Vec<Parameters>,
@@ -115,7 +113,6 @@ impl Scales {
         Ok(Self { wrench: wrench_scale(observations), frame_channels, channels })
     }
 
-    /// Converts observations to these scales.
     pub(super) fn apply(&self, observations: &[&Observation]) -> Scaled {
         let rows = observations.len();
         let padded = |mut column: Vec<f64>| {

@@ -45,7 +45,6 @@ impl Answer {
         Self::at_displacement(q, p[SHAPE], h, nu)
     }
 
-    /// Response at the displacement `q`.
     #[inline]
     pub(super) fn at_displacement(q: f64, lo: f64, h: f64, nu: f64) -> Self {
         // e^(−|q|) never overflows; beyond 40 the curve is a plateau to the last bit of its height.
@@ -126,7 +125,7 @@ mod tests {
     const P: Parameters = [0.3, 0.5, -1.2, 0.7, 0.1, -0.4, 0.9, -0.05, 0.1, -0.3];
 
     #[test]
-    fn gradient_is_that_of_central_differences() {
+    fn gradient_equals_that_of_central_differences() {
         for x in [[0.0; 6], [0.3, -0.8, 1.1, 0.2, -0.5, 0.4], [-3.0, 2.0, 1.0, -1.0, 2.0, -2.0]] {
             let gradient = Answer::at(&P, &x).gradient(&x);
             for position in 0..PARAMETERS {

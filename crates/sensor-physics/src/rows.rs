@@ -284,7 +284,7 @@ mod tests {
     use crate::Flags;
 
     #[test]
-    fn every_third_row_of_a_group_is_converted_and_held_against_its_own_wrench() {
+    fn every_third_row_of_a_group_is_converted_and_compared_with_its_wrench() {
         // Three groups of 6000 rows alternate every 1500 rows; a reading is the row's number, each load twice
         // that.
         let number: Vec<f64> = (0..18_000).map(f64::from).collect();
@@ -353,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn some_observations_are_those_among_all() {
+    fn a_subset_of_observations_equals_those_of_all_rows() {
         let rows = training_rows(&varied_rows(), 64);
         let cells = Cells::new(&rows).unwrap();
         let all = cells.observations(usize::MAX);
@@ -366,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pose_of_constant_load_is_one_observation_wherever_it_lies() {
+    fn a_pose_of_constant_load_is_one_observation_at_any_position() {
         let load = |group: u64| 3.1 * group as f64;
         let rows: Vec<_> = (0..40).map(|row| (row / 10, vec![load(row / 10); 7])).collect();
         let found = training_rows(&rows, 16).observations().unwrap();
@@ -375,7 +375,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_are_not_numbers_and_too_many_channels_are_told() {
+    fn nan_values_and_too_many_channels_are_refused() {
         let observations = |row: Vec<f64>| training_rows(&[(0, row)], 1).observations();
         assert_eq!(observations(vec![f64::NAN; 7]), Err(PhysicsError::NotFinite));
         assert_eq!(observations(vec![1.0; 6 + 17]), Err(PhysicsError::Channels(17)));

@@ -297,7 +297,7 @@ mod tests {
     use crate::response::Answer;
 
     #[test]
-    fn sums_are_those_of_the_definition() {
+    fn sums_equal_those_of_the_definition() {
         let p = [0.3, 0.5, -1.2, 0.7, 0.1, -0.4, 0.9, -0.05, 0.1, -0.3];
         let value = |row: usize, k: usize| ((row * 31 + k * 17) % 19) as f64 / 10.0 - 0.9;
         let rows = 21;

@@ -201,7 +201,7 @@ mod tests {
     }
 
     #[test]
-    fn some_rows_are_those_of_every_column_and_of_the_groups() {
+    fn a_subset_of_rows_applies_to_columns_and_groups() {
         let block = block().kept(&[true, false, true, false]);
         assert_eq!(block.rows, 2);
         assert_eq!(block.time_s, [0.0, 2.0]);

@@ -154,7 +154,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_written_and_read_of_the_axes_that_there_are() {
+    fn only_values_of_present_axes_are_written_and_read() {
         let axes: Axes = [Axis::Fz, Axis::Mx].into_iter().collect();
         let row = Row([1, 2, 3, 4, 5, 6]);
         let text = serde_json::to_string(&Among(axes, row)).unwrap();

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ends_are_those_of_the_smallest_converter_with_such_readings() {
+    fn the_range_equals_that_of_the_smallest_converter_that_fits() {
         for (min, max, ends) in [
             (1.0, 4000.0, Some((0.0, 4095.0))),
             (0.0, 4095.0, Some((0.0, 4095.0))),

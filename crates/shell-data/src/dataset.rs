@@ -303,7 +303,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_that_are_left_out_are_missing_in_every_column_and_other_blocks_are_shared() {
+    fn removed_rows_are_missing_in_every_column_and_other_blocks_are_shared() {
         let all = dataset(10_000);
         let left_out = RowSet::from_iter([(0, BLOCK_ROWS as u64, 3), (0, BLOCK_ROWS as u64, 5)]);
         let some = all.select(false, &left_out);
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sample_is_of_all_parts_and_of_few_rows_it_is_all() {
+    fn a_sample_covers_all_parts_and_few_rows_completely() {
         let sample = |rows: usize| dataset(rows).logs[0].sample.clone();
         assert_eq!(sample(700).rows, 700);
         let of_many = sample(10_000);

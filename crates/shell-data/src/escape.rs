@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn languages_get_text_that_cannot_leave_its_place() {
+    fn escaped_text_stays_within_its_literal() {
         assert_eq!(markup("a<b> \"&'\u{1}"), "a&lt;b&gt; &quot;&amp;&#39;\u{fffd}");
         assert_eq!(markup("a\u{202e}b"), "a\u{fffd}b");
         assert_eq!(python("x\n\"\"\"\\u\u{2028}\u{e0041}"), r#"x\x0a\"\"\"\\u\u2028\U000e0041"#);

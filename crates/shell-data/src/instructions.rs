@@ -121,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_widest_comes_first_and_the_plainest_is_always_there() {
+    fn the_widest_instructions_come_first_and_the_baseline_is_always_available() {
         let sets = available();
         assert_eq!(format!("{:?}", sets[0].1), format!("{:?}", Arch::new()));
         assert!(matches!(sets.last(), Some(("none", Arch::Scalar))));

@@ -32,15 +32,11 @@ pub struct Faults {
 /// The counts of packets by fate.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
 pub struct Books {
-    /// Packets sent.
     pub sent: u64,
-    /// Packets lost singly.
     pub lost: u64,
-    /// Packets lost in bursts.
     pub lost_in_bursts: u64,
     /// Packets sent twice.
     pub duplicated: u64,
-    /// Packets held back.
     pub held_back: u64,
     /// Arrivals with wrong bytes.
     pub corrupted: u64,
@@ -52,7 +48,6 @@ pub struct Delivery {
     pub bytes: Vec<u8>,
     /// The number of the packet sent, from 0.
     pub number: u64,
-    /// True if the packet is unchanged.
     pub intact: bool,
 }
 
@@ -106,7 +101,6 @@ impl Radio {
         })
     }
 
-    /// The counts so far.
     pub fn books(&self) -> Books {
         self.books
     }
@@ -217,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn faults_happen_as_often_as_asked_for_and_are_on_the_books() {
+    fn faults_occur_at_the_requested_rate_and_are_counted() {
         let faults = Faults {
             loss: 0.05,
             duplication: 0.01,
@@ -261,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_that_are_none_are_refused() {
+    fn invalid_shares_are_refused() {
         for faults in [
             Faults { loss: -0.1, ..Faults::default() },
             Faults { corruption: 1.1, ..Faults::default() },

@@ -104,7 +104,6 @@ fn write_wrench(out: &mut impl Write, wrench: &PerAxis<f64>) -> io::Result<()> {
 /// The columns of a trial's log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrialLayout {
-    /// Telemetry text with all columns.
     Full,
     /// Telemetry text without the readings, as before the shell.
     WithoutSensors,
@@ -156,7 +155,6 @@ pub fn training_blocks(rows: usize) -> Vec<Block> {
     blocks(recording.expect("valid settings"), rows)
 }
 
-/// The first `rows` rows of a recording.
 pub fn blocks(recording: SensorRecording, rows: usize) -> Vec<Block> {
     let mut samples = recording.take(rows);
     let mut blocks = Vec::new();

@@ -4,7 +4,6 @@ use serde::Serialize;
 
 use super::window::Proposal;
 
-/// The severity of a diagnostic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Severity {
@@ -20,7 +19,6 @@ pub struct Diagnostic {
     pub severity: Severity,
     /// A short name for scripts, the same for all of a kind.
     pub code: &'static str,
-    /// The message.
     pub text: String,
 }
 

@@ -7,7 +7,6 @@ use shell_data::wrench::Axes;
 /// The minimum number of a log's periods in a window.
 pub(super) const FEWEST_PERIODS: f64 = 10.0;
 
-/// A trial that cannot be evaluated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum TrialError {
     /// The calibration lacks axes that the results need.

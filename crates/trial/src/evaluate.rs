@@ -99,7 +99,6 @@ fn terms(trial: &Trial, profile: &Profile) -> Result<[f64; 3], TrialError> {
     Ok([length, velocity, mass * profile.robot.gravity_m_s2 * velocity])
 }
 
-/// A trial with its signals.
 struct TrialEvaluation<'a> {
     input: &'a TrialInput<'a>,
     channel_length_m: f64,

@@ -8,7 +8,6 @@ use forces::{ForceOptions, ForcePipeline};
 use shell_data::telemetry::Telemetry;
 use shell_data::wrench::PerAxis;
 
-/// A trial to be evaluated.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trial {
     /// The log, as the manifest names it.
@@ -16,7 +15,6 @@ pub struct Trial {
     pub condition: String,
     /// Entry into the channel, s on the log's clock.
     pub t_enter_s: f64,
-    /// Exit from the channel, s.
     pub t_exit_s: f64,
     /// Mean velocity, m/s; `None` for the channel's length over the time in it.
     pub velocity_m_s: Option<f64>,
@@ -24,7 +22,6 @@ pub struct Trial {
     pub mass_kg: Option<f64>,
     /// Length of the channel, m; `None` for the profile's.
     pub channel_length_m: Option<f64>,
-    /// The notes of the manifest.
     pub notes: Option<String>,
 }
 
@@ -38,9 +35,7 @@ impl Trial {
 /// The times of the rows of a whole log.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LogTimes {
-    /// Time of the first row, s.
     pub first_s: f64,
-    /// Time of the last row, s.
     pub last_s: f64,
     /// The usual time between rows, s.
     pub period_s: f64,
@@ -50,7 +45,6 @@ pub struct LogTimes {
 /// low-pass [needs](forces::PipelineSetup::needed_s).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrialRows {
-    /// Time of each row, s, ascending.
     pub times_s: Vec<f64>,
     /// Readings of each channel, counts; no columns if the log has none.
     pub readings: Vec<Vec<f64>>,
@@ -67,13 +61,11 @@ impl TrialRows {
     }
 }
 
-/// Options of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct TrialOptions {
     /// The conversion of readings to forces.
     #[serde(flatten)]
     pub forces: ForceOptions,
-    /// The extent of the trace that is kept.
     pub trace: TraceExtent,
     /// The highest reading of the converter, counts.
     pub full_scale: f64,
@@ -112,12 +104,10 @@ pub struct Instrument<'a> {
     pub calibration: Option<&'a Calibration>,
 }
 
-/// A trial with all input of its evaluation.
 #[derive(Clone, Copy, Debug)]
 pub struct TrialInput<'a> {
     pub trial: &'a Trial,
     pub instrument: Instrument<'a>,
-    /// The times of the log.
     pub times: &'a LogTimes,
     /// The rows around the window.
     pub rows: &'a TrialRows,

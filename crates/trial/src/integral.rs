@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn by_row_every_row_counts_the_same() {
+    fn integrals_by_row_weight_all_rows_equally() {
         let times = [0.0, 0.5, 0.6, 2.0, 2.5];
         let signal = [9.0, 1.0, 2.0, 6.0, 9.0];
         let span = Span::new(RowRule::Rows, &times, 0.5, 2.25).unwrap();

@@ -41,7 +41,6 @@ pub(super) fn unwrap(times: &[f64], counts: &[f64], rad_per_count: f64) -> Vec<f
     unwrapped
 }
 
-/// The strides of a window.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Strides {
     /// Start of each whole stride, and the end of the last, s; empty without strides.
@@ -126,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrapped_encoder_unwraps_to_what_it_was_before() {
+    fn a_wrapped_encoder_unwraps_to_the_original() {
         let (times, counts) = record(2.0, |t| 0.3 + TAU * (5.0 * t + 0.2 * (40.0 * t).sin()));
         let turn = TAU / SCALE;
         let expected = unwrap(&times, &counts, SCALE);

@@ -6,7 +6,6 @@ use super::trace::Trace;
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::Axis;
 
-/// Number of bins of the phase.
 pub(crate) const PHASES: usize = 32;
 
 /// A force over the phase: mean and standard deviation between strides, in N, for each of `PHASES` equal bins
@@ -22,7 +21,6 @@ pub struct PhaseForce {
 /// Drag and lift over the phase of the right leg.
 #[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct PhaseProfile {
-    /// Number of strides averaged.
     pub strides: usize,
     /// Middle of each bin of the phase, rad.
     pub phase_rad: Vec<f64>,
@@ -51,7 +49,6 @@ impl PhaseProfile {
         })
     }
 
-    /// Combines the strides of both profiles.
     pub fn merged(&self, other: &Self) -> Self {
         let strides = self.strides + other.strides;
         let force = |a: &PhaseForce, b: &PhaseForce| {
@@ -139,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn mean_and_spread_are_those_of_the_forces_at_a_phase() {
+    fn mean_and_spread_equal_those_of_the_forces_at_a_phase() {
         for backwards in [false, true] {
             let trace = trace(backwards);
             let profile = PhaseProfile::new(&trace, [0.05, 1.95]).unwrap();

@@ -12,7 +12,6 @@ use super::profile::{Profile, key_of};
 use shell_data::statistics::upper_median;
 use shell_data::telemetry::Telemetry;
 
-/// Power at every row, W.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Power {
     pub(super) total_w: Vec<f64>,
@@ -105,7 +104,6 @@ impl PowerColumns<'_> {
         }
     }
 
-    /// Power by the formula of the motors.
     fn motors(&self, window: Range<usize>) -> Result<Power, Diagnostic> {
         let missing = Telemetry::MOTORS.iter().filter(|kind| self.rows.telemetry(**kind).is_none());
         let missing: Vec<&str> = missing.map(|kind| kind.name()).collect();
@@ -166,7 +164,7 @@ mod tests {
     const VOLTS: &str = "battery = { unit = \"V\" }\n";
 
     #[test]
-    fn power_is_as_it_was_measured() {
+    fn measured_power_is_used_unchanged() {
         let watts = [(Telemetry::Power, [1.5, 2.5]), (Battery, [4.0, 4.0]), (Current, [9.0, 9.0])];
         let units = "power = { unit = \"W\" }\ncurrent = { unit = \"A\" }\n".to_owned() + VOLTS;
         assert_eq!(power(&units, &watts), Ok(([1.5, 2.5], None)), "power before current");
@@ -205,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_in_units_that_nobody_gave_are_asked_about() {
+    fn columns_without_units_are_reported() {
         let motors = Telemetry::MOTORS.map(|kind| (kind, [3.7; 2]));
         let Err(asked) = power("", &motors) else { panic!("3.7 counts are no battery") };
         assert_eq!(asked.code, "battery_unit");

@@ -21,7 +21,6 @@ pub const VELOCIROACH: &str = include_str!("../assets/profiles/velociroach.toml"
 #[serde(deny_unknown_fields)]
 pub struct Profile {
     pub name: String,
-    /// The scales of its telemetry.
     pub telemetry: TelemetryScales,
     /// Telemetry columns that its logs name differently, or have in physical units.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -35,17 +34,12 @@ pub struct Profile {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetryScales {
-    /// Leg position, rad.
     pub leg_rad_per_count: f64,
     /// Angular rate, °/s.
     pub gyro_deg_s_per_count: f64,
-    /// Acceleration, m/s².
     pub acceleration_m_s2_per_count: f64,
-    /// Back EMF of a motor, V.
     pub back_emf_v_per_count: f64,
-    /// Battery, V.
     pub battery_v_per_count: f64,
-    /// The counts of a motor duty of 1.
     pub duty_counts: f64,
 }
 
@@ -53,7 +47,6 @@ pub struct TelemetryScales {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct TelemetryColumn {
-    /// Its name, if not the standard one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Its unit, if not counts.
@@ -65,7 +58,6 @@ pub struct TelemetryColumn {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Motor {
-    /// Resistance R, Ω.
     pub resistance_ohm: f64,
     /// Torque constant Kt, N·m/A.
     pub torque_constant_nm_per_a: f64,
@@ -235,7 +227,6 @@ pub(super) fn key_of(kind: Telemetry) -> Option<&'static str> {
     COLUMNS.into_iter().find(|(_, of, _)| *of == kind).map(|(key, ..)| key)
 }
 
-/// The factor from a unit to the SI unit, if it is one of `units`.
 fn in_si(unit: &str, units: Units) -> Option<f64> {
     units.iter().find(|(name, _)| *name == unit).map(|(_, si)| *si)
 }
@@ -292,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_profile_has_what_differs_from_its_base() {
+    fn a_profile_overrides_values_of_its_base() {
         let text = "base = \"velociroach\"\nname = \"tortoise\"\n[robot]\nmass_kg = 2\n\n\
                     [columns]\nbattery = { name = \"U\", unit = \"mV\" }\n";
         let profile = Profile::parse(text).unwrap();
@@ -320,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_profile_is_told_with_its_place() {
+    fn faults_of_a_profile_are_reported_with_their_position() {
         let cases = [
             ("mass_kg = 0.087", "mass_g = 87", "unknown field `mass_g`"),
             ("mass_kg = 0.087 ", "mass_kg = 0.0 ", "`robot.mass_kg` is `0`"),

@@ -15,7 +15,6 @@ use shell_data::wrench::Axis;
 /// reason in [`TrialResult::diagnostics`].
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TrialResult {
-    /// The row of the per-trial table.
     #[serde(flatten)]
     pub row: TrialRow,
     /// One row for each whole stride in the window, in order.
@@ -59,24 +58,18 @@ pub struct TrialRow {
     pub condition: String,
     /// Entry into the channel, s on the log's clock.
     pub t_enter_s: f64,
-    /// Exit from the channel, s.
     pub t_exit_s: f64,
-    /// The time between entry and exit, s.
     pub duration_s: f64,
     /// Mean velocity v̄, m/s.
     pub velocity_m_s: f64,
-    /// Number of rows in the window.
     pub rows: u64,
     /// Number of rows in the window with new readings; `None` without sensors.
     pub fresh_frames: Option<u64>,
     /// The measures over the length of the channel.
     #[serde(flatten)]
     pub measures: RunMeasures,
-    /// The 95 % interval of the drag energy, J.
     pub drag_energy_95_j: Option<Interval>,
-    /// The 95 % interval of the mean drag, N.
     pub drag_mean_95_n: Option<Interval>,
-    /// The 95 % interval of the mean lift, N.
     pub lift_mean_95_n: Option<Interval>,
     /// Number of whole strides in the window; `None` without a leg position.
     pub strides: Option<u64>,
@@ -89,7 +82,6 @@ pub struct TrialRow {
     /// True if most frames are outside the calibrated range.
     #[serde(skip)]
     pub is_beyond_range: bool,
-    /// The uncertainty of the mean forces.
     #[serde(skip)]
     pub uncertainty: Option<ForceUncertainty>,
 }
@@ -118,13 +110,10 @@ impl TrialRow {
 pub struct StrideRow {
     /// The number in the trial, from 1.
     pub stride: u64,
-    /// Start, s on the log's clock.
     pub t_start_s: f64,
-    /// End, s.
     pub t_end_s: f64,
     /// The duration T, s.
     pub period_s: f64,
-    /// Number of rows in the stride.
     pub rows: u64,
     /// The measures over the length v̄·T.
     #[serde(flatten)]
@@ -155,7 +144,6 @@ pub struct ConditionRow {
     /// The unit of observation, trials or strides.
     pub per: Per,
     pub quantity: Quantity,
-    /// The statistics, in the quantity's SI unit.
     #[serde(flatten)]
     pub statistics: Statistics,
     /// The difference of the mean from that of the reference condition, if one was named and this is another.
@@ -166,9 +154,7 @@ pub struct ConditionRow {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Per {
-    /// One value per trial.
     Trial,
-    /// One value per stride.
     Stride,
 }
 
@@ -176,13 +162,9 @@ pub enum Per {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Quantity {
-    /// Mean drag, N.
     Drag,
-    /// Mean lift, N.
     Lift,
-    /// Drag energy, J.
     DragEnergy,
-    /// Electrical energy, J.
     ElectricalEnergy,
     SpecificResistance,
 }

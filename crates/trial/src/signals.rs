@@ -80,7 +80,6 @@ impl Signals {
         Ok(Self { forces, power, right_leg, left_leg, strides, is_beyond })
     }
 
-    /// The signals at all rows.
     pub(super) fn into_trace(self, of: &TrialRows) -> Trace {
         let (power_w, [right_power_w, left_power_w]) = match self.power {
             Some(Power { sides_w: Some(sides), .. }) => (Vec::new(), sides),
@@ -148,12 +147,10 @@ fn find_forces(
     Ok(Some(TrialForces { wrench, frame_of_row, frames }))
 }
 
-/// The forces at the rows of a trial.
 #[derive(Clone, Debug, Default)]
 pub(super) struct TrialForces {
     /// Tared and filtered, one value per row, N and N·m; axes that were not requested are empty.
     pub(super) wrench: PerAxis<Vec<f64>>,
-    /// The number of the frame of each row.
     pub(super) frame_of_row: Vec<usize>,
     /// Readings of each frame, counts, one column per channel.
     pub(super) frames: Vec<Vec<f64>>,
@@ -173,7 +170,6 @@ fn frames(rows: &TrialRows) -> (Vec<Vec<f64>>, Vec<usize>) {
     (rows.readings.iter().map(pick).collect(), frame_of_row)
 }
 
-/// Number of rows in the window with a new frame.
 pub(super) fn count_fresh(rows: &TrialRows, window: Range<usize>) -> u64 {
     rows.fresh[window].iter().filter(|fresh| **fresh).count() as u64
 }

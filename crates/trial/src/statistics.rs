@@ -40,7 +40,6 @@ const FEWEST_BOOTSTRAPPED: usize = 8;
 /// for its skewness, which is known, and resampling takes minutes.
 const MOST_DRAWN: usize = 5000;
 
-/// Values of one quantity in one condition.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ValueSample {
     values: Vec<f64>,
@@ -61,10 +60,8 @@ pub struct Interval {
     pub high: f64,
 }
 
-/// The statistics of a sample.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Statistics {
-    /// Number of values.
     pub n: usize,
     /// Number of trials that the values come from.
     pub trials: usize,
@@ -90,7 +87,6 @@ pub struct Statistics {
 /// The difference of a mean from that of a reference condition.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct MeanDifference {
-    /// The reference condition.
     pub reference: String,
     /// The mean minus that of the reference.
     pub mean: f64,
@@ -236,7 +232,6 @@ fn student(samples: &[Signed<'_>]) -> Interval {
     Interval { low: estimate - half, high: estimate + half }
 }
 
-/// The signed sum of the samples' means.
 fn signed_sum(samples: &[Signed<'_>], means: &[f64]) -> f64 {
     samples.iter().zip(means).map(|((sign, _), mean)| sign * mean).sum()
 }
@@ -332,7 +327,7 @@ mod tests {
 
     /// Expected: `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the same values.
     #[test]
-    fn box_plots_are_those_of_matplotlib() {
+    fn box_plots_equal_those_of_matplotlib() {
         let s = of(&[7.0, 1.0, 2.0, 100.0, 3.0, 4.0]);
         assert_eq!((s.q1, s.median, s.q3), (2.25, 3.5, 6.25));
         assert_eq!((s.whisker_low, s.whisker_high), (1.0, 7.0));
@@ -345,7 +340,7 @@ mod tests {
 
     /// Both methods on one skewed sample: the bootstrap's interval scatters by a few percent of its width.
     #[test]
-    fn intervals_of_many_values_are_those_of_the_bootstrap() {
+    fn intervals_of_many_values_equal_those_of_the_bootstrap() {
         let value = |i: usize| (-(i as f64 + 0.5).ln() + (MOST_DRAWN as f64).ln()).powi(2);
         let drawn: Vec<f64> = (0..MOST_DRAWN).map(value).collect();
         let drawn = of(&drawn).mean_95.unwrap();
@@ -370,7 +365,7 @@ mod tests {
 
     /// For many normal values the interval is the textbook's, `mean ± 1.96·sd/√n`.
     #[test]
-    fn the_interval_of_many_values_is_that_of_the_normal_distribution() {
+    fn the_interval_of_many_values_equals_that_of_the_normal_distribution() {
         let mut stream = RandomStream::new(9, Purpose::Readings, 0);
         let values: Vec<f64> = (0..2000).map(|_| 3.0 + stream.normal()).collect();
         let s = of(&values);

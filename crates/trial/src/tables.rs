@@ -23,7 +23,6 @@ impl<T> TableRows<T> {
     }
 }
 
-/// One row per trial.
 pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> NamedTable {
     let results = TableRows(results.collect());
     let text = |of: fn(&TrialRow) -> &str| results.text(|result| of(&result.row).to_owned());
@@ -56,7 +55,6 @@ pub fn trials_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> Named
     ])
 }
 
-/// One row per stride.
 pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> NamedTable {
     let of_trial = |result: &'a TrialResult| {
         result.stride_rows.iter().map(move |stride| (&result.row, stride))
@@ -82,7 +80,6 @@ pub fn strides_table<'a>(results: impl Iterator<Item = &'a TrialResult>) -> Name
     ])
 }
 
-/// One row for each quantity of each condition.
 pub fn conditions_table(rows: &[ConditionRow]) -> NamedTable {
     let rows = TableRows(rows.iter().collect());
     let number = |of: fn(&ConditionRow) -> Option<f64>| rows.number(|row| of(row));

@@ -12,13 +12,9 @@ pub struct Trace {
     pub wrench: PerAxis<Vec<f64>>,
     /// True for each row with a new frame.
     pub fresh: Vec<bool>,
-    /// Angle of the right legs, unwrapped, rad.
     pub right_leg_rad: Vec<f64>,
-    /// Angle of the left legs, unwrapped, rad.
     pub left_leg_rad: Vec<f64>,
-    /// Electrical power of the right motor, W.
     pub right_power_w: Vec<f64>,
-    /// Electrical power of the left motor, W.
     pub left_power_w: Vec<f64>,
     /// Electrical power of both motors, if the log has only their sum, W.
     pub power_w: Vec<f64>,

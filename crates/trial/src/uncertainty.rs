@@ -39,7 +39,6 @@ pub struct ForceUncertainty {
     /// The error of the means due to the calibration: components along directions common to all trials, each
     /// one standard deviation, N.
     pub shared: PerAxis<Vec<f64>>,
-    /// The degrees of freedom of that error.
     pub degrees_of_freedom: f64,
 }
 
@@ -110,7 +109,6 @@ pub(super) fn of_means(
     Some(ForceUncertainty { half_widths, shared, degrees_of_freedom })
 }
 
-/// The errors of a calibration.
 struct ModelErrors {
     /// The variance of the error of a frame, squares of N.
     of_frame: PerAxis<f64>,
@@ -192,7 +190,7 @@ mod tests {
 
     /// An autoregressive signal, whose variance of the mean is `σ²/(1 − φ)²/n` for long signals.
     #[test]
-    fn the_variance_of_a_mean_allows_for_what_neighbours_have_in_common() {
+    fn the_variance_of_a_mean_allows_for_correlation_of_neighbours() {
         let mut stream = RandomStream::new(5, Purpose::Readings, 0);
         for (phi, share) in [(0.0, 1.0), (0.5, 0.8)] {
             let mut found = 0.0;

@@ -7,7 +7,6 @@ use super::manifest::{CellPosition, ManifestProblem};
 use super::statistics::{MeanDifference, Statistics, ValueSample};
 use shell_data::hint::did_you_mean;
 
-/// Values by condition.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ValueTable {
     /// The column of conditions.
@@ -25,7 +24,6 @@ pub struct ValueTable {
 pub struct ValueRow {
     pub condition: String,
     pub quantity: String,
-    /// The statistics, in the column's unit.
     #[serde(flatten)]
     pub statistics: Statistics,
     /// The difference of the mean from the reference, if one was named and this is another condition.
@@ -169,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_that_say_nothing_are_refused() {
+    fn tables_without_values_are_refused() {
         for (text, by, message) in [
             ("a,b\n1,x\n", None, "1:1: no column holds numbers alone"),
             ("a,b\n", None, "1:1: the table has no rows"),

@@ -41,7 +41,6 @@ impl<F: NorFlash> Slots<F> {
         Self { flash }
     }
 
-    /// Returns the offset of a slot.
     fn offset(slot: u32) -> u32 {
         slot * SLOT.next_multiple_of(F::ERASE_SIZE) as u32
     }

@@ -50,7 +50,6 @@ impl Converter {
         }
     }
 
-    /// Returns whether a zero is set.
     pub fn is_zeroed(&self) -> bool {
         self.zero.is_some()
     }
@@ -136,7 +135,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn wrenches_are_those_of_the_formula(readings: [u16; CHANNELS]) {
+        fn wrenches_equal_those_of_the_formula(readings: [u16; CHANNELS]) {
             let (expected, largest) = wrench(&cubic(), &readings);
             let actual = converter().convert(&readings, 0);
             for (actual, expected) in actual.into_iter().zip(expected) {

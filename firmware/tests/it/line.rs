@@ -89,7 +89,7 @@ fn a_rate_is_set_after_its_answer_and_kept_once_something_is_heard() {
 }
 
 #[test]
-fn a_rate_on_which_nothing_is_heard_is_taken_back() {
+fn a_rate_without_reply_is_reverted() {
     let mut bench = Bench::on_a_line();
     bench.done(Command::SetBaud { baud: 921_600 });
     // Noise does not count as heard.
@@ -104,7 +104,7 @@ fn a_rate_on_which_nothing_is_heard_is_taken_back() {
 }
 
 #[test]
-fn a_rate_that_there_is_not_or_that_does_not_carry_the_stream_is_refused() {
+fn unknown_rates_and_rates_too_slow_for_the_stream_are_refused() {
     let mut bench = Bench::on_a_line();
     let (answer, _) = bench.ask(Command::SetBaud { baud: 12_345 });
     assert_eq!(answer, Answer::Refused(Refusal::OutOfRange));

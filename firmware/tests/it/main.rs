@@ -53,7 +53,7 @@ fn half_a_minute_at_100_hz_has_every_frame_on_its_slot() {
 }
 
 #[test]
-fn a_frame_that_takes_too_long_costs_the_slots_it_covers_and_says_so() {
+fn a_frame_that_takes_too_long_skips_slots_and_counts_them() {
     let mut bench = Bench::new();
     let mut samples = bench.done(Command::Start);
     bench.run_for(45_000);
@@ -71,7 +71,7 @@ fn a_frame_that_takes_too_long_costs_the_slots_it_covers_and_says_so() {
 }
 
 #[test]
-fn a_link_that_is_held_up_costs_samples_that_are_counted_and_nothing_else() {
+fn a_blocked_link_drops_samples_and_counts_them() {
     let mut bench = Bench::new();
     bench.done(Command::Start);
     bench.world.held_up.set(true);
@@ -130,7 +130,7 @@ fn a_new_period_counts_from_the_command_and_stopping_stops() {
 }
 
 #[test]
-fn wrenches_are_those_of_the_calibration_uploaded_less_the_zero() {
+fn wrenches_equal_those_of_the_calibration_uploaded_less_the_zero() {
     let mut bench = Bench::new();
     bench.play(|channel, us| (100, 200 + 100 * channel as u16 + (us / 10_000 % 50) as u16));
     assert_eq!(
@@ -207,7 +207,7 @@ fn the_calibration_survives_a_reset_that_the_board_reports() {
 }
 
 #[test]
-fn the_board_says_what_it_is() {
+fn the_board_identifies_itself() {
     let identity = Identity {
         board: Board::Simulated,
         firmware: [0, 2, 0],
@@ -243,7 +243,7 @@ fn commands_for_another_board_are_counted_and_left_to_it() {
 }
 
 #[test]
-fn the_last_words_of_the_run_before_are_told() {
+fn the_last_words_of_the_previous_run_are_reported() {
     let mut bench = Bench::new();
     let answer = bench.ask(Command::LastWords { offset: 0 }).0;
     let text = shared_proto::Piece::copy_of(&bench::LAST_WORDS[..32]).unwrap();
@@ -337,7 +337,7 @@ fn health_goes_before_the_first_sample_after_a_change_and_once_a_second() {
 }
 
 #[test]
-fn where_frames_fill_their_period_health_makes_none_late() {
+fn health_delays_no_frame_that_fills_its_period() {
     let mut bench = Bench::new();
     bench.world.settling_us.set(30);
     bench.done(Command::SetSettling { settling_us: 30 });
@@ -360,7 +360,7 @@ fn where_frames_fill_their_period_health_makes_none_late() {
 }
 
 #[test]
-fn the_self_test_shows_what_each_emitter_raises() {
+fn the_self_test_reports_the_rise_of_each_emitter() {
     let mut bench = Bench::new();
     bench.world.tests_itself.set(true);
     bench.play(|channel, _| (50 + channel as u16, 1_000 + 10 * channel as u16));
@@ -393,7 +393,7 @@ fn the_self_test_shows_what_each_emitter_raises() {
 }
 
 #[test]
-fn the_watchdog_is_fed_whatever_the_host_does() {
+fn the_watchdog_is_fed_under_any_host_traffic() {
     let mut bench = Bench::new();
     bench.run_for(3_000_000);
     bench.done(Command::SetPeriod { period_us: 10_000_000 });

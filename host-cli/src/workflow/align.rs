@@ -57,7 +57,6 @@ pub fn align_logs(
 /// Number of rows of a training log that were written, and that were left out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 pub struct WrittenRows {
-    /// Rows written.
     pub written: usize,
     /// Rows left out because the reference was not recording, or had a gap, around that time.
     pub uncovered: usize,

@@ -18,7 +18,6 @@ use trial::{
     ValueSample,
 };
 
-/// Options of a batch.
 #[derive(Clone, Copy)]
 pub struct BatchOptions<'a> {
     /// How trials are evaluated.
@@ -47,9 +46,7 @@ pub struct Batch {
 /// A trial with its row in the manifest.
 #[derive(Clone, Debug)]
 pub struct BatchTrial {
-    /// Position of the row.
     pub position: CellPosition,
-    /// Path of the log.
     pub path: PathBuf,
     /// The results, and the checksum of the log.
     pub evaluated: Evaluated,
@@ -58,7 +55,6 @@ pub struct BatchTrial {
 /// A row that could not be evaluated.
 #[derive(Clone, Debug, Serialize)]
 pub struct FailedRow {
-    /// Position in the manifest.
     #[serde(flatten)]
     pub position: CellPosition,
     /// Name of the log in the manifest; empty if the row names none.

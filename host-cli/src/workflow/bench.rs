@@ -29,31 +29,26 @@ const MOST_WIDE_WORK: f64 = 5e9;
 const BUDGET_S: f64 = 1.0;
 const MOST_REPETITIONS: usize = 9;
 
-/// All solvers on one model.
 #[derive(Clone, Debug)]
 pub struct ModelBench {
     /// Name of the model, such as `cubic + offset`.
     pub model: String,
     /// Number of coefficients of each axis.
     pub features: usize,
-    /// Number of rows.
     pub rows: usize,
     /// Condition number of the features, with columns scaled to norm one.
     pub condition: f64,
     /// Solver that errors are relative to.
     pub reference: &'static str,
-    /// One measurement per solver.
     pub solvers: Vec<Measurement>,
 }
 
 /// The measurement of one solver on one model.
 #[derive(Clone, Debug)]
 pub struct Measurement {
-    /// Name of the solver.
     pub solver: &'static str,
     /// Median of the repetitions, s, from readings to coefficients; NaN if it was left out.
     pub seconds: f64,
-    /// Largest relative error of a coefficient.
     pub coefficient_error: Option<f64>,
     /// The largest error of a predicted row, relative to the RMS of its axis.
     pub prediction_error: Option<f64>,
@@ -271,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn the_front_is_what_nothing_beats_in_both_time_and_error() {
+    fn the_front_has_the_solvers_that_none_beats_in_both_time_and_error() {
         let mut solvers = [
             measured(1.0, Some(1e-9)),
             measured(2.0, Some(1e-16)),

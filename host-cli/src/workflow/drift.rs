@@ -16,7 +16,6 @@ pub const TEMPERATURE: &str = "temperature_c";
 /// Drift of the zero of a log.
 #[derive(Clone, Debug, serde::Serialize)]
 pub struct DriftSummary {
-    /// Number of rows in the log.
     pub rows: u64,
     /// Invalid rows that were left out.
     pub skipped_rows: u64,
@@ -116,7 +115,7 @@ pub fn drift(
         let found = times_s.len();
         WorkflowError::refused(
             format!(
-                "`{path}` has `{found}` stretches at rest, {FEWEST_RESTS} at least are needed to tell a drift"
+                "`{path}` has `{found}` stationary intervals, a drift needs at least {FEWEST_RESTS}"
             ),
             "begin with the sensor at rest and unloaded, and let it rest for a second or more now and then",
         )

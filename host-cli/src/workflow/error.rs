@@ -42,7 +42,7 @@ pub enum WorkflowError {
     #[error("`{path}`: {error}")]
     Forces { path: String, error: ForceError },
     /// Standard errors were explicitly requested, but are not available.
-    #[error("the calibration carries no covariance, from which standard errors and intervals come")]
+    #[error("the calibration has no covariance, which standard errors and intervals need")]
     NoCovariance,
     /// An interval was requested that the calibration's groups cannot support.
     #[error(transparent)]
@@ -118,7 +118,8 @@ impl Hint for WorkflowError {
                 "fit again without `--model` or with groups (`--group`), or ask for standard errors alone"
             }
             Self::NoCovariance => {
-                "leave out `--interval`, and `se` of `--columns`; `shellcal fit` puts a covariance into the calibration unless there are fewer than twice as many groups as features, or `--covariance none`"
+                "leave out `--interval` and `se` of `--columns`, or fit with twice as many groups as \
+                 features"
             }
             _ => return None,
         };

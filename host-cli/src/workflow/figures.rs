@@ -19,7 +19,6 @@ const THIN_S: f64 = 0.01;
 pub struct FigureFolder<'a> {
     /// Output files of the command.
     pub outputs: &'a Outputs,
-    /// Path of the directory.
     pub directory: &'a Path,
     /// Formats; each figure is written in every one.
     pub formats: &'a [Format],
@@ -84,7 +83,6 @@ impl FigureFolder<'_> {
     }
 }
 
-/// The title of a figure of a trial.
 pub fn title(row: &TrialRow) -> String {
     match row.condition.is_empty() {
         true => row.file.clone(),

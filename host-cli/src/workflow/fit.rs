@@ -18,9 +18,7 @@ use shell_data::dataset::{Dataset, LogRows};
 /// Rows for training and testing.
 #[derive(Debug, Default)]
 pub struct FitData {
-    /// Training rows.
     pub train: Dataset,
-    /// Test rows.
     pub test: Dataset,
     /// Names of the channels, if they have any.
     pub channel_names: Vec<String>,
@@ -109,9 +107,7 @@ impl FitData {
 /// print.
 #[derive(Debug)]
 pub struct FittedLogs {
-    /// The fit.
     pub fit: Fit,
-    /// Calibration file of the fit.
     pub file: CalibrationFile,
     /// Outliers that were used, if the fit looked for some.
     pub used: Option<NamedOutliers>,

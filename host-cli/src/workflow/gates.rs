@@ -222,7 +222,7 @@ mod tests {
 
     /// Errors pass only if each requested axis is in calibration and logs, and below its limit.
     #[test]
-    fn over_all_subsets_of_axes_nothing_passes_that_was_not_compared() {
+    fn axes_that_were_not_compared_never_pass() {
         let (good, bad, nan) = (0.5, 2.0, f64::NAN);
         let limits = [(Some(1.0), None), (None, Some(1.0)), (Some(1.0), Some(1.0)), (None, None)];
         let mut passed = 0;
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn an_item_that_nothing_is_said_of_does_not_pass() {
+    fn an_item_without_result_does_not_pass() {
         let mut gate = Gate::default();
         assert!(gate.passes());
         gate.ask("load `a`", Axes::ALL).hold();

@@ -15,15 +15,12 @@ use shell_data::wrench::{AxisValues, PerAxis};
 /// Scatter of an unloaded sensor.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct NoiseSummary {
-    /// Number of rows in the log.
     pub rows: u64,
     /// Duplicates: rows whose readings equal the previous row's.
     pub repeated_rows: u64,
     /// Invalid rows that were left out.
     pub skipped_rows: u64,
-    /// Number of frames used.
     pub frames: u64,
-    /// The rows that were used.
     pub rows_used: RowFilter,
     /// Noise of the wrench, N and N·m.
     #[serde(serialize_with = "by_column")]
@@ -38,7 +35,6 @@ pub struct NoiseSummary {
 /// Scatter of a quantity, in its own unit.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct Scatter {
-    /// The mean.
     pub mean: f64,
     /// RMS deviation from the mean.
     pub rms: f64,
@@ -47,7 +43,7 @@ pub struct Scatter {
 }
 
 /// Measures the scatter of the frames of a log, in one pass and constant memory. `window` is the unloaded
-/// stretch of time; `None` for the whole log.
+/// block of time; `None` for the whole log.
 ///
 /// # Errors
 /// [`WorkflowError`].

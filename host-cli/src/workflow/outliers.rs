@@ -77,7 +77,6 @@ impl NamedOutliers {
         self.found.rows.iter().zip(&self.names).map(report_of).collect()
     }
 
-    /// Rows for a report.
     pub fn rows(&self, left_out: bool) -> report::OutlierTable {
         let row = |(row, name): (&Outlier, &RowName)| report::OutlierRow {
             file: name.file.clone(),

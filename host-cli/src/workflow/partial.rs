@@ -18,7 +18,6 @@ use log_file::{Log, Mapping, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;
 use shell_data::fingerprint::Fingerprint;
 
-/// Options of a partial fit.
 #[derive(Clone, Copy)]
 pub struct PartialOptions<'a> {
     /// The largest family of features to be fitted.
@@ -35,16 +34,13 @@ pub struct PartialOptions<'a> {
     pub fresh: bool,
     /// Meanings of the columns of the logs.
     pub mapping: &'a Mapping,
-    /// Options for reading logs.
     pub read: ReadOptions<'a>,
 }
 
-/// Groups whose sums are kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum KeptGroups {
     /// The groups of the group column if there is one, files otherwise.
     Auto,
-    /// Groups of this kind.
     By(GroupKind),
 }
 
@@ -233,7 +229,6 @@ pub fn fit_merged(
     Ok(Fit { skipped_rows, repeated_rows, ..fit })
 }
 
-/// Calibration file of a fit to `merged`.
 pub fn merged_file(fit: &Fit, merged: &PartialFit) -> CalibrationFile {
     let origin = Origin {
         made_by: merged.made_by.clone(),

@@ -9,7 +9,6 @@ use log_file::{Log, ReadOptions};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// The session recorded so far.
 #[derive(Debug)]
 pub struct RecordedSession {
     /// Load of each pose, N and N·m.

@@ -25,7 +25,6 @@ pub struct Recalibrated {
     pub found: Recalibration,
     /// Rows, labelled by load.
     pub rows: Dataset,
-    /// Number of loads.
     pub loads: usize,
     /// Passes if every load of the table was used.
     pub gate: Gate,

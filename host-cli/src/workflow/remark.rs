@@ -8,7 +8,6 @@ use calibration::fit::{Fit, FoundGroups, Outcome, Warning};
 use forces::stationary::ZeroMove;
 use shell_data::wrench::Axes;
 
-/// A remark for the user.
 #[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(tag = "kind", content = "text", rename_all = "snake_case")]
 pub enum Remark {

@@ -57,7 +57,6 @@ pub struct SetTrial {
     pub file: String,
     /// The true values, relative to the manifest.
     pub truth_file: String,
-    /// Number of rows of the log.
     pub rows: u64,
 }
 

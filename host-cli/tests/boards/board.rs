@@ -1,4 +1,4 @@
-//! What planted boards share: a pty, a program that waits for it, and the status of a sound board.
+//! Shared parts of the simulated boards: a pty, a program that waits for it, and a healthy status.
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -15,8 +15,8 @@ pub(crate) fn pty() -> (TTYPort, String) {
     (board, host.name().unwrap())
 }
 
-/// Records from the port `adapter` once that is there. The program is started before the pty is made:
-/// what is started later inherits the board's end, and would keep it open.
+/// Records from the port `adapter` once it exists. The program is started before the pty is made: a program
+/// that starts later inherits the board's end and would keep it open.
 pub(crate) fn start_before_the_port(dir: &Path, arguments: &str) -> Child {
     Command::new("sh")
         .arg("-c")

@@ -112,7 +112,7 @@ fn a_rate_is_set_at_both_ends_and_used_from_then_on() {
 }
 
 #[test]
-fn a_rate_that_the_wire_does_not_carry_leaves_the_board_where_it_was() {
+fn a_rate_that_fails_on_the_wire_keeps_the_old_rate() {
     let dir = tempfile::tempdir().unwrap();
     let board = RatedBoard::start(115_200);
     let error = refused(dir.path(), &format!("board {} baud 921600", board.port));
@@ -122,7 +122,7 @@ fn a_rate_that_the_wire_does_not_carry_leaves_the_board_where_it_was() {
 }
 
 #[test]
-fn the_bootloader_is_entered_and_what_to_do_then_is_said() {
+fn the_bootloader_is_entered_and_the_next_step_is_printed() {
     let dir = tempfile::tempdir().unwrap();
     let board = RatedBoard::start(1_000_000);
     let (_, said) = ended(&dir, &format!("board {} bootloader", board.port), 0);
@@ -131,7 +131,7 @@ fn the_bootloader_is_entered_and_what_to_do_then_is_said() {
 }
 
 #[test]
-fn a_simulated_board_has_neither_and_says_so() {
+fn a_simulated_board_refuses_rate_and_bootloader() {
     let dir = tempfile::tempdir().unwrap();
     let mut child = program::start(dir.path(), "board --simulate --symlink board");
     let deadline = Instant::now() + Duration::from_secs(60);

@@ -171,7 +171,7 @@ fn commands_are_repeated_until_they_are_answered() {
         assert!(error.contains("refuses `period 500 µs`: conversions and settling"), "{error}");
         assert!(error.contains("333.3 Hz would do"), "{error}");
         let mut heard = board.stop();
-        // Whoever changes the board asks it for its name first.
+        // Commands that change the board ask for its name first.
         assert_eq!(heard.iter().filter(|command| **command == Command::Identify).count(), 6);
         heard.retain(|command| *command != Command::Identify);
         let expected = [
@@ -191,10 +191,11 @@ fn commands_are_repeated_until_they_are_answered() {
 }
 
 #[test]
-fn a_board_is_told_to_start_until_it_does_and_to_stop_at_the_end() {
+fn start_is_sent_until_the_board_streams_and_stop_at_the_end() {
     let dir = tempfile::tempdir().unwrap();
     let (port, name) = pty();
-    // The board's end is told that the line is dead as soon as nobody has it open, whatever is still to be read.
+    // As soon as no program has the line open, the board's end reports it dead, even if bytes are still
+    // unread.
     let _open = std::fs::File::open(&name).unwrap();
     // It hears every second command: the second start and the second stop.
     let board = FakeBoard::start(port, false, true);
@@ -240,7 +241,7 @@ fn an_upload_arrives_whole_and_is_checked() {
 }
 
 #[test]
-fn of_two_boards_one_has_to_be_named() {
+fn commands_to_two_boards_need_a_serial_number() {
     where_the_board_is_not_held_up(|| {
         let dir = tempfile::tempdir().unwrap();
         let other = *b"another one.";

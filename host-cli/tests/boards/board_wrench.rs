@@ -1,4 +1,4 @@
-//! The wrenches of the board beside those of the host.
+//! Wrenches computed by the board, compared with those of the host.
 
 use std::path::Path;
 

@@ -1,9 +1,8 @@
-//! `shellcal doctor` on planted faults, each of which it must name, and on sound set-ups, in which it must
-//! find none.
+//! `shellcal doctor` on planted faults, which it must name, and on sound set-ups, in which it must find none.
 //!
-//! The faults of files are planted in the shipped recordings and in calibrations fitted to them; those of
-//! boards in a board made of the protocol alone, on a pty. What only the system can get wrong (permissions,
-//! adapters) is planted where it is looked at: `link/port_state.rs`, `workflow/doctor/port.rs`.
+//! Faults of files are planted in the shipped recordings and in calibrations fitted to them; faults of boards
+//! in a board made of the protocol alone, on a pty. Faults of the system (permissions, adapters) are planted
+//! in the tests of `link/port_state.rs` and `workflow/doctor/port.rs`.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,7 +12,7 @@ use system_tests::program::{self, refused, succeed};
 
 use crate::sealed::sealed_value;
 
-/// What the doctor found: exit code, and checks with their severity, those that are fine left out.
+/// Runs the doctor: exit code, findings that are not fine with their severity, and the text of stderr.
 pub(crate) fn examine(dir: &Path, arguments: &str) -> (i32, Vec<(String, String)>, String) {
     let output = program::output(dir, &format!("--json doctor {arguments}"));
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
@@ -267,7 +266,7 @@ fn planted_faults_of_calibrations_are_found() {
     // 28 Without a covariance.
     let bare = |document: &mut Value| document["covariance"] = Value::Null;
     found("bare.json", &bare, &[("no-covariance", "warning")]);
-    // 29 An imported matrix, of whose errors nothing is known.
+    // 29 An imported matrix, whose errors are unknown.
     let mut matrix = "feature,Fx_N,Fy_N,Fz_N,Mx_mNm,My_mNm,Mz_mNm\n".to_owned();
     for channel in 1..=8 {
         matrix += &format!("s{channel}^1,1,2,3,4,5,6\n");
@@ -289,7 +288,7 @@ fn planted_faults_of_calibrations_are_found() {
 }
 
 #[test]
-fn what_is_not_there_cannot_be_looked_at() {
+fn missing_files_are_errors() {
     let dir = tempfile::tempdir().unwrap();
     let said = refused(dir.path(), "doctor none.csv");
     assert!(said.contains("cannot read `none.csv`"), "{said}");

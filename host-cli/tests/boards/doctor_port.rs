@@ -24,7 +24,7 @@ use crate::recording::calibration;
 /// More boards than that and their programs, beside the other tests, may not keep to their own times.
 const BOARDS_AT_ONCE: usize = 8;
 
-/// A board that is as it should be, but for what a test changes.
+/// A healthy board, except for the planted fault.
 #[derive(Clone)]
 struct Plan {
     serials: Vec<[u8; 12]>,
@@ -32,7 +32,7 @@ struct Plan {
     status: Status,
     /// The speed at which it hears and sends; any, unless given.
     baud: Option<u32>,
-    /// What it sends, if it sends.
+    /// Packets that it sends, if any.
     sends: Sends,
     /// Its stream.
     sample: fn(u64) -> Option<Sample>,
@@ -112,7 +112,7 @@ impl Plan {
     }
 }
 
-/// What a board of another version of the protocol answers: refused, other version, under its own header
+/// The answer of a board with another protocol version: refused, other version, under its own header
 /// (shared-proto/README.md).
 fn other_version(version: u8) -> Vec<u8> {
     let content = [version << 4 | 9, 0, 0, 3, 2];
@@ -136,7 +136,7 @@ fn other_version(version: u8) -> Vec<u8> {
     [&[packet.len() as u8 + 1], &packet[..], &[0]].concat()
 }
 
-/// The board of a plan, on a pty, as long as this lives.
+/// The board of a plan on a pty, for the lifetime of this value.
 struct Running {
     port: String,
     stop: Arc<AtomicBool>,
@@ -215,7 +215,7 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
     }
 }
 
-/// What it is called, the board, more arguments, and what is to be found.
+/// Name, board, further arguments, and expected findings.
 type Case<'a> = (&'a str, Plan, &'a str, Vec<(&'a str, &'a str)>);
 
 #[test]
@@ -361,7 +361,7 @@ fn planted_faults_of_boards_are_found() {
 }
 
 #[test]
-fn what_a_board_said_before_it_crashed_is_told() {
+fn last_words_of_a_crashed_board_are_reported() {
     let dir = tempfile::tempdir().unwrap();
     let board = Running::start(Plan::with_status(|status| status.reset_cause = ResetCause::Panic));
     let output = program::output(dir.path(), &format!("doctor {} --listen 0.5", board.port));
@@ -371,7 +371,7 @@ fn what_a_board_said_before_it_crashed_is_told() {
 }
 
 #[test]
-fn a_port_that_another_has_is_in_use_by_that() {
+fn a_port_in_use_names_the_other_program() {
     let dir = tempfile::tempdir().unwrap();
     let (_board, port) = pty();
     let mut other = program::start(dir.path(), &format!("record {port} -o log.csv"));

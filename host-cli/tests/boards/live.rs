@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use serialport::{SerialPort, TTYPort};
 use system_tests::program::{self, Recording, Running, succeed};
 
-/// What a terminal shows, as far as the view uses it: moves, and text.
+/// The screen of a terminal, for the sequences that the view uses: cursor moves and text.
 struct Screen {
     cells: Vec<Vec<char>>,
     at: (usize, usize),
@@ -87,7 +87,7 @@ impl Screen {
         self.cells.iter().map(line).collect::<Vec<_>>().join("\n")
     }
 
-    /// Whether any text was coloured or set off.
+    /// True if any text is coloured or emphasised.
     fn is_styled(&self) -> bool {
         let text = String::from_utf8_lossy(&self.bytes).into_owned();
         let starts = text.match_indices("\u{1b}[").map(|(at, _)| &text[at + 2..]);
@@ -128,7 +128,7 @@ impl Terminal {
         let name = program_end.name().unwrap();
         let open = || OpenOptions::new().read(true).write(true).open(&name).unwrap();
         let errors = dir.join("errors.txt");
-        // In a session of its own, so that this terminal is `/dev/tty` for the view, whatever runs the test.
+        // In a separate session, so that this terminal is the view's `/dev/tty` in every environment.
         let child = Command::new("setsid")
             .args(["--ctty", "sh", "-c"])
             .arg(format!("stty rows {rows} cols {columns}; exec \"$0\" live \"$@\""))
@@ -191,7 +191,7 @@ impl Terminal {
         };
         (0..5).for_each(|_| drop(self.look()));
         let text = String::from_utf8_lossy(&self.screen.bytes).into_owned();
-        // What leaves the second screen.
+        // The sequence that leaves the second screen.
         let after = text.rsplit("\u{1b}[?1049l").next().unwrap_or_default().to_owned();
         let said = after + &fs::read_to_string(&self.errors).unwrap();
         (status.code(), said, self.screen)
@@ -290,7 +290,7 @@ fn a_plan_leads_through_its_loads_and_labels_their_rows() {
 }
 
 #[test]
-fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
+fn a_kilohertz_is_shown_and_recorded_whole_under_any_input() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     calibrate(dir);
@@ -313,7 +313,7 @@ fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
     view.wait_for("taring what is shown");
     view.press(" ");
     view.wait_for("PAUSED");
-    // The body of the screen without its header, which tells how many frames there are.
+    // The body of the screen without its header, which shows the number of frames.
     let still = |screen: &str| screen.lines().skip(1).take(20).collect::<Vec<_>>().join("\n");
     // The header is drawn first: once it has changed again, the picture below it is complete.
     for _ in 0..3 {
@@ -351,8 +351,8 @@ fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
         let log = Recording::read(&dir.join(log));
         let index = log.numbers("index");
         assert!(index.len() > 500, "{} rows", index.len());
-        // A board whose line stands still, as where the machine is busy with others, drops frames and counts them,
-        // modulo 256: before it numbers them, so that numbers have no gap, or on its way to the line.
+        // A board whose line is blocked, as on a busy machine, drops frames and counts them, modulo 256:
+        // either before it numbers them, so that numbers have no gap, or on the way to the line.
         let dropped = log.numbers("dropped");
         for (index, dropped) in index.windows(2).zip(dropped.windows(2)) {
             let by_board = (dropped[1] - dropped[0]).rem_euclid(256.0);
@@ -362,8 +362,8 @@ fn a_kilohertz_is_shown_and_recorded_whole_whatever_the_user_does() {
         let marked = log.text("flags").iter().filter(|flags| flags.contains("mark")).count();
         assert_eq!(marked, 1);
         let at = log.text("flags").iter().position(|flags| flags.contains(mark)).unwrap();
-        // The row is the first from the moment on the screen on that had not been written: by half a second
-        // later, where the machine has just written and is late with its pictures. It is told in whole ms.
+        // The row is the first one not yet written at the moment on the screen. It is up to half a second
+        // later if the machine has just written and draws late. The time has a resolution of 1 ms.
         let time_s = log.numbers("t_s")[at];
         let name = format!("{} at ", mark.replace("mark", "mark "));
         let told = said.split(&name).nth(1).unwrap().split(' ').next().unwrap();
@@ -399,7 +399,7 @@ fn a_log_is_played_with_and_without_colour() {
     assert!(ascii.text().is_ascii(), "{}", ascii.text());
 }
 
-/// Consoles on a serial port have no size that they could tell.
+/// Consoles on a serial port do not report a size.
 #[test]
 fn a_terminal_of_unknown_size_is_taken_for_80_by_24() {
     let dir = tempfile::tempdir().unwrap();
@@ -414,7 +414,7 @@ fn a_terminal_of_unknown_size_is_taken_for_80_by_24() {
 }
 
 #[test]
-fn what_cannot_be_shown_is_told() {
+fn inputs_that_cannot_be_shown_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let said = program::refused(dir.path(), "live /dev/no-such-port");
     assert!(said.contains("needs a terminal"), "{said}");
@@ -429,7 +429,7 @@ fn what_cannot_be_shown_is_told() {
     refused("three.csv", "has 3 channels");
 }
 
-/// What a view costs: `cargo test -p shellcal --test boards figures_of_a_live_view -- --ignored --nocapture`.
+/// Cost of a view: `cargo test -p shellcal --test boards figures_of_a_live_view -- --ignored --nocapture`.
 /// Says how much of a core it takes, how memory grows, and that no frame is lost, over so many seconds as
 /// `SHELLCAL_LIVE_SECONDS` says.
 #[test]

@@ -1,4 +1,4 @@
-//! `shellcal live --serve` over a bare TCP connection: what a browser would get, and what others try.
+//! `shellcal live --serve` over a bare TCP connection: requests of a browser and of other clients.
 
 use std::fs;
 use std::io::{self, BufRead, BufReader, Read, Write};
@@ -84,7 +84,7 @@ impl View {
         Listener(BufReader::new(stream))
     }
 
-    /// Ctrl-C: what is said at the end, of a run that ends well.
+    /// Ends the run with Ctrl-C; returns its last messages. The exit code must be 0.
     fn end(mut self) -> String {
         program::interrupt(&self.child.0);
         let mut said = String::new();
@@ -165,7 +165,7 @@ fn events_are_the_forces_of_the_log_and_orders_are_obeyed() {
     let picture = &event["picture"];
     assert_eq!(event["can_record"], false);
     assert_eq!(picture["channels"].as_array().unwrap().len(), 8);
-    // The same forces as those of `convert`, whose figures end at 1e-6.
+    // Equal to the forces of `convert`, which have a resolution of 1e-6.
     let wrench = Recording::read(&dir.join("wrench.csv"));
     let time_s = picture["time_s"].as_f64().unwrap();
     let row = wrench.numbers("t_s").iter().position(|t| (t - time_s).abs() < 1e-9).unwrap();
@@ -208,7 +208,7 @@ fn events_are_the_forces_of_the_log_and_orders_are_obeyed() {
     for _ in 0..20 {
         assert_eq!(events.next().unwrap()["picture"], paused["picture"]);
     }
-    // The end is told to those who listen.
+    // Listeners receive the end.
     let rest = thread::spawn(move || {
         let mut rest = String::new();
         events.0.read_to_string(&mut rest).unwrap();
@@ -221,7 +221,7 @@ fn events_are_the_forces_of_the_log_and_orders_are_obeyed() {
 }
 
 #[test]
-fn who_has_no_token_or_comes_by_another_name_learns_and_does_nothing() {
+fn requests_without_token_or_with_another_host_name_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let log = data("synthetic-test.csv").display().to_string();
     let view = View::start(dir.path(), &format!("{log} --speed 20"));
@@ -258,7 +258,7 @@ fn who_has_no_token_or_comes_by_another_name_learns_and_does_nothing() {
     {
         assert_eq!(status(&ask("GET", &format!("/?token={token}"), &host)), "200", "{host}");
     }
-    // Nothing of it was obeyed.
+    // None of the requests was obeyed.
     let event = view.listen().next().unwrap();
     assert_eq!(event["picture"]["is_paused"], false);
     assert_eq!(event["message"], "");
@@ -268,12 +268,12 @@ fn who_has_no_token_or_comes_by_another_name_learns_and_does_nothing() {
 }
 
 #[test]
-fn what_is_no_request_is_refused_and_does_no_harm() {
+fn malformed_requests_are_refused_and_harmless() {
     let dir = tempfile::tempdir().unwrap();
     let log = data("synthetic-test.csv").display().to_string();
     let view = View::start(dir.path(), &format!("{log} --speed 20"));
     let View { at, token, .. } = &view;
-    // One that never ends its request is told so, in the end.
+    // A client that never ends its request gets an error after a timeout.
     let mut slow = view.connect();
     slow.write_all(b"GET / HTTP/1.1\r\nHos").unwrap();
     let long = format!("GET / HTTP/1.1\r\nHost: {at}\r\nX: {}\r\n\r\n", "x".repeat(20_000));
@@ -303,7 +303,7 @@ fn what_is_no_request_is_refused_and_does_no_harm() {
     let mut answer = String::new();
     slow.read_to_string(&mut answer).unwrap();
     assert_eq!(status(&answer), "408", "{answer}");
-    // Whatever is sent, and however it is cut off.
+    // Random bytes, cut off anywhere.
     let mut random = Random(20);
     for _ in 0..200 {
         let mut bytes = with("GET", "/events", "Accept: */*\r\n").into_bytes();
@@ -314,7 +314,8 @@ fn what_is_no_request_is_refused_and_does_no_harm() {
         bytes.truncate(random.below(bytes.len() as u64 + 1) as usize);
         view.connect().write_all(&bytes).unwrap();
     }
-    // Those that are gone have left room. All seats are taken; one more is sent away, and comes again later.
+    // Clients that left have freed their seats. With all seats taken, one more client is refused, and tries
+    // again later.
     let is_served =
         || view.try_to_ask(with("GET", "/", "")).is_ok_and(|answer| status(&answer) == "200");
     let wait_for_a_seat = || {
@@ -370,7 +371,7 @@ fn listeners_that_read_nothing_cost_the_log_no_frame() {
 }
 
 #[test]
-fn what_cannot_be_served_is_told() {
+fn views_that_cannot_be_served_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let log = data("synthetic-test.csv").display().to_string();
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();

@@ -178,7 +178,7 @@ fn an_unplugged_adapter_is_an_error_and_the_log_is_whole() {
     let sender = Sender::start(board, 0);
     sender.wait_for(80);
     let path = dir.path().join("log.csv");
-    // Nothing is to be lost of a log once there is one.
+    // A log must keep every frame from its start on.
     let deadline = Instant::now() + Duration::from_secs(60);
     while !path.exists() {
         assert!(Instant::now() < deadline, "nothing is recorded");
@@ -230,7 +230,7 @@ fn an_adapter_that_comes_back_goes_on_in_the_same_log() {
 }
 
 #[test]
-fn ports_that_cannot_be_opened_are_told_apart() {
+fn ports_that_cannot_be_opened_are_distinguished() {
     let dir = tempfile::tempdir().unwrap();
     let error = refused(dir.path(), "record /dev/no-such-port -o log.csv");
     assert!(error.contains("there is no port `/dev/no-such-port`"), "{error}");
@@ -247,7 +247,7 @@ fn ports_that_cannot_be_opened_are_told_apart() {
 }
 
 #[test]
-fn a_silent_port_and_a_wrong_baud_rate_are_told() {
+fn a_silent_port_and_a_wrong_baud_rate_are_reported() {
     let dir = tempfile::tempdir().unwrap();
     let (mut board, port) = pty();
     let error = refused(dir.path(), &format!("record {port} -o log.csv --duration 0.3"));
@@ -271,7 +271,7 @@ fn a_silent_port_and_a_wrong_baud_rate_are_told() {
 }
 
 #[test]
-fn a_board_that_is_there_but_stopped_is_told() {
+fn a_stopped_board_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let (mut board, port) = pty();
     let child = start(dir.path(), &format!("record {port} -o log.csv --duration 1.5"));
@@ -289,7 +289,7 @@ fn a_board_that_is_there_but_stopped_is_told() {
     assert!(!dir.path().join("log.csv").exists());
 }
 
-/// What a terminal of so many columns is shown on one line while something is recorded with forces.
+/// The status lines shown in a terminal with `columns` columns during a recording with forces.
 fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let dir = tempfile::tempdir().unwrap();
     self::calibration(dir.path());
@@ -304,7 +304,7 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     let (board, port) = pty();
     // Otherwise the program waits for the timing of the channels, at most for 120 frames.
     let plain = "--no-tare --as-sampled";
-    // In a session of its own, so that this terminal is the program's.
+    // In a separate session, so that this terminal is the program's.
     let mut child = std::process::Command::new("setsid")
         .args(["--ctty", "sh", "-c"])
         .arg(format!("stty rows 24 cols {columns}; exec \"$0\" \"$@\""))

@@ -121,7 +121,7 @@ fn a_restart_is_marked_and_time_goes_on() {
 
 /// A CRC of 16 bits lets one damaged frame in 65,536 pass.
 #[test]
-fn one_frame_that_its_neighbours_contradict_moves_nothing() {
+fn a_frame_that_contradicts_its_neighbours_has_no_effect() {
     let dir = tempfile::tempdir().unwrap();
     let wrong = Sample { clock_us: 36_400_000, ..sample(50) };
     let other_run = PacketOrigin { start: 9, ..PacketOrigin::default() };
@@ -135,7 +135,7 @@ fn one_frame_that_its_neighbours_contradict_moves_nothing() {
     assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), 0..100);
 }
 
-/// Two boards on one channel, each frame of a radio packet of its own.
+/// Two boards on one channel, with one radio packet per frame.
 #[test]
 fn two_boards_behind_a_transparent_base_station_are_two_logs() {
     let dir = tempfile::tempdir().unwrap();
@@ -165,7 +165,7 @@ fn two_boards_behind_a_transparent_base_station_are_two_logs() {
 }
 
 #[test]
-fn what_the_board_dropped_and_what_saturated_is_in_the_log() {
+fn dropped_frames_and_saturated_readings_are_in_the_log() {
     let dir = tempfile::tempdir().unwrap();
     let dropped = [254_u8, 254, 1, 1];
     let packets = dropped.iter().zip(0..).map(|(&dropped, index)| {
@@ -198,7 +198,7 @@ fn wrenches_of_the_board_are_a_log_of_wrenches() {
 }
 
 #[test]
-fn forces_beside_the_readings_are_those_of_the_calibration() {
+fn forces_beside_the_readings_equal_those_of_the_calibration() {
     let dir = tempfile::tempdir().unwrap();
     let path = calibration(dir.path());
     let calibration = CalibrationFile::read(&path).unwrap().calibration;
@@ -219,7 +219,7 @@ fn forces_beside_the_readings_are_those_of_the_calibration() {
 }
 
 #[test]
-fn forces_are_tared_on_the_first_frames_which_say_that_they_are_not() {
+fn forces_are_tared_on_the_first_frames_which_are_flagged() {
     let dir = tempfile::tempdir().unwrap();
     let path = calibration(dir.path());
     let calibration = CalibrationFile::read(&path).unwrap().calibration;
@@ -267,7 +267,7 @@ fn the_original_board_is_read_too() {
 }
 
 #[test]
-fn bytes_without_a_frame_are_an_error_that_says_so() {
+fn bytes_without_a_frame_are_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let noise: Vec<u8> = (0..5000_u32).map(|i| (i * i % 251) as u8).collect();
     fs::write(dir.path().join("raw"), noise).unwrap();
@@ -296,7 +296,7 @@ fn crc16(bytes: &[u8]) -> u16 {
 }
 
 #[test]
-fn a_board_of_another_version_is_told_as_such() {
+fn a_board_of_another_version_is_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let mut bytes = Vec::new();
     for number in 1..100_u8 {
@@ -343,7 +343,7 @@ fn a_full_disk_is_a_clear_error_and_the_log_is_whole_up_to_then() {
     let error = refused(dir.path(), "record --replay raw -o /dev/full");
     assert!(error.contains("cannot write `/dev/full`: No space left"), "{error}");
 
-    // A limit on the size of files stands for the end of the disk, in blocks of 512 or 1024 bytes.
+    // A limit on the size of files replaces a full disk, in blocks of 512 or 1024 bytes.
     let program = program::command(dir.path()).get_program().to_owned();
     let output = std::process::Command::new("sh")
         .arg("-c")

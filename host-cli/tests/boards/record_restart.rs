@@ -60,7 +60,8 @@ impl ResettingBoard {
         Self { port, decoder, start: 1, status, began: Instant::now(), sent: 0 }
     }
 
-    /// All that it was told is gone; its word of the start is lost on the way, if it is to be.
+    /// Resets the board: all settings are lost. Its announcement of the start is lost too, unless
+    /// `is_announced`.
     fn reset(&mut self, is_announced: bool) {
         (self.start, self.status, self.sent) = (self.start + 1, FRESH, 0);
         self.began = Instant::now();
@@ -131,7 +132,7 @@ impl ResettingBoard {
     }
 }
 
-/// How a board loses what it was told.
+/// The way in which a board loses its settings.
 #[derive(Clone, Copy, PartialEq)]
 enum Loss {
     /// It resets and says so.
@@ -152,7 +153,7 @@ fn plug(link: &Path) -> TTYPort {
 }
 
 #[test]
-fn a_board_that_resets_is_started_again_as_it_was() {
+fn a_board_that_resets_is_restarted_with_its_settings() {
     for loss in [Loss::Announced, Loss::Silent, Loss::Unplugged] {
         let dir = tempfile::tempdir().unwrap();
         let link = dir.path().join("adapter");
@@ -202,7 +203,7 @@ fn a_board_that_resets_is_started_again_as_it_was() {
             (0..flags.len()).filter(|&row| flags[row].contains("restart")).collect();
         let [restart] = restarts[..] else { panic!("{restarts:?}") };
         assert!(flags.len() - restart >= 40, "{} rows after the restart", flags.len() - restart);
-        // The gap is counted: it is at least as long as asking anew takes, and no frame of it is there.
+        // The gap is counted: it is at least as long as the restart takes, and contains no frame.
         let times: Vec<f64> = column(&path, "t_s").iter().map(|t| t.parse().unwrap()).collect();
         assert!(times.is_sorted());
         let gap_frames = (times[restart] - times[restart - 1]) / 0.02;

@@ -79,7 +79,7 @@ fn counts(n: u32) -> [i32; 6] {
     [n * 1000, -n * 1000, 7, 0, 2_000_000, n * 1000]
 }
 
-/// What a scripted box has done.
+/// Actions of a scripted box.
 #[derive(Debug, Default)]
 struct Done {
     missing: u64,
@@ -175,7 +175,7 @@ fn check_rows(log: &Recording, slack_s: f64) -> usize {
     let middle = sorted[sorted.len() / 2];
     let is_far = |offset: f64| (offset - middle).abs() > slack_s;
     let far: Vec<_> = with.iter().zip(&offsets).filter(|(_, offset)| is_far(**offset)).collect();
-    // A machine that is busy may hold up the first samples that a clock is told by.
+    // A busy machine may delay the first samples, from which the clock is estimated.
     assert!(far.len() * 20 <= with.len(), "of {} rows by {middle} s are off: {far:?}", with.len());
     with.len()
 }
@@ -326,7 +326,7 @@ fn a_program_is_started_and_ended() {
 }
 
 #[test]
-fn a_reference_that_is_not_there_is_named_with_what_to_do() {
+fn a_missing_reference_is_an_error_with_a_hint() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (_board, port) = board(dir);

@@ -28,7 +28,7 @@ impl Board {
 }
 
 #[test]
-fn a_board_over_tcp_is_asked_recorded_and_looked_at() {
+fn a_board_over_tcp_works_with_board_record_and_doctor() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let board = Board::start(dir);
@@ -62,7 +62,7 @@ fn a_board_over_tcp_is_asked_recorded_and_looked_at() {
 }
 
 #[test]
-fn an_address_that_nobody_listens_at_is_named() {
+fn an_address_without_listener_is_named() {
     let dir = tempfile::tempdir().unwrap();
     // Port 1 is one of the system's, which nothing here listens at.
     let said = program::run(dir.path(), "board tcp://127.0.0.1:1 identify", 2);

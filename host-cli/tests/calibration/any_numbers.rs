@@ -10,7 +10,7 @@ use tempfile::TempDir;
 
 const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
 
-/// What readings are multiplied by: no fraction of a power of two or ten.
+/// Factor of the readings, which is no fraction of a power of two or ten.
 const VOLT: f64 = 0.1 + 1e-9;
 
 /// `train.csv` as it is and `volts.csv`, the same with readings in other units; `a.csv`, `b.csv` and `c.csv` are
@@ -61,15 +61,14 @@ fn assert_close(found: &[Vec<f64>], expected: &[Vec<f64>], relative: f64) {
 
 /// The exact sums of the counts are the truth: a fit is the same in any unit.
 #[test]
-fn standard_errors_by_group_are_those_of_exact_sums() {
+fn standard_errors_by_group_equal_those_of_exact_sums() {
     let dir = folder();
     let dir = dir.path();
     for model in ["linear", "cubic --no-intercept", "quadratic"] {
         succeed(dir, &format!("fit train.csv --model {model} -o exact.json"));
         let (_, said) =
             ended(dir, &format!("fit volts.csv --model {model} --verbose -o volts.json"), 0);
-        // Nothing is lost at these conditions: no word of sums that are not exact, and none of rows that are taken as
-        // independent.
+        // Under these conditions nothing is lost: no message on inexact sums, and none on independent rows.
         assert!(!said.contains("exact"), "{said}");
         assert!(!said.contains("independent"), "{said}");
         let (exact, volts) = (document(dir, "exact.json"), document(dir, "volts.json"));
@@ -84,9 +83,9 @@ fn standard_errors_by_group_are_those_of_exact_sums() {
     }
 }
 
-/// Few groups have intervals of their own, from groups that were held out.
+/// With few groups, intervals come from held-out groups.
 #[test]
-fn intervals_of_few_groups_are_those_of_exact_sums() {
+fn intervals_of_few_groups_equal_those_of_exact_sums() {
     let dir = folder();
     let dir = dir.path();
     for name in ["train", "volts"] {
@@ -188,7 +187,7 @@ fn merged_r_factors_validate_and_choose_as_a_fit_does() {
     assert!((score(&merged) / score(&whole) - 1.0).abs() < 1e-3, "{merged} {whole}");
 }
 
-/// `info` looks for suspicious rows by a fit of its own.
+/// `info` looks for suspicious rows with a separate fit.
 #[test]
 fn a_spike_in_volts_is_found_as_in_counts() {
     let dir = folder();
@@ -250,7 +249,7 @@ fn exact_sums_and_r_factors_are_not_merged_and_damaged_r_factors_are_refused() {
     }
 }
 
-/// The means made here, and fitted as a log of their own.
+/// The means are computed here, and fitted as a separate log.
 #[test]
 fn a_fit_to_means_takes_each_group_once() {
     let dir = folder();

@@ -116,7 +116,7 @@ fn a_calibration_is_exported_as_the_matrix_of_its_fit_and_as_code() {
         std::fs::read_to_string(dir.path().join(file)).unwrap()
     };
     assert_eq!(export("again.csv"), export("m.csv"));
-    // What the code computes is tested with the Python package.
+    // The Python package tests the result of the code.
     assert!(export("shell_wrench.m").starts_with("function w = shell_wrench(readings)\n"));
     assert!(export("shell_wrench.py").contains("from shell_wrench import wrench"));
     assert!(refused(&dir, "export cal.json 7.m").contains("`7` cannot be the name of a function"));
@@ -134,7 +134,7 @@ fn a_limit_that_is_exceeded_is_exit_code_1() {
 }
 
 #[test]
-fn a_rank_loss_names_the_channels_and_what_to_do() {
+fn a_rank_loss_names_the_channels_and_a_hint() {
     let dir = with_files(&[
         ("constant.csv", &log(400, 0.01, |s| s[2] = 1234.0)),
         ("twice.csv", &log(400, 0.01, |s| s[1] = 2.0 * s[0])),
@@ -167,7 +167,7 @@ fn a_rank_loss_names_the_channels_and_what_to_do() {
     }
     let damped = json(&dir, "fit --model cubic twice.csv --ridge 1e-9 --json");
     assert_eq!(damped["rank"], 22);
-    // What was noise of 0.01 N stays noise of 0.01 N.
+    // Noise of 0.01 N stays noise of 0.01 N.
     assert!((damped["train"][4]["rms"].as_f64().unwrap() - 0.01).abs() < 1e-3);
 }
 
@@ -219,7 +219,7 @@ fn calibrations_that_do_not_fit_are_refused() {
 }
 
 #[test]
-fn an_edited_calibration_is_refused_unless_that_is_said_and_an_impossible_one_always() {
+fn an_edited_calibration_needs_an_option_and_an_impossible_one_is_refused() {
     let train = log(400, 0.01, |_| ());
     let dir = with_files(&[("train.csv", &train)]);
     succeed(&dir, "fit train.csv --model linear -o cal.json");
@@ -261,7 +261,7 @@ fn an_edited_calibration_is_refused_unless_that_is_said_and_an_impossible_one_al
         assert!(found.contains("it is not what was written"), "{found}");
     }
 
-    // One that says that it is of before there were checksums.
+    // A file that claims to be older than checksums.
     let before = edited(&|it| {
         it["schema_version"] = 1.into();
         it["coefficients"][1][0] = 0.125.into();
@@ -340,7 +340,7 @@ fn the_lab_s_matrices_in_both_formats_make_the_same_calibration() {
 }
 
 #[test]
-fn truncation_answers_where_rank_is_lost_and_says_so() {
+fn truncation_solves_rank_deficient_problems_and_reports_it() {
     let dir = with_files(&[("log.csv", &log(400, 1e-3, |s| s[1] = s[0]))]);
     let error = refused(&dir, "fit log.csv --model linear --solver svd");
     assert!(error.contains("only `8` of `9` features"), "{error}");
@@ -379,10 +379,10 @@ fn a_load_whose_square_overflows_is_refused_with_its_place() {
 
 /// Options whose value can be left out take it with an equals sign; without it, it is taken for a file.
 #[test]
-fn a_value_that_was_taken_for_a_file_is_told_apart() {
+fn an_option_value_mistaken_for_a_file_is_named() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    // Twenty poses or more tell an interval.
+    // An interval needs twenty poses.
     program::run(dir, "synth train --rows 5000 -o train.csv", 0);
     program::run(dir, "fit --model linear train.csv -o cal.json", 0);
     for (command, joined) in [

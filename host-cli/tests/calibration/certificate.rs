@@ -27,7 +27,7 @@ fn number(text: &str) -> f64 {
 }
 
 #[test]
-fn a_certificate_sums_up_what_is_known_and_says_what_is_not() {
+fn a_certificate_states_what_is_known_and_what_is_missing() {
     let dir = tempfile::tempdir().unwrap();
     succeed(&dir, "synth train --rows 5000 -o train.csv");
     succeed(&dir, "synth zero --rows 6000 -o rest.csv");
@@ -65,7 +65,8 @@ fn a_certificate_sums_up_what_is_known_and_says_what_is_not() {
     let expected = sum.iter().map(|u| u * u).sum::<f64>().sqrt();
     let found = unit * combined(&said, 0);
     assert!((found / expected - 1.0).abs() < 1e-2, "{found} {expected} {budget:?}");
-    // Welch and Satterthwaite: the groups of the first line, a drift that few rests tell, a stated reference.
+    // Welch and Satterthwaite: the groups of the first line, a drift from few stationary intervals, a stated
+    // reference.
     let degrees = said["effective_degrees_of_freedom"][0].as_f64().unwrap();
     let first =
         |name: &str| (number(&of(name)[2]), of(name)[8].parse::<f64>().unwrap_or(f64::INFINITY));
@@ -76,10 +77,10 @@ fn a_certificate_sums_up_what_is_known_and_says_what_is_not() {
     let k = said["coverage_factor"][0].as_f64().unwrap();
     assert!((number(&of("expanded")[2]) / (k * found) - 1.0).abs() < 5e-3, "{budget:?}");
     assert!((1.95..2.2).contains(&k), "{k}");
-    // A log of loads tells no repeatability.
+    // A log with loads has no repeatability.
     let said = refused(&dir, "report cal.json --certificate --unloaded train.csv -o no.html");
     assert!(said.contains("`train.csv` is of a loaded sensor: Fx scatters by"), "{said}");
-    // The file can be told from others.
+    // The checksum identifies the file.
     assert!(html.contains("xxh128:"), "{html}");
 }
 
@@ -108,7 +109,7 @@ fn check_weights_are_certified_and_one_that_is_off_fails() {
 }
 
 #[test]
-fn what_does_not_go_together_is_refused() {
+fn inconsistent_inputs_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     succeed(&dir, "synth train --rows 2000 -o train.csv");
     succeed(&dir, "fit train.csv --model linear -o cal.json");

@@ -152,8 +152,8 @@ fn groups_and_random_folds_both_add_up_to_all_rows_bit_for_bit() {
 
 #[test]
 fn errors_keep_their_digits_where_almost_nothing_is_left_of_large_squares() {
-    // An exact law under offsets a million times larger than what it leaves: 1e-6 of noise on
-    // wrenches near 1, that is 12 digits of the squares cancel.
+    // An exact law under offsets that are a million times larger than its residuals: with noise of 1e-6 on
+    // wrenches near 1, 12 digits of the squares cancel.
     let block = poses(6, 12, 100, 900.0, 1e-6, |z, axis| z[axis % 4] + 1.0);
     let model = Model { basis: Basis::Poly3, intercept: true, channels: 4, memory: 0 };
     let found = cross_validate(&sums(&block, Basis::Poly3, 0), &model, 0.0, None).unwrap();
@@ -186,7 +186,7 @@ fn a_ridge_with_readings_that_hardly_move_still_answers() {
 #[test]
 fn a_group_that_alone_moves_a_channel_is_named_and_not_counted() {
     let mut block = poses(8, 5, 40, 500.0, 0.01, curved);
-    // Channel 4 stands still except in the third pose.
+    // Channel 4 is constant except in the third pose.
     for (row, reading) in block.readings[3].iter_mut().enumerate() {
         if row / 40 != 2 {
             *reading = 1500.0;
@@ -302,9 +302,9 @@ fn the_warning_compares_models_on_new_poses() {
 }
 
 #[test]
-fn a_model_that_is_better_on_new_poses_is_not_warned_of_whatever_its_ratio() {
+fn a_model_that_is_best_on_new_poses_earns_no_warning_for_any_ratio() {
     let dir = tempfile::tempdir().unwrap();
-    // Little noise and a pose of its own error: twice that of a random split, and still the best.
+    // Little noise, and a large error per pose: twice the error of a random split, and still the best model.
     let block =
         poses(14, 24, 100, 60.0, 0.002, |z, axis| curved(z, axis) + 0.05 * (9.0 * z[0]).sin());
     fs::write(dir.path().join("poses.csv"), log(&block)).unwrap();
@@ -315,7 +315,7 @@ fn a_model_that_is_better_on_new_poses_is_not_warned_of_whatever_its_ratio() {
     assert_eq!(report["advice"]["another_is_better"], false);
     let (_, talk) = ended(&dir, "fit poses.csv --model quadratic --cv --verbose", 0);
     assert!(!talk.contains("better than"), "{talk}");
-    assert!(talk.contains("rows of a group resemble each other"), "{talk}");
+    assert!(talk.contains("rows of a group are correlated"), "{talk}");
 }
 
 #[test]
@@ -334,7 +334,7 @@ fn the_ridges_reach_beyond_the_best_or_say_that_they_do_not() {
     let text = succeed(&dir, "fit noise.csv --model auto --cv --verbose");
     let at_limit = text.contains("its ridge is the largest that was tried");
     assert_eq!(at_limit, text.contains("with ridge 1e4, squared"), "{text}");
-    // The summary says what is penalised.
+    // The summary names the penalty.
     let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --verbose");
     assert!(text.contains("cubic + offset, ridge 5e-1 on powers of centred readings"), "{text}");
     let text = succeed(&dir, "fit noise.csv --model cubic --ridge 0.5 --no-intercept --verbose");

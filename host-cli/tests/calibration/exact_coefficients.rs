@@ -69,7 +69,7 @@ fn all_products_of_three_synthetic_readings_too() {
 
 #[test]
 fn readings_in_sixteenths_of_a_count_are_as_exact_as_whole_ones() {
-    // What averages of sixteen conversions are.
+    // Averages of sixteen conversions have such values.
     for (seed, intercept) in [(10, true), (11, false)] {
         let whole = Rows::synthetic(seed, 700, 4, 16, 0.6);
         let mut rows = whole.clone();

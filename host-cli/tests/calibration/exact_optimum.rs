@@ -119,7 +119,7 @@ fn to_f64(value: &BigRational) -> f64 {
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
+fn residuals_on_a_real_recording_equal_those_of_the_exact_optimum() {
     let block = recording();
     for intercept in [false, true] {
         let model = Model { basis: Basis::Cubic, intercept, channels: 8, memory: 0 };
@@ -131,7 +131,7 @@ fn residuals_on_a_real_recording_are_those_of_the_exact_optimum() {
         let reached = residual(&block, &calibration);
         for (axis, (wrench, reached)) in wrench.iter().zip(&reached).enumerate() {
             let optimum = optimum(&features, wrench);
-            // Exact: how much larger the sum of squares is than it has to be.
+            // Exact: the relative excess of the sum of squares over its minimum.
             let excess = to_f64(&((reached - &optimum) / &optimum));
             let rms = (to_f64(&optimum) / block.rows as f64).sqrt();
             println!("{} axis {axis}: optimum {rms:.12e}, excess {excess:.1e}", model.name());

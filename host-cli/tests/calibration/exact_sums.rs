@@ -1,4 +1,4 @@
-//! What the exact sums promise: the same bits in any order, certain rank, honest refusal.
+//! Properties of the exact sums: the same bits in any order, certain rank, honest refusal.
 
 use calibration::FitError;
 use calibration::exact::{Accumulator, ExactError, ExactFit, ExactSums, MAX_ROWS, StoredSums};
@@ -338,7 +338,7 @@ fn a_channel_of_two_values_makes_its_square_dependent() {
 }
 
 #[test]
-fn too_few_rows_are_told_from_dependent_features() {
+fn too_few_rows_are_distinguished_from_dependent_features() {
     let (readings, wrench) = rows(14, 8, 4, 12);
     let error = solve(&sum(Basis::Cubic, &readings, &wrench).unwrap(), Basis::Cubic, true);
     assert_eq!(error.unwrap_err(), FitError::TooFewRows { rows: 8, coefficients: 13 });
@@ -360,7 +360,7 @@ fn sums_for_a_large_basis_solve_the_smaller_ones_within_it() {
 }
 
 #[test]
-fn a_ridge_is_that_of_householder_qr_and_answers_where_rank_is_lost() {
+fn a_ridge_equals_householder_qr_and_solves_rank_deficient_problems() {
     let (mut readings, wrench) = rows(16, 500, 8, 12);
     readings[3] = readings[2].clone();
     let rows = block(&readings, &wrench, 0..500);

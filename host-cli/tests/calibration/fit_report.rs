@@ -1,4 +1,4 @@
-//! `shellcal fit --report`: what the page says is what the fit found. How it looks is for the tests in a browser.
+//! `shellcal fit --report`: the page contains the results of the fit. The browser tests check its appearance.
 
 use std::fs;
 use std::path::Path;
@@ -29,7 +29,7 @@ fn text(dir: &Path) -> String {
 }
 
 #[test]
-fn the_report_says_how_far_and_what_for() {
+fn the_report_states_range_and_use() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let (train, test) = (data("synthetic-train.csv"), data("synthetic-test.csv"));
@@ -53,11 +53,11 @@ fn the_report_says_how_far_and_what_for() {
 }
 
 #[test]
-fn what_nobody_measured_is_said() {
+fn the_report_names_missing_data() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let table = fs::read_to_string(data("synthetic-train.csv")).unwrap();
-    // Only pushes up, of a few poses, one of which has a name that is markup; and one row that is off.
+    // Only upward forces, in a few poses, one of which has markup as its name; and one outlier.
     let mut lines = table.lines();
     let mut log = format!("{}\n", lines.next().unwrap());
     let mut rows = 0;
@@ -80,7 +80,7 @@ fn what_nobody_measured_is_said() {
     let page = text(dir);
     assert!(page.contains("must not be trusted with loads that it has not seen"), "{page}");
     assert!(page.contains("not judged: nothing was held out"), "{page}");
-    assert!(page.contains("Fz is hardly loaded towards −Fz"), "{page}");
+    assert!(page.contains("few loads towards −Fz"), "{page}");
     assert!(page.contains("suspicious"), "{page}");
     assert!(page.contains("up.csv") && page.contains("standard deviations"), "{page}");
     let html = fs::read_to_string(dir.join("fit.html")).unwrap();
@@ -116,7 +116,7 @@ fn errors_by_group_add_up_to_those_of_the_fit() {
         assert!((found.rms / rms - 1.0).abs() < 1e-12, "{} {rms}", found.rms);
         assert!((found.bias - bias).abs() < 1e-12 * rms.max(1.0), "{} {bias}", found.bias);
     }
-    // The mean load of a pose is that of its rows.
+    // The mean load of a pose is the mean over its rows.
     let table = fs::read_to_string(&path).unwrap();
     let label = &grouped.groups[7].label;
     let of_pose = table.lines().skip(1).filter(|line| line.ends_with(&format!(",{label}")));

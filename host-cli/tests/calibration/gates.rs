@@ -65,7 +65,7 @@ fn a_limit_compares_every_axis_that_it_is_for_or_fails() {
         for (position, measured) in subsets().enumerate().filter(|(position, _)| position % 4 == at)
         {
             write_axes(dir, "log.csv", &test, measured);
-            // Far above any error, so that what is missing alone decides.
+            // Far above any error, so that only missing data decide.
             let gates = [
                 ("--max-rms 1e9", forces),
                 ("--max-rms-moment 1e9", moments),

@@ -25,7 +25,7 @@ fn as_before(document: &str, version: u64) -> String {
 
 /// A field that was renamed, added or left out would change the document that is written.
 #[test]
-fn calibrations_are_read_and_written_as_they_were() {
+fn golden_calibrations_are_read_and_written_unchanged() {
     for name in ["calibration-v1.json", "calibration-v1-rows.json"] {
         let path = golden(name);
         // They have no checksum yet.
@@ -35,7 +35,7 @@ fn calibrations_are_read_and_written_as_they_were() {
     }
 }
 
-/// What the documents hold, by looking into them.
+/// Looks into the documents for their parts.
 #[test]
 fn the_parts_of_a_calibration_are_where_they_belong() {
     let file = CalibrationFile::read_edited(&golden("calibration-v1.json")).unwrap();
@@ -54,7 +54,7 @@ fn the_parts_of_a_calibration_are_where_they_belong() {
 }
 
 #[test]
-fn partial_fits_are_read_and_written_as_they_were() {
+fn golden_partial_fits_are_read_and_written_unchanged() {
     let path = golden("partial-v1.json");
     // It has no checksum yet.
     PartialFit::read(&path).unwrap_err();
@@ -64,7 +64,7 @@ fn partial_fits_are_read_and_written_as_they_were() {
 }
 
 #[test]
-fn partial_fits_with_groups_are_read_and_written_as_they_were() {
+fn golden_partial_fits_with_groups_are_read_and_written_unchanged() {
     let path = golden("partial-v2.json");
     let partial = PartialFit::read(&path).unwrap();
     let text = fs::read_to_string(&path).unwrap();
@@ -77,7 +77,7 @@ fn partial_fits_with_groups_are_read_and_written_as_they_were() {
 }
 
 #[test]
-fn manifests_mean_what_they_meant() {
+fn golden_manifests_keep_their_meaning() {
     let text = |name| fs::read_to_string(golden(name)).unwrap();
     let csv = Manifest::parse(&text("manifest-v1.csv"), false).unwrap();
     let toml = Manifest::parse(&text("manifest-v1.toml"), true).unwrap();
@@ -111,10 +111,10 @@ fn columns(text: &str, names: &[&str]) -> Vec<Vec<String>> {
     lines.map(|row| positions.iter().map(|&at| row[at].to_owned()).collect()).collect()
 }
 
-/// What the first program with this protocol recorded: its board did not say when its readings were taken, nor
-/// how it was, and its log has no columns for that.
+/// A recording of the first program with this protocol: its board sent no sampling times and no
+/// state, and its log has no columns for them.
 #[test]
-fn recordings_are_converted_and_replayed_as_they_were() {
+fn golden_recordings_are_converted_and_replayed_unchanged() {
     let dir = tempfile::tempdir().unwrap();
     let name = |name| golden(name).display().to_string();
     let run = |arguments: &str| {
@@ -140,7 +140,7 @@ fn recordings_are_converted_and_replayed_as_they_were() {
     run(&format!("record --replay {} -o log.csv", name("recording-v2.raw")));
     let replayed = text(&dir.path().join("log.csv"));
     assert_eq!(columns(&replayed, &names), columns(&recorded, &names));
-    // What nobody has said is empty.
+    // Unset fields are empty.
     for name in ["temperature_c", "vrefint", "dark8", "sync", "sync_s"] {
         assert!(columns(&replayed, &[name]).iter().all(|row| row[0].is_empty()), "{name}");
     }

@@ -153,7 +153,7 @@ fn without_labels_loads_are_the_still_stretches_in_order() {
     assert_eq!((&found["groups"], &labelled["groups"]), (&20.into(), &20.into()));
     assert_eq!(found["hung"]["rows_without_load"], 400);
     let said = refused(dir, "fit still.csv --loads fewer.csv");
-    assert!(said.contains("still in `40` stretches, `20` of them unlike the first"), "{said}");
+    assert!(said.contains("found `40` still intervals, `20` of them loaded"), "{said}");
     assert!(said.contains("hint: "), "{said}");
     write(dir, "others.csv", &table(&weights, ",,").trim_end().replace("\n", "\nx"));
     let said = refused(dir, "fit labelled.csv --loads others.csv");
@@ -163,7 +163,7 @@ fn without_labels_loads_are_the_still_stretches_in_order() {
 }
 
 #[test]
-fn a_known_weight_passes_and_one_that_is_not_what_the_table_says_fails() {
+fn a_correct_weight_passes_and_a_wrong_one_fails() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let mut random = Random(21);
@@ -188,7 +188,7 @@ fn a_known_weight_passes_and_one_that_is_not_what_the_table_says_fails() {
 
 /// A slip of the pen once gave a turn of 1675° and a file, exit 0; loads in another order "unchanged".
 #[test]
-fn loads_that_no_mounting_explains_bring_nothing_up_to_date() {
+fn loads_that_no_mounting_explains_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let mut random = Random(5);
@@ -214,7 +214,7 @@ fn loads_that_no_mounting_explains_bring_nothing_up_to_date() {
     let said = refused(dir, refit(&[few[0], Weight { mass_kg: 10.1, ..few[1] }]));
     assert!(said.contains("load `1` (line 3: 10.1 kg"), "{said}");
     assert!(said.contains("is over 10 times what was calibrated"), "{said}");
-    // Refused, or told to contradict the calibration.
+    // Refused, or reported as contradicting the calibration.
     let five_times = refit(&[few[0], Weight { mass_kg: 1.0, ..few[1] }]);
     assert!(!system_tests::program::output(dir, five_times).status.success());
     // Without labels loads are matched in their order.

@@ -62,7 +62,7 @@ fn calibrations_and_forces_are_the_same_bits_with_any_instructions() {
 }
 
 #[test]
-fn instructions_that_there_are_not_are_refused_by_name() {
+fn unknown_instruction_sets_are_refused_by_name() {
     let dir = tempfile::tempdir().unwrap();
     let (code, said) = run(dir.path(), "avx1024", "synth train --rows 10 --output short.csv");
     assert_eq!(code, Some(2), "{said}");

@@ -35,7 +35,7 @@ pub(crate) fn log(dir: &Path, name: &str, seed: u64, wander: f64) {
         };
         (0..6).map(own).sum()
     };
-    // It has rested under the load that the log begins with.
+    // The sensor was under the load at the start of the log for a long time.
     let mut past: [f64; CHANNELS] = std::array::from_fn(|channel| mixed(channel, 0.0));
     let mut text = "t_s,s1,s2,s3,s4,s5,s6,".to_owned() + &AXES.join(",") + "\n";
     let mut off = [0.0; CHANNELS];
@@ -90,12 +90,12 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
     let (before, after) = (rms(&plain, "test"), rms(&found, "test"));
     assert!((0..6).all(|axis| after[axis] < 0.3 * before[axis]), "{before:?} {after:?}");
 
-    // The same errors on the same log from the file.
+    // The file gives the same errors on the same log.
     let evaluated = program::json(dir, "eval cal.json test.csv --json");
     let of_all: Vec<f64> = rms(&evaluated["all"], "errors");
     assert_eq!(of_all, after);
 
-    // What `convert` writes is what the library gives row by row, however the rows are cut.
+    // `convert` writes the library's values row by row, for any blocks.
     program::succeed(dir, "convert cal.json test.csv --no-tare --no-lowpass -o out.csv");
     let file = CalibrationFile::read(&dir.join("cal.json")).unwrap();
     let numbers = |name: &str| -> Vec<f64> {
@@ -125,7 +125,7 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
         assert!((stamp - time_s - lag).abs() < 1e-9, "{stamp} {time_s}");
     }
 
-    // What cannot remember is told so.
+    // Formats without memory terms are refused.
     let (_, said) = program::ended(dir, "export cal.json matrix.csv", 2);
     assert!(said.contains("a matrix cannot have memory terms"), "{said}");
     let bare: String = fs::read_to_string(dir.join("test.csv")).unwrap().replace("t_s,", "row,");
@@ -135,7 +135,7 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
 }
 
 #[test]
-fn what_is_given_is_not_searched_for() {
+fn given_lag_and_memory_are_used_without_search() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     log(dir, "a.csv", 1, 0.0);

@@ -16,7 +16,7 @@ use system_tests::program;
 
 const NO_GROUPS: &str = "--layout peer";
 
-/// What a fit wrote and said.
+/// The calibration and the messages of a fit.
 fn fitted(dir: &Path, arguments: &str) -> (String, String) {
     let said = program::run(dir, &format!("fit --model cubic {arguments} --output cal.json"), 0);
     (fs::read_to_string(dir.join("cal.json")).unwrap(), said)
@@ -46,7 +46,7 @@ fn solvers_give_the_same_bits_on_any_number_of_threads() {
 }
 
 #[test]
-fn a_compressed_log_gives_what_its_text_gives_and_a_copy_is_told() {
+fn a_compressed_log_equals_its_text_and_a_copy_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     program::run(dir, &format!("synth train --rows 20000 {NO_GROUPS} --output train.csv"), 0);
@@ -70,7 +70,7 @@ fn a_compressed_log_gives_what_its_text_gives_and_a_copy_is_told() {
     assert!(said.contains("copy.csv"), "{said}");
 }
 
-/// Columns are as long as they have to be: no room is left at their ends.
+/// Columns have exactly the capacity that they need.
 #[test]
 fn rows_take_eight_bytes_a_number() {
     let dir = tempfile::tempdir().unwrap();

@@ -100,7 +100,7 @@ fn a_lag_is_made_up_for_alike_in_every_command() {
     program::succeed(dir, "convert lag.json test.csv --no-tare --no-lowpass -o out.mcap");
     program::succeed(dir, "info out.mcap");
     let (_, said) = program::ended(dir, "convert lag.json test.csv --no-lowpass -o out.csv", 0);
-    assert!(said.contains("t_s is that of the readings + 3.50 ms"), "{said}");
+    assert!(said.contains("t_s is the time of the readings + 3.50 ms"), "{said}");
 }
 
 #[test]

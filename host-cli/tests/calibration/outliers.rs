@@ -1,4 +1,4 @@
-//! Rows that do not belong: every one that matters is named, and none that belongs.
+//! Suspicious rows: all that change a result are named, and no good row is.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -155,7 +155,7 @@ fn rows_that_belong_are_not_named_and_a_slip_deep_in_a_long_log_has_its_line() {
 }
 
 #[test]
-fn effects_are_told_of_the_model_that_is_written_and_impossible_predictions_are_not_quoted() {
+fn effects_are_those_on_the_written_model_and_impossible_predictions_are_not_quoted() {
     let dir = tempfile::tempdir().unwrap();
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/synthetic-train.csv");
     let text = fs::read_to_string(path).unwrap();
@@ -172,7 +172,7 @@ fn effects_are_told_of_the_model_that_is_written_and_impossible_predictions_are_
     let said = talk("fit load.csv --model linear");
     assert!(said.contains("1 suspicious row; RMS error on the other rows"), "{said}");
     assert!(said.contains("Fz is predicted"), "{said}");
-    // The rows are found by a polynomial, which is not what is written.
+    // The rows are found by a polynomial, which differs from the written model.
     let said = talk("fit load.csv --model physics");
     assert!(said.contains("1 suspicious row\n"), "{said}");
     // A cubic polynomial predicts kilonewtons from such a reading.
@@ -219,7 +219,7 @@ fn dropped_rows_are_listed_and_the_rest_is_fitted_as_if_they_were_not_there() {
     ));
     assert_eq!(list.lines().count(), 4);
     assert!(list.contains("dirty.csv,701,error,"), "{list}");
-    // Nothing is left out without a list, and nothing but what the range says.
+    // Nothing is left out without a list, except rows outside the range.
     for arguments in ["--outliers drop", "--valid-range 0:4095", "--dropped d.csv"] {
         let said = refused(dir.path(), &format!("fit --model cubic dirty.csv {arguments}"));
         assert!(said.contains("--dropped"), "{said}");
@@ -308,7 +308,7 @@ fn spikes_in_fast_motion_are_named_and_no_other_row() {
     const SPIKES: usize = 100;
     const CHANNELS: usize = 12;
     let (dir, mut random) = (tempfile::tempdir().unwrap(), Random(8));
-    // One recording out of all, so that lines tell the rows.
+    // All recordings as one, so that line numbers identify rows.
     let mut rows = Vec::<Vec<f64>>::new();
     let mut header = String::new();
     for path in files_of_motion() {

@@ -38,7 +38,7 @@ fn merged_parts_are_the_fit_over_all_files_bit_for_bit_in_any_grouping() {
             for field in ["model", "terms", "scaling", "coefficients", "valid_range"] {
                 assert!(whole[field] == merged[field], "{model}: {field} of {name}");
             }
-            // How the errors are distributed cannot be told from sums.
+            // Sums do not contain the distribution of errors.
             for field in ["residual", "degrees_of_freedom", "coefficients"] {
                 let of = |file: &serde_json::Value| file["covariance"][field].clone();
                 assert!(of(&whole) == of(&merged), "{model}: covariance {field} of {name}");
@@ -53,7 +53,7 @@ fn merged_parts_are_the_fit_over_all_files_bit_for_bit_in_any_grouping() {
                 for figure in ["rms", "r_squared"] {
                     let (from_rows, from_sums) =
                         (figures(&whole, figure), figures(&merged, figure));
-                    // Those of the whole come from predictions in `f64`, row by row.
+                    // The errors of the whole fit come from predictions in `f64`, row by row.
                     assert!((from_rows - from_sums).abs() < 1e-9 * from_rows, "{figure}");
                 }
                 let difference = figures(&whole, "bias") - figures(&merged, "bias");
@@ -99,7 +99,7 @@ fn parts_of_different_fits_are_refused() {
     assert!(!dir.path().join("cal.json").exists());
 }
 
-/// The same rows by another name, and other rows by the same.
+/// Rows that are repeated under another name, and other rows under the same name.
 #[test]
 fn parts_of_other_columns_or_of_the_same_rows_are_refused() {
     let dir = recordings();
@@ -135,7 +135,7 @@ fn parts_of_other_columns_or_of_the_same_rows_are_refused() {
         let error = refused(&dir, "merge 1.json other.json -o cal.json");
         assert!(error.contains(expected), "{flags}: {error}");
     }
-    // The same columns, however they are named on the command line.
+    // The same columns with other options on the command line.
     for flags in ["--sensors s1,s2,s3,s4,s5,s6,s7,s8", "--serial A7", ""] {
         fit("2.csv", flags);
         succeed(&dir, "merge 1.json other.json -o cal.json");
@@ -163,7 +163,7 @@ fn a_damaged_or_foreign_part_is_refused() {
     }
 }
 
-/// What a merged calibration must have in common with one fit over all files: everything but the figures
+/// The part of a merged calibration that must equal one fit over all files: everything but the figures
 /// that take the rows again.
 fn without_rows(file: &serde_json::Value) -> serde_json::Value {
     let mut file = file.clone();
@@ -178,7 +178,7 @@ fn without_rows(file: &serde_json::Value) -> serde_json::Value {
     file
 }
 
-/// The sources without the digests of their rows, which parts have to tell what has been counted.
+/// The sources without the digests of their rows, which only parts need, to recognise rows that were counted.
 fn sources(file: &serde_json::Value) -> serde_json::Value {
     let mut sources = file["sources"].clone();
     for source in sources.as_array_mut().unwrap() {
@@ -244,7 +244,7 @@ fn a_smaller_model_is_fitted_to_the_sums_of_a_larger_one() {
 }
 
 #[test]
-fn what_groups_would_have_to_say_is_refused_without_them() {
+fn options_that_need_groups_are_refused_without_them() {
     let dir = recordings();
     succeed(&dir, "fit 1.csv --partial bare.json");
     succeed(&dir, "fit 2.csv --groups --partial two.json");
@@ -305,7 +305,7 @@ fn groups_that_were_tampered_with_are_refused() {
         fs::write(dir.path().join("bad.json"), text.replacen(from, to, 1)).unwrap();
         refused(&dir, "merge bad.json");
     }
-    // The sums of one group are those of another, of as many rows.
+    // The sums of one group replaced by those of another with as many rows.
     let mut document: serde_json::Value = serde_json::from_str(&text).unwrap();
     let sums = document["groups"]["sums"].as_array_mut().unwrap();
     let (a, b) = (sums[0]["moments"].clone(), sums[1]["moments"].clone());
@@ -351,7 +351,7 @@ fn partial_fits_pass_through_pipes() {
     let output = piped(&dir, "merge - --partial -", &stream);
     assert_eq!(output.status.code(), Some(0));
     assert!(output.stdout == fs::read(dir.path().join("all.json")).unwrap());
-    // Files and the stream together, and what is wrong with the second of the stream.
+    // Files and the stream together; the second part of the stream is faulty.
     assert_eq!(piped(&dir, "merge - -o cal.json", &stream).status.code(), Some(0));
     let twice = piped(&dir, "merge 2.json -", &stream);
     let said = String::from_utf8_lossy(&twice.stderr).into_owned();
@@ -375,7 +375,7 @@ fn partial_fits_pass_through_pipes() {
     assert!(refused(&dir, "fit 1.csv --partial - --json").contains("leave out `--json`"));
 }
 
-/// Whatever the number of partial fits, one of them and the sum are in memory. The bound: the program
+/// Memory holds one partial fit and the sum, regardless of the number of partial fits. The bound: the program
 /// takes some 5 MB for one, and 10,000 of them are 34 MB of text.
 #[cfg(target_os = "linux")]
 #[test]
@@ -385,7 +385,7 @@ fn ten_thousand_partial_fits_are_merged_in_flat_memory() {
     succeed(&dir, "synth train --rows 60 --rate 10 -o 1.csv");
     succeed(&dir, "fit 1.csv --model linear --partial 1.json");
     let text = fs::read_to_string(dir.path().join("1.json")).unwrap();
-    // The same file and the same rows are counted once: each part has a checksum and a digest of its own.
+    // The same file and the same rows are counted once: each part has a checksum and a digest.
     let own = |begin: &str| {
         let start = text.find(begin).unwrap() + begin.len();
         text[start..start + 32].to_owned()

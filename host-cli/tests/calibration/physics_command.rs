@@ -17,7 +17,7 @@ fn rms(errors: &serde_json::Value) -> [f64; 6] {
 }
 
 #[test]
-fn a_fit_is_the_same_for_any_number_of_threads_and_its_file_says_what_the_fit_said() {
+fn a_fit_is_the_same_for_any_threads_and_its_file_repeats_its_results() {
     let dir = tempfile::tempdir().unwrap();
     let fit = format!(
         "fit {DATA}/synthetic-train.csv --test {DATA}/synthetic-test.csv --model physics --json"
@@ -74,7 +74,7 @@ fn convert_gives_standard_errors_intervals_and_flags() {
 }
 
 #[test]
-fn an_interval_that_the_groups_cannot_tell_is_refused_with_both_numbers() {
+fn an_interval_that_needs_more_groups_is_refused_with_both_numbers() {
     let dir = tempfile::tempdir().unwrap();
     let train = fs::read_to_string(Path::new(DATA).join("synthetic-train.csv")).unwrap();
     let group = |line: &str| line.rsplit(',').next().unwrap().parse::<u32>();
@@ -83,7 +83,7 @@ fn an_interval_that_the_groups_cannot_tell_is_refused_with_both_numbers() {
     fs::write(dir.path().join("few.csv"), few.join("\n") + "\n").unwrap();
     let (_, said) = ended(&dir, "fit few.csv --model physics -o cal.json", 0);
     let warning =
-        "an interval of 95 % needs `19` held-out groups or stretches of time, there are `15`";
+        "an interval of 95 % needs `19` held-out groups or blocks of time, there are `15`";
     assert!(said.contains(warning), "{said}");
     let said = refused(&dir, "convert cal.json few.csv --interval=95 -o out.csv");
     assert!(said.contains(warning), "{said}");
@@ -91,11 +91,12 @@ fn an_interval_that_the_groups_cannot_tell_is_refused_with_both_numbers() {
 }
 
 #[test]
-fn auto_weighs_physics_on_the_same_folds_and_says_what_it_takes() {
+fn auto_compares_physics_on_the_same_folds_and_reports_its_choice() {
     let dir = tempfile::tempdir().unwrap();
     let fit = &format!("fit {DATA}/synthetic-train.csv --model auto");
     let (_, words) = ended(&dir, &format!("{fit} --verbose"), 0);
-    let reason = "the physics model was not compared: it has no memory terms, which pay here";
+    let reason =
+        "the physics model was not compared: it has no memory terms, which reduce the error here";
     assert!(words.contains(reason), "{words}");
     let (printed, words) =
         ended(&dir, &format!("{fit} --memory-terms none --verbose --json -o cal.json"), 0);
@@ -112,7 +113,7 @@ fn auto_weighs_physics_on_the_same_folds_and_says_what_it_takes() {
     assert_eq!(report["model"] == "physics", takes_physics);
     let verdict = if takes_physics { "so physics is taken" } else { "is kept" };
     assert!(words.contains(verdict), "{words}");
-    // What is for polynomials only is said to be.
+    // Options for polynomials only are refused by name.
     let said = refused(
         &dir,
         &format!("fit {DATA}/synthetic-train.csv --model physics --export-matrix m.csv"),

@@ -19,7 +19,7 @@ fn a_plan_before_anything_is_recorded_is_a_table_that_is_read_again() {
     assert_eq!(table.loads().len(), 10);
     let gains: Vec<f64> =
         table.column("plan_gain_nats").unwrap().map(|gain| gain.parse().unwrap()).collect();
-    // What a load tells never grows by others.
+    // The information gain of a load never grows with further loads.
     assert!(gains.is_sorted_by(|before, after| before >= after), "{gains:?}");
     let document = json(&dir, "plan --rig plan.csv --json");
     assert_eq!(document["loads"].as_array().unwrap().len(), 10);
@@ -59,12 +59,12 @@ fn after_a_session_the_error_is_predicted_and_the_plan_ends_where_it_is_small_en
 }
 
 #[test]
-fn what_cannot_be_planned_is_told() {
+fn impossible_plans_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let rig = dir.path().join("rig.csv");
     fs::write(&rig, "mass_kg,x_mm\n0.1,1\nO.2,1\n").unwrap();
     for (arguments, message) in [
-        ("plan", "nothing is said of the rig"),
+        ("plan", "no loads given"),
         ("plan --rig rig.csv", "`rig.csv`: line 3, column `mass_kg`: `O.2` is not a number"),
         ("plan --box fx=1..0", "is not a range"),
         ("plan --masses 5 --directions down", "expected a mass with its unit"),

@@ -110,7 +110,7 @@ fn every_solver_is_validated_as_it_is_fitted() {
     let dir = folder(1.0);
     let (plain, _) = fit(dir.path(), "--cv --model poly3 --ridge 1e-9 --solver svd");
     let (cut, _) = fit(dir.path(), "--cv --model poly3 --solver svd --truncate 1e-2");
-    // Few directions of 164 for thirty poses: what is left out errs less on new ones.
+    // Thirty poses determine few directions of 164: leaving out the others reduces errors on new poses.
     assert!(held_out(&cut)[0] < held_out(&plain)[0], "{plain} {cut}");
     let (huber, _) = fit(dir.path(), "--cv --model linear --solver huber");
     let (squares, _) = fit(dir.path(), "--cv --model linear");
@@ -144,7 +144,7 @@ fn the_ridge_that_cross_validation_finds_is_recorded() {
     {
         for axis in 0..6 {
             let (found, given) = (found[axis].as_f64().unwrap(), given[axis].as_f64().unwrap());
-            // The same R factor; centres differ where a sample tells them.
+            // The same R factor. Centres may differ, since they come from a sample.
             assert!((found - given).abs() < 1e-7, "{found} {given}");
         }
     }

@@ -55,8 +55,8 @@ fn every_solver_has_intervals_from_groups_that_were_held_out() {
             };
             let pairs = factors(&found).into_iter().zip(factors(&exact));
             for (found, exact) in pairs {
-                // The same least squares but for rounding; a ridge by GCV of a well-conditioned fit is next
-                // to none. A robust fit weighs rows otherwise.
+                // The same least squares except for rounding: the ridge chosen by GCV for a well-conditioned
+                // fit is nearly zero. A robust fit has other weights.
                 let tolerance = if solver == "huber" { 0.5 } else { 0.02 };
                 assert!((found / exact - 1.0).abs() < tolerance, "{solver}: {found} {exact}");
             }

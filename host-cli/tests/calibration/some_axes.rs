@@ -1,5 +1,5 @@
-//! A reference that measures some axes of the wrench: what there is of them is what a fit of all six gives,
-//! and nothing is said of the others.
+//! A reference that measures some axes of the wrench: results on these axes equal those of a fit to all six,
+//! and the other axes are not mentioned.
 
 use std::fs;
 use std::path::Path;
@@ -12,7 +12,8 @@ use system_tests::program::{self, document, json};
 const PLACES: [usize; 2] = [0, 2];
 const COLUMNS: [&str; 2] = ["fx_n", "fz_n"];
 
-/// A log of six axes and the same of two of them, `six.csv` and `two.csv`, of twenty poses, which tell an interval.
+/// A log with six axes and the same log with two, `six.csv` and `two.csv`, with twenty poses, enough for an
+/// interval.
 fn logs(dir: &Path, seed: u32) -> [String; 2] {
     let [six, two] = ["six", "two"].map(|name| format!("{name}{seed}.csv"));
     program::run(dir, &format!("synth train --rows 4000 --seed {seed} -o {six}"), 0);
@@ -45,7 +46,7 @@ fn numbers(values: &Value) -> Vec<f64> {
     }
 }
 
-/// The same numbers, bit for bit or within [`ROUNDING`].
+/// Asserts that numbers are equal, bit for bit or within [`ROUNDING`].
 fn assert_same(found: &Value, expected: &Value, is_exact: bool, what: &str) {
     if is_exact {
         return assert_eq!(found, expected, "{what}");
@@ -65,7 +66,7 @@ fn picked(values: &Value) -> Value {
 }
 
 #[test]
-fn a_fit_of_some_axes_is_that_of_six() {
+fn a_fit_of_some_axes_equals_a_fit_of_six() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let [six, two] = logs(dir, 3);
@@ -103,13 +104,13 @@ fn a_fit_of_some_axes_is_that_of_six() {
             let read = CalibrationFile::read(&dir.join(name)).unwrap();
             assert_eq!(read.to_json(), fs::read_to_string(dir.join(name)).unwrap());
         }
-        // What was named is remembered; of the same rows all figures are the same.
+        // Named columns are remembered; for the same rows all figures are the same.
         let named = document(dir, "named.json");
         assert_eq!(named["columns"]["wrench"], axes());
         let train = |of: &Value| of["diagnostics"]["train"].clone();
         assert_same(&train(&named), &picked(&train(&whole)), is_exact, flags);
     }
-    // A partial fit and what it merges to.
+    // A partial fit, and the result of its merge.
     program::run(dir, &format!("fit {two} --model linear --partial part-sums.json --groups"), 0);
     program::run(dir, "merge part-sums.json -o merged.json", 0);
     program::run(dir, &format!("fit {two} --model linear -o part.json"), 0);
@@ -121,7 +122,7 @@ fn a_fit_of_some_axes_is_that_of_six() {
 }
 
 #[test]
-fn every_output_has_the_axes_that_there_are_and_no_more() {
+fn every_output_has_only_the_calibrated_axes() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let [six, two] = logs(dir, 4);
@@ -188,7 +189,7 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
     let noise = format!("info {six_test} --noise --calibration cal.json --json");
     let noise = json(dir, &noise)[0]["axes"].clone();
     assert_eq!(noise.as_object().unwrap().keys().collect::<Vec<_>>(), COLUMNS);
-    // Whatever it finds wrong, it is not that axes are missing.
+    // Missing axes are not among its findings.
     let found = program::output(dir, &format!("doctor cal.json {two_test} --calibration cal.json"));
     let found = String::from_utf8(found.stdout).unwrap();
     assert!(found.contains("two5.csv"), "{found}");
@@ -201,14 +202,14 @@ fn every_output_has_the_axes_that_there_are_and_no_more() {
 }
 
 #[test]
-fn what_takes_all_axes_says_so() {
+fn commands_that_need_all_axes_refuse_fewer() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let [six, two] = logs(dir, 6);
     program::run(dir, &format!("fit --model cubic {six} --wrench fx=fx_n,my=my_nm -o cal.json"), 0);
     program::run(dir, "synth trials trials", 0);
     let cases = [
-        (format!("fit {two} --model physics"), "the physics model takes all six axes"),
+        (format!("fit {two} --model physics"), "the physics model needs all six axes"),
         (
             format!("fit --model cubic {six} {two}"),
             "has the axes Fx, Fz of the wrench, the logs before it have Fx",
@@ -236,7 +237,7 @@ fn what_takes_all_axes_says_so() {
     assert!(!dir.join("out.mcap").exists());
 }
 
-/// Nothing is said of what was not fitted.
+/// Axes that were not fitted are not mentioned.
 #[test]
 fn the_report_of_forces_alone_is_silent_on_moments() {
     let dir = tempfile::tempdir().unwrap();

@@ -335,7 +335,7 @@ const OF_POSES: [(&str, Spoil, &str); 36] = [
     ),
 ];
 
-/// The same of five files.
+/// Like the cases above, for sessions of five files.
 const OF_FILES: [(&str, Spoil, &str); 6] = [
     (
         "training: a file with all forces of the other sign",

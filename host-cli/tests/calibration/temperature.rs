@@ -83,14 +83,16 @@ fn a_temperature_among_the_channels_takes_its_effect_out_of_the_forces() {
     let (without, linear) = (errors("linear", ""), errors("linear", ",temperature_c"));
     let quadratic = errors("quadratic", ",temperature_c");
     for axis in 0..3 {
-        // Seven channels, six axes: what the zeros do is one unknown more, which the seventh tells. What is left is the
-        // gain, of up to 2 % over 3 degrees, which products with the temperature follow.
+        // Seven channels and six axes: the change of the zeros is one more unknown, which the seventh channel
+        // determines. The remaining error is the gain, up to 2 % over 3 degrees, which products with the
+        // temperature model.
         assert!(without[axis] > 2.0 * linear[axis], "{axis}: {without:?} {linear:?}");
         assert!(linear[axis] > 1.2 * quadratic[axis], "{axis}: {linear:?} {quadratic:?}");
-        // The noise, 3 counts at most over gains of 300, is what is left then.
+        // The noise remains, 3 counts at most over gains of 300.
         assert!(quadratic[axis] < 0.02, "{quadratic:?}");
     }
-    // The calibration remembers its channels, and a reading outside their range is told, of the temperature, too.
+    // The calibration remembers its channels, and readings outside their range are reported, including the
+    // temperature.
     fs::write(dir.path().join("warm.csv"), log(20, 31.0, 32.0, 3)).unwrap();
     program::run(dir.path(), "convert linear,temperature_c.json warm.csv -o warm-out.csv", 0);
     let flags = column(&dir.path().join("warm-out.csv"), "flags");

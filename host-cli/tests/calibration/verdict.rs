@@ -1,4 +1,4 @@
-//! The verdict of `fit`: what it says first, what `--max-rms` checks, and which leaks it names.
+//! The verdict of `fit`: its first lines, the check of `--max-rms`, and the leaks that it names.
 
 use std::fs;
 use std::path::Path;
@@ -55,7 +55,7 @@ fn the_verdict_comes_first_and_limits_check_what_was_held_out() {
     ended(&dir, &format!("{fit} --cv --max-rms 0.14 --max-rms-moment 0.006"), 0);
     let (_, said) = ended(&dir, &format!("{fit} --max-rms 0.14"), 1);
     assert!(said.contains("the error on new loads is not known"), "{said}");
-    // The test errs by 0.143 N at most, and is shown: it has to be within the limit, too.
+    // The test errs by at most 0.143 N and is printed: the limit applies to it as well.
     let test = format!("--test {DATA}/synthetic-test.csv");
     ended(&dir, &format!("{fit} --cv {test} --max-rms 0.15"), 0);
     let (_, said) = ended(&dir, &format!("{fit} --cv {test} --max-rms 0.13"), 1);
@@ -63,7 +63,7 @@ fn the_verdict_comes_first_and_limits_check_what_was_held_out() {
 }
 
 #[test]
-fn shuffled_rows_without_groups_are_said_to_be_optimistic() {
+fn shuffled_rows_without_groups_are_reported_as_optimistic() {
     let dir = tempfile::tempdir().unwrap();
     let without_group = |line: &String| line.rsplit_once(',').unwrap().0.to_owned();
     let in_time = shipped(|lines| lines.iter().map(without_group).collect());
@@ -106,7 +106,7 @@ fn a_test_set_beyond_the_calibrated_range_is_no_result() {
 }
 
 #[test]
-fn two_calibrations_are_compared_by_groups_and_eval_says_what_it_is_given() {
+fn two_calibrations_are_compared_by_groups_and_eval_names_its_inputs() {
     let dir = tempfile::tempdir().unwrap();
     let (train, test) =
         (format!("{DATA}/synthetic-train.csv"), format!("{DATA}/synthetic-test.csv"));
@@ -140,7 +140,7 @@ fn two_calibrations_are_compared_by_groups_and_eval_says_what_it_is_given() {
 }
 
 #[test]
-fn units_that_are_not_known_are_refused_and_moments_in_other_units_are_told() {
+fn units_that_are_not_known_are_refused_and_moments_in_other_units_are_reported() {
     let dir = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(Path::new(DATA).join("synthetic-train.csv")).unwrap();
     fs::write(dir.path().join("stone.csv"), text.replacen(",fz_n,", ",Fz (stone),", 1)).unwrap();
@@ -163,7 +163,7 @@ fn units_that_are_not_known_are_refused_and_moments_in_other_units_are_told() {
     let large = large.replacen("mx_nm,my_nm,mz_nm", "mx,my,mz", 1);
     fs::write(dir.path().join("mm.csv"), large).unwrap();
     let (_, said) = ended(&dir, "fit mm.csv --model cubic", 0);
-    assert!(said.contains("moments over forces make a lever of"), "{said}");
+    assert!(said.contains("moments are probably in mN·m"), "{said}");
     let (_, said) = ended(&dir, "fit mm.csv --model cubic --moment-unit mnm", 0);
     assert!(!said.contains("lever"), "{said}");
 }
@@ -260,7 +260,7 @@ fn random_splits_and_permuted_labels_of_a_real_sensor_leak_and_grouped_splits_do
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn a_plain_fit_of_few_poses_takes_physics_and_says_what_it_errs_on_poses_left_out() {
+fn a_plain_fit_of_few_poses_takes_physics_and_reports_held_out_errors() {
     let dir = tempfile::tempdir().unwrap();
     let path = real_recording("others/photointerrupters/poses.csv");
     let found = json(&dir, &format!("fit {} --json", path.display()));

@@ -40,7 +40,7 @@ fn a_pair_becomes_a_training_log_that_can_be_fitted() {
 }
 
 #[test]
-fn units_and_names_of_either_file_can_be_told() {
+fn units_and_names_of_either_file_can_be_given() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     succeed(at, PAIR);
@@ -90,7 +90,7 @@ fn a_match_that_is_not_clear_writes_nothing_and_exits_with_1() {
 }
 
 #[test]
-fn what_cannot_be_read_exits_with_2() {
+fn unreadable_logs_exit_with_2() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     succeed(at, PAIR);
@@ -151,7 +151,7 @@ fn add_edges(at: &Path, edges_s: &[f64], offset_s: f64, skew: f64) {
 }
 
 #[test]
-fn edges_of_a_common_signal_line_up_what_the_loads_do_not() {
+fn edges_of_a_common_signal_align_recordings_that_loads_do_not() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     let (offset_s, skew) = (-75.5, 1.2e-4);
@@ -190,7 +190,7 @@ fn edges_of_a_common_signal_line_up_what_the_loads_do_not() {
 }
 
 #[test]
-fn a_signal_without_edges_leaves_all_as_it_was_and_one_that_is_not_there_is_named() {
+fn a_signal_without_edges_changes_nothing_and_a_missing_one_is_named() {
     let directory = tempfile::tempdir().unwrap();
     let at = directory.path();
     succeed(at, PAIR);

@@ -77,7 +77,7 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
 }
 
 #[test]
-fn files_whose_rows_are_not_the_same_are_told_and_nothing_is_written() {
+fn files_with_different_rows_are_refused_and_nothing_is_written() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     fs::write(dir.join("a.csv"), "s1,s2\n1,2\n3,4\n5,6\n").unwrap();

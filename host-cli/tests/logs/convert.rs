@@ -185,7 +185,7 @@ fn a_tare_subtracts_the_mean_of_its_window() {
 }
 
 #[test]
-fn low_passes_are_those_of_the_filter_module_at_the_rate_of_the_log() {
+fn low_passes_equal_those_of_the_filter_module_at_the_rate_of_the_log() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 500, 1);
     let unfiltered = numbers(&run(&path, &options()).unwrap().0);
@@ -241,7 +241,7 @@ fn readings_that_cannot_be_trusted_are_flagged_and_counted() {
 }
 
 #[test]
-fn standard_errors_are_those_of_the_calibration() {
+fn standard_errors_equal_those_of_the_calibration() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 100, 1);
     let mut calibration = linear(3);
@@ -292,7 +292,7 @@ fn the_trace_sees_every_frame() {
 }
 
 #[test]
-fn what_cannot_be_done_is_said_by_name() {
+fn impossible_conversions_are_refused_by_name() {
     let directory = tempfile::tempdir().unwrap();
     let path = csv(directory.path(), 30, 2);
     let error = |options: ConvertOptions| run(&path, &options).unwrap_err();
@@ -416,7 +416,7 @@ fn the_labs_trial_is_converted_as_by_direct_evaluation() {
 
 /// A training log is loaded from its first frame on, so a tare would take a load as zero.
 #[test]
-fn a_tare_under_load_is_told_or_refused() {
+fn a_tare_under_load_is_reported_or_refused() {
     let dir = tempfile::tempdir().unwrap();
     let data =
         |name: &str| Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data").join(name);

@@ -80,7 +80,7 @@ fn results_do_not_depend_on_threads() {
 }
 
 #[test]
-fn what_cannot_be_written_is_refused_before_any_work() {
+fn unwritable_outputs_are_refused_before_any_work() {
     let dir = tempfile::tempdir().unwrap();
     converted(dir.path(), "--no-lowpass");
     for (flags, expected) in [
@@ -203,7 +203,7 @@ print("checked", len(rows))
 
 #[test]
 #[ignore = "needs a Python with packages that read tables and bags"]
-fn python_packages_read_what_is_written() {
+fn python_packages_read_the_written_files() {
     let dir = tempfile::tempdir().unwrap();
     converted(dir.path(), "--no-lowpass");
     let checked = program::python().args(["-c", CHECK]).current_dir(dir.path()).output().unwrap();

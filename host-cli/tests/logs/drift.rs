@@ -73,7 +73,7 @@ fn log(
 }
 
 #[test]
-fn alarms_are_as_rare_as_is_said_and_a_drift_raises_them() {
+fn alarms_have_the_stated_rate_and_a_drift_raises_them() {
     let folder = tempfile::tempdir().unwrap();
     let calibration = calibration(folder.path());
     let alarms = |warm_up_k: f64, logs: u64| {
@@ -106,7 +106,7 @@ fn alarms_are_as_rare_as_is_said_and_a_drift_raises_them() {
 }
 
 #[test]
-fn slopes_are_those_of_the_warm_up() {
+fn slopes_equal_those_of_the_warm_up() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     calibration(folder);
@@ -194,13 +194,16 @@ fn a_still_zero_holds() {
 }
 
 #[test]
-fn logs_that_tell_no_drift_are_refused() {
+fn logs_too_short_for_a_drift_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let short = recorded(sensor(0.0, 1.0, 3), 0.8, |_| false);
     fs::write(folder.join("short.csv"), log(&short, "", |_| String::new())).unwrap();
     let text = refused(folder, "info short.csv --drift");
-    assert!(text.contains("`1` stretches at rest") && text.contains("hint: begin with"), "{text}");
+    assert!(
+        text.contains("`1` stationary intervals") && text.contains("hint: begin with"),
+        "{text}"
+    );
     let long = recorded(sensor(0.0, 1.0, 3), 4.0, |_| false);
     let cell = |row: usize| if row == 7 { ",warm".to_owned() } else { ",20".to_owned() };
     fs::write(folder.join("long.csv"), log(&long, ",temperature_c", cell)).unwrap();
@@ -254,7 +257,7 @@ fn a_tare_that_follows_rests_takes_a_drift_out_and_commands_warn_without_it() {
     assert!(first.contains("warning: `log.csv`: the zero of"), "{first}");
     let rests = ended(folder, "convert cal.json log.csv --tare rests -o rests.csv", 0).1;
     assert!(
-        rests.contains("stretches at rest, the first, 0 s to 0.49 s")
+        rests.contains("stationary intervals, the first, 0 s to 0.49 s")
             && !rests.contains("the zero of"),
         "{rests}"
     );

@@ -64,7 +64,7 @@ fn files_of_other_programs_are_read_as_their_libraries_read_them() {
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn units_of_data_sets_count_as_those_of_columns_do() {
+fn units_of_data_sets_are_read_like_units_of_columns() {
     let (_, found) = open("hdf5-units.h5", &Mapping::default()).unwrap();
     let (_, expected) = open("hdf5-units-same-as.csv", &Mapping::default()).unwrap();
     assert_eq!(found.wrench, expected.wrench);
@@ -104,7 +104,7 @@ fn messages_are_in_the_order_in_which_they_were_logged() {
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn what_is_not_read_is_named_for_what_it_is() {
+fn unsupported_files_are_named_by_kind() {
     for (name, expected) in [
         ("plate.c3d", "a C3D motion capture file"),
         ("hdf5-libver-latest.h5", "a layout of HDF5 2.0"),

@@ -154,7 +154,7 @@ fn every_command_of_the_table_of_instruments_runs() {
 }
 
 #[test]
-fn what_is_decided_about_a_head_is_said() {
+fn decisions_about_the_head_are_reported() {
     let dir = tempfile::tempdir().unwrap();
     write_files(dir.path());
     for (command, expected) in [
@@ -193,7 +193,7 @@ fn what_is_decided_about_a_head_is_said() {
 }
 
 #[test]
-fn many_wrong_rows_are_skipped_only_when_all_are_meant() {
+fn many_wrong_rows_are_skipped_only_on_request() {
     let dir = tempfile::tempdir().unwrap();
     let row = |at: usize| match at % 4 {
         0 => format!("{at},x,2\n"),

@@ -1,4 +1,4 @@
-//! `convert --keep` and `--all-rows`: what a log has besides goes along as it stands.
+//! `convert --keep` and `--all-rows`: further columns of a log are copied unchanged.
 
 use std::fs;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use log_file::{Log, LogError, Mapping, ReadOptions, Wanted};
 use system_tests::program;
 
-/// A calibration, and a log with a column of text and one that is empty now and then.
+/// A calibration, and a log with a text column and a column with occasional gaps.
 fn folder() -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     program::run(dir.path(), "synth train --rows 400 --seed 8 -o plain.csv", 0);
@@ -51,7 +51,7 @@ fn texts(path: &Path, names: &[&str]) -> Vec<Vec<String>> {
 }
 
 #[test]
-fn texts_go_along_into_every_kind_of_file() {
+fn texts_are_copied_into_every_kind_of_file() {
     let dir = folder();
     let dir = dir.path();
     let named = |row: usize| surface(row).trim_matches('"').to_owned();
@@ -65,7 +65,7 @@ fn texts_go_along_into_every_kind_of_file() {
             assert_eq!(found, [&expected[..], &supplies[..]], "{extension} {flags}");
         }
     }
-    // What else there is stays a number, under its name, or under another if that is taken.
+    // Further numeric columns stay numbers, under their name, or another if that is taken.
     let text = fs::read_to_string(dir.join("out.csv")).unwrap();
     let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
     assert!(header.contains(&"knob") && header.contains(&"log_fx_n"), "{header:?}");
@@ -83,10 +83,10 @@ fn texts_go_along_into_every_kind_of_file() {
     assert!(said.contains("`surfaces`") && said.contains("`surface`"), "{said}");
 }
 
-/// A log in which each reading stands three times, as in telemetry that runs faster than its sensor. That the
-/// tare of telemetry does not depend on it either is shown where all commands are compared.
+/// A log that repeats each reading three times, as in telemetry that runs faster than its sensor. The
+/// comparison of all commands shows that the tare of telemetry does not depend on repeats either.
 #[test]
-fn all_rows_gives_a_row_for_each_and_leaves_the_forces_as_they_were() {
+fn all_rows_keeps_every_row_and_the_forces() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     program::run(dir, "synth train --rows 300 --seed 9 -o plain.csv", 0);

@@ -13,7 +13,7 @@ fn file(bytes: &[u8]) -> tempfile::NamedTempFile {
     file
 }
 
-/// Reads all that there is.
+/// Reads all rows.
 fn read(path: &Path, threads: usize) -> Result<(), LogError> {
     let log = Log::open(path, &Mapping::default())?;
     let wanted = Wanted {
@@ -29,7 +29,7 @@ fn read(path: &Path, threads: usize) -> Result<(), LogError> {
     Ok(())
 }
 
-/// What is said about a file, its path left out.
+/// The message about a file, without its path.
 fn complaint(bytes: &[u8]) -> String {
     let file = file(bytes);
     let error = read(file.path(), 1).expect_err("a file with a fault").to_string();
@@ -88,8 +88,8 @@ fn each_fault_is_named_with_its_place() {
         ("% hello\n1,2,3\n", "`FILE`: no `%` line names the columns, separated by `|`"),
         (
             "1,2,3\n4,5,6\n",
-            "`FILE`, line 1: 3 columns and no header, expected 15 (time, eight sensors, six wrench \
-             columns) or 12 (two to drop, time, six wrench columns, three accelerations)",
+            "`FILE`, line 1: 3 columns and no header, expected 15 (time, 8 sensors, wrench) \
+             or 12 (2 others, time, wrench, motion)",
         ),
         ("time,s1\n1,2\0\n", "`FILE` is not a text file: byte 11 is 0x00"),
         (
@@ -116,7 +116,7 @@ fn a_fault_far_down_a_file_is_found_at_its_line_with_any_number_of_threads() {
 }
 
 #[test]
-fn a_gzip_file_that_is_cut_short_or_damaged_is_told_from_a_bad_log() {
+fn a_gzip_file_that_is_cut_short_or_damaged_is_distinguished_from_a_bad_log() {
     let mut gzip = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     for row in 0..20_000 {
         if row == 0 {
@@ -138,7 +138,7 @@ fn a_gzip_file_that_is_cut_short_or_damaged_is_told_from_a_bad_log() {
 }
 
 #[test]
-fn what_is_no_file_is_an_error() {
+fn directories_and_missing_files_are_errors() {
     let dir = tempfile::tempdir().unwrap();
     for path in [dir.path().to_owned(), dir.path().join("missing.csv")] {
         let error = read(&path, 1).unwrap_err();
@@ -161,7 +161,7 @@ fn info(bytes: &[u8], args: &[&str]) -> Output {
 }
 
 #[test]
-fn the_command_ends_with_2_and_says_what_to_do() {
+fn the_command_ends_with_2_and_a_hint() {
     for (text, hint) in [
         ("time,s1\n1,x\n", "`--skip-bad-rows`"),
         ("time,s1\n", "nothing was recorded"),
@@ -199,7 +199,7 @@ fn faults_among_decimal_commas_are_shown_as_the_file_has_them() {
 }
 
 #[test]
-fn what_is_suspicious_about_a_log_is_said() {
+fn suspicious_logs_are_reported() {
     let mut text = "time_us,s1,s2,s3,s4\n".to_owned();
     for row in 0..200 {
         let time = row * 1000 + if row >= 100 { 5000 } else { 0 };

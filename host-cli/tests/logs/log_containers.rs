@@ -134,7 +134,7 @@ fn matrices_are_readings_and_wrench_by_their_names_or_their_shapes() {
 /// Recordings of a capacitive sensor, as published and as CSV with all digits.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn published_hdf5_recordings_are_those_of_their_csv() {
+fn published_hdf5_recordings_equal_those_of_their_csv() {
     let name = "others/coinft/CFT24_calibrationData_20251219_110601_train";
     let open = |extension: &str| {
         let path = system_tests::real_recording(&format!("{name}.{extension}"));
@@ -205,7 +205,7 @@ fn files_cut_anywhere_are_errors_that_name_them() {
             let bytes = std::fs::read(&path).unwrap();
             // A recording without its end holds all rows until then.
             let ends_early = path.extension().is_some_and(|it| it == "mcap");
-            // A MATLAB file says nowhere how many variables it has: between two it ends as a whole one does.
+            // A MATLAB file does not state its number of variables: a cut between two of them looks complete.
             let ends = if folder == "matlab" { ends_of_variables(&bytes) } else { Vec::new() };
             let lengths = (16..bytes.len()).step_by(bytes.len() / 60 + 1);
             for length in lengths.chain((!ends_early).then_some(bytes.len() - 1)) {

@@ -1,5 +1,5 @@
-//! Each format on small files; and that what is read depends on the file alone, not on threads, on
-//! where it is cut, on compression or on which parser reads a row.
+//! Each format on small files. Results depend on the file alone, not on threads, cuts, compression or the
+//! parser of a row.
 
 use std::io::Write;
 use std::path::Path;
@@ -52,7 +52,7 @@ fn read(log: &Log) -> Block {
 }
 
 fn append(whole: &mut Block, block: Block) -> Result<(), LogError> {
-    // What a block says about the row before it has to be what the block before it ends with.
+    // The row before a block, as stored in the block, must equal the last row of the previous block.
     let last = (whole.rows > 0 && !whole.readings.is_empty())
         .then(|| whole.readings.iter().map(|column| column[whole.rows - 1]).collect::<Vec<_>>());
     assert_eq!(block.readings_before, last);
@@ -105,7 +105,7 @@ fn telemetry_has_its_columns_named_by_the_last_header_line() {
     assert_eq!((summary.rows, summary.repeated_rows), (3, 1));
     assert_eq!(block.time_s, [302e-6, 1303e-6, 2304e-6]);
     assert_eq!(block.readings, [[1011.0, 1011.0, 1010.0], [1329.0; 3]]);
-    assert_eq!(block.others, [[302.0, 1303.0, 2304.0]], "as they stand in the log");
+    assert_eq!(block.others, [[302.0, 1303.0, 2304.0]], "unchanged");
     assert_eq!(log.columns()[2].name, "GryoY");
 }
 
@@ -374,7 +374,7 @@ fn a_sample_has_rows_from_all_over_the_file() {
 }
 
 #[test]
-fn the_checksum_is_that_of_the_file_on_disk() {
+fn the_checksum_equals_that_of_the_file_on_disk() {
     let (_file, log) = open("time,s1\n1,2\n");
     let options = ReadOptions { checksum: true, ..ReadOptions::default() };
     let (_, summary) = read_with(&log, &all(&log), &options);
@@ -384,7 +384,7 @@ fn the_checksum_is_that_of_the_file_on_disk() {
 }
 
 #[test]
-fn what_fold_returns_ends_the_reading() {
+fn a_break_from_fold_ends_the_reading() {
     #[derive(Debug, PartialEq)]
     enum Stop {
         Enough(usize),

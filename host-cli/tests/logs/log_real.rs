@@ -63,7 +63,7 @@ fn the_console_log_has_the_frames_that_the_base_station_printed() {
     let wanted = Wanted { time: true, readings: true, ..Wanted::default() };
     let (blocks, summary) = read(&log, &wanted);
     assert_eq!((summary.rows, blocks.len()), (150, 1));
-    // The base station printed what it had decoded: `time = …` and `[1961 2123 …]`.
+    // The base station printed the decoded values: `time = …` and `[1961 2123 …]`.
     let text = std::fs::read_to_string(path).unwrap();
     let times = text.lines().filter_map(|line| line.strip_prefix("time = "));
     let readings = text.lines().filter(|line| line.starts_with('[') && line.ends_with(']'));

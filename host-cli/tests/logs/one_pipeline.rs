@@ -49,7 +49,7 @@ fn assert_within(some: &Forces, all: &Forces, at_least: usize, what: &str) {
     }
 }
 
-/// What `plot` draws and `report` shows of `log` between two times.
+/// The data of `plot` and `report` for `log` between two times.
 fn of_library(
     folder: &Path,
     log: &str,

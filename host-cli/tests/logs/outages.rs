@@ -56,7 +56,7 @@ fn from(start: u16, packet: Packet) -> ReceivedPacket {
     ReceivedPacket { origin: Some(PacketOrigin { board: 1, start }), packet }
 }
 
-/// What is told of an outage: losses, and the time from the last frame before it to the first after.
+/// The report of an outage: losses, and the time from the last frame before it to the first after.
 fn told(outage: Outage) -> (Losses, u64, usize) {
     let mut board = Board { outage, reception: Reception::default(), frames: Vec::new() };
     let at = |frame: u64| frame * outage.period_us;
@@ -114,9 +114,10 @@ proptest! {
         failure_persistence: None,
         rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..ProptestConfig::default() })]
 
-    // The clock of the board tells up to its turn, the host's time beyond: the truth, or "at least".
+    // Within one turn of its clock the board gives the length, beyond that the host's time: the true length
+    // or "at least".
     #[test]
-    fn the_length_of_a_silence_is_told(outage in outages()) {
+    fn the_length_of_a_silence_is_reported(outage in outages()) {
         let (losses, silence_us, frames) = told(outage);
         let elapsed_us = (outage.lost + 1 + u64::from(outage.dropped)) * outage.period_us;
         prop_assert_eq!(frames as u64, outage.before + 20);
@@ -132,7 +133,7 @@ proptest! {
 
     // Live, the time that the board was off is frames that are missing.
     #[test]
-    fn a_restart_in_a_silence_is_told(outage in outages(), position in 0.0..1.0_f64) {
+    fn a_restart_in_a_silence_is_reported(outage in outages(), position in 0.0..1.0_f64) {
         let restart = (position * outage.lost as f64) as u64;
         let (losses, silence_us, frames) =
             told(Outage { restart: Some(restart), dropped: 0, ..outage });
@@ -140,8 +141,8 @@ proptest! {
         prop_assert_eq!(losses.restarts, 1);
         prop_assert_eq!(losses.uncertain, u64::from(!outage.live));
         if outage.live {
-            // The new run's clock stands at 1.5 s where it begins, at least; the host's differs by its drift, and
-            // the first frame comes late.
+            // The new run's clock begins at 1.5 s or later; the host's clock drifts, and the first frame
+            // comes late.
             let elapsed_us = (outage.lost + 1) * outage.period_us;
             let since_us = 1_500_000 + (outage.lost - restart) * outage.period_us;
             let drift_us = elapsed_us.max(since_us) / 5_000 + 10;

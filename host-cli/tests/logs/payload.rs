@@ -1,4 +1,4 @@
-//! What a sensor carries: found in poses, taken off runs.
+//! The payload of a sensor: estimated from poses, subtracted from runs.
 
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
@@ -74,7 +74,7 @@ fn a_tool_on_a_commercial_sensor_is_found_to_all_digits() {
     }
 }
 
-/// What a prototype left of the forces of an arm that moves without contact: 0.20, 0.07, 0.09 N under a mean
+/// A prototype left 0.20, 0.07 and 0.09 N of the forces of an arm that moves without contact, under a mean
 /// of 30 ms. A zero-phase low-pass at 20 Hz halves there what that mean halves.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
@@ -101,7 +101,7 @@ fn weight_and_inertia_are_taken_off_a_moving_arm() {
     let lag_s = summary["load"]["lag"]["lag_s"].as_f64().unwrap();
     assert!((0.005..0.007).contains(&lag_s), "{lag_s}");
     println!("left at 20 Hz: {left:?} N; lag {:.2} ms", 1e3 * lag_s);
-    // Gravity alone, unfiltered, is what the README has.
+    // Gravity alone, unfiltered, as in the README.
     let options = format!("--motion {orientations} --gravity 9.82085 --motion-lag 0 --no-lowpass");
     let (left, summary) = deviation(&options);
     for (left, expected) in left.into_iter().zip([1.218, 0.471, 0.372]) {
@@ -144,13 +144,13 @@ fn the_lag_of_a_moving_arm_is_found_under_contact() {
     let [lag_s, error_s] = ["lag_s", "standard_error_s"].map(|name| lag[name].as_f64().unwrap());
     assert_eq!(found["load"]["lag_taken_s"], lag["lag_s"]);
     println!("under contact: {:.2} ± {:.2} ms", 1e3 * lag_s, 1e3 * error_s);
-    // 6.22 ms without contact; what the steps do to that is less than its standard error.
+    // 6.22 ms without contact; the steps change that by less than its standard error.
     assert!((lag_s - 0.00622).abs() < error_s && error_s < 0.002, "{lag}");
     assert!(said.contains("the lag of the motion uncertain") && said.contains("taken"), "{said}");
 }
 
 #[test]
-fn poses_with_labels_are_means_and_standard_errors_are_theirs() {
+fn labelled_poses_are_averaged_and_set_the_standard_errors() {
     let dir = tempfile::tempdir().unwrap();
     let mut text = "Fx,Fy,Fz,Mx (mN·m),My (mN·m),Mz (mN·m),qx,qy,qz,qw,pose\n".to_owned();
     let mut random = Random(3);
@@ -192,8 +192,8 @@ fn poses_with_labels_are_means_and_standard_errors_are_theirs() {
     }
 }
 
-/// A shell whose sensors are six numbers of counts, on a robot that bounces: what is left after its payload is
-/// taken off is the contact.
+/// A shell with six sensors, in counts, on a bouncing robot: after subtracting the payload, the contact
+/// remains.
 #[test]
 fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     let dir = tempfile::tempdir().unwrap();
@@ -261,7 +261,7 @@ fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     let quiet: Vec<Vec<f64>> =
         rows.into_iter().filter(|row| row[0] < 2.5 || row[0] > 4.5).collect();
     assert!(worst(&quiet) < 3e-4, "{}", worst(&quiet));
-    // From a file of its own, on a clock that is 12.5 ms late.
+    // From a separate file, with a clock that is 12.5 ms late.
     let run = fs::read_to_string(dir.join("run.csv")).unwrap();
     let motion: Vec<String> = run
         .lines()
@@ -277,14 +277,14 @@ fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     assert!((late.parse::<f64>().unwrap() - 12.5).abs() < 0.5, "{said}");
     let (rows, _) =
         left("--payload payload.json --motion motion.csv --motion-lag 0.0125 --no-lowpass");
-    // The first rows are before the motion begins, and are told.
+    // The first rows are before the start of the motion, which is reported.
     assert!(worst(&rows) < 2e-4, "{}", worst(&rows));
     let said = refused(dir, "convert cal.json run.csv --motion motion.csv -o out.csv");
     assert!(said.contains("with `--payload` only"), "{said}");
 }
 
 #[test]
-fn what_does_not_tell_a_payload_is_refused_by_name() {
+fn insufficient_poses_are_refused_by_name() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let header = "fx,fy,fz,mx,my,mz";

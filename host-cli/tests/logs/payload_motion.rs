@@ -179,7 +179,7 @@ fn rates(t: f64) -> Vector {
 }
 
 #[test]
-fn what_turning_adds_is_taken_off_or_named() {
+fn inertia_of_rotation_is_removed_or_reported() {
     let folder = tempfile::tempdir().unwrap();
     let dir = folder.path();
     write_poses(&dir.join("poses.csv"), "ax,ay,az", as_it_is, |_, m| {
@@ -236,14 +236,14 @@ fn what_turning_adds_is_taken_off_or_named() {
     };
     let (alone, said) = left("alone.csv");
     assert!(alone > 0.1, "{alone}");
-    assert!(said.contains("what turning adds") && said.contains("N at 1 rad/s"), "{said}");
+    assert!(said.contains("inertia of rotation") && said.contains("N at 1 rad/s"), "{said}");
     // Noise of 1 mN is left, and what straight lines between 100 samples a second leave of turns: 2 mN.
     for (name, most) in [("gyroscope.csv", 0.005), ("degrees.csv", 0.005), ("rotations.csv", 0.005)]
     {
         let (left, said) = left(name);
         println!("{name}: {left:.4} N left of turning, {alone:.3} N without");
         assert!(left < most, "{name}: {left}");
-        assert!(!said.contains("what turning adds"), "{said}");
+        assert!(!said.contains("inertia of rotation"), "{said}");
     }
     let (left, said) = left("in_g.csv");
     assert!(left < 0.005, "{left}");

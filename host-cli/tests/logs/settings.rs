@@ -1,4 +1,4 @@
-//! What is typed once: settings beside the data, and columns that a calibration remembers.
+//! Options typed once: settings beside the data, and columns that a calibration remembers.
 
 use std::fs;
 use std::path::Path;
@@ -73,7 +73,7 @@ fn settings_beside_the_data_are_options_of_every_command() {
         serde_json::from_str::<Value>(&text).unwrap()["coefficients"].clone()
     };
     assert_eq!(coefficients("by_file.json"), coefficients("typed.json"));
-    // What is typed goes first, and each says where it comes from.
+    // Options on the command line have precedence, and the source of each option is named.
     let said = program::run(
         dir,
         "convert by_file.json data/test.csv -o out.csv --verbose --no-lowpass",
@@ -153,7 +153,7 @@ fn a_calibration_remembers_the_columns_that_it_was_fitted_with() {
 }
 
 #[test]
-fn what_is_wrong_with_settings_is_told_with_its_line() {
+fn faults_of_settings_are_reported_with_their_line() {
     let dir = folder();
     let dir = dir.path();
     for (settings, expected) in [

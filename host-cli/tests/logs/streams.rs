@@ -1,4 +1,4 @@
-//! What `shellcal stream` makes of a log: files that are whole, failures that are told, commands of any bytes.
+//! `shellcal stream` of a log: complete files, reported failures, commands of any bytes.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -20,7 +20,7 @@ fn read(dir: &TempDir, name: &str) -> String {
     fs::read_to_string(dir.path().join(name)).unwrap()
 }
 
-/// Runs the program with its standard output in a file; its exit code, and what it says.
+/// Runs the program with its standard output in a file; returns its exit code and messages.
 #[cfg(unix)]
 fn into(dir: &Path, arguments: &str, path: &str) -> (Option<i32>, String) {
     let output = fs::OpenOptions::new().write(true).open(path).unwrap();
@@ -30,7 +30,7 @@ fn into(dir: &Path, arguments: &str, path: &str) -> (Option<i32>, String) {
 }
 
 #[test]
-fn a_file_is_written_as_its_name_says() {
+fn the_file_name_decides_the_format() {
     let dir = folder(120);
     succeed(&dir, "stream log.csv --speed 1000 -o rows.csv -o rows.jsonl");
     let (csv, json) = (read(&dir, "rows.csv"), read(&dir, "rows.jsonl"));
@@ -44,7 +44,7 @@ fn a_file_is_written_as_its_name_says() {
 
 #[cfg(target_os = "linux")]
 #[test]
-fn a_disk_that_is_full_ends_a_command_with_what_was_written() {
+fn a_full_disk_ends_a_command_and_keeps_the_written_part() {
     let dir = folder(400);
     let (_, said) = program::ended(&dir, "stream log.csv --speed 1000 -o /dev/full", 2);
     assert!(said.contains("cannot write `/dev/full`: 0 rows, "), "{said}");
@@ -107,7 +107,7 @@ fn commands_are_lines_of_any_bytes_and_do_not_hold_up_rows() {
 
 #[cfg(unix)]
 #[test]
-fn what_is_no_file_is_refused_and_not_waited_for() {
+fn devices_and_pipes_are_refused_at_once() {
     let dir = folder(60);
     let fifo = |name: &str| Command::new("mkfifo").arg(dir.path().join(name)).status().unwrap();
     assert!(fifo("pipe").success());
@@ -129,7 +129,7 @@ fn what_is_no_file_is_refused_and_not_waited_for() {
 }
 
 #[test]
-fn a_command_line_that_is_wrong_does_not_steer_the_terminal() {
+fn errors_of_the_command_line_are_escaped() {
     let dir = tempfile::tempdir().unwrap();
     for word in ["--\u{1b}]0;title\u{7}", "fi\u{1b}[31mt", "\u{202e}tif"] {
         let output = program::command(dir.path()).arg(word).output().unwrap();

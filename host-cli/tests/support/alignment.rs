@@ -79,7 +79,7 @@ pub(crate) fn linear_session(
         std::array::from_fn(|_| std::array::from_fn(|_| 100.0 * random.normal()));
     let mut reference = Recording { time_s: vec![], columns: vec![vec![]; 6] };
     for k in 0..((duration_s + 3.0) * 1000.0) as usize {
-        // Time of the load is that of the board.
+        // The load uses the board's time.
         let t = k as f64 / 1000.0 - 1.5;
         reference.time_s.push(t * (1.0 + skew) + offset_s);
         reference.columns.iter_mut().zip(load(t)).for_each(|(column, w)| column.push(w));

@@ -1,4 +1,4 @@
-//! What the tests of `record` and `board` share: frames, files, and the program.
+//! Shared parts of the tests of `record` and `board`: frames, files, and the program.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use system_tests::on_the_wire;
 use system_tests::program::succeed;
 use system_tests::random::Random;
 
-/// Frame `index` of a board at 100 Hz: its readings tell which it is.
+/// Frame `index` of a board at 100 Hz, identified by its readings.
 pub fn sample(index: u64) -> Sample {
     Sample {
         sequence: index as u16,
@@ -25,7 +25,7 @@ pub fn counts(index: u64) -> [u16; 8] {
     std::array::from_fn(|c| ((index * 7919 + c as u64 * 12_553) % 65_521) as u16)
 }
 
-/// The same readings in steps of the converter.
+/// The counts as readings, in steps of the converter.
 pub fn readings(index: u64) -> [f64; 8] {
     counts(index).map(|counts| f64::from(counts) / 16.0)
 }

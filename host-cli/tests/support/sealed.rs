@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-/// The text of a document with the checksum of what it says now: what tampering with one at hand would give.
+/// The text of a document with a checksum of its present content, as an attacker could compute it.
 pub(crate) fn sealed(text: &str) -> String {
     let content = match text.rsplit_once(",\n  \"checksum\"") {
         Some((content, _)) => content,
@@ -12,7 +12,7 @@ pub(crate) fn sealed(text: &str) -> String {
     format!("{content},\n  \"checksum\": \"xxh128:{hash:032x}\"\n}}\n")
 }
 
-/// The same of a document as a value.
+/// Like `sealed`, for a document as a value.
 pub(crate) fn sealed_value(document: &Value) -> String {
     let mut document = document.clone();
     document.as_object_mut().unwrap().remove("checksum");

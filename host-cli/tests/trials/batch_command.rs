@@ -113,7 +113,7 @@ fn shares_of_a_manifest_are_the_whole_one_after_the_other() {
 }
 
 #[test]
-fn a_bad_trial_is_told_with_its_place_and_the_others_are_finished() {
+fn a_bad_trial_is_reported_with_its_position_and_the_others_are_finished() {
     let (dir, windows) = folder(1);
     let dir = dir.path();
     let [enter, exit] = windows[0];
@@ -126,7 +126,7 @@ fn a_bad_trial_is_told_with_its_place_and_the_others_are_finished() {
         fs::copy(dir.join("1.txt"), dir.join(copy)).unwrap();
     }
     let (early, late) = (enter + 0.1, exit - 0.1);
-    // What stands in the manifest, from line 2 on, and what is said of it.
+    // Lines of the manifest from line 2 on, and the messages about them.
     let cases = [
         (format!("1.txt,x,{enter},{exit}"), None),
         (
@@ -168,7 +168,7 @@ fn a_bad_trial_is_told_with_its_place_and_the_others_are_finished() {
 }
 
 #[test]
-fn numbers_that_cannot_be_are_told_with_their_place() {
+fn impossible_numbers_are_reported_with_their_position() {
     let (dir, windows) = folder(1);
     let [enter, exit] = windows[0];
     let rows = format!("1.txt,x,{enter},{exit},0\n");
@@ -229,7 +229,7 @@ fn mistyped_conditions_and_columns_get_a_suggestion() {
 }
 
 #[test]
-fn what_a_log_does_not_have_is_left_out_and_said() {
+fn missing_columns_of_a_log_are_left_out_and_reported() {
     let (dir, _) = folder(0);
     let dir = dir.path();
     let window = write_trial(&dir.join("full.txt"), 5, TrialLayout::Full, 0.0);
@@ -265,13 +265,13 @@ fn what_a_log_does_not_have_is_left_out_and_said() {
     ] {
         assert!(said.contains(message), "{message}: {said}");
     }
-    // The same numbers from the same columns.
+    // The same columns give the same numbers.
     assert_eq!(trials[1]["electrical_energy_j"], trials[0]["electrical_energy_j"]);
     assert_eq!(trials[3]["drag_energy_j"], trials[0]["drag_energy_j"]);
 }
 
 #[test]
-fn a_tenth_of_the_rows_missing_changes_little_as_all_is_by_time() {
+fn results_by_time_hardly_change_with_a_tenth_of_the_rows_missing() {
     let (dir, _) = folder(0);
     let dir = dir.path();
     let window = write_trial(&dir.join("full.txt"), 5, TrialLayout::Full, 0.0);
@@ -448,7 +448,8 @@ fn the_report_names_the_rows_whose_readings_cannot_be_trusted() {
         .find(|row| row.contains(&what))
         .unwrap_or_else(|| panic!("{section}"));
     assert!(row.contains("free-1.txt") && row.contains(&(at + 1).to_string()), "{row}");
-    // As many as the remarks of the same trials count: what is at the end of the converter is out of range, too.
+    // As many as the remarks on the same trials count: readings at the end of the converter are out of range,
+    // too.
     let document = program::json(dir, "batch trials/manifest.csv --calibration cal.json --json");
     assert_eq!(remarked(&document, "saturated"), 1);
     let counted = format!("{} frames in the windows", remarked(&document, "out_of_range"));

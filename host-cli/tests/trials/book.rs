@@ -42,7 +42,7 @@ fn prose(text: &str) -> String {
 
 /// The places that a page links to within the repository.
 fn links(text: &str) -> Vec<String> {
-    // What stands between backticks is no link.
+    // Text between backticks is not a link.
     let plain: String = prose(text).split('`').step_by(2).collect::<Vec<_>>().join("`");
     let ends = plain.split("](").skip(1);
     let targets = ends.filter_map(|rest| rest.split_once(')').map(|(target, _)| target.to_owned()));
@@ -128,9 +128,9 @@ fn every_page_of_the_documentation_is_a_chapter_and_every_chapter_is_there() {
     assert_eq!(once.into_iter().find(|chapter| !root().join(chapter).is_file()), None);
 }
 
-/// The screen of the live view on the page of the board is the one that its own tests see.
+/// The screen of the live view in the book equals the screen in its tests.
 #[test]
-fn the_screen_in_the_book_is_that_of_the_live_view() {
+fn the_screen_in_the_book_equals_that_of_the_live_view() {
     let page = fs::read_to_string(root().join("docs/board.md")).unwrap();
     let golden = "host-cli/tests/boards/golden/live/forces-80x24.txt";
     let screen = fs::read_to_string(root().join(golden)).unwrap();
@@ -138,7 +138,7 @@ fn the_screen_in_the_book_is_that_of_the_live_view() {
 }
 
 #[test]
-fn anchors_are_those_of_github() {
+fn anchors_equal_those_of_github() {
     let of = |text: &str| anchors(text).into_iter().collect::<Vec<_>>();
     assert_eq!(of("## `--model auto`"), ["--model-auto"]);
     assert_eq!(

@@ -1,4 +1,4 @@
-//! `install.sh` in an empty home, with nothing on the path but what it says that it needs.
+//! `install.sh` in an empty home, with only the tools on the path that it names.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 
 use super::book::root;
 
-/// What the script runs: POSIX tools, and what it says at its head.
+/// Tools that the script runs: those of POSIX, and the ones that its head names.
 const TOOLS: [&str; 14] = [
     "sh",
     "uname",
@@ -25,7 +25,7 @@ const TOOLS: [&str; 14] = [
     "cat",
 ];
 
-/// A machine of its own: a home, a path, and a release to fetch from.
+/// A simulated machine: a home, a path, and a release to fetch from.
 struct Machine {
     folder: tempfile::TempDir,
 }
@@ -131,7 +131,7 @@ fn a_release_is_installed_into_an_empty_home() {
 }
 
 #[test]
-fn what_is_damaged_or_missing_is_not_installed() {
+fn damaged_or_missing_files_are_not_installed() {
     let machine = Machine::new();
     let sums = fs::read_to_string(machine.path("release/SHA256SUMS")).unwrap();
     machine.sh("for archive in release/*.tar.gz; do printf x >> \"$archive\"; done");

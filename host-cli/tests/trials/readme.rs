@@ -1,11 +1,11 @@
-//! The console blocks of the README and of the pages under `docs`, run as they stand.
+//! The console blocks of the README and of the pages under `docs`, run unchanged.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::book::{pages, root};
 
-/// Its commands build on one another, and one runs beside the others: a test of its own runs them.
+/// Its commands build on one another, and one runs in parallel with others; a separate test runs them.
 const TUTORIAL: &str = "docs/tutorial.md";
 
 /// The pages with console blocks.
@@ -18,9 +18,9 @@ fn console_pages() -> Vec<PathBuf> {
     pages.filter(has_console).collect()
 }
 
-/// Each page in a folder of its own with the shipped data, because the commands write files beside them.
+/// Each page runs in a separate folder with the shipped data, because the commands write files there.
 #[test]
-fn the_console_blocks_of_the_pages_do_what_they_say() {
+fn the_console_blocks_of_the_pages_give_their_output() {
     let root = root();
     let folder = tempfile::tempdir().unwrap();
     let cases = trycmd::TestCases::new();

@@ -18,7 +18,7 @@ fn commands_of_earlier_releases_say_where_they_have_gone() {
 }
 
 #[test]
-fn who_says_nothing_is_told_where_to_start() {
+fn a_call_without_arguments_prints_first_steps() {
     let text = program::refused(Path::new("."), "");
     for start in ["info", "fit", "convert", "batch", "record", "help"] {
         assert!(text.contains(&format!("shellcal {start}")), "{text}");
@@ -34,7 +34,7 @@ fn tables_are_printed_as_they_are_asked_for() {
     let fit = format!("fit --model cubic {}", data.join("synthetic-train.csv").display());
     let output = program::output(dir.path(), &format!("{fit} --as csv"));
     assert!(output.status.success());
-    // Nothing but the table, by an independent reader; the rest is said elsewhere.
+    // Only the table, by an independent reader; other tests check the rest.
     let mut reader = csv::Reader::from_reader(&output.stdout[..]);
     let header: Vec<String> = reader.headers().unwrap().iter().map(str::to_owned).collect();
     assert_eq!(header[..2], ["axis", "error on training rows"]);
@@ -57,7 +57,7 @@ fn tables_are_printed_as_they_are_asked_for() {
 }
 
 #[test]
-fn colour_is_given_when_asked_for_and_never_into_a_pipe_by_itself() {
+fn colour_is_used_on_request_and_never_by_default_into_a_pipe() {
     let styled = |arguments: &str, no_color: bool| {
         let mut command = program::command(Path::new("."));
         command.args(arguments.split_whitespace()).env("TERM", "xterm");

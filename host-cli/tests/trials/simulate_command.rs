@@ -1,7 +1,7 @@
-//! `shellcal simulate` as a user meets it.
+//! `shellcal simulate` as a user runs it.
 //!
-//! Figures are those of the reference solution in 40-digit arithmetic that
-//! `beam-channel/tests/it/reference.rs` has.
+//! Expected figures are from the reference solution in 40-digit arithmetic of
+//! `beam-channel/tests/it/reference.rs`.
 
 use std::fs;
 use std::path::Path;
@@ -14,7 +14,7 @@ const MEANS: [f64; 3] = [0.108734173433852, 0.21708288510962, 0.305874279216731]
 /// Fifteen digits were printed; ten roundings lie within this.
 const RELATIVE: f64 = 1e-12;
 
-/// What it prints, and what it says.
+/// Runs `simulate`; its output and its messages.
 fn simulate(dir: &Path, arguments: &str) -> (String, String) {
     ended(dir, &format!("simulate {arguments}"), 0)
 }
@@ -56,9 +56,9 @@ fn clamped_beams_have_the_drags_of_the_elastica() {
 }
 
 #[test]
-fn what_is_outside_the_models_validity_is_said_and_what_jams_is_refused() {
+fn results_outside_the_models_validity_warn_and_a_jam_is_refused() {
     let dir = tempfile::tempdir().unwrap();
-    let warning = "warning: channel of 4 cm: the body reaches farther past the tips than a beam is";
+    let warning = "warning: channel of 4 cm: the body reaches past the line of the bases";
     assert!(simulate(dir.path(), "").1.contains(warning));
     assert_eq!(simulate(dir.path(), "--deflection 1cm,2cm").1, "");
     let error = refused(&dir, "simulate --ry 9cm --deflection 55mm --output x.csv");

@@ -82,7 +82,7 @@ fn a_zero_load_recording_has_no_poses_to_group_by() {
 }
 
 #[test]
-fn without_rows_the_sizes_are_those_of_the_paper() {
+fn without_rows_the_sizes_equal_those_of_the_paper() {
     assert_eq!(stdout(&["train"]).lines().count(), 1 + 77_522);
     assert_eq!(stdout(&["test"]).lines().count(), 1 + 19_932);
 }
@@ -101,7 +101,7 @@ fn no_row_holds_a_negative_zero() {
 }
 
 #[test]
-fn json_tells_what_was_made_and_the_file_is_whole() {
+fn json_describes_the_recording_and_the_file_is_complete() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("rows.csv");
     let path_arg = path.to_str().unwrap();
@@ -113,7 +113,7 @@ fn json_tells_what_was_made_and_the_file_is_whole() {
 }
 
 #[test]
-fn what_cannot_be_made_is_refused_before_the_work_and_leaves_nothing() {
+fn impossible_settings_are_refused_before_any_output() {
     let dir = tempfile::tempdir().unwrap();
     let path = dir.path().join("rows.csv");
     let path_arg = path.to_str().unwrap();
@@ -126,7 +126,7 @@ fn what_cannot_be_made_is_refused_before_the_work_and_leaves_nothing() {
         (&["train", "--noise-scale", "-1", "-o", path_arg], "noise"),
         (&["train", "--json"], "`--json` needs `--output`"),
         (&["train", "--rows", "10000001", "-o", path_arg], "at most 1e7 are made"),
-        // So many rows that the test would take long if the work were begun.
+        // So many rows that the test would take long if the work began.
         (&["train", "--rows", many, "-o", missing.to_str().unwrap()], "cannot write"),
     ];
     for (args, expected) in cases {

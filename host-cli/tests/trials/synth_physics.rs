@@ -71,7 +71,7 @@ fn moment_about_x_raises_the_left_and_lowers_the_right() {
 }
 
 #[test]
-fn readings_at_rest_are_those_of_gain_and_gap() {
+fn readings_at_rest_equal_those_of_gain_and_gap() {
     // A gap of 1.2 mm lies a fifth of the way from the node at 1.25 mm (0.52) to that at 1 mm
     // (0.74); the curve there is nearly straight, so 0.559 to two places; gain 0.85.
     let reading = f64::from(frame(&ideal(), [0.0; 6]).readings[0]) / 65536.0;
@@ -167,7 +167,7 @@ fn units_differ_by_the_spread_and_have_their_names() {
 }
 
 #[test]
-fn recordings_are_made_row_by_row_whatever_their_length() {
+fn recordings_of_any_length_are_made_row_by_row() {
     let rows: Vec<SensorSample> =
         SensorRecording::new(RecordingSettings::new(RecordingKind::Training))
             .unwrap()

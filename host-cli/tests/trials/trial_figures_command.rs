@@ -12,7 +12,7 @@ fn shellcal(folder: &Path, arguments: &[&str]) -> Output {
     program::command(folder).args(arguments).output().unwrap()
 }
 
-/// Runs a command that must end with this exit code; what it prints, and what it says.
+/// Runs a command that must end with this exit code; returns its output and messages.
 fn run(folder: &Path, arguments: &[&str], code: i32) -> (String, String) {
     let output = shellcal(folder, arguments);
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -63,7 +63,7 @@ fn a_synthetic_trial_is_a_telemetry_log_and_the_same_every_time() {
 }
 
 #[test]
-fn what_a_synthetic_trial_is_made_without_is_not_in_it() {
+fn omitted_parts_are_missing_in_a_synthetic_trial() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
     let columns = |options: &[&str]| {
@@ -215,8 +215,8 @@ fn a_batch_draws_all_of_its_figures() {
     for name in ["boxes.svg", "phase.svg", "3cm-2.11.drag.svg", "3cm-2.11.telemetry.svg"] {
         assert!(names.iter().any(|found| found == name), "{name} in {names:?}");
     }
-    // Traces are those of the windows, though figures show the whole log: but for the rounding of a
-    // filter that begins elsewhere, some 1e-15 N.
+    // Traces cover the windows, though figures show the whole log. They differ by the rounding of a filter
+    // that starts elsewhere, some 1e-15 N.
     run(path, &with(&["--traces", "alone"]), 1);
     for name in ["free-1.2.csv", "3cm-2.11.csv"] {
         let read = |folder: &str| -> Vec<Vec<f64>> {
@@ -234,7 +234,7 @@ fn a_batch_draws_all_of_its_figures() {
 }
 
 #[test]
-fn a_report_says_what_went_in_and_is_the_same_every_time() {
+fn a_report_lists_its_inputs_and_is_reproducible() {
     let folder = set();
     let path = folder.path();
     let arguments =
@@ -250,7 +250,7 @@ fn a_report_says_what_went_in_and_is_the_same_every_time() {
     let command = "<code>shellcal report set/manifest.csv --calibration calibration.json --reference free</code>";
     assert!(html.contains(command));
     assert!(html.contains("2017-07-14T02:40:00Z") && html.contains("difference from free"));
-    // Nothing is fetched: no address in an attribute that loads.
+    // The page fetches nothing: no attribute that loads has an address.
     for loading in ["src=\"http", "href=\"http", "@import", "url(http"] {
         let own = html.split("<script>").next().unwrap();
         assert!(!own.contains(loading), "{loading}");
@@ -276,7 +276,7 @@ fn a_real_trial_is_drawn_and_its_unclear_window_refused() {
     let path = folder.path();
     fs::copy(log, path.join("run3.txt")).unwrap();
     run(path, &["import", matrix.to_str().unwrap(), "--output", "lab.json"], 0);
-    // The legs start after 0.1 s; drag comes and goes all along, and no tare of its own is quiet.
+    // The legs start after 0.1 s and drag varies all the time, so no window for a tare is quiet.
     let with = ["--calibration", "lab.json", "--tare-time", "0:0.09"];
     let (_, said) = run(path, &[&["trial", "run3.txt", "--find-window"], &with[..]].concat(), 1);
     assert!(said.contains("run3.txt: "), "{said}");
@@ -292,7 +292,7 @@ fn a_real_trial_is_drawn_and_its_unclear_window_refused() {
     fs::write(path.join("manifest.csv"), manifest).unwrap();
     run(path, &[&["report", "manifest.csv"], &with[..]].concat(), 0);
     let html = fs::read_to_string(path.join("report.html")).unwrap();
-    // Rows are missing from it, and what repeats is told.
+    // Rows are missing, and repeated rows are reported.
     assert!(html.contains("rows are missing") && html.contains("duplicates of the previous frame"));
 }
 

@@ -33,7 +33,7 @@ fn evaluate(dir: &Path, columns: &str) -> (Value, String) {
 }
 
 #[test]
-fn power_comes_from_what_the_log_has() {
+fn power_comes_from_the_available_columns() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     // 7.4 V and 500 mA for 2 s; and a power that rises by 1 W each second, from 0.5 to 2.5 s.

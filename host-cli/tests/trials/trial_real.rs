@@ -19,7 +19,7 @@ const MATRIX: &str = "skinproc/N_matrix_trial9.csv";
 /// A window amid the run, its ends between rows.
 const WINDOW: (f64, f64) = (3.0004, 7.5007);
 
-/// The log and the matrix as numbers, by code of their own.
+/// The log and the matrix as numbers, read by independent code.
 struct Plain {
     rows: Vec<Vec<f64>>,
     matrix: Vec<Vec<f64>>,
@@ -78,7 +78,7 @@ fn sections(cutoff_hz: f64, rate_hz: f64) -> [[f64; 5]; 2] {
     })
 }
 
-/// Direct form I; `start` is what has gone in and come out for ever before.
+/// Direct form I; `start` is the constant input and output before the signal.
 fn filter(signal: &[f64], sections: &[[f64; 5]], start: f64) -> Vec<f64> {
     let mut signal = signal.to_vec();
     for [b0, b1, b2, a1, a2] in sections {
@@ -137,7 +137,7 @@ fn assert_near(found: Option<f64>, expected: f64, what: &str) {
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn by_row_results_are_those_of_the_lab_s_formulas() {
+fn by_row_results_equal_those_of_the_lab_s_formulas() {
     let (log, matrix) = (real_recording(TRIAL), real_recording(MATRIX));
     let plain = Plain::read(&log, &matrix);
     let forces = ForceOptions {
@@ -187,7 +187,7 @@ fn by_row_results_are_those_of_the_lab_s_formulas() {
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn by_time_results_are_those_of_the_formulas_over_time() {
+fn by_time_results_equal_those_of_the_formulas_over_time() {
     let (log, matrix) = (real_recording(TRIAL), real_recording(MATRIX));
     let plain = Plain::read(&log, &matrix);
     let forces = ForceOptions { rate_hz: Some(999.0), ..ForceOptions::default() };
@@ -263,18 +263,18 @@ fn strides_are_found_at_the_commanded_thirteen_hertz() {
         // No stride is lost or split; under load the leg is late by up to a quarter of one.
         assert!((stride.period_s - 1.0 / 13.0).abs() < 0.3 / 13.0, "{stride:?}");
     }
-    // What is computed for the window alone is what it is with the whole log computed.
+    // The part computed for the window alone equals that of the whole log.
     let whole_log = TrialOptions { trace: TraceExtent::Log, ..TrialOptions::default() };
     let whole_log = evaluate(&log, &matrix, &whole_log);
     let (a, b) =
         (result.row.measures.drag_mean_n.unwrap(), whole_log.row.measures.drag_mean_n.unwrap());
-    // The filter's memory beyond what is computed is 1e-12 of the signal's range, some newtons.
+    // The filter's memory beyond the computed part is 1e-12 of the signal's range, some newtons.
     assert!((a - b).abs() < 1e-11, "{a} {b}");
 }
 
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
-fn a_tare_without_motion_is_taken_in_silence_and_one_with_motion_is_told() {
+fn a_tare_with_motion_warns_and_one_without_does_not() {
     let (log, matrix) = (real_recording(TRIAL), real_recording(MATRIX));
     let moving = |result: &TrialResult| {
         result.diagnostics.iter().any(|diagnostic| diagnostic.code == "moving_tare")

@@ -9,7 +9,7 @@ use system_tests::program::{Recording, Running};
 
 use super::book::root;
 
-/// A command of a page, and what it prints there.
+/// A command of a page, and its expected output.
 struct Step {
     command: String,
     expected: Vec<String>,
@@ -39,7 +39,7 @@ fn steps(page: &str) -> Vec<Step> {
     steps
 }
 
-/// Whether a line is as expected, where `[..]` stands for anything.
+/// True if a line is as expected; `[..]` matches anything.
 fn is_like(line: &str, expected: &str) -> bool {
     let mut parts = expected.split("[..]");
     let first = parts.next().unwrap();
@@ -55,7 +55,7 @@ fn is_like(line: &str, expected: &str) -> bool {
     rest.is_empty()
 }
 
-/// Whether lines are as expected, where `...` stands for any number of them.
+/// True if lines are as expected; `...` matches any number of lines.
 fn are_like(lines: &[&str], expected: &[String]) -> bool {
     match expected.split_first() {
         None => lines.is_empty(),
@@ -139,7 +139,7 @@ fn the_tutorial_leads_from_nothing_to_the_report() {
     assert!(columns > 100, "{columns}");
 }
 
-/// A column as the reference may name it: by itself, or by the ends of its row.
+/// The names of a column in the reference: its own, or with the ends of its row.
 fn named(column: &str) -> Vec<String> {
     let first = |prefix: &str| {
         let number = column.strip_prefix(prefix).and_then(|rest| rest.parse::<u8>().ok());
@@ -156,7 +156,7 @@ fn named(column: &str) -> Vec<String> {
 }
 
 #[test]
-fn a_line_is_compared_between_what_may_be_anything() {
+fn lines_match_with_wildcards() {
     assert!(
         is_like("a 12 b 3 c", "a [..] b [..] c") && is_like("x", "x") && is_like("ab", "a[..]")
     );

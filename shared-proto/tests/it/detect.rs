@@ -17,7 +17,7 @@ fn packet(i: u16, random: &mut Random) -> Packet {
 }
 
 #[test]
-fn every_framing_is_found_wherever_listening_begins() {
+fn every_framing_is_found_from_any_start() {
     let mut random = Random(1);
     for framing in Framing::ALL {
         // Without an escape, an escaped stream is also a plain one; this address needs an escape.
@@ -48,7 +48,7 @@ fn a_stream_in_api_mode_that_never_needed_an_escape_is_taken_as_plain() {
 }
 
 #[test]
-fn the_original_board_is_found_wherever_listening_begins() {
+fn the_original_board_is_found_from_any_start() {
     let scan = |i: u32| Scan {
         readings: std::array::from_fn(|c| (2_000 + 37 * c as u32 + i % 100) as u16),
         clock_us: i * 5_493,
@@ -60,7 +60,7 @@ fn the_original_board_is_found_wherever_listening_begins() {
 }
 
 #[test]
-fn nothing_is_found_in_nothing_and_in_noise() {
+fn no_framing_is_found_in_silence_and_noise() {
     let mut random = Random(3);
     let noise: Vec<u8> = (0..100_000).map(|_| random.next() as u8).collect();
     assert_eq!(detect(&noise), None);

@@ -295,7 +295,7 @@ fn api_frames_around_a_packet_have_the_bytes_of_the_manual() {
 }
 
 #[test]
-fn packets_of_other_versions_and_kinds_are_told_from_damage() {
+fn packets_of_other_versions_and_kinds_are_distinguished_from_damage() {
     let mut decoder = Decoder::new(Framing::Cobs);
     let mut events = Vec::new();
     decoder.feed(&bytes("01 03 44 02 08 6c 61 74 65 72 fa ff 00"), |event| events.push(event));
@@ -320,7 +320,7 @@ fn commands_with_arguments_that_are_not_theirs_are_unknown_commands() {
 }
 
 #[test]
-fn what_a_newer_board_says_is_read_as_far_as_it_goes() {
+fn packets_of_newer_boards_are_read_as_far_as_known() {
     let answer_in = |hex| {
         let frame = bytes(hex);
         match Packet::decode(&frame[..frame.len() - 1]) {
@@ -343,7 +343,7 @@ fn what_a_newer_board_says_is_read_as_far_as_it_goes() {
 
 /// Checks the lengths in the README.
 #[test]
-fn a_sample_of_readings_takes_at_most_44_bytes_whatever_its_values() {
+fn a_sample_of_any_readings_takes_at_most_44_bytes() {
     let mut state = 1_u64;
     let mut random = move || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);

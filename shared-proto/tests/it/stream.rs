@@ -5,7 +5,6 @@ use shared_proto::{Decoder, Event, Framing, MAX_FRAME, Packet, ReceivedPacket};
 
 use crate::common::{any_packet, any_sample, decode, on_the_wire};
 
-/// Returns the packet of an event.
 fn packet(event: &Event) -> Packet {
     match *event {
         Event::Packet(ReceivedPacket { packet, .. }) => packet,
@@ -24,7 +23,7 @@ fn encoded(packets: &[Packet]) -> Vec<Vec<u8>> {
 
 proptest! {
     #[test]
-    fn every_packet_comes_back_however_the_stream_is_cut(
+    fn every_packet_is_decoded_for_any_cuts_of_the_stream(
         sent in prop::collection::vec(any_packet(), 0..30),
         framing in prop::sample::select(&Framing::ALL[..]),
         pieces in prop::collection::vec(1..90_usize, 1..20),
@@ -68,7 +67,7 @@ proptest! {
     }
 
     #[test]
-    fn lost_bytes_cost_the_packets_they_are_of(
+    fn lost_bytes_cost_only_their_packets(
         sent in prop::collection::vec(any_packet(), 3),
         from in any::<prop::sample::Index>(),
         count in 1..40_usize,

@@ -189,12 +189,12 @@ fn check_api_frames(mode: Mode, seed: u64) {
 // the API header as well as to the packet. A frame with a wrong length and a right checksum can take an
 // intact one with it; a twentieth of one is expected in a million.
 #[test]
-fn over_api_frames_no_good_frame_is_lost_and_the_counters_are_those_of_the_faults() {
+fn over_api_frames_no_good_frame_is_lost_and_the_counters_equal_those_of_the_faults() {
     check_api_frames(Mode::Plain, 8);
 }
 
 #[test]
-fn over_escaped_api_frames_no_good_frame_is_lost_and_the_counters_are_those_of_the_faults() {
+fn over_escaped_api_frames_no_good_frame_is_lost_and_the_counters_equal_those_of_the_faults() {
     check_api_frames(Mode::Escaped, 6);
 }
 

@@ -36,7 +36,7 @@ fn serve(dir: &Path, arguments: &str) -> (Child, SocketAddr) {
         let (_, after) = line.split_once("Net F/T at ")?;
         Some(after.split(' ').next().unwrap().parse().unwrap())
     });
-    // What is said later must find somebody.
+    // Later messages need a listener.
     std::thread::spawn(move || lines.for_each(drop));
     (child, address.unwrap())
 }
@@ -94,7 +94,7 @@ fn a_client_gets_the_rows_to_a_count_also_after_a_bias() {
     assert!(plain.iter().zip(1..).all(|(record, number)| record.rdt_sequence == number));
     assert!(plain.iter().all(|record| record.status == 0), "{plain:?}");
     client.ask(RdtCommand::Bias);
-    // Those that were on their way.
+    // Records that were already on their way.
     for _ in 0..20 {
         client.next();
     }
@@ -150,7 +150,7 @@ fn saturation_and_gaps_are_in_the_status_word() {
     assert!(gaps > 5, "{gaps} gaps");
 }
 
-/// What is recorded from one program that answers as a box is what the other measured.
+/// A recording from a program that answers like a box equals the data that it sent.
 #[test]
 fn one_board_is_the_reference_of_another() {
     let (dir, other) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
@@ -285,7 +285,7 @@ fn pynetft_and_netft_read_the_forces_of_a_board() {
 }
 
 #[test]
-fn what_only_a_stream_can_is_refused_elsewhere() {
+fn options_of_streams_are_refused_by_other_commands() {
     let dir = tempfile::tempdir().unwrap();
     let child = start(dir.path(), "record tcp://127.0.0.1:1 -o a.csv --to netft");
     let said = finish(child, "record", 2);

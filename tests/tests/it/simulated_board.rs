@@ -101,7 +101,7 @@ fn load_at(time_s: f64) -> [f64; 6] {
 }
 
 #[test]
-fn forces_of_a_recording_are_those_of_the_script() {
+fn forces_of_a_recording_equal_those_of_the_script() {
     let dir = tempfile::tempdir().unwrap();
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data");
     let training = data.join("synthetic-train.csv");
@@ -260,7 +260,7 @@ fn the_self_test_finds_every_emitter_on_its_own_channel() {
 }
 
 #[test]
-fn a_lossy_radio_costs_what_it_loses_and_every_loss_is_counted() {
+fn a_lossy_radio_costs_only_its_losses_and_every_loss_is_counted() {
     let dir = tempfile::tempdir().unwrap();
     let faults =
         "loss=0.05,duplication=0.02,reordering=0.02,corruption=0.001,delay=5,bursts=0.002:5";
@@ -285,7 +285,7 @@ fn a_lossy_radio_costs_what_it_loses_and_every_loss_is_counted() {
 }
 
 #[test]
-fn bad_input_is_told() {
+fn bad_input_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let refused = |arguments: &str| run(dir.path(), &format!("board --simulate {arguments}"), 2);
     assert!(refused("--radio loss=1.5").contains("loss of 1.5"));

@@ -144,7 +144,7 @@ fn commands_come_by_the_standard_input() {
 }
 
 #[test]
-fn what_cannot_be_streamed_is_told() {
+fn inputs_that_cannot_be_streamed_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     calibration(dir);

@@ -221,7 +221,7 @@ fn the_page_works_by_keyboard_on_a_phone_and_in_the_dark() {
 
 #[test]
 #[ignore = "needs Chromium and the page"]
-fn damaged_files_are_told_one_by_one_and_the_page_stays_alive() {
+fn damaged_files_are_reported_one_by_one_and_the_page_stays_alive() {
     let dir = tempfile::tempdir().unwrap();
     fs::copy(shipped("synthetic-zero.csv"), dir.path().join("log.csv")).unwrap();
     run(
@@ -306,7 +306,7 @@ fn in_view(selector: &str) -> String {
 
 #[test]
 #[ignore = "needs Chromium and the page"]
-fn a_board_is_shown_and_its_log_is_that_of_record() {
+fn a_board_is_shown_and_its_log_equals_that_of_record() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     let example = shipped("synthetic-train.csv");
@@ -414,7 +414,7 @@ fn the_page_leads_through_planned_loads() {
 
 #[test]
 #[ignore = "needs Chromium and the page"]
-fn a_port_that_goes_away_and_a_browser_without_ports_are_told() {
+fn a_port_that_goes_away_and_a_browser_without_ports_are_reported() {
     let gone = "Object.defineProperty(navigator, 'serial', { value: { requestPort: async () => ({\
         open: async () => {}, close: async () => {}, writable: new WritableStream(),\
         readable: new ReadableStream({ start(to) { setTimeout(() => to.error(new Error('The device has been lost.')), 300); } }) }) } })";

@@ -43,14 +43,10 @@ pub struct Edges {
     pub resolution_s: f64,
 }
 
-/// Matched edges, and the resulting statistics.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct EdgeMatch {
-    /// Number of matched pairs.
     pub matched: usize,
-    /// Number of edges of the reference.
     pub reference: usize,
-    /// Number of edges of the board.
     pub board: usize,
     /// RMS residual of the pairs about offset and skew, s.
     pub residual_s: f64,

@@ -51,7 +51,7 @@ fn one_edge_gives_the_offset_and_two_the_skew() {
 }
 
 #[test]
-fn edges_that_are_missing_or_too_many_on_a_side_cost_themselves() {
+fn missing_and_extra_edges_are_left_unpaired() {
     let mut random = Random(11);
     let mut worst = 0.0_f64;
     let mut squares = [0.0; 2];
@@ -90,7 +90,7 @@ fn edges_that_are_missing_or_too_many_on_a_side_cost_themselves() {
 }
 
 #[test]
-fn a_signal_that_keeps_step_with_the_samples_has_one_error() {
+fn a_signal_in_step_with_the_samples_keeps_a_constant_error() {
     // Each edge comes just after a sample of the reference.
     let board = times(20, |i| 1.0 + 0.05 * (i * i * 7 % 23) as f64);
     let reference: Vec<f64> = board.iter().map(|t| t + 5.0 + 0.49 * PERIOD_S).collect();
@@ -115,7 +115,7 @@ fn loads(offset_s: f64) -> Option<ClockMap> {
 }
 
 #[test]
-fn a_periodic_signal_is_told_by_the_loads_or_refused() {
+fn a_periodic_signal_is_resolved_by_loads_or_refused() {
     let all = times(60, |_| 1.0);
     let reference = seen(&all[..55], 100.0, 2e-5);
     let board = all[7..].to_vec();
@@ -130,7 +130,7 @@ fn a_periodic_signal_is_told_by_the_loads_or_refused() {
 }
 
 #[test]
-fn signals_that_have_nothing_in_common_are_refused() {
+fn unrelated_signals_are_refused() {
     let mut random = Random(5);
     let mut other = || times(9, |_| 1.0 + 30.0 * random.unit());
     let apart = edges(other(), other()).clocks(None);

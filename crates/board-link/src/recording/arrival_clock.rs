@@ -144,7 +144,6 @@ impl ArrivalClock {
         Some(time_s + per_tick * (tick - origin))
     }
 
-    /// Returns the duration of a tick, s.
     pub fn tick_s(&self) -> Option<f64> {
         self.line.map(|(.., per_tick)| per_tick)
     }
@@ -197,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn what_waited_before_somebody_read_is_as_old_as_it_is() {
+    fn bytes_that_waited_unread_keep_their_age() {
         let mut clock = ArrivalClock::default();
         for tick in 0..2000_u32 {
             let sent = f64::from(tick) * 1e-3;
@@ -211,7 +210,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_tick_lasts_is_kept_while_delays_shrink() {
+    fn tick_duration_is_stable_while_delays_shrink() {
         let mut clock = ArrivalClock::known(1e-3, SAME_TICK);
         for tick in 0..400_u32 {
             let sent = f64::from(tick) * 1e-3;

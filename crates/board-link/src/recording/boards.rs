@@ -22,7 +22,6 @@ pub(crate) struct PacketWire {
 }
 
 impl PacketWire {
-    /// Creates a wire.
     pub(crate) fn new(framing: Framing) -> Self {
         let deframer = match framing {
             Framing::Cobs => None,
@@ -68,10 +67,8 @@ pub struct BoardSource {
     pub board: Option<u16>,
 }
 
-/// A board that was heard.
 #[derive(Clone, Debug)]
 pub struct HeardBoard {
-    /// The board's identity as a sender.
     pub sender: BoardSource,
     /// Frames not taken yet.
     pub frames: Vec<BoardFrame>,
@@ -101,7 +98,6 @@ enum Wire {
 }
 
 impl Boards {
-    /// Creates a decoder for a protocol.
     pub fn new(protocol: Protocol) -> Self {
         let wire = match protocol {
             Protocol::Packets(framing) => Wire::Packets(PacketWire::new(framing)),
@@ -255,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn every_board_has_a_stream_of_its_own() {
+    fn every_board_has_a_separate_stream() {
         let addresses = [Address::Short(0x2052), Address::Short(0x2053), Address::Long(7)];
         for mode in [Mode::Plain, Mode::Escaped] {
             for cut in [1, 13, 30, 37, 100] {
@@ -288,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn boards_on_one_transparent_link_have_a_stream_each_and_damage_makes_no_board() {
+    fn boards_on_one_transparent_link_have_separate_streams_and_damage_adds_no_board() {
         let packet = |sequence: u16, board| {
             let sample = Sample {
                 sequence,

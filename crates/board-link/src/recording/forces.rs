@@ -22,7 +22,6 @@ pub enum UnsuitableCalibration {
 /// Settings of the conversion from readings to forces during a recording.
 #[derive(Clone, Debug)]
 pub struct LiveForces {
-    /// The model.
     pub calibration: Calibration,
     /// Options of the conversion; the low-pass is always applied forward only.
     pub options: ForceOptions,
@@ -57,7 +56,6 @@ enum ForceStage {
 /// The force of one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Force {
-    /// Wrench in N and N·m.
     pub wrench: PerAxis<f64>,
     /// Bit i is set if channel i was outside the calibrated range.
     pub out_of_range: u64,
@@ -138,12 +136,10 @@ impl RunningForces {
         time_us + lag.map_or(0, |lag| (lag.by * 1e6).round() as i64)
     }
 
-    /// Returns the axes of the calibration.
     pub fn axes(&self) -> Axes {
         self.calibration.axes
     }
 
-    /// Returns the wrench of the newest frame.
     pub fn newest(&self) -> Option<AxisValues<f64>> {
         self.newest.map(|wrench| self.axes().values(&wrench))
     }
@@ -190,7 +186,6 @@ fn follow(
     }
 }
 
-/// Returns the readings of frames, column by column.
 fn columns(frames: &[BoardFrame]) -> Vec<Vec<f64>> {
     let column = |channel: usize| {
         let reading =

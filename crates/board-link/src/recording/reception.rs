@@ -13,14 +13,12 @@ use shared_proto::{
 /// Largest code of the original board's 12-bit converter.
 const FULL_SCALE: u16 = 4095;
 
-/// A received frame.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BoardFrame {
     /// The board's clock since its first reset in this recording, µs, unwrapped.
     pub time_us: i64,
     /// The sequence number, unwrapped; for the original board, the number of frames received.
     pub index: i64,
-    /// The measured values.
     pub measured: Measured,
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
@@ -40,7 +38,6 @@ pub struct BoardFrame {
     pub rssi_dbm: Option<i16>,
 }
 
-/// Measured values of a frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Measured {
     /// Readings in steps of the 12-bit converter.
@@ -56,7 +53,6 @@ impl Default for Measured {
 }
 
 impl Measured {
-    /// Returns the readings, if the frame holds readings.
     pub fn readings(&self) -> Option<&[f64; CHANNELS]> {
         match self {
             Self::Readings(readings) => Some(readings),
@@ -86,7 +82,6 @@ pub struct Losses {
     pub unknown: u64,
     /// Frames that the board did not take or could not send.
     pub dropped_on_board: u64,
-    /// Number of restarts of the board.
     pub restarts: u64,
     /// Edges at the sync input that the board did not send, or that were lost.
     #[serde(skip_serializing_if = "is_zero")]
@@ -164,7 +159,6 @@ pub struct Reception {
     pub(crate) start: Option<u16>,
     /// The board's message at its last start, if any.
     pub(crate) boot: Option<Boot>,
-    /// The board's identity, if reported.
     pub(crate) identity: Option<Identity>,
     /// The board's state, if reported since its last start.
     pub(crate) status: Option<Status>,
@@ -314,7 +308,6 @@ impl Reception {
         self.give(held, placed, frames);
     }
 
-    /// Returns whether a frame was received.
     pub(crate) fn has_begun(&self) -> bool {
         self.timeline.has_begun()
     }

@@ -17,7 +17,6 @@ pub const PROTOCOLS: [(&str, &str, Protocol); 4] = [
     ("original", "The original SkinProc board", Protocol::Original),
 ];
 
-/// Returns the name of a protocol.
 pub fn protocol_name(protocol: Protocol) -> &'static str {
     let named = PROTOCOLS.iter().find(|(.., known)| *known == protocol);
     named.map(|(name, ..)| *name).expect("every protocol has a name")

@@ -47,7 +47,6 @@ pub struct ReferenceCounts {
     pub missing: u64,
     /// Samples that arrived after a later one.
     pub late: u64,
-    /// Samples that arrived twice.
     pub duplicates: u64,
     /// Restarts of the sensor's count.
     pub restarts: u64,
@@ -79,7 +78,6 @@ impl ReferenceCounts {
     }
 }
 
-/// State of the thread that reads a reference.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ReferenceState {
     pub counts: ReferenceCounts,
@@ -91,11 +89,9 @@ pub struct ReferenceState {
 #[derive(Debug)]
 pub struct ReferenceInput {
     pub name: String,
-    /// Axes that it measures.
     pub axes: Axes,
     pub samples: Receiver<ReferenceSample>,
     pub state: Arc<Mutex<ReferenceState>>,
-    /// Ends the reading thread.
     pub stop: Arc<AtomicBool>,
 }
 
@@ -105,13 +101,11 @@ impl Drop for ReferenceInput {
     }
 }
 
-/// Summary of a recorded reference.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordedReference {
     pub source: String,
     #[serde(flatten)]
     pub counts: ReferenceCounts,
-    /// Rows without a wrench of the reference.
     pub rows_without: u64,
     /// Error of the reference's times on the board's clock at the end, s, without the constant parts of both
     /// delays.
@@ -159,11 +153,9 @@ pub(crate) struct ReferenceBeside {
     board: VecDeque<(i64, ArrivalClock)>,
     /// Samples that wait until their clock is settled, with their arrival times, s.
     pending: Vec<(f64, ReferenceSample)>,
-    /// Samples in the order of their times.
     samples: VecDeque<TimedSample>,
     /// The highest number of a sample in a row so far.
     last: Option<i64>,
-    /// Time of the newest sample, s.
     newest_s: f64,
     rows_without: u64,
     period_s: f64,
@@ -341,7 +333,6 @@ impl ReferenceBeside {
         board + own
     }
 
-    /// Returns the summary so far.
     pub(crate) fn recorded(&self) -> RecordedReference {
         let ReferenceState { counts, problem } = lock(&self.input.state).clone();
         RecordedReference {
@@ -363,7 +354,7 @@ mod tests {
 
     /// A reference at 1 kHz, read late now and then, and a board at 100 Hz whose clock drifts.
     #[test]
-    fn every_row_has_a_sample_that_was_sent_at_its_time() {
+    fn every_row_has_the_sample_of_its_time() {
         let (sender, samples) = channel();
         let input = ReferenceInput {
             name: "scripted".to_owned(),

@@ -58,7 +58,6 @@ pub(crate) struct Annotations {
     pub(crate) settled: Option<i64>,
 }
 
-/// Writes frames as CSV lines.
 #[derive(Clone, Debug)]
 pub(crate) struct RowWriter {
     /// True if frames hold readings; otherwise wrenches of the board.
@@ -69,7 +68,6 @@ pub(crate) struct RowWriter {
     last_index: Option<i64>,
     has_labels: bool,
     simultaneous: Simultaneous,
-    /// The axes of the reference, if there is one.
     reference: Option<Axes>,
     has_rssi: bool,
     /// The last reported temperature, °C.

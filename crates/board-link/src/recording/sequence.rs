@@ -142,7 +142,6 @@ pub(super) struct EdgeTracker {
 }
 
 impl EdgeTracker {
-    /// Takes an edge.
     pub(super) fn take(&mut self, edge: Edge) {
         let (number, arrival) = self.tracker.position(edge.number);
         if arrival == Arrival::Duplicate {
@@ -258,7 +257,7 @@ mod tests {
     proptest! {
         // Compares with bookkeeping by sets over numbers that do not wrap.
         #[test]
-        fn counts_are_those_of_a_record_of_all_arrivals(
+        fn counts_equal_those_of_a_record_of_all_arrivals(
             start in 0..65_536_i64,
             steps in prop::collection::vec((0..4_i64, 0..100_i64), 1..300),
         ) {

@@ -280,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_alone_is_left_as_it_was_and_says_so() {
+    fn a_single_frame_is_unchanged_and_flagged() {
         let mut frames: Vec<_> = (0..5).map(|index| frame(index * 2, sine)).collect();
         let out = corrected(&frames, 5);
         for (out, frame) in out.iter().zip(&frames) {
@@ -297,7 +297,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pause_of_the_stream_is_no_step_of_it() {
+    fn a_pause_of_the_stream_is_not_interpolated() {
         let mut frames: Vec<_> = (0..20).map(|index| frame(index, |_| 1000.0)).collect();
         for frame in &mut frames[10..] {
             frame.time_us += 3_000_000;
@@ -310,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_before_the_boards_word_wait_for_it_but_not_for_ever() {
+    fn frames_before_the_boards_timing_wait_with_a_timeout() {
         let mut frames: Vec<_> = (0..60).map(|index| frame(index, sine)).collect();
         let whole = corrected(&frames, 60);
         frames[..50].iter_mut().for_each(|frame| frame.timing = None);
@@ -325,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn one_that_comes_late_is_given_out_as_it_was_sampled() {
+    fn late_frames_are_written_as_sampled() {
         let frames: Vec<_> = (0..30).map(|index| frame(index, sine)).collect();
         let mut simultaneous = Simultaneous::default();
         let without = frames.iter().filter(|frame| frame.index != 4).cloned();
@@ -336,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn what_saturated_is_flagged_wherever_it_takes_part() {
+    fn frames_interpolated_from_saturated_readings_are_flagged() {
         let mut frames: Vec<_> = (0..20).map(|index| frame(index, sine)).collect();
         frames[10].saturated = 0b100;
         for frame in corrected(&frames, 20) {

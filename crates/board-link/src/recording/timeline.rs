@@ -39,11 +39,9 @@ pub(super) struct Stamp {
     pub(super) dropped: u8,
     /// The run of the board, if reported.
     pub(super) start: Option<u16>,
-    /// The host's time, if known.
     pub(super) host_us: Option<u64>,
 }
 
-/// The step between two frames.
 #[derive(Clone, Copy, Debug)]
 struct FrameStep {
     sequence: u16,
@@ -71,7 +69,6 @@ impl Stamp {
     }
 }
 
-/// The position of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FramePosition {
     /// The sequence number, unwrapped.
@@ -110,7 +107,6 @@ impl Timeline {
         self.newest.is_none_or(|(newest, _)| newest.step_to(next).clock_us.cast_signed() >= 0)
     }
 
-    /// Returns whether there is a frame.
     pub(super) fn has_begun(&self) -> bool {
         self.newest.is_some()
     }
@@ -306,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_that_stood_still_has_seen_no_restart() {
+    fn a_paused_host_is_not_a_restart() {
         let mut timeline = after_a_second();
         // 15 s later the frames that the system has buffered arrive, then the current ones.
         let stale = stamp(100, 1_000_000, 1, Some(16_000_000));
@@ -341,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn number_clock_and_start_each_tell_that_a_frame_is_out_of_step() {
+    fn frames_out_of_step_are_found_by_number_clock_or_start() {
         let timeline = after_a_second();
         let step = |sequence, clock_us, start| {
             timeline.is_followed_by(&stamp(sequence, clock_us, start, Some(1_000_000)))

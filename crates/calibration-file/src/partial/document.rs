@@ -88,7 +88,6 @@ impl PartialFit {
         Ok(partial)
     }
 
-    /// Formats the JSON document.
     pub fn to_json(&self) -> String {
         let version = PARTIAL_SCHEMA_VERSION;
         let document = PartialDocument { partial_schema_version: version, partial: self };

@@ -15,25 +15,20 @@ use serde::{Deserialize, Serialize};
 
 use super::{MergeError, PartialFit, SourceFile, Sums, expect};
 
-/// The sums of a partial fit by group.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroups {
-    /// The kind of the groups.
     pub by: GroupKind,
     /// The assignment of rows to the random folds that held-out errors are compared with.
     #[serde(flatten)]
     pub split: RandomSplit,
     /// The sums of the held-out random folds; empty if rows are not summed exactly.
     pub random: Vec<ExactSums>,
-    /// The groups.
     #[serde(rename = "sums")]
     pub groups: Vec<PartialGroup>,
 }
 
-/// A group of a partial fit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct PartialGroup {
-    /// The name of the group.
     pub label: String,
     /// The index of the source that has its first row.
     pub source: usize,

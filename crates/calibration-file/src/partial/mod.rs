@@ -30,9 +30,7 @@ pub struct PartialFit {
     pub made_by: String,
     /// Date and time, UTC, RFC 3339.
     pub date: String,
-    /// The model to fit.
     pub model: Model,
-    /// Number of invalid rows that were skipped.
     pub skipped_rows: u64,
     /// Number of rows with the same readings as the previous row.
     pub repeated_rows: u64,
@@ -48,7 +46,6 @@ pub struct PartialFit {
     /// Unknown in documents of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub summed: Option<Vec<String>>,
-    /// The label of the sensor.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensor_serial: Option<String>,
     /// The sums over all rows.
@@ -99,7 +96,6 @@ pub enum MergeError {
         expected: String,
         found: String,
     },
-    /// The labels of the sensors differ.
     #[error("it is of the sensor `{1}`, expected `{0}`")]
     Serial(String, String),
     /// A file would be counted twice.

@@ -28,7 +28,6 @@ impl<R: BufRead> PartialStream<R> {
         Self { reader, name, lines: 0, document, has_failed: false, parse: PartialFit::parse }
     }
 
-    /// Ignores checksums.
     pub fn edited(self) -> Self {
         Self { parse: PartialFit::parse_edited, ..self }
     }
@@ -118,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_told_by_its_line_in_the_stream_and_ends_it() {
+    fn a_fault_is_reported_by_line_and_ends_the_stream() {
         let good = partial(3).to_json();
         let lines = good.lines().count();
         let bad = good.replacen("\"model\"", "\"muddle\"", 1);

@@ -164,7 +164,7 @@ impl Dynamics {
                     true => "the reference lags behind the readings",
                     false => "the readings lag behind the reference",
                 };
-                format!("{what} by {by}{error} {unit}, which the fit makes up for")
+                format!("{what} by {by}{error} {unit}, corrected by the fit")
             }
             None => "no lag between readings and reference".to_owned(),
         };

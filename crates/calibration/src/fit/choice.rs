@@ -44,7 +44,7 @@ pub(super) struct ModelChoice {
     pub(super) sums: Option<GroupedSums>,
     /// Sums for the covariance by group, if `sums` do not suit the solver or the groups.
     pub(super) own_sums: Option<GroupedSums>,
-    /// The groups that the covariance holds out together, if they are stretches of time.
+    /// The groups that the covariance holds out together, if they are blocks of time.
     pub(super) stretches: Option<Vec<Range<usize>>>,
     /// The definition of the groups.
     pub(super) group_by: Option<GroupBy>,
@@ -76,7 +76,7 @@ impl ModelChoice {
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
 
-    /// Holds out each stretch of time alone for the covariance, if the groups of `sums` are stretches that
+    /// Holds out each block of time alone for the covariance, if the groups of `sums` are stretches that
     /// have, on average, at least half as many rows as the model has features. Each then adds little to the
     /// scatter of all.
     fn set_stretches(&mut self, sums: &GroupedSums, model: &Model) {

@@ -359,7 +359,7 @@ impl PairedError {
 }
 
 /// The errors of two calibrations on the rows of `data`, with the lag and memory of each corrected. They are
-/// compared by groups of a column, files, groups found in the rows, or stretches of time.
+/// compared by groups of a column, files, groups found in the rows, or blocks of time.
 ///
 /// # Errors
 /// [`FitError`] if there are fewer than two groups, or the watcher of the workers stops the pass.

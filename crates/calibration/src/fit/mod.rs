@@ -390,7 +390,7 @@ fn fit_best(input: FitInput<'_>, choice: ModelChoice) -> Result<Fit, FitError> {
     let comparison = match input.options.why_no_physics(input.train) {
         Some(reason) => Outcome::NotPossible(reason),
         None if input.train.memory_terms() > 0 => {
-            Outcome::NotPossible("it has no memory terms, which pay here".to_owned())
+            Outcome::NotPossible("it has no memory terms, which reduce the error here".to_owned())
         }
         // The physics model is fitted to rows, not to means.
         None if input.options.means => Outcome::NotAsked,

@@ -290,7 +290,7 @@ impl fmt::Display for ModelComparison {
         write!(
             f,
             "on the same {folds} folds of held-out groups physics errs by {}; {name} with ridge {ridge:e} by \
-             {}. In the mean over folds and axes physics errs {all}, {verdict}; physics is better \
+             {}. Averaged over folds and axes physics errs {all}, {verdict}; physics is better \
              {where_better}",
             errors(0),
             errors(1),

@@ -15,14 +15,13 @@ pub enum Warning {
     Weighted,
     /// Standard errors by group are not possible, for this reason.
     #[error(
-        "standard errors take rows as independent, and are too small where rows of a group resemble each other: {0}"
+        "standard errors treat rows as independent, and are too small if rows of a group are correlated: {0}"
     )]
     NotGrouped(FitError),
     /// There are no standard errors, because there are too few groups.
     #[error(
-        "no standard errors and intervals: {features} features for {groups} groups of rows; it takes twice as many \
-         groups as features, {least}, for the groups to tell how far to trust the rest. Record more, or take a smaller \
-         model or `--model physics`",
+        "no standard errors: {features} features need {least} groups of rows, found {groups}; record more or \
+         use a smaller `--model`",
         features = .0.features,
         groups = .0.groups,
         least = 2 * .0.features
@@ -36,8 +35,8 @@ pub enum Warning {
     DirectionsLeftOut(usize),
     /// A fit with about as many coefficients as rows passes through every point, regardless of their values.
     #[error(
-        "{rows} rows for {coefficients} coefficients: the errors on the training logs say little; record more poses or \
-         choose a smaller `--model`"
+        "{rows} rows for {coefficients} coefficients: overfitted; record more poses or choose a smaller \
+         `--model`"
     )]
     FewRows {
         /// Rows fitted.
@@ -47,22 +46,20 @@ pub enum Warning {
     },
     /// The share of test rows at poses of the training data.
     #[error(
-        "the test set leaks: {:.0} % of its rows were recorded at poses of the training data, with the same loads and \
-         readings, as after a random split of rows. Its errors and R² are those of training; test on other poses",
+        "the test set leaks: {:.0} % of its rows are at poses of the training data; test on other poses",
         100.0 * .0
     )]
     TestLeaks(f64),
     /// The share of training rows whose pose also has rows in other groups.
     #[error(
-        "the groups leak: {:.0} % of the rows share their pose with rows of other groups, as where labels were \
-         assigned at random. Errors on held-out groups are those of training; give one label to each pose",
+        "the groups leak: {:.0} % of the rows share a pose with other groups; give each pose one label",
         100.0 * .0
     )]
     GroupsLeak(f64),
     /// All test rows are outside the range of the training data; holds their number.
     #[error(
-        "none of the {0} test rows lies within the range of the training data: their errors are of a guess beyond it. \
-         Was the sensor zeroed anew, or the columns taken in another order?"
+        "all {0} test rows are outside the training range: check the sensor's zero and the order of the \
+         columns"
     )]
     AllOutOfRange(u64),
     /// A physics model has no intervals. The verdict reports missing intervals of a polynomial.
@@ -70,8 +67,8 @@ pub enum Warning {
     NoIntervalsAtAll(TooFewGroups),
     /// The ratio of moments to forces is an implausibly long lever, m.
     #[error(
-        "moments over forces make a lever of {0:.1} m: the moments are in mN·m, it seems; give `--moment-unit mnm`, or \
-         name the columns so"
+        "moments / forces = {0:.1} m: moments are probably in mN·m; use `--moment-unit mnm` or rename the \
+         columns"
     )]
     MomentUnit(f64),
     /// Channels that never change, numbered from 0.

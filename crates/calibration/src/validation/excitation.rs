@@ -81,8 +81,8 @@ pub enum Gap {
     Unloaded(Axis),
     /// An axis that is hardly loaded in one direction: upwards if `positive`.
     #[error(
-        "{name} is hardly loaded towards {sign}{name} ({:.1} % of its square sum): record such loads if the sensor will \
-         see them",
+        "few loads towards {sign}{name} ({:.1} % of its sum of squares): record more, if the sensor will see \
+         them",
         100.0 * share,
         name = axis.name(),
         sign = if *positive { '+' } else { '−' }
@@ -97,7 +97,8 @@ pub enum Gap {
     },
     /// Two axes that nearly always move together.
     #[error(
-        "{} and {} nearly always move together (correlation {correlation:.2}): record loads that tell them apart",
+        "{} and {} nearly always move together (correlation {correlation:.2}): record loads that separate \
+         them",
         first.name(),
         second.name()
     )]

@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_lies_in_lines_then_stands_and_at_last_loses_its_middle() {
+    fn long_labels_are_wrapped_then_rotated_then_shortened() {
         let style = (Size::Screen, Style::LABEL);
         let names = ["cheetah-trot-soft-terrain-0.5m/s", "free"];
         let set = |pitch| Names::new(style, &names, pitch);

@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn means_over_a_stride_are_means_and_end_where_they_are_cut_off() {
+    fn stride_means_end_where_the_trace_ends() {
         let t_s: Vec<f64> = (0..100).map(|i| 0.1 * f64::from(i)).collect();
         let values: Vec<f64> = t_s.iter().map(|t| 3.0 * t).collect();
         let means = smoothed(&t_s, &values, 1.05);
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_passage_is_shaded_where_it_is() {
+    fn the_passage_is_shaded_at_its_times() {
         let passage = Passage::new([1.0, 3.3], Some(0.18), 0.28);
         let svg = drag_lift_figure(Size::Screen, "t", &trace(), &passage);
         let svg = svg.svg();
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_of_what_is_not_there_say_so() {
+    fn figures_without_data_state_it() {
         let passage = Passage::new([1.0, 2.0], None, 0.28);
         let nothing = Trace { t_s: trace().t_s, ..Trace::default() };
         for figure in [

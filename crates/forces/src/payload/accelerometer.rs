@@ -119,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn frame_scale_and_offsets_are_found_again() {
+    fn known_frame_scale_and_offsets_are_recovered() {
         // Multiples of g in a frame rotated by a quarter turn, one axis 2 % too long, with offsets.
         let says = |g: &Vector| [0.02 - g[2] / 9.81, 0.05 + 1.02 * g[0] / 9.81, 0.1 - g[1] / 9.81];
         let gravity = directions();
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn forces_tell_the_frame_of_an_accelerometer() {
+    fn the_frame_of_an_accelerometer_is_found_from_forces() {
         let (s, c) = 0.7_f64.sin_cos();
         let turned = |g: &Vector| [c * g[0] - s * g[1], s * g[0] + c * g[1], g[2]];
         // In three dimensions, and in a plane.

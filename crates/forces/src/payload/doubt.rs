@@ -111,7 +111,6 @@ impl std::fmt::Display for MomentExchange {
 /// A reason to doubt the centre of mass of a fit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MomentDoubt {
-    /// The residual.
     pub left: LeftOver,
     /// The exchange that explains the moments, and its residual, N·m.
     pub cure: Option<(MomentExchange, f64)>,

@@ -25,23 +25,21 @@ pub const LEAST_SPREAD: f64 = 1e-3;
 /// The minimum number of poses: each gives six equations, and residuals need some to spare.
 const LEAST_POSES: usize = 4;
 
-/// Poses that do not determine the payload.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum PayloadError {
-    /// Too few poses.
     #[error("`{0}` poses are too few to tell what the sensor carries, `{LEAST_POSES}` are needed")]
     TooFewPoses(usize),
     /// Gravity has always pulled the same way, or its directions lie on a line. The fields hold the spread
     /// and the undetermined parameters.
     #[error(
-        "gravity turns too little in the sensor's frame: by `{spread_deg:.2}`° in all but one direction, \
-         which tells {lost}"
+        "gravity turns by only `{spread_deg:.2}`° in all but one direction of the sensor's frame, which \
+         gives {lost}"
     )]
     SameOrientation { spread_deg: f64, lost: &'static str },
     /// A mass that is not significantly positive: the body falls upwards.
     #[error(
-        "the mass comes out as `{mass_kg:.4}` kg (standard error {standard_error_kg:.4}): the forces do not \
-         follow gravity"
+        "the mass is `{mass_kg:.4}` kg, standard error {standard_error_kg:.4}: the forces do not follow \
+         gravity"
     )]
     NoMass { mass_kg: f64, standard_error_kg: f64 },
     /// A value of a pose, counted from 1, is infinite or NaN.
@@ -69,7 +67,6 @@ impl Hint for PayloadError {
 pub struct PayloadPose {
     /// The measured wrench, N and N·m.
     pub wrench: PerAxis<f64>,
-    /// Gravity in the sensor's frame, m/s².
     pub gravity_m_s2: Vector,
 }
 
@@ -78,13 +75,10 @@ pub struct PayloadPose {
 pub struct PayloadFit {
     #[serde(flatten)]
     pub payload: Payload,
-    /// The standard error of each parameter.
     pub standard_errors: Payload,
-    /// RMS residual of the forces, N.
     pub residual_rms_n: f64,
     /// RMS residual of the moments, N·m.
     pub residual_rms_nm: f64,
-    /// Number of poses.
     pub poses: usize,
     /// Mean magnitude of gravity over the poses, m/s²; the mass is a force divided by this.
     #[serde(default = "standard_gravity")]
@@ -262,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_is_found_again() {
+    fn a_known_payload_is_recovered() {
         let poses: Vec<PayloadPose> = directions().into_iter().map(pose).collect();
         let fitted = fit(&poses).unwrap();
         for (found, truth) in numbers(&fitted.payload).into_iter().zip(numbers(&TRUTH)) {
@@ -298,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn poses_that_do_not_suffice_are_told() {
+    fn insufficient_poses_are_refused() {
         let at = |angle: f64| pose([0.0, 9.81 * angle.sin(), 9.81 * angle.cos()]);
         let few = fit(&[at(0.0), at(1.0), at(2.0)]).unwrap_err();
         assert_eq!(few, PayloadError::TooFewPoses(3));

@@ -46,7 +46,6 @@ pub struct Payload {
     pub mass_kg: f64,
     /// Centre of mass c in the sensor's frame, m.
     pub centre_m: Vector,
-    /// F₀, N.
     pub force_bias_n: Vector,
     /// T₀, N·m.
     pub moment_bias_nm: Vector,

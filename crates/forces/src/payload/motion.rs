@@ -18,7 +18,6 @@ pub struct Motion {
 /// Samples that do not form a motion.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum MotionError {
-    /// Too few samples.
     #[error("it has `{0}` samples of motion at different times, at least 2 are needed")]
     TooFewSamples(usize),
     /// The clock was set back; the fields are the times of two consecutive samples, s.

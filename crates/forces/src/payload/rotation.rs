@@ -34,7 +34,6 @@ pub fn transposed(matrix: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| matrix[j][i]))
 }
 
-/// The rotation vector of a matrix, rad.
 fn rotation_vector(m: &Matrix) -> Vector {
     let sines = [m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]];
     let (sine, cosine) = (0.5 * norm(sines), 0.5 * (m[0][0] + m[1][1] + m[2][2] - 1.0));
@@ -114,7 +113,7 @@ mod tests {
     /// Expected: `scipy.spatial.transform.Rotation` of SciPy 1.17.1: `from_euler("ZYX", [0.3, -0.4, 0.5])`,
     /// which is yaw, pitch and roll, with its `as_quat` and `as_rotvec`.
     #[test]
-    fn rotations_are_those_of_scipy() {
+    fn rotations_equal_scipy() {
         let expected = [
             [0.8799231762812568, -0.43770193066667434, -0.1848032027151299],
             [0.27219213529543135, 0.7832138784613231, -0.5590057799959539],
@@ -145,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_turn_that_quickens_has_its_slope_at_the_ends_too() {
+    fn an_accelerating_turn_has_its_slope_at_the_ends_too() {
         let times = [0.0, 0.01, 0.03, 0.04, 0.06];
         let axis = [0.6, 0.0, -0.8];
         let rotations = times.map(|t| from_rotation_vector(scaled(axis, 10.0 * t * t)));

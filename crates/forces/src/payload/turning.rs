@@ -28,7 +28,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_steady_turn_pulls_outwards_and_a_faster_one_backwards() {
+    fn a_steady_turn_pulls_outwards_and_an_accelerating_one_backwards() {
         let times: Vec<f64> = (0..5).map(|i| 0.01 * f64::from(i)).collect();
         let still = [[0.0; 3]; 5];
         // 3 rad/s about z at 0.1 m along x: 0.9 m/s² outwards.

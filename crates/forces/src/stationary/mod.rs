@@ -49,7 +49,6 @@ const PART_S: f64 = 0.085;
 /// A stretch in which the sensor is at rest and unloaded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct StationaryInterval {
-    /// Time of each frame, s.
     pub times_s: Vec<f64>,
     /// Readings, counts, one column per channel.
     pub readings: Vec<Vec<f64>>,
@@ -58,17 +57,14 @@ pub struct StationaryInterval {
 }
 
 impl StationaryInterval {
-    /// Time of the first frame, s.
     pub fn start_s(&self) -> f64 {
         self.times_s.first().copied().unwrap_or(f64::NAN)
     }
 
-    /// Time of the last frame, s.
     pub fn end_s(&self) -> f64 {
         self.times_s.last().copied().unwrap_or(f64::NAN)
     }
 
-    /// The middle of the interval, s.
     pub fn middle_s(&self) -> f64 {
         0.5 * (self.start_s() + self.end_s())
     }
@@ -78,7 +74,6 @@ impl StationaryInterval {
 #[derive(Clone, Debug, PartialEq)]
 struct StationaryPart {
     frames: usize,
-    /// The levels of each channel.
     levels: Vec<RunningVariance>,
 }
 
@@ -245,7 +240,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_at_rest_rests_all_the_time_however_its_log_is_cut() {
+    fn a_sensor_at_rest_is_stationary_throughout_for_any_blocks() {
         let found = rests(|_| 0.0, 60, 10_000);
         assert_eq!((found.len(), found[0]), (120, (0.0, 0.49)));
         assert_eq!(rests(|_| 0.0, 60, 7), found);
@@ -254,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn a_load_is_no_rest_moving_or_held() {
+    fn a_moving_or_held_load_is_not_stationary() {
         // Loaded from 10 s to 40 s, held from 20 s on; the zero returns with 3 % hysteresis.
         let level = |t: f64| match t {
             t if t < 10.0 => 0.0,
@@ -268,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_clock_that_is_set_back_parts_rests() {
+    fn a_clock_that_goes_back_splits_stationary_intervals() {
         let mut finder = StationaryFinder::default();
         let times: Vec<f64> = (0..90).map(|i| f64::from(i % 45) / 100.0).collect();
         let readings = vec![vec![7.0; 90]];

@@ -20,7 +20,6 @@ pub const FALSE_ALARMS: f64 = 0.01;
 /// The level of a quantity over a stationary interval, in the unit of that quantity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct QuietLevel {
-    /// The mean.
     pub mean: f64,
     /// The noise of a frame: RMS distance from the mean.
     pub noise: f64,
@@ -42,11 +41,8 @@ pub struct ZeroChange {
 /// The change of the zero between the start and the end of a log.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ZeroMove {
-    /// Number of stationary intervals.
     pub rests: u64,
-    /// The middle of the first interval, s.
     pub first_s: f64,
-    /// The middle of the last interval, s.
     pub last_s: f64,
     /// The changes of the wrench, N and N·m.
     #[serde(serialize_with = "super::super::tare::by_column")]
@@ -73,7 +69,6 @@ impl QuietLevel {
         }
     }
 
-    /// The level of the wrench over a stationary interval.
     pub fn from_wrench(calibration: &Calibration, rest: &StationaryInterval) -> PerAxis<Self> {
         let mut wrench = PerAxis::default();
         calibration.wrench(&rest.readings, &mut wrench);
@@ -180,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn chance_alone_exceeds_the_limit_as_often_as_is_said() {
+    fn noise_alone_exceeds_the_limit_at_the_stated_rate() {
         let mut noise = Noise(1);
         let parts = [10; PARTS];
         let mut level =

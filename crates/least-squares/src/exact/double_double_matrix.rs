@@ -57,7 +57,6 @@ impl DoubleDoubleMatrix {
         self.upper[i * (2 * self.size + 1 - i) / 2 + j - i]
     }
 
-    /// The matrix rounded to `f64`.
     pub(crate) fn rounded(&self) -> SymmetricMatrix {
         SymmetricMatrix::from_fn(self.size, |i, j| self.get(i, j).to_f64())
     }
@@ -158,7 +157,6 @@ impl ElementLanes {
         DoubleDouble::from_parts(self.heads[lane], self.tails[lane])
     }
 
-    /// `self −= factor·other`.
     #[inline(always)]
     pub(crate) fn take_away(&mut self, factor: DoubleDouble, other: &ElementLanes) {
         let factor = -factor;
@@ -272,7 +270,6 @@ vectorised! {
     }
 }
 
-/// `row −= factor·other`.
 #[inline(always)]
 fn take_away(row: &mut AxisRow, factor: DoubleDouble, other: &AxisRow) {
     let factor = -factor;
@@ -316,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn refinement_gives_all_digits_of_a_solution_that_f64_gives_five_of() {
+    fn refinement_gives_all_digits_where_f64_gives_five() {
         // κ₂ of the Hilbert matrix of order seven is 4.8e8, so κ·2⁻⁵³ = 5e-8.
         let matrix = hilbert(7);
         for row in matrix.solve(&row_sums(&matrix)).unwrap() {
@@ -325,14 +322,14 @@ mod tests {
     }
 
     #[test]
-    fn what_refinement_cannot_solve_it_leaves() {
+    fn refinement_that_does_not_converge_gives_no_solution() {
         // κ₂ = 1.7e16.
         let matrix = hilbert(12);
         assert!(matrix.solve(&row_sums(&matrix)).is_none());
     }
 
     #[test]
-    fn an_indefinite_matrix_and_one_of_zeros_have_no_solution_here() {
+    fn indefinite_and_zero_matrices_have_no_solution() {
         let b = vec![[DoubleDouble::ONE; LANES]; 2];
         for upper in [[1, 2, 1], [0, 0, 0]] {
             assert!(DoubleDoubleMatrix::new(upper.into_iter(), &[0, 0]).solve(&b).is_none());

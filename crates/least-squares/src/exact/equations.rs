@@ -81,13 +81,11 @@ impl ExactSums {
         Err(FitError::OtherFeatures { kept: summed.name(), asked: model.name() })
     }
 
-    /// The mean of the readings of a channel, rounded to an integer.
     pub(crate) fn rounded_mean(&self, channel: usize) -> i64 {
         let rows = i128::from(self.rows);
         (self.sum_of(channel) + rows / 2).div_euclid(rows) as i64
     }
 
-    /// The sum of the readings of a channel.
     pub(crate) fn sum_of(&self, channel: usize) -> i128 {
         let channel = u8::try_from(channel).expect("as many channels as terms name");
         self.readings[self.layout.position(Term::product(&[channel]), Term::INTERCEPT)]
@@ -126,7 +124,6 @@ const REFINE_ABOVE: f64 = 1e5;
 /// The relative size of a correction that does not change the coefficients rounded to `f64`.
 const DONE: f64 = 1.0 / (1u64 << 60) as f64;
 
-/// The normal equations in integers.
 pub(crate) struct IntegerEquations<'a> {
     moments: &'a ExactSums,
     model: Model,

@@ -139,7 +139,6 @@ pub struct PartSums {
     pub(crate) rows: u64,
     /// The upper triangle of the Gram matrix, row by row.
     pub(crate) gram: Vec<i128>,
-    /// Sums of the features.
     pub(crate) features: Vec<i128>,
     pub(crate) right: Vec<AxisRow>,
     /// Sums of the wrench and of its squares.
@@ -154,7 +153,6 @@ pub(crate) struct EquationScales {
     pub(crate) terms: Vec<Term>,
     /// The position of the product of each pair of terms among the sums of readings, row by row.
     pub(crate) positions: Vec<usize>,
-    /// The unit of the readings of each channel.
     pub(crate) units: Vec<ReadingUnit>,
     pub(crate) centre: Vec<i64>,
     pub(crate) columns: Vec<i32>,
@@ -404,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn sums_give_what_the_rows_themselves_give_by_the_definition() {
+    fn sums_give_the_same_results_as_rows_by_definition() {
         let (readings, wrench, groups) = rows();
         let total = moments(&readings, &wrench, |_| true);
         let part = |g| (format!("pose {g}"), moments(&readings, &wrench, |row| groups[row] == g));

@@ -64,7 +64,6 @@ impl ScaledIntegers {
     }
 }
 
-/// Bits per digit of [`digit_planes`].
 pub(crate) const DIGIT_BITS: u32 = 32;
 
 /// Splits integers into digits that carry the sign of their integer. Returns one vector per digit, lowest
@@ -90,7 +89,6 @@ impl DigitPlanes {
         self.0.iter().map(move |plane| plane[position])
     }
 
-    /// The integer at a position.
     pub(crate) fn value(&self, position: usize) -> BigInt {
         join(self.digits(position), DIGIT_BITS)
     }

@@ -35,7 +35,6 @@ pub(crate) struct Monomial {
 impl Monomial {
     const ONE: Self = Self { factors: [0; MAX_DEGREE] };
 
-    /// The product of two features.
     pub(crate) fn product(left: Term, right: Term) -> Self {
         let mut factors = [0; MAX_DEGREE];
         let both = left.factors().iter().chain(right.factors());
@@ -64,7 +63,6 @@ impl Monomial {
 /// One dense block of products of features.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ProductGroup {
-    /// Features on the left.
     pub(crate) left: Vec<usize>,
     /// Consecutive features on the right.
     pub(crate) right: Range<usize>,
@@ -86,7 +84,6 @@ pub(crate) struct SumLayout {
     pub(crate) features: Vec<Term>,
     /// The rule that computes each feature from earlier ones.
     pub(crate) recipe: Vec<Recipe>,
-    /// The blocks of products.
     pub(crate) groups: Vec<ProductGroup>,
     monomials: Vec<Monomial>,
     index: HashMap<Monomial, usize>,
@@ -95,7 +92,6 @@ pub(crate) struct SumLayout {
 }
 
 impl SumLayout {
-    /// The layout for a basis over `channels` channels.
     pub(crate) fn new(basis: Basis, channels: usize) -> Self {
         let model = Model { basis, intercept: false, channels, memory: 0 };
         let features = model.terms();

@@ -201,7 +201,6 @@ pub(crate) struct Limbs {
 }
 
 impl Limbs {
-    /// `count` limbs for integers.
     pub(crate) fn from_integers(width: u32, count: usize) -> Self {
         Self { unit: 0, width, count }
     }
@@ -253,7 +252,7 @@ mod tests {
     use crate::model::Basis;
 
     #[test]
-    fn sums_of_a_block_never_exceed_what_is_exact() {
+    fn sums_of_a_block_stay_exact() {
         let wrench = [BinaryPlaces::new(&[1e-3, 500.0 / 3.0]); 6];
         for basis in Basis::ALL {
             let layout = SumLayout::new(basis, 2);
@@ -313,7 +312,7 @@ mod tests {
     }
 
     #[test]
-    fn places_of_subnormal_and_of_no_numbers() {
+    fn places_of_subnormal_numbers_and_of_an_empty_column() {
         assert_eq!(BinaryPlaces::new(&[0.0, -0.0]), BinaryPlaces::NONE);
         assert_eq!(BinaryPlaces::new(&[5e-324]), BinaryPlaces { low: -1074, high: -1073 });
         assert_eq!(BinaryPlaces::new(&[-6.0, 0.5]), BinaryPlaces { low: -1, high: 3 });

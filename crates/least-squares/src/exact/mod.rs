@@ -4,7 +4,7 @@
 //! element of the normal equations `XᵀX·C = XᵀW` is an integer times a power of two. An [`Accumulator`] sums
 //! them exactly, with ordinary vector arithmetic on sufficiently small integers. The result, [`ExactSums`],
 //! does not depend on the order and grouping of the rows. [`ExactSums::solve`] then moves the origin of every
-//! channel to its mean, still exactly, and solves in double-double arithmetic, whose extra digits make up for
+//! channel to its mean, still exactly, and solves in double-double arithmetic, whose extra digits replace
 //! those that forming `XᵀX` can cost. Loss of rank is decided by integer arithmetic, not by a tolerance.
 //!
 //! Not supported: readings with fractions finer than 1/256 that are not decimals of few digits, and wrenches

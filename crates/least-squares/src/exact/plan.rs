@@ -215,7 +215,6 @@ impl OpenSums {
         }
     }
 
-    /// Adds the sums of products of axes.
     fn add_squares(&self, moments: &mut ExactSums, sums: &mut impl Iterator<Item = i128>) {
         let squares = &self.plan.squares;
         for (left, of_left) in squares.iter().enumerate() {

@@ -26,7 +26,6 @@ pub struct ExactSums {
     pub(crate) basis: Basis,
     pub(crate) layout: Arc<SumLayout>,
     pub(crate) rows: u64,
-    /// One range per channel.
     pub(crate) channels: Vec<ChannelRange>,
     /// Sums of monomials of the scaled readings, in the order of the layout.
     pub(crate) readings: Vec<i128>,
@@ -148,7 +147,6 @@ impl ExactSums {
         rest
     }
 
-    /// The unit of the readings of each channel.
     pub(crate) fn units(&self) -> Vec<ReadingUnit> {
         self.channels.iter().map(|channel| channel.unit).collect()
     }
@@ -163,7 +161,6 @@ impl ExactSums {
         Cow::Owned(rescaled)
     }
 
-    /// Converts the readings to finer units.
     pub(crate) fn rescale(&mut self, units: &[ReadingUnit]) {
         for (i, &unit) in units.iter().enumerate() {
             let by = self.channels[i].unit.ratio(unit);

@@ -224,7 +224,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn fractions_are_found_again(n in 1 - (1i64 << 39)..1 << 39, d in 1i64..1 << 20) {
+        fn fractions_are_recovered_from_residues(n in 1 - (1i64 << 39)..1 << 39, d in 1i64..1 << 20) {
             let value = product(residue(n.into()), inverse(d as u64));
             let (found_n, found_d) = fraction(value).unwrap();
             prop_assert_eq!(i128::from(found_n) * i128::from(d), i128::from(n) * i128::from(found_d));

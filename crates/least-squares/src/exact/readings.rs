@@ -16,13 +16,11 @@ pub struct ReadingUnit {
 }
 
 impl ReadingUnit {
-    /// One count.
     pub(crate) const COUNT: Self = Self { twos: 0, fives: 0 };
     /// Eight binary and five decimal places. With a finer unit, the readings of a useful range would not be
     /// integers of 16 bits.
     const FINEST: Self = Self { twos: 8, fives: 5 };
 
-    /// Number of units in a count.
     pub(crate) fn per_count(self) -> u32 {
         5u32.pow(self.fives) << self.twos
     }
@@ -119,7 +117,6 @@ impl ChannelRange {
                 && self.highest - self.lowest < 1 << 16)
     }
 
-    /// The middle of the range.
     pub(crate) fn middle(&self) -> i64 {
         if self.lowest > self.highest { 0 } else { (self.lowest + self.highest + 1).div_euclid(2) }
     }

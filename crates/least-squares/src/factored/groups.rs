@@ -357,7 +357,7 @@ mod tests {
     }
 
     #[test]
-    fn r_factors_give_what_the_rows_themselves_give_by_the_definition() {
+    fn r_factors_give_the_same_results_as_rows_by_definition() {
         for (basis, intercept, apart) in [
             (Basis::Cubic, true, 0.5),
             (Basis::Quadratic, false, 0.5),
@@ -397,7 +397,7 @@ mod tests {
 
     /// Separate recordings have separate centres.
     #[test]
-    fn merged_r_factors_are_those_of_all_rows_whatever_centre_they_are_about() {
+    fn merged_r_factors_equal_that_of_all_rows_for_any_centre() {
         let block = block(0.5);
         let half = block.rows / 2;
         let part = |first: bool, centre: f64| {

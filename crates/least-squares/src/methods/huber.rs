@@ -318,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn wild_rows_hardly_move_the_answer_and_clean_rows_give_least_squares() {
+    fn outliers_hardly_change_the_fit_and_clean_rows_give_least_squares() {
         let x = Mat::from_fn(200, 2, |i, j| if j == 0 { i as f64 } else { 1.0 });
         let wave = |i: usize| ((i * 37) % 19) as f64 / 19.0 - 0.5;
         let line = |i: usize| 3.0 * i as f64 - 7.0;
@@ -363,7 +363,7 @@ mod tests {
     }
 
     #[test]
-    fn reweighted_least_squares_comes_to_the_same() {
+    fn reweighted_least_squares_gives_the_same_fit() {
         let mut random = Random(3);
         let mut unit = move || random.unit();
         let mut compared = 0;
@@ -396,7 +396,7 @@ mod tests {
     }
 
     #[test]
-    fn a_handful_of_rows_has_an_answer_that_solves_the_equations() {
+    fn a_few_rows_have_a_solution_of_the_equations() {
         let mut random = Random(7);
         let mut unit = move || random.unit();
         for case in 0..400 {

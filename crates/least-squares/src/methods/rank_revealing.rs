@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn truncation_shares_a_coefficient_between_equal_columns_and_tells_the_rank() {
+    fn truncation_shares_a_coefficient_between_equal_columns_and_returns_the_rank() {
         let x = Mat::from_fn(60, 4, |i, j| if j == 3 { noise(i, 1) } else { noise(i, j) });
         let y = Mat::from_fn(60, 1, |i, _| 3.0 * noise(i, 0) + 4.0 * noise(i, 1));
         let rows = || Dense::new(x.as_ref(), None, y.as_ref());

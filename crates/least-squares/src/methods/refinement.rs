@@ -14,7 +14,6 @@ use super::wide_matrix::{LANES, LaneSums, Wide, WideMatrix, add_multiple, add_pr
 use crate::double_double::DoubleDouble;
 use crate::r_factor::{LeastSquares, LeastSquaresError, RFactor, Ridge};
 
-/// Maximum number of corrections.
 const MOST_CORRECTIONS: usize = 12;
 
 /// `Xᵀ(Y − X·C)`.

@@ -54,7 +54,6 @@ pub(super) struct WideColumns {
 }
 
 impl WideColumns {
-    /// Copies columns of a chunk.
     pub(super) fn new(chunk: &RowChunk<'_>, columns: Range<usize>) -> Self {
         let elements = columns.len() * chunk.rows;
         let (mut heads, mut tails) = (Vec::with_capacity(elements), Vec::with_capacity(elements));

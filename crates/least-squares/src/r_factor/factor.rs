@@ -39,7 +39,7 @@ impl RFactor {
     /// Solves for the coefficients.
     ///
     /// Singular values of the equilibrated `R` count as zero if rounding in the factorisation may have
-    /// produced them from zero. A ridge makes up for those directions, so rank is then only reported.
+    /// produced them from zero. A ridge determines those directions, so rank is then only reported.
     ///
     /// # Errors
     /// [`LeastSquaresError`] if there are too few rows or dependent columns and no ridge, if the columns are
@@ -320,7 +320,7 @@ mod tests {
     }
 
     #[test]
-    fn residuals_are_orthogonal_to_the_columns_and_their_products_are_told() {
+    fn residuals_are_orthogonal_to_the_columns_and_their_products_are_returned() {
         let (x, y) = (noise(3000, 9, 3), noise(3000, 6, 4));
         let solved = least_squares(x.as_ref(), y.as_ref(), Ridge::NONE).unwrap();
         let residual = &y - &x * &solved.coefficients;
@@ -334,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn condition_is_that_of_columns_of_norm_one() {
+    fn condition_equals_that_of_columns_of_norm_one() {
         // Columns (1, 0) and (cos t, sin t) have singular values √(1 ± cos t).
         let t = 1e-3_f64;
         let x = Mat::from_fn(2, 2, |i, j| [[1.0, t.cos() * 1e9], [0.0, t.sin() * 1e9]][i][j]);
@@ -362,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn nearly_dependent_columns_are_told_from_dependent_ones() {
+    fn nearly_dependent_columns_are_distinguished_from_dependent_ones() {
         for gap in [1e-4, 1e-8, 1e-11] {
             let mut x = noise(1000, 5, 7);
             for i in 0..1000 {
@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn columns_of_zeros_are_dependent_and_a_ridge_answers_zero_for_them() {
+    fn columns_of_zeros_are_dependent_and_have_zero_coefficients_with_a_ridge() {
         let mut x = noise(50, 3, 8);
         x.col_mut(1).fill(0.0);
         let y = noise(50, 2, 9);
@@ -404,7 +404,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_rows_and_what_is_not_finite_are_errors() {
+    fn too_few_rows_and_infinite_values_are_errors() {
         let y = noise(3, 1, 12);
         let error = least_squares(noise(3, 4, 13).as_ref(), y.as_ref(), Ridge::NONE).unwrap_err();
         assert_eq!(error, LeastSquaresError::TooFewRows { rows: 3, columns: 4 });
@@ -469,7 +469,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn they_are_those_of_all_singular_values(
+        fn null_vectors_equal_those_of_a_full_svd(
             size in 1..60_usize,
             exponent in -6.0..1.0,
             seed in any::<u64>(),
@@ -490,7 +490,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_singular_values_settle_and_a_zero_is_left_to_others() {
+    fn equal_singular_values_converge_and_a_zero_is_left_to_the_caller() {
         let equal = by_recursion(&Mat::identity(200, 200)).unwrap();
         assert!(equal.iter().all(|value| (value - 1.0).abs() < 1e-13), "{equal:?}");
         let mut singular = upper(200, 0.1, 7);

@@ -371,7 +371,7 @@ mod tests {
         }
 
         #[test]
-        fn eigenvalues_and_vectors_are_those_of_faer(
+        fn eigenvalues_and_vectors_equal_those_of_faer(
             (size, numbers) in matrices(),
             shift in 0.0..300.0,
             rank in 0..24_usize,
@@ -389,7 +389,7 @@ mod tests {
         }
 
         #[test]
-        fn a_root_has_the_square_of_what_it_is_of(
+        fn the_square_of_a_root_is_the_matrix(
             (rows, size, numbers) in (1..20_usize, 1..12_usize).prop_flat_map(|(rows, size)| {
                 (Just(rows), Just(size), prop::collection::vec(-1.0..1.0, rows * size))
             }),
@@ -407,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_factor_and_no_eigenvalues_is_refused() {
+    fn matrices_without_factor_or_eigenvalues_are_refused() {
         let of =
             |diagonal: f64| SymmetricMatrix::from_fn(2, |i, j| if i == j { diagonal } else { 1.0 });
         assert!(of(1.5).cholesky().is_some());

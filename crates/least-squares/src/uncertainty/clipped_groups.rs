@@ -139,7 +139,7 @@ mod tests {
     }
 
     #[test]
-    fn without_wild_rows_it_is_near_least_squares_and_wild_rows_hardly_widen_it() {
+    fn errors_are_near_least_squares_and_outliers_hardly_widen_them() {
         let errors = |block: &Block, kind: SolverKind| {
             let solution = fit(kind, block);
             let found = match kind {

@@ -82,7 +82,7 @@ impl Covariance {
 
     /// The covariance of the fit of `model` to all rows of `sums`, with errors that are correlated within its
     /// groups. `ridge` is as in [`ExactSums::solve`](crate::exact::ExactSums::solve). With `are_stretches`,
-    /// groups are stretches of time without other differences.
+    /// groups are blocks of time without other differences.
     ///
     /// # Errors
     /// [`FitError`] if there are too few groups, or the model cannot be fitted without one of them.
@@ -113,7 +113,7 @@ impl Covariance {
 
     /// Like [`Covariance::from_groups`], for a solution by `method`, from R factors of its rows: for rows
     /// that cannot be summed exactly, and methods that cannot use sums. `ridge` is the requested value. If
-    /// groups are stretches of time, `files` lists the ranges of groups that are held out together, such as
+    /// groups are blocks of time, `files` lists the ranges of groups that are held out together, such as
     /// whole files.
     ///
     /// # Errors

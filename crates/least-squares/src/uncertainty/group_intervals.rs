@@ -31,7 +31,7 @@ pub struct GroupIntervals {
 /// The level is too high for the number of groups.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error(
-    "an interval of {} % needs `{needed}` held-out groups or stretches of time, there are `{groups}`",
+    "an interval of {} % needs `{needed}` held-out groups or blocks of time, there are `{groups}`",
     100.0 * level
 )]
 pub struct TooFewGroups {
@@ -202,7 +202,7 @@ mod tests {
     }
 
     #[test]
-    fn with_one_row_a_group_it_is_the_conformal_quantile() {
+    fn one_row_per_group_gives_the_conformal_quantile() {
         let sizes: Vec<[f64; 1]> = (1..=39).map(|i| [f64::from(i)]).collect();
         let groups: Vec<&[f64]> = sizes.iter().map(|size| &size[..]).collect();
         // ⌈(39 + 1)·0.95⌉ = 38, ⌈40·0.5⌉ = 20.
@@ -216,7 +216,7 @@ mod tests {
     }
 
     #[test]
-    fn groups_without_scatter_are_as_one_row_each_and_normal_ones_have_normal_quantiles() {
+    fn groups_without_scatter_count_as_one_row_and_normal_errors_have_normal_quantiles() {
         let alone: Vec<PerAxis<(f64, f64)>> = (1..=39).map(|i| [(f64::from(i), 0.0); 6]).collect();
         let intervals = GroupIntervals::from_groups(&alone);
         for (level, expected) in [(0.95, 38.0), (0.5, 20.0)] {

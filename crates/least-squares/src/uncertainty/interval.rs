@@ -31,8 +31,7 @@ pub enum NoIntervals {
     /// Rows of one pose are correlated, and intervals that count each row as an observation have far less
     /// coverage than their level.
     #[error(
-        "the standard errors take every row as independent, and no groups of rows were held out: an interval from them \
-         would hold less than it says"
+        "no groups were held out, so an interval would be too narrow: rows of one pose are not independent"
     )]
     IndependentRows,
     /// There are too few groups.
@@ -126,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_those_of_the_tables() {
+    fn quantiles_equal_those_of_the_tables() {
         // Abramowitz & Stegun, tables 26.5 and 26.10.
         for (level, expected) in [(0.5, 0.67449), (0.95, 1.95996), (0.99, 2.57583)] {
             assert!((normal_quantile(level) - expected).abs() < 1e-5);
@@ -157,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn without_a_shape_and_with_that_of_normal_errors_an_interval_is_students() {
+    fn intervals_without_shape_or_with_normal_shape_are_students() {
         let mut sizes = PerAxis::<Magnitudes>::default();
         for i in 0..100_000 {
             let z = normal_quantile((f64::from(i) + 0.5) / 1e5);
@@ -180,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn shapes_that_do_not_fit_together_are_told() {
+    fn inconsistent_shapes_are_refused() {
         let shape = ErrorShape { levels: vec![0.5, 0.9], quantiles: Default::default() };
         assert!(shape.check().unwrap_err().contains("quantiles"));
         let shape = ErrorShape { levels: vec![0.9, 0.5], quantiles: PerAxis::default() };

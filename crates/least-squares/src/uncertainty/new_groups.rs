@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn scores_are_those_of_fits_to_the_other_rows() {
+    fn scores_equal_those_of_fits_to_the_other_rows() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let block = block(12);
         let grouped = sums(&block);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scatter_of_all_stretches_does_for_those_without_one() {
+    fn the_scatter_of_all_blocks_replaces_a_missing_one() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let sums = sums(&block(40));
         let intervals = |are_stretches: bool| {
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn many_groups_need_no_intervals_of_their_own_and_few_tell_low_levels_only() {
+    fn many_groups_give_all_levels_and_few_give_low_ones() {
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let of = |groups| {
             let sums = sums(&block(groups));

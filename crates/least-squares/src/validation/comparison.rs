@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn with_folds_of_one_size_it_is_the_ratio_of_two_means_and_its_standard_error() {
+    fn equal_folds_give_the_ratio_of_two_means_and_its_standard_error() {
         let (first, second) = ([1.0, 4.0, 9.0].map(fold), [4.0, 16.0, 9.0].map(fold));
         let found = Comparison::new(&first, &second, &[4.0; 6]);
         // Means 2 and 3; 1/2 − 2/3, 2/2 − 4/3 and 3/2 − 3/3 are −1/6, −1/3 and 1/2: s = 0.441, over √3.

@@ -236,7 +236,6 @@ pub struct GroupWorker {
     open: VecDeque<SummedRows>,
 }
 
-/// A set of rows that are summed together.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum SummedRows {
     /// The rows of a random fold.
@@ -380,7 +379,7 @@ mod tests {
     }
 
     #[test]
-    fn more_groups_than_stay_open_are_summed_as_each_alone_by_any_workers() {
+    fn more_groups_than_stay_open_have_the_sums_of_separate_groups_for_any_workers() {
         // 420 rows per group, more than a full block, so that every group is open at some time.
         const GROUPS: usize = 2 * MAX_OPEN + 2;
         const ROWS: usize = 420 * GROUPS;
@@ -410,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn more_groups_than_may_be_are_dealt_whole_into_sets_and_counted() {
+    fn more_groups_than_the_limit_are_merged_into_sets_and_counted() {
         const GROUPS: usize = 3 * MAX_GROUPS;
         const ROWS: usize = 2 * GROUPS;
         let sum = |apart: Apart, parts: usize| {

@@ -187,7 +187,7 @@ mod tests {
 
     /// Compares with exact sums of the same rows: seven groups, each of them a fold.
     #[test]
-    fn errors_are_those_that_exact_sums_tell() {
+    fn errors_equal_those_of_exact_sums() {
         let fold = |group: usize| -> Block {
             let rows = 40 + group;
             let of = |column: usize, row: usize| noise(group * 4000 + row * 31 + column);

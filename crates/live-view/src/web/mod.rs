@@ -69,7 +69,6 @@ impl fmt::Debug for OpenDocument {
 /// Content of the server.
 #[derive(Clone, Debug, Default)]
 pub struct Site {
-    /// The page, HTML.
     pub page: String,
     /// Nonce of the page's scripts and styles; others are not run.
     pub nonce: String,
@@ -136,7 +135,6 @@ impl Server {
         Ok(Self { shared, address })
     }
 
-    /// Returns the address on which it listens.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
@@ -155,7 +153,6 @@ impl Server {
         self.shared.changed.notify_all();
     }
 
-    /// Takes the oldest waiting order.
     pub fn next_order(&self) -> Option<&'static str> {
         self.shared.state().orders.pop_front()
     }
@@ -436,7 +433,7 @@ mod tests {
 
     /// Each silent connection would block a place for [`PATIENCE`].
     #[test]
-    fn who_says_nothing_locks_nobody_out() {
+    fn a_silent_client_does_not_block_others() {
         let server = server();
         let silent: Vec<TcpStream> =
             (0..40).map(|_| TcpStream::connect(server.address()).unwrap()).collect();
@@ -451,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn an_open_document_is_for_programs_and_nothing_else_is() {
+    fn only_the_open_document_allows_requests_without_token() {
         let server = server();
         let ask = |request: &str| {
             let mut stream = TcpStream::connect(server.address()).unwrap();
@@ -481,7 +478,7 @@ mod tests {
 
     /// A publisher that waited for a listener that reads nothing would wait ten times for [`PATIENCE`].
     #[test]
-    fn who_takes_nothing_holds_up_nobody_and_is_dropped() {
+    fn a_client_that_does_not_read_is_dropped_and_delays_no_other() {
         let server = server();
         let stuck = listen(&server);
         wait_for_listeners(&server, 1);
@@ -527,7 +524,7 @@ mod tests {
     }
 
     #[test]
-    fn orders_that_nobody_takes_do_not_pile_up() {
+    fn orders_that_are_not_taken_are_dropped() {
         let server = server();
         let post = || {
             let mut stream = TcpStream::connect(server.address()).unwrap();

@@ -49,7 +49,6 @@ pub(super) fn end_of_head(bytes: &[u8]) -> Option<usize> {
     bytes.windows(4).position(|window| window == b"\r\n\r\n").map(|position| position + 4)
 }
 
-/// Parses a complete head.
 pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let text = std::str::from_utf8(head).map_err(|_| HttpRefusal::MALFORMED)?;
     let text = text.strip_suffix("\r\n\r\n").ok_or(HttpRefusal::MALFORMED)?;
@@ -127,7 +126,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_request_is_refused() {
+    fn malformed_requests_are_refused() {
         let refused =
             |head: &str, why: HttpRefusal| assert_eq!(parse(head.as_bytes()), Err(why), "{head}");
         for head in [
@@ -156,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_a_head_is_found_however_it_arrives() {
+    fn the_end_of_a_head_is_found_for_any_pieces() {
         let head = b"GET / HTTP/1.1\r\nHost: a\r\n\r\nrest";
         let end = head.len() - 4;
         assert_eq!(end_of_head(head), Some(end));
@@ -164,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn only_the_whole_secret_is_the_secret() {
+    fn a_partial_token_is_refused() {
         assert!(is_same("0123abcd", "0123abcd"));
         for other in ["", "0123abc", "0123abcd0", "0123abce", "1123abcd", "0123ABCD"] {
             assert!(!is_same(other, "0123abcd"), "{other}");
@@ -172,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_are_ours_and_names_are_not() {
+    fn host_addresses_are_accepted_and_host_names_refused() {
         let ours =
             ["127.0.0.1:80", "127.0.0.1", "localhost", "LocalHost:8080", "[::1]:9", "[fe80::1]"];
         for host in ours.into_iter().chain(["192.168.1.7:5000"]) {

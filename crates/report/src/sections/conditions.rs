@@ -101,7 +101,7 @@ fn answers(compared: &[Compared<'_>], reference: &str) -> String {
         };
         let _ = match (listed.is_empty(), known.len() - listed.len()) {
             (true, _) | (_, 0) => writeln!(html, ".</p>"),
-            (_, alike) => writeln!(html, "; of {alike} more it cannot be told.</p>"),
+            (_, alike) => writeln!(html, "; no significant difference in {alike} more.</p>"),
         };
     }
     html

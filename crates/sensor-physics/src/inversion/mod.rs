@@ -326,7 +326,6 @@ mod tests {
         }
     }
 
-    /// Readings at wrenches in units of the scales.
     fn readings(wrenches: &[PerAxis<f64>]) -> Vec<Vec<f64>> {
         let of = |position: usize| -> Vec<f64> {
             let answer = |x: &PerAxis<f64>| Answer::at(&parameters(position), x).value;
@@ -360,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn a_row_has_the_same_bits_whatever_rows_are_beside_it() {
+    fn a_row_has_the_same_bits_next_to_any_rows() {
         let readings = readings(&wrenches(53));
         let inversion = Inversion::new(&model());
         let all = inversion.estimates(&readings);
@@ -371,7 +370,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_on_its_plateau_is_told_and_the_others_do_without() {
+    fn a_sensor_on_its_plateau_is_flagged_and_the_others_suffice() {
         let (model, mut wrench) = (model(), [0.1; 6]);
         // Along the gains of one sensor, up its curve.
         let gains: PerAxis<f64> = std::array::from_fn(|axis| parameters(4)[1 + axis]);
@@ -390,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_that_reads_what_no_wrench_explains_is_left_out_and_told() {
+    fn a_sensor_with_inexplicable_readings_is_left_out_and_flagged() {
         let model = model();
         let wrench = [0.1, -0.2, 0.3, 0.2, -0.1, 0.05];
         let mut columns = readings(&[wrench, wrench]);

@@ -11,7 +11,6 @@ use Dimension::{Angle, Length, Number, Pressure};
 pub struct Parameter {
     /// Its name on the command line.
     pub name: &'static str,
-    /// Its physical dimension.
     pub dimension: Dimension,
     position: Position,
 }
@@ -56,7 +55,6 @@ impl Parameter {
         Self { name, dimension, position }
     }
 
-    /// The parameter with this name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|parameter| parameter.name == name)
     }
@@ -97,7 +95,6 @@ pub struct GridAxis {
 pub struct GridCell {
     /// A value for every axis.
     pub values: Vec<f64>,
-    /// The result.
     pub outcome: Result<ChannelSummary, SetupError>,
 }
 

@@ -48,8 +48,7 @@ pub struct ChannelSummary {
 pub enum ChannelDiagnostic {
     /// The deflection exceeds the length of a beam: `d > L`.
     #[error(
-        "the body reaches farther past the tips than a beam is long: it crosses the line of the bases and \
-         beams turn past 90°, where the model is not valid"
+        "the body reaches past the line of the bases, and beams turn past 90°: the model is not valid there"
     )]
     PastRightAngle,
     /// Tips snap across a part of the body.
@@ -57,14 +56,12 @@ pub enum ChannelDiagnostic {
     Snaps,
     /// A yawed body touches faces before tips.
     #[error(
-        "the body is yawed so far that it meets the beams' faces before their tips, which the model does \
-         not know of"
+        "the body is yawed so far that it meets the beams' faces before their tips: not in the model"
     )]
     FacesFirst,
     /// Beams lie flat against the body.
     #[error(
-        "beams bend until their faces lie against the body, of which the model knows only the tips: the \
-         drag is larger"
+        "beams bend until their faces touch the body; the model has tips only, so the true drag is larger"
     )]
     FaceContact,
     /// The body is never wholly among the beams.
@@ -86,7 +83,6 @@ pub fn summarise(setup: &Setup) -> Result<ChannelSummary, SetupError> {
 }
 
 impl ChannelSummary {
-    /// The summary of a model.
     pub fn new(model: &Model) -> Self {
         let setup = model.setup();
         let sides = || Wall::BOTH.into_iter().filter_map(|wall| model.side(wall));

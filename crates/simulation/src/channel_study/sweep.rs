@@ -10,7 +10,6 @@ pub struct Course {
     pub from_m: f64,
     /// The distance between positions in m.
     pub step_m: f64,
-    /// Number of positions.
     pub count: usize,
 }
 

@@ -58,7 +58,6 @@ impl RigidMotion {
         Self { rotation, translation_m: [dx, dy, dz] }
     }
 
-    /// Rotates a vector.
     pub(super) fn turn(&self, vector: &[f64; 3]) -> [f64; 3] {
         let row = |r: [f64; 3]| r[0] * vector[0] + r[1] * vector[1] + r[2] * vector[2];
         self.rotation.map(row)

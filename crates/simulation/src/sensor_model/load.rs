@@ -311,13 +311,13 @@ mod tests {
     }
 
     #[test]
-    fn one_row_is_a_load_for_ever() {
+    fn a_single_row_is_a_constant_load() {
         let table = LoadTable::new([(3.0, along_x(1.5))]).unwrap();
         assert_eq!(table.wrench_at(1e6), along_x(1.5));
     }
 
     #[test]
-    fn rows_that_are_no_load_over_time_are_refused() {
+    fn invalid_load_tables_are_refused() {
         let refused = |rows: &[(f64, PerAxis<f64>)]| {
             LoadTable::new(rows.iter().copied()).unwrap_err().to_string()
         };

@@ -21,11 +21,8 @@ const SPRINGS_HZ: f64 = 1000.0;
 pub struct PairSettings {
     /// Seed of the session: its loads, noise, light and mounting.
     pub seed: u64,
-    /// Seed of the instrument.
     pub unit_seed: u64,
-    /// True if the shell is loaded.
     pub loaded: bool,
-    /// Duration of the board's recording, s.
     pub duration_s: f64,
     /// The reference starts this long before the board and stops as long after it, s; it starts
     /// later and stops earlier if negative.

@@ -85,7 +85,6 @@ const MM: f64 = 1e-3;
 const STIFFNESS_SPREAD: f64 = 0.05;
 /// Position of a photointerrupter and gap at rest, m.
 const POSITION_SPREAD_M: f64 = 0.05 * MM;
-/// Tilt of a reflector, rad.
 const TILT_SPREAD_RAD: f64 = 0.01;
 /// Gain of a channel, relative.
 const GAIN_SPREAD: f64 = 0.10;

@@ -13,11 +13,9 @@ pub struct RecordingSettings {
     /// The load on the shell.
     pub kind: RecordingKind,
     pub rate_hz: f64,
-    /// Time of the first row, s.
     pub start_time_s: f64,
     /// Seed of the recording: its loads, noise, light, temperature and mounting.
     pub seed: u64,
-    /// Seed of the instrument.
     pub unit_seed: u64,
     /// Factor on all random noise.
     pub noise_scale: f64,
@@ -51,7 +49,6 @@ pub struct SensorSample {
     pub frame: SimulatedFrame,
     /// The reference sensor's reading, N and N·m.
     pub wrench: PerAxis<f64>,
-    /// Number of the pose.
     pub pose: u64,
 }
 

@@ -90,7 +90,6 @@ impl Clock for PacedClock {
     }
 }
 
-/// Wakes a parked thread.
 struct WakeThread(Thread);
 
 impl Wake for WakeThread {
@@ -153,7 +152,7 @@ mod tests {
     /// One task waits for long intervals and is polled first. However late the machine wakes the process, the
     /// clock does not pass a time that the other task waits for.
     #[test]
-    fn time_stops_for_each_that_waits() {
+    fn time_stops_for_each_waiting_task() {
         let clock = PacedClock::start();
         let mut seen = Vec::new();
         clock.run(join(clock.wait_until_us(20_000), async {

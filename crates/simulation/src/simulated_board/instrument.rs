@@ -30,7 +30,6 @@ const REST_S: f64 = 5.0;
 pub enum Load {
     /// No load for five seconds, in which a zero can be taken; then hands.
     Hands(LoadScript),
-    /// A load from a table.
     Table(LoadTable),
     /// A load set at run time, N and N·m.
     Commanded(Arc<Mutex<PerAxis<f64>>>),

@@ -49,7 +49,6 @@ impl SerialLine {
         Ok(Self::between(port, from_host, pty, radios))
     }
 
-    /// Listens for a host at an address.
     pub(super) fn listen(at: SocketAddr, radios: &[Arc<Mutex<Radio>>; 2]) -> io::Result<Self> {
         let (socket, at) = Socket::listen(at)?;
         Ok(Self::between(format!("tcp://{at}"), socket.clone(), socket, radios))

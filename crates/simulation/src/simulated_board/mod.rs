@@ -1,7 +1,7 @@
 //! A board without hardware: the firmware's own library in this process, on a pty or over TCP.
 //!
 //! ```text
-//! load ─ SensorModel ─ Instrument ─ firmware (embassy) ─ Radio ─ pty, TCP ─▶ whoever opens it
+//! load ─ SensorModel ─ Instrument ─ firmware (embassy) ─ Radio ─ pty, TCP ─▶ host
 //!                                          ▲                    │
 //!                                          └────────────────────┘
 //! ```
@@ -34,14 +34,11 @@ use clock::SyncScript;
 use line::{LineSender, SerialLine};
 use shell_data::lock::lock;
 
-/// The settings of a simulated board.
 #[derive(Clone, Debug)]
 pub struct BoardSettings {
-    /// The load on the shell.
     pub load: Load,
     /// Seed of the recording: noise, light, temperature and faults.
     pub seed: u64,
-    /// Seed of the instrument.
     pub unit_seed: u64,
     /// Factor on all random noise.
     pub noise_scale: f64,
@@ -113,7 +110,6 @@ impl SimulatedBoard {
         Ok(Self { port, radios })
     }
 
-    /// The name of its port.
     pub fn port(&self) -> &str {
         &self.port
     }

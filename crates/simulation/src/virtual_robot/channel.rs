@@ -138,7 +138,7 @@ mod tests {
     use shell_data::random::Purpose;
 
     #[test]
-    fn the_mean_drag_and_lift_are_those_of_the_condition() {
+    fn the_mean_drag_and_lift_equal_those_of_the_condition() {
         let condition = ChannelForces::named("3 cm").unwrap();
         for seed in 0..20 {
             let mut random = RandomStream::new(seed, Purpose::Trial, 0);

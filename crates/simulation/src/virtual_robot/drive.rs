@@ -14,7 +14,6 @@ use super::CONSTANTS;
 use super::gait::{Gait, LegSide};
 use shell_data::random::RandomStream;
 
-/// Full duty, counts.
 const FULL_DUTY: f64 = 4096.0;
 /// The controller's upper limit, counts.
 const DUTY_LIMIT: f64 = 3000.0;

@@ -69,17 +69,14 @@ impl Gait {
         Self { stride_hz, start_s, stall_s, legs }
     }
 
-    /// The angle of a leg at `time_s`, rad, unwrapped.
     pub fn angle_rad(&self, side: LegSide, time_s: f64) -> f64 {
         self.leg(side).angle_rad(self.drive_rad(time_s))
     }
 
-    /// The speed of a leg, rad/s.
     pub(crate) fn speed_rad_s(&self, side: LegSide, time_s: f64) -> f64 {
         TAU * self.stride_hz * self.share(time_s) * self.leg(side).slope(self.drive_rad(time_s))
     }
 
-    /// The angle that the controller commands, rad.
     pub(super) fn commanded_rad(&self, side: LegSide, time_s: f64) -> f64 {
         self.drive_rad(time_s) + self.leg(side).offset_rad
     }

@@ -41,14 +41,12 @@ use shell_data::wrench::PerAxis;
 
 /// Time between rows of the telemetry, s: 1 kHz, as in the real log.
 const ROW_S: f64 = 1001e-6;
-/// First time stamp, s.
 const FIRST_S: f64 = 302e-6;
 /// Time between frames of the sensor, s.
 const FRAME_S: f64 = 0.01;
 /// Time from the start of the legs to the channel, and from the channel to the end of the log, s.
 const APPROACH_S: [f64; 2] = [1.0, 1.3];
 const AFTERWARDS_S: f64 = 0.8;
-/// Duration of a stall, s.
 const STALL_S: f64 = 0.4;
 
 // The constants of the VelociRoACH and of the lab's telemetry are repeated here, not taken from the robot
@@ -58,7 +56,6 @@ const STALL_S: f64 = 0.4;
 const GRAVITY: f64 = 9.806_65;
 /// Encoder counts per turn.
 const TURN: i64 = 1 << 16;
-/// rad per count.
 const RAD_PER_COUNT: f64 = TAU / TURN as f64;
 
 /// The constants of the robot and the channel.
@@ -67,7 +64,6 @@ pub struct Constants {
     pub mass_kg: f64,
     pub robot_m: f64,
     pub channel_m: f64,
-    /// Resistance of a motor's winding, Ω.
     pub motor_resistance_ohm: f64,
 }
 
@@ -75,16 +71,13 @@ pub struct Constants {
 const CONSTANTS: Constants =
     Constants { mass_kg: 0.087, robot_m: 0.18, channel_m: 0.28, motor_resistance_ohm: 3.3 };
 
-/// The robot's weight, N.
 const WEIGHT_N: f64 = CONSTANTS.mass_kg * GRAVITY;
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct TrialSettings {
     /// Seed of the trial: its noise, light, temperature, phases and scatter.
     pub seed: u64,
-    /// Seed of the instrument.
     pub unit_seed: u64,
-    /// The channel.
     pub condition: ChannelForces,
     pub stride_hz: f64,
     /// Time that the robot stands before it starts, s.
@@ -93,7 +86,6 @@ pub struct TrialSettings {
     pub noise_scale: f64,
     /// Noise of the encoders, counts (standard deviation).
     pub encoder_noise: f64,
-    /// The counting of the encoders.
     pub counter: Counter,
     /// Share of the rows that are missing.
     pub missing: f64,

@@ -33,14 +33,10 @@ pub struct Truth {
     pub settings: TrialSettings,
 }
 
-/// The true results of one stride.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct StrideTruth {
-    /// Start, s on the robot's clock.
     pub t_start_s: f64,
-    /// End, s.
     pub t_end_s: f64,
-    /// Mean Fx, N.
     pub mean_fx_n: f64,
     /// Mean Fx times mean speed times duration, J.
     pub drag_energy_j: f64,
@@ -128,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn truth_is_near_what_the_paper_has_for_the_condition() {
+    fn truth_is_near_the_papers_values_for_the_condition() {
         let truth = trial(|_| ()).truth();
         // Scatter of the speed 3 %, of the sway 15 %, of the usual power some percent.
         assert!((truth.mean_wrench[0] / -0.13 - 1.0).abs() < 0.2);

@@ -5,7 +5,6 @@ use csv::{ReaderBuilder, StringRecord, Trim};
 use super::{CellPosition, Entry, KEYS, Manifest, ManifestProblem, Placed};
 use shell_data::hint::{did_you_mean, quoted};
 
-/// Number of required [`KEYS`].
 const REQUIRED: usize = 4;
 
 /// Alternative names of columns.
@@ -162,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_with_a_row_is_told_with_its_place_and_the_others_stay() {
+    fn a_faulty_row_is_reported_with_its_position_and_the_others_are_read() {
         let text = format!(
             "{HEADER},velocity_m_s\na,x,1,2,\nb,x,2,1,\nc,x,1,2,0\n,x,1,2,\nd,x,1,nan,\ne,x,1,2,,9\n\
              f,x,1,2\n"
@@ -182,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn a_header_that_makes_no_sense_is_refused_with_a_suggestion() {
+    fn an_invalid_header_is_refused_with_a_suggestion() {
         for (header, message) in [
             (
                 "file,conditon,t_enter_s,t_exit_s",

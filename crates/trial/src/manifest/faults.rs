@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn trials_that_overlap_on_one_log_are_told_and_others_are_not() {
+    fn overlapping_trials_of_one_log_are_reported() {
         let manifest =
             manifest("a,x,1,3\nb,x,1,3\na,x,3,4\n./a,x,2.5,2.6\na,x,auto,0.5\nb,x,auto,auto\n");
         let faults = messages(manifest.faults(None).into_iter().map(|(_, problem)| problem));
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn declared_conditions_are_all_there_may_be() {
+    fn undeclared_conditions_are_refused() {
         let manifest = manifest("a,free,1,3\nb,fre,1,3\n");
         let declared = ["free".to_owned(), "3 cm".to_owned()];
         let faults =
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn likely_slips_are_told_and_honest_conditions_are_not() {
+    fn likely_typing_errors_are_reported_and_distinct_conditions_are_not() {
         let slips =
             manifest("a,free,1,3\nb,free,1,3\nc,fere,1,3\nd,3 cm,1,3\ne,3cm,1,3\nf,3 cm,1,3\n");
         assert_eq!(

@@ -26,7 +26,6 @@ use shell_data::hint::did_you_mean;
 
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Manifest {
-    /// The rows in order: trials, or problems.
     pub rows: Vec<Result<Entry, ManifestProblem>>,
     /// All allowed conditions, if the manifest lists them.
     pub conditions: Option<Vec<String>>,
@@ -35,13 +34,10 @@ pub struct Manifest {
 /// A trial as given in the manifest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Entry {
-    /// The position of its start.
     pub position: CellPosition,
     /// The trial without its times; the log is relative to the manifest's folder.
     pub trial: Trial,
-    /// The position of the log's name.
     pub file_position: CellPosition,
-    /// The position of the condition.
     pub condition_position: CellPosition,
     /// Entry into the channel, s on the log's clock; `None` if it is to be found in the forces.
     pub enter: Placed<Option<f64>>,
@@ -61,7 +57,6 @@ pub struct CellPosition {
 impl CellPosition {
     const START: Self = Self { line: 1, column: 1 };
 
-    /// The position of a byte in a text.
     fn of_byte(text: &str, byte: usize) -> Self {
         let before = text.get(..byte).unwrap_or(text);
         let line_start = before.rfind('\n').map_or(0, |at| at + 1);
@@ -89,12 +84,10 @@ impl ManifestProblem {
         Self { position, message }
     }
 
-    /// A problem at a byte of `text`.
     pub(crate) fn at(text: &str, byte: usize, message: String) -> Self {
         Self { position: CellPosition::of_byte(text, byte), message }
     }
 
-    /// A problem at a `key` of a `[table]`.
     pub(crate) fn at_key(text: &str, table: &str, key: &str, message: String) -> Self {
         let header = text.find(&format!("[{table}]")).unwrap_or(0);
         let byte = header + text[header..].find(key).unwrap_or(0);
@@ -110,7 +103,6 @@ pub(crate) fn parse_toml<T: DeserializeOwned>(text: &str) -> Result<T, ManifestP
     })
 }
 
-/// A value with its position.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Placed<T> {
     pub value: T,
@@ -323,7 +315,7 @@ conditon = "free"
     }
 
     #[test]
-    fn shares_are_even_and_make_the_whole_in_the_order_of_their_names() {
+    fn shares_are_even_and_partition_the_trials_in_order() {
         for (rows, of) in [(0, 3), (2, 5), (25, 4), (1000, 7), (5, 5), (3, 1)] {
             let shards: Vec<Shard> = (1..=of).map(|k| Shard::new(k, of).unwrap()).collect();
             let parts = shards.iter().flat_map(|shard| shard.rows(rows));

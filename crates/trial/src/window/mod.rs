@@ -73,15 +73,15 @@ pub enum NoWindow {
     /// The drag is absent or not significant. The fields describe the best stretch, its drag, and the
     /// standard error.
     #[error(
-        "no sustained drag: the best stretch, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
+        "no sustained drag: the best interval, {t_enter_s:.2} s to {t_exit_s:.2} s, has {drag_n:.4} N{}",
         if drag_se_n.is_finite() { format!(" ± {drag_se_n:.4} N") } else { String::new() }
     )]
     NoDrag { t_enter_s: f64, t_exit_s: f64, drag_n: f64, drag_se_n: f64 },
     /// The drag does not form a single plateau. The fields describe the best stretch, and the share of the
     /// variation that it explains.
     #[error(
-        "onset and end of the drag are not clear: {t_enter_s:.2} s to {t_exit_s:.2} s explains \
-         {:.0} % of its variation", 100.0 * confidence
+        "onset and end of the drag are unclear: {t_enter_s:.2} to {t_exit_s:.2} s explains {:.0} % of its \
+         variation", 100.0 * confidence
     )]
     Unclear { t_enter_s: f64, t_exit_s: f64, confidence: f64 },
     /// The log starts within the drag (true) or ends within it.
@@ -257,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_noughts_have_no_window() {
+    fn empty_and_zero_logs_have_no_window() {
         assert!(matches!(propose_window(&[], &[], None), Err(NoWindow::TooShort { .. })));
         let time_s: Vec<f64> = (0..1000).map(|i| 0.01 * f64::from(i)).collect();
         assert!(matches!(

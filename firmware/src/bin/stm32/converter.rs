@@ -53,7 +53,6 @@ const VITAL_CONVERSIONS: u8 = 4;
 static EMITTERS: Mutex<CriticalSectionRawMutex, RefCell<Option<[Output<'static>; CHANNELS]>>> =
     Mutex::new(RefCell::new(None));
 
-/// Switches an emitter.
 fn light(emitter: u8, on: bool) {
     EMITTERS.lock(|emitters| {
         let mut emitters = emitters.borrow_mut();
@@ -172,7 +171,6 @@ fn stop() {
     pac::ADC1.cfgr().modify(|config| config.0 &= !TRIGGER);
 }
 
-/// The interrupt at the end of a burst.
 pub(crate) struct EndOfBurst;
 
 impl<I: Interrupt> Handler<I> for EndOfBurst {

@@ -90,10 +90,8 @@ const MOST_MISSED: u16 = 256;
 /// Time for which the input is ignored.
 const REST: Duration = Duration::from_millis(10);
 
-/// Stamped edges.
 static SEEN: Channel<CriticalSectionRawMutex, SeenEdge, WAITING> = Channel::new();
 
-/// Stamps edges at the sync input.
 #[embassy_executor::task]
 pub(crate) async fn stamp(mut input: ExtiInput<'static, Async>) {
     let mut missed = 0;

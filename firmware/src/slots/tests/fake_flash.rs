@@ -19,11 +19,8 @@ use embedded_storage::nor_flash::{
 pub(crate) enum CutOutcome {
     /// No effect.
     Nothing,
-    /// Some of the bits.
     SomeBits,
-    /// The content is unreadable.
     Unreadable,
-    /// The complete operation.
     Complete,
 }
 
@@ -59,7 +56,6 @@ impl NorFlashError for Failed {
 impl FakeFlash {
     pub(crate) const SECTOR: usize = 2048;
 
-    /// Creates an erased flash.
     pub(crate) fn new() -> Self {
         Self {
             bytes: vec![0xFF; 4 * Self::SECTOR],

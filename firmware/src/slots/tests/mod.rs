@@ -41,7 +41,7 @@ fn generations_wrap() {
 const OPERATIONS: usize = 2 + SLOT / 8;
 
 #[test]
-fn storing_takes_as_many_operations_as_the_cuts_below() {
+fn storing_takes_the_number_of_operations_that_the_power_cut_test_assumes() {
     let mut slots = Slots::new(FakeFlash::new());
     slots.store(&record(1)).unwrap();
     assert_eq!(slots.flash.operations(), OPERATIONS);

@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_are_those_of_double_precision() {
+    fn results_equal_double_precision() {
         for position in -400..=400 {
             let q = f64::from(position) / 8.0;
             for shape in [0.3, 1.0, 2.7] {
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn exponential_and_logarithm_are_those_of_double_precision() {
+    fn exponential_and_logarithm_equal_those_of_double_precision() {
         for step in 0..=8_000 {
             let x = -f64::from(step) / 100.0;
             let (found, expected) = (f64::from(exp_of_negative(x as f32)), libm::exp(x));
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn far_from_the_curve_everything_is_finite() {
+    fn results_far_from_the_curve_are_finite() {
         for shape in [1e-3, 1.0, 1e3] {
             for q in [-1e8, -100.0, 0.0, 100.0, 1e8] {
                 let CurveValue { height, slope, by_shape } = CurveValue::at(&sensor(shape), q);

@@ -107,7 +107,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn solves_what_it_was_made_of() {
+    fn a_known_solution_is_recovered() {
         let mut equations = Equations::new(&[0.0; PRIOR], [0.0; AXES]);
         let truth = [1.0, -2.0, 0.5, 3.0, 0.25, -0.75];
         for sensor in 0..8 {
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_solution_is_told() {
+    fn singular_equations_have_no_solution() {
         assert_eq!(Equations::new(&[0.0; PRIOR], [1.0; AXES]).solve(), None);
         assert_eq!(Equations::new(&[f32::NAN; PRIOR], [1.0; AXES]).solve(), None);
         let mut tiny = [0.0; PRIOR];

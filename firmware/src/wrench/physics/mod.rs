@@ -52,7 +52,6 @@ pub(super) fn invert(model: &Physics, readings: &[u16; CHANNELS], saturated: u8)
     core::array::from_fn(|axis| x[axis] * model.wrench_scale[axis])
 }
 
-/// A frame in the scales of the curves.
 struct ScaledFrame<'a> {
     model: &'a Physics,
     /// Scaled readings; `None` for a sensor that is left out.
@@ -177,7 +176,6 @@ impl<'a> ScaledFrame<'a> {
 }
 
 impl State {
-    /// Returns the sum that is minimised, with the weights of `weights`.
     fn sum(&self, weights: &[Point; CHANNELS]) -> f32 {
         let squares = self.points.iter().zip(weights);
         let squares = squares.map(|(point, at)| at.weight * point.residual * point.residual);
@@ -284,7 +282,7 @@ mod tests {
     }
 
     #[test]
-    fn a_channel_that_the_converter_has_cut_off_drops_out() {
+    fn a_saturated_channel_is_left_out() {
         let model = model();
         for x in poses().take(20) {
             let mut frame = readings(&model, &x);
@@ -296,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sensor_on_its_plateau_says_nothing() {
+    fn a_sensor_on_its_plateau_has_no_weight() {
         let mut model = model();
         // Its curve ends where the others are at their middle: all loads are on the plateau.
         model.sensors[2].offset = 40.0;
@@ -335,7 +333,7 @@ mod tests {
 
         /// Any calibration that a board accepts gives finite numbers for any frame.
         #[test]
-        fn what_is_accepted_gives_finite_wrenches(
+        fn accepted_calibrations_give_finite_wrenches(
             changes in prop::collection::vec((0..565_usize, numbers()), 1..40),
             readings: [u16; CHANNELS],
             saturated: u8,

@@ -81,7 +81,6 @@ impl Clock for Shared {
     }
 }
 
-/// Duration of a conversion in ns.
 const CONVERSION_NS: u32 = 1_500;
 
 impl FrontEnd for Shared {

@@ -150,7 +150,7 @@ mod tests {
 
     /// A path without a role would not be collected.
     #[test]
-    fn every_path_on_the_command_line_says_what_it_is_for() {
+    fn every_path_argument_has_a_declared_use() {
         fn look_at(command: &Command, found: &mut usize) {
             for argument in command.get_arguments() {
                 let kind = argument.get_value_parser().type_id();

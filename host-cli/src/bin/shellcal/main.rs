@@ -160,6 +160,22 @@ mod tests {
         super::Args::command().debug_assert();
     }
 
+    /// Wider lines wrap on a terminal. `cargo xtask check words` reads the same texts for phrases to avoid.
+    #[test]
+    fn lines_of_help_have_at_most_100_characters() {
+        fn check(command: &mut clap::Command) {
+            for text in [command.render_help(), command.render_long_help()] {
+                let text = text.to_string();
+                let longest = text.lines().max_by_key(|line| line.chars().count()).unwrap_or("");
+                assert!(longest.chars().count() <= 100, "{}: {longest}", command.get_name());
+            }
+            command.get_subcommands_mut().for_each(check);
+        }
+        let mut command = super::Args::command().term_width(100);
+        command.build();
+        check(&mut command);
+    }
+
     /// A new command or option has to be worth removing another. Options shared by commands are declared
     /// once, with one text, and count once.
     #[test]

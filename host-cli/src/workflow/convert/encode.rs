@@ -13,7 +13,6 @@ use super::options::{OutputFormat, RecordingFrame};
 use super::table::WrenchTable;
 use crate::workflow::WorkflowError;
 
-/// Topics of a recording.
 const WRENCH_TOPIC: &str = "/wrench";
 const DETAILS_TOPIC: &str = "/wrench/details";
 
@@ -26,7 +25,6 @@ pub(super) struct Encoder<'a> {
     pub(super) format: &'a OutputFormat,
 }
 
-/// Encoded frames.
 pub(super) enum EncodedFrames {
     Text(Vec<u8>),
     Columns(Vec<Cells<'static>>),
@@ -150,7 +148,6 @@ impl<'a> EncodedOutput<'a> {
         })
     }
 
-    /// Writes `count` frames.
     pub(super) fn write(&mut self, count: usize, encoded: EncodedFrames) -> io::Result<()> {
         match (self, encoded) {
             (Self::Text(out), EncodedFrames::Text(text)) => out.write_all(&text),

@@ -30,11 +30,9 @@ pub(super) struct ConvertedFrames {
 /// Consecutive rows of a log, and the frames to be written.
 #[derive(Debug, Default)]
 pub(super) struct ConvertedRows {
-    /// Time of each row, s.
     pub(super) time_s: Vec<f64>,
     /// Wrench of each row, tared.
     pub(super) wrench: PerAxis<Vec<f64>>,
-    /// True for each row that is written.
     pub(super) written: Vec<bool>,
     /// The frames to be written, without wrenches if they are still to be filtered.
     pub(super) frames: ConvertedFrames,
@@ -46,7 +44,6 @@ pub(super) struct ConvertedRows {
 
 type WatchedFrames = (Vec<f64>, Vec<Vec<f64>>);
 
-/// Converts readings to frames.
 pub(super) struct FrameConverter<'a> {
     pub(super) calibration: &'a Calibration,
     pub(super) pipeline: &'a ForcePipeline,
@@ -55,7 +52,6 @@ pub(super) struct FrameConverter<'a> {
     pub(super) options: &'a ConvertOptions,
     /// The lag of the reference, if the time stamps of forces compensate for it.
     pub(super) stamp_lag: Option<ReferenceLag>,
-    /// True if frames keep their readings.
     pub(super) keeps_readings: bool,
     /// `Some` if the zero is watched; true if repeated rows count as frames for it.
     pub(super) watch: Option<bool>,

@@ -15,7 +15,6 @@ use shell_data::wrench::Axes;
 /// Processing of the readings of a log.
 #[derive(Clone, Debug)]
 pub struct ConvertOptions {
-    /// The rows that are written.
     pub rows: RowFilter,
     /// How readings become forces.
     pub forces: ForceOptions,
@@ -53,20 +52,17 @@ impl ConvertOptions {
 /// A log, and everything needed to convert it to wrenches.
 #[derive(Clone, Copy)]
 pub struct Conversion<'a> {
-    /// The log.
     pub log: &'a Log,
     /// Calibration of the log's sensor.
     pub calibration: &'a Calibration,
     /// The processing.
     pub options: &'a ConvertOptions,
-    /// Options for reading the log.
     pub read: ReadOptions<'a>,
 }
 
 /// The columns written for every frame, in this order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TableColumns {
-    /// Time in s.
     pub time: bool,
     /// Axes of the wrench, N and N·m.
     pub axes: Axes,
@@ -82,19 +78,15 @@ pub struct TableColumns {
 }
 
 impl TableColumns {
-    /// True if standard errors are needed.
     pub(super) fn need_errors(&self) -> bool {
         self.standard_errors || self.interval.is_some()
     }
 }
 
-/// Format of an output file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum OutputFormat {
-    /// CSV text.
     #[default]
     Csv,
-    /// Parquet.
     Parquet,
     /// MATLAB 5: one variable per column.
     Matlab,
@@ -166,7 +158,6 @@ impl FromStr for FrameMount {
 /// The output besides wrenches, and its format.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OutputPlan {
-    /// Format of the file.
     pub format: OutputFormat,
     /// Numeric columns of the log to carry along, by position from 0.
     pub keep: Vec<usize>,
@@ -231,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn files_are_what_their_names_say() {
+    fn file_names_decide_the_format() {
         let frame = RecordingFrame { id: "base".to_owned(), mount: None };
         let of = |path: &str| OutputFormat::from_path(Path::new(path), &frame);
         assert_eq!(of("a/b.CSV").unwrap(), OutputFormat::Csv);

@@ -15,20 +15,15 @@ use forces::{AppliedLowPass, TareResult, by_column};
 use shell_data::statistics::RunningVariance;
 use shell_data::wrench::{AxisValues, PerAxis};
 
-/// Summary of a conversion.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct ConvertSummary {
-    /// Number of rows in the log.
     pub rows: u64,
     /// Duplicates: rows whose readings equal the previous row's.
     pub repeated_rows: u64,
     /// Invalid rows that were left out.
     pub skipped_rows: u64,
-    /// Number of frames written.
     pub frames: u64,
-    /// The rows that were used.
     pub rows_used: RowFilter,
-    /// The tare, with its frames.
     pub tare: Option<TareResult>,
     /// Low-pass filter, and the rate of its grid.
     pub low_pass: Option<AppliedLowPass>,
@@ -39,9 +34,7 @@ pub struct ConvertSummary {
     pub clock: Option<LagMadeUp>,
     /// Number of frames with a reading outside the range of the training data.
     pub out_of_range_frames: u64,
-    /// Number of frames with a saturated reading.
     pub saturated_frames: u64,
-    /// Number of frames with a channel that the model left out.
     #[serde(skip_serializing_if = "is_zero")]
     pub left_out_frames: u64,
     /// Smallest, mean and largest value of each axis, N and N·m.
@@ -57,7 +50,6 @@ pub struct ConvertSummary {
 }
 
 impl ConvertSummary {
-    /// Remarks on the log at `path`.
     pub fn remarks(&self, path: &Path) -> Vec<Remark> {
         let Self { rows, repeated_rows, skipped_rows, frames, .. } = *self;
         let counts = [rows, repeated_rows, skipped_rows];
@@ -119,7 +111,7 @@ impl ConvertSummary {
         };
         match (tare.rests, tare.last_rest_s) {
             (Some(rests), Some(last_s)) => format!(
-                "tare: follows {rests} stretches at rest, the first{when}, the last until {} s",
+                "tare: follows {rests} stationary intervals, the first{when}, the last until {} s",
                 short(last_s)
             ),
             _ => format!("tare: mean of {} frames{when}", tare.frames),
@@ -130,7 +122,6 @@ impl ConvertSummary {
 /// The lag of a calibration's reference, and its correction in the forces.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct LagMadeUp {
-    /// Lag of the reference.
     #[serde(flatten)]
     pub lag: ReferenceLag,
     /// The correction.
@@ -157,7 +148,7 @@ impl fmt::Display for LagMadeUp {
                 let sign = if self.lag.by < 0.0 { '-' } else { '+' };
                 write!(
                     f,
-                    "clock: t_s is that of the readings {sign} {lag}, the lag of the reference"
+                    "clock: t_s is the time of the readings {sign} {lag}, the lag of the reference"
                 )
             }
             LagRule::BetweenRows => {
@@ -209,7 +200,6 @@ fn is_zero(count: &u64) -> bool {
 pub struct AxisSummary {
     /// The smallest.
     pub min: f64,
-    /// The mean.
     pub mean: f64,
     /// The largest.
     pub max: f64,
@@ -248,7 +238,6 @@ impl Totals {
         Ok(())
     }
 
-    /// Counts the frames with a flagged channel.
     pub(super) fn count(&mut self, frames: &ConvertedFrames) {
         for (count, flags) in self.flagged.iter_mut().zip(&frames.flags) {
             *count += flags.iter().filter(|channels| **channels != 0).count() as u64;

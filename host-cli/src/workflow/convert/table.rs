@@ -7,7 +7,6 @@ use super::options::TableColumns;
 use shell_data::escape;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Writer of a table.
 pub(super) struct WrenchTable {
     /// The numeric columns, which come first.
     numbers: Vec<(String, NumberColumn)>,
@@ -74,7 +73,6 @@ impl WrenchTable {
         numbers.chain(self.texts.iter().map(|name| (name.clone(), true))).collect()
     }
 
-    /// The header line.
     pub(super) fn header(&self) -> String {
         let names = self.names().into_iter();
         let fields: Vec<_> = names.map(|(name, _)| escape::csv_field(&name).into_owned()).collect();

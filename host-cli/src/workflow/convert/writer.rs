@@ -30,7 +30,6 @@ pub(super) struct Writer<'a> {
     pub(super) waiting_rows: Vec<bool>,
     pub(super) sampling: Sampling,
     pub(super) latest_s: f64,
-    /// The axes of the wrench.
     pub(super) axes: Axes,
     pub(super) totals: Totals,
 }

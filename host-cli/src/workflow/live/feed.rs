@@ -62,7 +62,7 @@ mod tests {
     use board_link::recording::Measured;
 
     #[test]
-    fn who_does_not_fetch_misses_the_oldest_and_is_told_how_many() {
+    fn a_slow_reader_misses_the_oldest_and_gets_their_number() {
         let mut feed = Feed::default();
         let frame = |index: i64| BoardFrame::new(index * 1000, index, Measured::Wrench([0.0; 6]));
         for start in (0..40_000).step_by(100) {

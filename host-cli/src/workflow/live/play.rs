@@ -131,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_due_at_the_speed_whatever_the_blocks() {
+    fn rows_are_due_at_the_speed_for_any_blocks() {
         let (start, tick) = (Instant::now(), Duration::from_millis(10));
         for rows_of_block in [1, 64, 5000] {
             let mut clock = PlayClock::new(1000.0);

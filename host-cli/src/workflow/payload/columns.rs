@@ -22,7 +22,6 @@ pub struct MotionColumns {
     pub accelerations: Option<Vec<ColumnRef>>,
     /// Angular velocity about x, y, z. `None` for columns with usual names.
     pub angular_velocity: Option<Vec<ColumnRef>>,
-    /// Gravity, m/s².
     pub gravity_m_s2: f64,
 }
 
@@ -84,7 +83,6 @@ const USUAL_RATES: [&[&str]; 5] = [
 const UNITS: [&str; 9] = ["", "ms2", "g", "rad", "deg", "degrees", "rads", "degs", "dps"];
 
 impl MotionColumns {
-    /// Finds the columns in a log.
     pub(super) fn find(&self, log: &Log) -> Result<FoundColumns, WorkflowError> {
         let by_name = |names: &[&[&str]]| names.iter().find_map(|names| positions(log, names));
         let mut orientations: Vec<(Orientation, Vec<usize>)> = match &self.orientation {

@@ -26,7 +26,6 @@ use shell_data::statistics::upper_median;
 /// Maximum number of rows used to find the lag of two clocks: minutes of a fast sensor.
 const LAG_ROWS: usize = 200_000;
 
-/// The motion of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RunMotion {
     /// Apparent gravity at the centre of mass of the payload.

@@ -40,7 +40,6 @@ pub(super) struct Attitude {
 }
 
 impl Orientation {
-    /// Number of columns.
     pub const fn columns(self) -> usize {
         match self {
             Self::Matrix => 9,

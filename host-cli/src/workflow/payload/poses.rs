@@ -14,26 +14,20 @@ use log_file::{Log, ReadOptions, Wanted};
 use shell_data::statistics::upper_median;
 use shell_data::wrench::{Axes, PerAxis};
 
-/// A payload fitted to poses.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FittedPayload {
-    /// The payload.
     pub fit: PayloadFit,
-    /// Orientation of its accelerometer.
     pub accelerometer: Option<Accelerometer>,
     /// Source of the orientations.
     pub gravity_from: GravityFrom,
     /// True if accelerations at rest point along gravity instead of against it.
     pub is_reaction: bool,
-    /// Residuals of the forces.
     pub forces_left: LeftOver,
-    /// Doubt about the moments.
     pub moment_doubt: Option<MomentDoubt>,
     /// Residual of the moments, N·m, interpreted as moments in the frame whose z is up, if that fits better.
     pub moments_upright_nm: Option<f64>,
     /// True if rows were combined into poses by labels.
     pub is_grouped: bool,
-    /// Number of rows of each log.
     pub rows: Vec<u64>,
     /// Number of invalid rows that were left out of all logs.
     pub skipped_rows: u64,
@@ -43,9 +37,7 @@ pub struct FittedPayload {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum GravityFrom {
-    /// Columns of orientation.
     Orientation,
-    /// Accelerations only.
     Accelerations,
 }
 

@@ -13,20 +13,16 @@ use trial::{
 /// A log, and how to evaluate trials on it.
 #[derive(Clone, Copy)]
 pub struct TrialJob<'a> {
-    /// The log.
     pub log: &'a Log,
     /// Robot and calibration.
     pub instrument: Instrument<'a>,
-    /// Evaluation options.
     pub options: TrialOptions,
-    /// Options for reading the log.
     pub read: ReadOptions<'a>,
 }
 
 /// A trial, and the checksum of its log.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Evaluated {
-    /// The results.
     pub result: TrialResult,
     /// The log's checksum, if requested.
     pub checksum: Option<String>,
@@ -35,9 +31,7 @@ pub struct Evaluated {
 /// The drag of a whole log, and the window found in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WindowSearch {
-    /// Time of each row, s.
     pub time_s: Vec<f64>,
-    /// Drag at each row, N.
     pub drag_n: Vec<f64>,
     /// The window, or the reason why none is proposed.
     pub proposal: Result<Proposal, NoWindow>,

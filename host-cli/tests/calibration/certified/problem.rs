@@ -13,7 +13,7 @@ use super::exact;
 #[path = "../../../../crates/least-squares/src/methods/tests/dense.rs"]
 mod dense;
 
-/// The methods that minimise the sum of squares, and what the tables call them.
+/// The methods that minimise the sum of squares, with their names in the tables.
 pub(crate) const METHODS: [(&str, SolverKind); 7] = [
     ("gram", SolverKind::Gram),
     ("tsqr", SolverKind::Tsqr),
@@ -24,13 +24,13 @@ pub(crate) const METHODS: [(&str, SolverKind); 7] = [
     ("wide-tsqr", SolverKind::WideTsqr),
 ];
 
-/// More digits than these cannot be told in an `f64`: −log₁₀ 2⁻⁵³.
+/// The most digits that an `f64` can show: −log₁₀ 2⁻⁵³.
 pub(crate) const ALL_DIGITS: f64 = 15.95;
 
 pub(crate) struct Problem {
     pub(crate) name: String,
     pub(crate) x: Mat<f64>,
-    /// What rounding left out of `x`.
+    /// Rounding error of `x`.
     pub(crate) tails: Option<Mat<f64>>,
     pub(crate) y: Mat<f64>,
 }
@@ -45,7 +45,7 @@ impl Problem {
         solve_dense(Dense::new(self.x.as_ref(), tails, self.y.as_ref()), method, Ridge::NONE)
     }
 
-    /// The exact coefficients for the numbers as they stand, the tails among them.
+    /// The exact coefficients for the given numbers, including the tails.
     pub(crate) fn truth(&self) -> Option<Vec<Vec<BigRational>>> {
         let columns = |m: &Mat<f64>, tails: Option<&Mat<f64>>| -> Vec<Vec<BigRational>> {
             let element = |i: usize, j: usize| {
@@ -114,7 +114,7 @@ pub(crate) fn theory(method: SolverKind, problem: &Problem, solved: &LeastSquare
             .fold(0.0_f64, |size, j| size.hypot(norms[j] * solved.coefficients[(j, a)]));
         problem.y.col(a).norm_l2() / size.max(f64::MIN_POSITIVE)
     });
-    // What the right side loses in the normal equations: κ²·‖y‖/(‖X‖·‖C‖).
+    // The loss of the right side in the normal equations: κ²·‖y‖/(‖X‖·‖C‖).
     let squared = condition * condition * fitted.fold(1.0, f64::max);
     match method {
         SolverKind::Gram => epsilon * squared,

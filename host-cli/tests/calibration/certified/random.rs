@@ -7,7 +7,7 @@ use system_tests::random::Random;
 
 use super::problem::{METHODS, Problem, error, theory};
 
-/// Of at most `bits` bits, either sign.
+/// A random integer with at most `bits` bits and either sign.
 pub(crate) fn integer(random: &mut Random, bits: u32) -> f64 {
     let range = 1_i64 << bits;
     ((random.next() >> 8) as i64 % (2 * range + 1) - range) as f64
@@ -67,7 +67,7 @@ fn deficient(random: &mut Random) -> Problem {
 const PROBLEMS: usize = 10_000;
 
 #[test]
-fn ten_thousand_random_problems_get_what_theory_promises_or_a_refusal() {
+fn ten_thousand_random_problems_have_the_digits_of_theory_or_are_refused() {
     let mut random = Random(2024);
     let mut worst = METHODS.map(|_| 0.0_f64);
     let mut answered = METHODS.map(|_| 0);
@@ -138,7 +138,7 @@ fn every_planted_loss_of_rank_is_found() {
                     assert_eq!(rank, columns - 1, "{name}, {label}");
                     assert!(null_space.is_all_finite());
                 }
-                // Normal equations cannot tell, and say so.
+                // Normal equations cannot decide, and report it.
                 Err(LeastSquaresError::IllConditioned { .. })
                     if matches!(method, SolverKind::Gram | SolverKind::WideGram) => {}
                 other => panic!("{name}, {label}: {other:?}"),

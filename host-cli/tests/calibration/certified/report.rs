@@ -50,7 +50,7 @@ fn render(headings: &[&str], lines: &[Line]) -> String {
         write!(table, "| {label} |").unwrap();
         for digits in digits {
             match digits {
-                // Rounded down: a digit that is not there is not told.
+                // Rounded down, so that no digit is claimed that is not there.
                 Some(d) => write!(table, " {:.1} |", (d.min(ALL_DIGITS) * 10.0).floor() / 10.0),
                 None => write!(table, " – |"),
             }

@@ -9,7 +9,7 @@ use super::exact;
 use super::problem::{ALL_DIGITS, METHODS, Problem, digits};
 use super::report;
 
-/// What stands on the right side of the regression.
+/// The right side of the regression.
 #[derive(Clone, Copy)]
 enum Right {
     /// Powers of x from 0.
@@ -109,7 +109,7 @@ fn nist_regressions_are_solved_to_thirteen_digits_and_more() {
             let digits = problem.solve(*method).ok().map(|s| digits(&s.coefficients, &truth));
             println!("{name} {label}: {digits:?}");
             if *method == SolverKind::WideTsqr {
-                // Every digit but the last, which is that of the final rounding.
+                // Every digit except the last, which has the final rounding.
                 assert!(digits.unwrap() > ALL_DIGITS - 0.4, "{name}: {digits:?}");
             }
             line.push(digits);

@@ -58,8 +58,8 @@ fn intervals_hold_on_other_files_of_a_sensor_whose_readings_wander() {
         seeds.map(file).collect()
     };
     let shares = shares(&write(1..7), &write(7..17));
-    // Ten files of some 34 times that readings take to wander tell a share of 95 % to 1.2 %; a new stretch is one of 37 or
-    // more, which makes intervals up to 2.6 % wider in what they hold.
+    // Readings wander over some 34 times in ten files, so the observed share of 95 % has a standard deviation
+    // of 1.2 %. A new block is one of 37 or more, which widens intervals by up to 2.6 % in coverage.
     assert!(shares.iter().all(|share| (0.925..=0.985).contains(share)), "{shares:?}");
 }
 

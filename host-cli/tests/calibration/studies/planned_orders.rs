@@ -1,4 +1,4 @@
-//! What planning would have saved in a session that was recorded: its poses in random and in planned orders.
+//! Poses that planning would have saved in a recorded session: its poses in random and in planned orders.
 
 use std::num::NonZeroU64;
 

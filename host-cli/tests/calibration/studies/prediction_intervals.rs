@@ -1,5 +1,5 @@
-//! Whether 95 % intervals hold 95 %: on the sensor model, whose poses were not trained on, and
-//! where the truth is known by construction.
+//! Coverage of 95 % intervals: on the sensor model, with poses outside the training data, and with a truth
+//! known by construction.
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
@@ -136,9 +136,9 @@ fn rows_that_are_taken_as_independent_have_no_intervals() {
 }
 
 #[test]
-fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_do_not() {
-    // Thirty poses of forty rows: an error of its own for every pose, and a smaller one for every
-    // row. What is asked for is the wrench at one set of readings, without its own error.
+fn standard_errors_by_group_cover_errors_of_poses_and_naive_ones_do_not() {
+    // Thirty poses of forty rows, with one error per pose and a smaller one per row. The estimate is the
+    // wrench at one set of readings, without that row's error.
     const SIMULATIONS: usize = 2000;
     let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
     let truth = |s: [f64; 2]| 0.01 * s[0] - 0.02 * s[1] + 3.0;
@@ -191,14 +191,14 @@ fn standard_errors_of_a_fit_hold_where_errors_are_those_of_poses_and_naive_ones_
     }
     let [groups, rows] = held.map(|held| held as f64 / SIMULATIONS as f64);
     println!("{groups:.4} by groups, {rows:.4} by rows");
-    // Monte-Carlo error √(0.95·0.05/2000) = 0.5 %, two of which and half a percent for 30 poses.
+    // The Monte-Carlo error is √(0.95·0.05/2000) = 0.5 %; two of it, and half a percent for 30 poses.
     assert!((groups - 0.95).abs() < 0.015, "{groups}");
     // Rows of one pose count as forty: standard errors six times too small.
     assert!(rows < 0.4, "{rows}");
 }
 
-/// 24 poses of a real sensor of 32 to train on, the other 8 to look at, twenty times: intervals of the linear
-/// model, by groups that were held out. Those of larger models are refused.
+/// A real sensor with 32 poses: 24 to train on and 8 to test, twenty times. Intervals of the linear model,
+/// from held-out groups; intervals of larger models are refused.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
@@ -249,8 +249,9 @@ fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
     for axis in 0..6 {
         let ((share, _), (half, _)) = (mean(&shares[axis]), mean(&halves[axis]));
         println!("{axis}: {share:.4}, half width {half:.4}");
-        // 160 held-out poses, of 32 that differ, tell a share to some 2 %. Where the two or three worst poses of
-        // all are alike, one of them is nearly always among those that tell the interval, which then holds all.
+        // 160 held-out poses, 32 of them distinct, give the share to some 2 %. If the two or three worst
+        // poses are alike, one of them nearly always belongs to the groups that set the interval, which then
+        // contains all.
         assert!(share >= 0.92, "{axis}: {share}");
     }
 }

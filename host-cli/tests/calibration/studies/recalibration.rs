@@ -42,7 +42,7 @@ impl State {
         Self { unit, lever_m, turn_rad, session: self.session + 1 }
     }
 
-    /// What the shell feels of a wrench of the reference frame.
+    /// The wrench at the shell for a wrench in the reference frame.
     fn felt(&self, [fx, fy, fz, mx, my, mz]: PerAxis<f64>) -> PerAxis<f64> {
         let more = cross(self.lever_m, [fx, fy, fz]);
         let back = |v| turned_back(v, self.turn_rad);
@@ -141,7 +141,7 @@ fn seeds() -> std::ops::RangeInclusive<u64> {
 }
 
 #[test]
-fn four_poses_do_what_a_full_calibration_does() {
+fn four_poses_give_the_accuracy_of_a_full_calibration() {
     let mut ratios = Vec::new();
     for seed in seeds() {
         let mut random = Random(seed);
@@ -169,7 +169,7 @@ fn four_poses_do_what_a_full_calibration_does() {
 }
 
 #[test]
-fn a_sensor_that_is_as_it_was_is_left_as_it_is() {
+fn an_unchanged_sensor_keeps_its_calibration() {
     let mut changed = 0;
     for seed in seeds() {
         let mut random = Random(1000 + seed);
@@ -204,7 +204,7 @@ fn csv(data: &Dataset) -> String {
 }
 
 #[test]
-fn the_program_says_what_has_changed_and_writes_a_calibration_of_any_kind() {
+fn changes_are_reported_and_calibrations_of_any_kind_are_written() {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
     let mut random = Random(5);
@@ -230,7 +230,7 @@ fn the_program_says_what_has_changed_and_writes_a_calibration_of_any_kind() {
         succeed(&dir, "convert new.json test.csv -o forces.csv");
         succeed(&dir, "export new.json new.py");
         assert!(succeed(&dir, "doctor new.json").contains("ok"));
-        // What is as it was is written as it was.
+        // An unchanged calibration is written unchanged.
         let said = succeed(&dir, "fit again.csv --from old.json -o same.json");
         assert!(said.starts_with("unchanged: `old.json` explains the 6 loads"), "{said}");
         let read = |name: &str| fs::read_to_string(dir.path().join(name)).unwrap();
@@ -239,7 +239,7 @@ fn the_program_says_what_has_changed_and_writes_a_calibration_of_any_kind() {
 }
 
 #[test]
-fn loads_of_another_sensor_contradict_a_calibration_and_what_does_not_go_together_is_refused() {
+fn loads_of_another_sensor_contradict_a_calibration_and_inconsistent_inputs_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let write = |name: &str, text: &str| fs::write(dir.path().join(name), text).unwrap();
     let mut random = Random(6);

@@ -1,4 +1,4 @@
-//! Whatever is printed as 95 % holds on groups that the fit has not seen: of other people's sensors, of the shipped
+//! Stated 95 % intervals hold on groups that the fit has not seen: of other people's sensors, of the shipped
 //! data and of the sensor model.
 
 use std::fmt::Write;
@@ -107,7 +107,8 @@ fn columns(path: &Path) -> (Vec<Vec<f64>>, impl Fn(&str) -> usize + use<>) {
 fn tell(name: &str, what: &str, shares: [f64; 6]) {
     let percent = shares.map(|share| format!("{:.1}", 100.0 * share));
     println!("| {name} | {what} | {} |", percent.join(", "));
-    // 92 to 99 %, and half a percent either way: of so large a share 418 rows tell 1.1 %, and 32 poses less.
+    // 92 to 99 %, with half a percent of margin: at such a share 418 rows have a standard deviation of 1.1 %,
+    // and 32 poses a larger one.
     assert!(
         shares.iter().all(|share| (0.915..=0.996).contains(share)),
         "{name}, {what}: {percent:?}"

@@ -21,7 +21,7 @@ pub(crate) enum Kind {
     LinearSolid,
     /// Friction of bristles that depends on the speed (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
     LuGre,
-    /// One play of its own width in each direction: a joint with backlash.
+    /// One play per direction, each with its own width: a joint with backlash.
     Backlash,
     /// A gap in the middle that takes hardly any force to cross.
     Clearance,
@@ -40,7 +40,7 @@ impl Kind {
         Self::Clearance,
     ];
 
-    /// True if each channel has its own memory of its own displacement.
+    /// True if each channel has memory of its own displacement.
     pub(crate) fn per_channel(self) -> bool {
         matches!(self, Self::MaxwellSlip | Self::Preisach)
     }

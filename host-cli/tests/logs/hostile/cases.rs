@@ -140,7 +140,7 @@ fn copies_do_not_leak_through_validation() {
             all
         });
     write(&dir, "h1.csv", &half);
-    // The same rows in another file, with CRLF line ends.
+    // The rows of `half` in another file, with CRLF line ends.
     write(&dir, "h1b.csv", half.replace('\n', "\r\n"));
     for command in [
         "fit h1.csv h1b.csv --cv=file --model poly3",
@@ -178,7 +178,7 @@ fn a_penalised_fit_is_the_same_in_any_order_of_rows() {
 }
 
 #[test]
-fn what_cannot_be_read_back_is_not_written() {
+fn calibrations_that_cannot_be_read_back_are_not_written() {
     let dir = folder();
     let text = read(&dir, "train.csv");
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
@@ -192,7 +192,7 @@ fn what_cannot_be_read_back_is_not_written() {
 }
 
 #[test]
-fn a_reading_that_no_converter_gives_is_told_with_its_place() {
+fn an_impossible_reading_is_an_error_with_its_position() {
     let dir = folder();
     let text = read(&dir, "test.csv");
     let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
@@ -254,12 +254,12 @@ fn sizes_are_refused_before_they_are_taken() {
     let bomb = format!("{start}\"channels\": [{ranges}],{end}").replace("linear", "poly3");
     write(&dir, "bomb.json", bomb);
     let said = says(&dir, "merge bomb.json", 2);
-    assert!(said.contains("more than the `2200` that are fitted"), "{said}");
+    assert!(said.contains("at most `2200` can be fitted"), "{said}");
 }
 
 #[cfg(target_os = "linux")]
 #[test]
-fn endless_and_enormous_files_are_told_at_once() {
+fn endless_and_enormous_files_are_refused_at_once() {
     let dir = folder();
     let zeros = fs::File::create(dir.path().join("zeros")).unwrap();
     zeros.set_len(10 << 30).unwrap();
@@ -355,7 +355,7 @@ fn a_saturated_fit_is_warned_of() {
 }
 
 #[test]
-fn terminals_are_not_commanded_by_names() {
+fn names_are_escaped_on_the_terminal() {
     let dir = folder();
     write(&dir, "esc.csv", "a\u{1b}[31mb,s1,s2\n1,2,3\n");
     let output = program::output(dir.path(), "info esc.csv");
@@ -430,7 +430,7 @@ fn headers_and_line_ends_that_no_log_has_are_named() {
 
 #[cfg(unix)]
 #[test]
-fn nobody_waits_for_the_writer_of_a_pipe() {
+fn a_pipe_without_a_writer_is_an_error() {
     let dir = tempfile::tempdir().unwrap();
     let made = std::process::Command::new("mkfifo").arg(dir.path().join("pipe.csv")).status();
     assert!(made.unwrap().success());

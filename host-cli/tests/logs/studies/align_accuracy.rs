@@ -45,9 +45,9 @@ fn errors_on_the_sensor_model_are_of_the_size_that_is_stated() {
         squares[0] += (offset / clock.offset_se_s).powi(2);
         squares[1] += (skew / clock.skew_se).powi(2);
     }
-    // χ² of 16: between 5 and 36 with 99.5 % each; the model's own errors are not normal, so that a factor of
-    // √2 is left. The stated error of the offset is that of sensors whose memory nobody knows; here the model
-    // has the right kinds of memory, and the error may be seven times smaller.
+    // χ² of 16: between 5 and 36 with 99.5 % each. The model's errors are not normal, hence the margin of √2.
+    // The stated error of the offset is for sensors with unknown memory; here the model has the right kinds
+    // of memory, and the error may be seven times smaller.
     for (what, sum, lowest) in [("offset", squares[0], 16.0 / 49.0), ("skew", squares[1], 2.5)] {
         assert!((lowest..72.0).contains(&sum), "{what}: {sum}");
     }
@@ -100,7 +100,7 @@ fn a_long_session_is_aligned_from_a_stretch_outward() {
 fn bound(truth: PairSettings) -> (f64, f64) {
     const SHIFT_S: f64 = 1e-3;
     let readings = |offset_s: f64, noise_scale: f64| {
-        // Moving the load under an unmoved board: the margin is what the load starts earlier.
+        // The load moves and the board does not, so the margin is the earlier start of the load.
         let margin_s = truth.margin_s + offset_s;
         recordings(PairSettings { margin_s, noise_scale, ..truth }).1
     };

@@ -1,5 +1,5 @@
-//! How exact an alignment is, and how exact it says it is, on sensors that are not the sensor model:
-//! nine kinds of springs, six of load, three of optics, none of which the program knows.
+//! Actual and stated errors of an alignment, on sensors other than the sensor model: nine kinds of springs,
+//! six of load, three of optics, all unknown to the program.
 use alignment::{Options, align};
 
 use crate::foreign::{Kind, Load, Session};
@@ -53,8 +53,8 @@ fn line(name: &str, outcomes: &[&Outcome]) {
 
 fn check(outcomes: &[Outcome], beyond: usize) {
     let all: Vec<&Outcome> = outcomes.iter().collect();
-    // What was asked of sensors with a memory, but for friction that depends on the speed, which looks like another
-    // offset, and loads that jump between two frames: 0.2 ms.
+    // The requirement for sensors with memory, 0.2 ms. It excludes friction that depends on the speed, which
+    // looks like another offset, and loads that jump between two frames.
     let is_clear = |o: &&&Outcome| o.kind != Kind::LuGre && o.load != Load::Steps;
     assert!(median(all.iter().filter(is_clear).map(|o| o.error_s.abs())) <= 200e-6);
     assert!(within_three(&all) + beyond >= all.len(), "{} of {}", within_three(&all), all.len());

@@ -1,5 +1,4 @@
-//! Whether the 95 % intervals of drag energy hold the truth in 95 % of trials, with calibrations that
-//! are fitted, each to a recording of its own.
+//! Coverage of the 95 % intervals of drag energy over trials, with a separate fitted calibration for each.
 
 use calibration::fit::HeldOut;
 use calibration::solver::Workers;
@@ -48,7 +47,7 @@ fn training(seed: u64, rows: usize, elastic: bool) -> Block {
     block
 }
 
-/// The calibration that the program chooses itself for such a recording, and what it leaves unexplained.
+/// The program's own choice of calibration for such a recording, and its unexplained part.
 fn chosen(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     let data = Dataset::from_blocks("train", Axes::ALL, vec![training(seed, rows, elastic)]);
     let options = FitOptions { cross_validation: Some(HeldOut::Auto), ..FitOptions::default() };
@@ -87,7 +86,7 @@ fn calibrate(seed: u64, rows: usize, elastic: bool) -> (Calibration, [f64; 6]) {
     (calibration, unexplained)
 }
 
-/// What is found of a trial, and its drag energy, J.
+/// The result of a trial, and its drag energy, J.
 fn evaluated(
     (calibration, unexplained): &(Calibration, [f64; 6]),
     settings: TrialSettings,
@@ -128,12 +127,13 @@ fn error(calibration: &(Calibration, [f64; 6]), settings: TrialSettings) -> (f64
     (error, 0.5 * (interval.high - interval.low))
 }
 
-/// Five trials at 3 cm and five free, each with one calibration of a unit of its own: whether the intervals of the mean
-/// drag energy at 3 cm and of its difference from free hold the means of the truth, and are no wider than errors ask for.
+/// Five trials at 3 cm and five free ones, each with the calibration of a separate unit. The intervals of the
+/// mean drag energy at 3 cm and of its difference from free contain the true means, and are no wider than the
+/// errors require.
 ///
-/// Creep and play make small loads of every unit read too small by some tenth. That error is alike in all units, and the
-/// intervals take it for a random one: they may hold the truth in all hundred, so how wide they are is judged by the size
-/// of the errors.
+/// Creep and play make small loads read some tenth too small on every unit. This error is the same in all
+/// units, but the intervals treat it as random. They may then contain the truth in all hundred cases, so
+/// their width is compared with the size of the errors.
 #[test]
 fn intervals_of_conditions_hold_the_truth_and_are_as_wide_as_errors_ask_for() {
     const UNITS: u64 = 100;
@@ -172,7 +172,7 @@ fn intervals_of_conditions_hold_the_truth_and_are_as_wide_as_errors_ask_for() {
         println!("{name}: mean and difference held in {held:?} of {UNITS}, errors {sizes:.3?}");
         // Binomial about 95 %, two standard deviations of 2.2.
         assert!(held.iter().all(|held| *held >= 90), "{name}: {held:?}");
-        // Of half a width; normal errors have 1/1.96 = 0.51.
+        // In half widths; for normal errors the value is 1/1.96 = 0.51.
         assert!(sizes.iter().all(|size| (0.35..0.65).contains(size)), "{name}: {sizes:?}");
     }
 }
@@ -202,7 +202,7 @@ fn ninety_five_percent_intervals_of_drag_energy_hold_the_truth() {
         let each = CALIBRATIONS * RUNS;
         let share = held.iter().sum::<u64>() as f64 / (5 * each) as f64;
         println!("elastic {elastic}: {share:.3}, by condition {held:?} of {each}");
-        // What is asked for; the Monte-Carlo error of 1000 trials is 0.7 %.
+        // The requirement; the Monte-Carlo error of 1000 trials is 0.7 %.
         assert!((share - 0.95).abs() < 0.02, "{share}");
         // No condition pays for another: 1.5 % of Monte-Carlo error, three times.
         for held in held {

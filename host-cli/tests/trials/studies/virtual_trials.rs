@@ -121,9 +121,9 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
         for (time_s, turn_s) in starts.zip(truth) {
             let angle = |time_s| trial.gait.angle_rad(LegSide::Right, time_s);
             let off = (angle(time_s) - angle(turn_s)).abs() / TAU * 65536.0;
-            // Of the rows before the end of a turn one may be ahead by five standard deviations of
-            // the noise, and by half a step of the encoder; a line between rows leaves the curve by
-            // less than 50 counts where one to eight rows are missing.
+            // Noise moves the detected end of a turn by up to five standard deviations and half a step of the
+            // encoder. A straight line between rows differs from the curve by less than 50 counts if one to
+            // eight rows are missing.
             assert!(off < 5.5 * settings.encoder_noise + 52.0, "{off} counts: {settings:?}");
         }
     }
@@ -135,8 +135,8 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
 const LOADS: [[f64; 2]; 6] =
     [[-0.5, 0.25], [-0.25, 0.25], [-0.6, 0.3], [-0.004, 0.004], [-0.006, 0.012], [-0.004, 0.004]];
 
-/// The calibration that a unit would have without any error of the calibration itself: fitted to its
-/// own frames, without noise, under loads that are known and like those of trials.
+/// The calibration of a unit without calibration error: fitted to its own frames, without noise, under known
+/// loads similar to those of trials.
 fn true_calibration(unit_seed: u64) -> Calibration {
     let mut unit = SensorParameters::nominal().unit(unit_seed);
     unit.scale_noise(0.0);
@@ -183,15 +183,15 @@ fn errors(settings: TrialSettings, calibration: &Calibration, options: &TrialOpt
 }
 
 #[test]
-fn drag_energy_and_specific_resistance_are_those_of_the_truth() {
+fn drag_energy_and_specific_resistance_equal_those_of_the_truth() {
     let calibration = true_calibration(1);
     let three_cm = ChannelForces::named("3 cm").unwrap();
     let elastic = |seed| TrialSettings { elastic: true, ..TrialSettings::new(three_cm, seed) };
 
-    // Readings that scatter by 1.2 counts, as those of the original board do (0.7 to 1.6), tared on a
-    // lead-in of 2 s: each trial on its own. Noise of 0.007 N is 0.007 N √(1/200 + 1/600) in the mean,
-    // 0.5 % of 0.13 N; light that changes from session to session and what a cubic cannot follow add
-    // as much. 2 % are three standard deviations of both.
+    // Readings scatter by 1.2 counts, as on the original board (0.7 to 1.6), and each trial is tared on a
+    // lead-in of 2 s. Noise of 0.007 N gives 0.007 N √(1/200 + 1/600) in the average, 0.5 % of 0.13 N. Light
+    // that changes between sessions and the lack of fit of the cubic add as much. 2 % are three standard
+    // deviations of both.
     let forces = ForceOptions { tare: TareRule::Between(0.0, 1.99), ..ForceOptions::default() };
     let options = TrialOptions { forces, ..TrialOptions::default() };
     for seed in 0..25 {

@@ -7,7 +7,7 @@ use super::host::{Host, Modelled, Random, boards, played};
 
 #[test]
 #[ignore = "needs the flashed image"]
-fn the_image_says_what_it_is_and_answers_under_its_serial_number() {
+fn the_image_identifies_itself_and_answers_to_its_serial_number() {
     for Modelled { model, board, .. } in &boards() {
         let mut host = Host::new(model);
         assert_eq!(host.boots.len(), 1);
@@ -34,7 +34,7 @@ pub fn expected(frame: usize) -> [u16; 8] {
 
 #[test]
 #[ignore = "needs the flashed image"]
-fn a_stream_is_what_the_converter_gave() {
+fn a_stream_equals_the_converters_values() {
     for Modelled { model, conversion_ns, .. } in &boards() {
         let mut host = Host::start(model, &played(53, code));
         host.order(Command::Start);
@@ -143,7 +143,7 @@ fn three_wires_are_enough() {
 
 #[test]
 #[ignore = "needs the flashed image"]
-fn the_books_balance_over_two_thousand_frames_behind_a_bad_line() {
+fn sent_received_and_lost_frames_add_up_over_a_bad_line() {
     let model = &Model::find();
     let mut host = Host::new(model);
     host.order(Command::SetSettling { settling_us: 100 });

@@ -38,12 +38,10 @@ const CLEAR: f64 = 3.0;
 /// A negligible standard error, s: it leaves 6 % of a load at 10 Hz.
 const SMALL_S: f64 = 0.001;
 
-/// The lag of a motion.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Lag {
     /// Time on the clock of the motion minus that of the wrench, s.
     pub lag_s: f64,
-    /// The standard error of the lag, s.
     pub standard_error_s: f64,
 }
 

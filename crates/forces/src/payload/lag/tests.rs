@@ -217,7 +217,7 @@ fn a_lag_that_may_be_zero_is_taken_for_zero_unless_that_does_not_matter() {
 }
 
 #[test]
-fn a_run_at_rest_tells_no_lag() {
+fn a_run_at_rest_has_no_lag() {
     let mut noise = RandomStream::new(9, Purpose::Reference, 0);
     let times: Vec<f64> = (0..5000).map(|i| f64::from(i) / 500.0).collect();
     let mut rest = || times.iter().map(|_| 0.05 * noise.normal()).collect::<Vec<f64>>();

@@ -334,8 +334,8 @@ fn start_bootloader(client: &mut BoardClient, port: &str, printer: &Printer) -> 
     }
     started?;
     printer.note(format!(
-        "the board is in its bootloader: `stm32flash -b 57600 -w FIRMWARE.bin -v -g 0x08000000 {port}` \
-         writes to it, a reset leaves it"
+        "in the bootloader until a reset; to flash: `stm32flash -b 57600 -w FIRMWARE.bin -v -g 0x08000000 \
+         {port}`"
     ));
     Ok(())
 }

@@ -95,10 +95,10 @@ impl ExportArgs {
             Some("csv") => {
                 let polynomial = file.calibration.polynomial();
                 let polynomial = polynomial
-                    .context("a physics model has no matrix; `.py` and `.m` have all of it")?;
+                    .context("a physics model has no matrix; export it as `.py` or `.m`")?;
                 ensure!(
                     file.calibration.memory.is_none(),
-                    "a matrix cannot have memory terms; `.py` and `.m` have all of it"
+                    "a matrix cannot have memory terms; export as `.py` or `.m`"
                 );
                 matrix::to_csv(polynomial, file.calibration.axes)
             }

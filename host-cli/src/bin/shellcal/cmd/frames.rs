@@ -18,7 +18,7 @@ const FILTERING: &str = "Filtering";
 #[derive(Clone, Copy, Debug, Default, clap::Args)]
 pub(crate) struct TareArgs {
     /// Subtract the mean wrench of the first N frames [default: 50], not counting duplicate rows; or, with
-    /// `rests`, a zero interpolated linearly between stretches at rest (in live streams, the zero of the last
+    /// `rests`, a zero interpolated linearly between stationary intervals (in live streams, the zero of the last
     /// one)
     #[arg(long, value_name = "N|rests", group = "tares", value_parser = parse_tare)]
     tare: Option<TareRule>,

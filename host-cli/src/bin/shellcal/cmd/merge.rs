@@ -162,12 +162,11 @@ impl MergeArgs {
         match is_exact {
             _ if fitted.cross_validation.as_ref().is_none_or(|cv| cv.random_folds > 0) => {}
             false => printer.note(
-                "no random split beside the held-out groups: rows that cannot be summed exactly are not assigned \
-                 at random",
+                "no random split: rows that cannot be summed exactly are not assigned at random",
             ),
             true => printer.note(format!(
-                "no random split beside the held-out groups: partial fits have one in \
-                 {RANDOM_FOLDS} folds, for `--cv` and `--cv={RANDOM_FOLDS}`"
+                "no random split: partial fits have one in {RANDOM_FOLDS} folds, for `--cv` and \
+                 `--cv={RANDOM_FOLDS}`"
             )),
         }
     }

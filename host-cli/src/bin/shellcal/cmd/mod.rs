@@ -108,7 +108,7 @@ commands! {
     /// rest
     ///
     /// With `--noise` or `--drift`, the log has to be of an unloaded sensor: reports its scatter, or the
-    /// drift of its zero. `--plot` draws the zeros of the stretches at rest over time.
+    /// drift of its zero. `--plot` draws the zeros of the stationary intervals over time.
     Info(info::InfoArgs),
 
     /// Align a reference sensor's recording with a board log from another clock
@@ -130,7 +130,7 @@ commands! {
     /// Fit a calibration to logs with readings and a measured wrench
     ///
     /// Compares models by cross-validation over groups of rows (a group column, files, poses that are found,
-    /// or stretches of time) and takes the best. The output starts with a verdict: the error on data that
+    /// or blocks of time) and takes the best. The output starts with a verdict: the error on data that
     /// were not used for the fit, the 95 % interval of a frame, what to use the calibration for, and what to
     /// record next. `--plot` draws predicted against measured, and the residuals. The exit code is 1 if that
     /// error is above `--max-rms`.

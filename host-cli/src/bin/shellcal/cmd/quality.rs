@@ -118,9 +118,7 @@ pub(super) fn print_advice(
         printer.warning(better);
     } else if let Some((axis, ratio)) = cv.and_then(CrossValidation::suspicious) {
         printer.note(format!(
-            "the error on new groups is up to {ratio:.1} times that on random rows ({}): rows of a group \
-             resemble each other, and only the figures for new groups count. More poses would help, a \
-             smaller model would not",
+            "errors on new groups are up to {ratio:.1} times those on random rows ({}): rows of a group are correlated",
             axis.name()
         ));
     }

@@ -127,7 +127,7 @@ impl RecordArgs {
         let recorded = recorded?;
         if recorded.boards.len() > 1 && self.forces.is_given() {
             printer.warning(
-                "a calibration is of one sensor: only the first board's log has forces; convert the others with their own",
+                "only the first board's log has forces: a calibration is for one sensor; convert the others",
             );
         }
         report(&recorded, printer)?;

@@ -131,8 +131,7 @@ fn on_a_pty(settings: BoardSettings) -> anyhow::Result<SimulatedBoard> {
 #[cfg(not(unix))]
 fn on_a_pty(_: BoardSettings) -> anyhow::Result<SimulatedBoard> {
     anyhow::bail!(
-        "this system has no ports that a program can make: `--listen 127.0.0.1:5000`, and \
-         `tcp://127.0.0.1:5000` for the port in other commands"
+        "this system has no virtual ports: use `--listen 127.0.0.1:5000` and the port `tcp://127.0.0.1:5000`"
     )
 }
 

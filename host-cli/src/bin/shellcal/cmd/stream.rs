@@ -39,8 +39,8 @@ pub(crate) struct StreamArgs {
     #[arg(value_name = "PORT|LOG")]
     name: InputPath,
 
-    /// Where rows go; may be given several times: `-` (standard output), `udp:HOST:PORT`, `tcp:PORT` (whoever
-    /// connects on this machine), `tcp:IP:PORT`, `netft[:PORT]` (as an ATI Net F/T box answers), or a file
+    /// Where rows go; may be given several times: `-` (standard output), `udp:HOST:PORT`, `tcp:PORT`
+    /// (programs of this machine), `tcp:IP:PORT`, `netft[:PORT]` (as an ATI Net F/T box answers), or a file
     #[arg(long, short, value_name = "DEST", default_value = "-")]
     output: Vec<Destination>,
 
@@ -256,7 +256,7 @@ fn open(
         printer.note(format!("readers over TCP: {address}"));
         if !address.ip().is_loopback() {
             printer.warning(format!(
-                "other machines reach {address}, and what is sent is not encrypted: whoever connects can read on"
+                "other machines reach {address}, which is not encrypted: anyone can connect and read"
             ));
         }
     }

@@ -96,8 +96,7 @@ fn report(printer: &Printer, path: &Path, of: &Recalibrated) -> anyhow::Result<(
     print_errors(printer, found, axes);
     if found.is_contradicted() {
         printer.warning(format!(
-            "the loads contradict `{name}`: they differ from it by {} times the stated errors, whatever has changed of \
-             zeros, gains and mounting. Calibrate anew, or look for a wrong load",
+            "the loads contradict `{name}` by {} stated errors: look for a wrong load, or calibrate anew",
             significant(found.disagreement[1], 2),
         ));
     }

@@ -205,7 +205,7 @@ impl FitArgs {
         );
         anyhow::ensure!(
             !self.means || !is_physics,
-            "`--model physics` is fitted to means of stretches of rows of its own: leave out `--means`"
+            "`--model physics` computes its own means: leave out `--means`"
         );
         self.check_dropped()?;
         if let Some(option) = self.polynomials_only().filter(|_| is_physics) {

@@ -67,7 +67,7 @@ fn moved(summary: &DriftSummary) -> Option<(usize, ZeroChange)> {
 fn print(printer: &Printer, log: &str, summary: &DriftSummary) {
     let DriftSummary { rests, first_s, last_s, .. } = *summary;
     printer.line(format!(
-        "{log}: {rests} stretches at rest, the first about {first_s:.1} s, the last about {last_s:.1} s"
+        "{log}: {rests} stationary intervals, the first about {first_s:.1} s, the last about {last_s:.1} s"
     ));
     let quantities = quantities(summary);
     let has_trend = quantities.iter().any(|(.., drift)| drift.per_degree.is_some());
@@ -117,7 +117,7 @@ fn print(printer: &Printer, log: &str, summary: &DriftSummary) {
         }
     });
     printer.note(format!(
-        "a zero that stands still is said to move in {} % of logs at most",
+        "a constant zero gives a false alarm in at most {} % of logs",
         100.0 * FALSE_ALARMS
     ));
 }

@@ -45,7 +45,7 @@ pub(crate) struct InfoArgs {
     #[arg(long, value_name = "START:END", num_args = 0..=1, require_equals = true, value_parser = parse_window, requires = "calibration", help_heading = AT_REST)]
     noise: Option<Option<TimeWindow>>,
 
-    /// Report the drift of the zero of an unloaded sensor between stretches at rest, and whether a tare at
+    /// Report the drift of the zero of an unloaded sensor between stationary intervals, and whether a tare at
     /// the start holds to the end
     #[arg(long, help_heading = AT_REST)]
     drift: bool,
@@ -254,7 +254,7 @@ impl<'a> ScannedLog<'a> {
         lines.extend(log.decisions().iter().map(|said| format!("  head      {said}")));
         let repeated = self.repeats().map_or_else(String::new, |(repeated, _)| {
             let share = 100.0 * repeated as f64 / rows as f64;
-            format!(", {repeated} ({share:.1} %) with the readings of the row before")
+            format!(", {repeated} ({share:.1} %) repeat the previous readings")
         });
         lines.push(format!("  rows      {rows}{repeated}"));
         lines.extend(log.notes().into_iter().map(|note| format!("  note      {note}")));

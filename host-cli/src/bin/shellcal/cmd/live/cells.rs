@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_beyond_the_edges_is_left_out() {
+    fn cells_beyond_the_edges_are_left_out() {
         for size in [(0, 0), (3, 0), (0, 3), (3, 2)] {
             let mut grid = CellGrid::new(size);
             for at in [(0, 5), (3, 0), (2, 1), (u16::MAX, u16::MAX)] {
@@ -249,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn dots_are_those_of_unicode() {
+    fn dots_equal_those_of_unicode() {
         let mut canvas = CharacterCanvas::new(2, 1);
         // U+28FF has all eight dots, U+2801 the upper left one.
         (0..4).for_each(|y| (0..2).for_each(|x| canvas.dot(x, y)));

@@ -210,8 +210,8 @@ impl LiveArgs {
 fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<()> {
     if !at.ip().is_loopback() {
         printer.warning(
-            "other machines reach this view, and what is sent is not encrypted: whoever has its address can look on \
-             and end a recording",
+            "other machines reach this view, which is not encrypted; anyone with its address can end a \
+             recording",
         );
     }
     printer.finish(&json!({ "address": address }), |printer| {

@@ -486,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_as_long_as_they_need_to_be() {
+    fn numbers_have_no_superfluous_digits() {
         assert_eq!([0.05, 2.0, 0.0, 1000.0, -0.0].map(short), ["0.05", "2", "0", "1000", "0"]);
         assert_eq!([0.1, 4.0, 40.0, 4000.0].map(decimals), [3, 2, 1, 0]);
     }

@@ -136,16 +136,16 @@ impl MotionArgs {
         });
         if let Some(force) = load.turning_n {
             printer.warning(format!(
-                "`{path}`: what turning adds at the payload's centre is not taken off: {:.3} N at 1 rad/s, {:.2} N at 5; \
-                 give angular velocity (`gyro_x`, `gyro_y`, `gyro_z`) or orientations besides",
+                "`{path}`: inertia of rotation not removed ({:.3} N at 1 rad/s, {:.2} N at 5): give `gyro_x` \
+                 … or orientations",
                 force,
                 25.0 * force
             ));
         }
         if let Some(factor) = load.rescaled {
             printer.warning(format!(
-                "`{path}`: by the length of gravity its accelerations are in {}, unlike those of the poses: multiplied \
-                 by {factor:.5}",
+                "`{path}`: accelerations are in {}, unlike those of the poses, judging by gravity: \
+                 multiplied by {factor:.5}",
                 if factor > 1.0 { "multiples of g" } else { "m/s²" }
             ));
         }
@@ -156,14 +156,13 @@ impl MotionArgs {
         match load.lag {
             Some(found) if found.is_certain() => printer.note(format!("motion: {}", lag(found))),
             Some(found) => printer.warning(format!(
-                "`{path}`: contact makes the lag of the motion uncertain: {}, {}; `--motion-lag` sets it, from a run \
-                 without contact, for example",
+                "`{path}`: contact makes the lag of the motion uncertain: {}, {}; set `--motion-lag`, from a \
+                 free run",
                 lag(found),
                 if found.taken_s() == 0.0 { "so it is taken as 0" } else { "and this is taken" }
             )),
             None if self.motion.is_some() && self.motion_lag.is_none() => printer.warning(format!(
-                "`{path}`: forces and motion do not tell the lag of their clocks, it is taken as 0; \
-                 `--motion-lag` sets it"
+                "`{path}`: the lag between forces and motion is unclear and taken as 0; set `--motion-lag`"
             )),
             None => {}
         }

@@ -161,8 +161,8 @@ fn say(printer: &Printer, found: &FittedPayload) {
     }
     match (gravity_from, accelerometer) {
         (GravityFrom::Accelerations, _) => printer.note(
-            "gravity from accelerations alone, their frame from the forces; offsets of the accelerometer are \
-             in F₀ and T₀",
+            "gravity is from accelerations, its frame from forces; F₀ and T₀ include the accelerometer's \
+             offset",
         ),
         (GravityFrom::Orientation, Some(it)) => {
             let [x, y, z] = it.residual_rms_m_s2;
@@ -171,8 +171,7 @@ fn say(printer: &Printer, found: &FittedPayload) {
             ));
         }
         (GravityFrom::Orientation, None) => printer.note(
-            "no accelerometer: inertia cannot be taken off (`ax ay az` in six poses or more that turn \
-             gravity in all of space tell its frame)",
+            "no accelerometer, so no inertia is removed: give `ax ay az` in at least six orientations",
         ),
     }
     let rest = fit.spread_rad[1];
@@ -184,8 +183,7 @@ fn say(printer: &Printer, found: &FittedPayload) {
     }
     if !is_grouped && fit.poses > MANY_POSES {
         printer.warning(format!(
-            "each of {} rows counts as a pose: if poses last for rows, name the column that labels them \
-             with `--group`, or standard errors are too small",
+            "each of {} rows counts as a pose; if a pose has several rows, name its column with `--group`",
             fit.poses
         ));
     }

@@ -193,7 +193,7 @@ impl PlanArgs {
         }
         anyhow::ensure!(
             !self.masses.is_empty(),
-            "nothing is said of the rig: give its loads with `--rig`, `--masses`, or `--box`"
+            "no loads given: name those of the rig with `--rig`, `--masses`, or `--box`"
         );
         let points_mm = if self.points.is_empty() { &[[0.0; 3]][..] } else { &self.points };
         combinations(&self.masses, points_mm, &self.directions).map_err(anyhow::Error::msg)

@@ -99,7 +99,7 @@ impl LoadPlan {
         ));
         let header: &[&str] = match self.before {
             PredictedError::Wrench(_) => &["step", "group", "load", "gain", "± N", "± N·m"],
-            PredictedError::Relative(_) => &["step", "group", "load", "gain", "± poses"],
+            PredictedError::Relative(_) => &["step", "group", "load", "gain", "relative error"],
         };
         let rows = (1..).zip(&self.order).map(|(step, planned): (usize, _)| {
             let load = &self.table.loads()[planned.candidate];
@@ -118,12 +118,9 @@ impl LoadPlan {
     fn conclusions(&self) -> Vec<String> {
         let mut said = Vec::new();
         let size = |error: PredictedError| {
-            let units: &[&str] = match error {
-                PredictedError::Wrench(_) => &[" N", " N·m"],
-                PredictedError::Relative(_) => &[" of a pose's"],
-            };
             let values = errors_of(error);
-            let texts = values.iter().zip(units).map(|(value, unit)| format!("±{value}{unit}"));
+            let texts =
+                values.iter().zip([" N", " N·m"]).map(|(value, unit)| format!("±{value}{unit}"));
             texts.collect::<Vec<_>>().join(" and ")
         };
         let (before, after) = (size(self.before), size(self.error_after()));
@@ -139,6 +136,8 @@ impl LoadPlan {
             Some(_) => said.push(format!(
                 "not reached: after {count} more loads the predicted error is {after}, now it is {before}"
             )),
+            // Without readings the error is known only relative to that of one pose.
+            None if matches!(self.before, PredictedError::Relative(_)) => {}
             None => said.push(format!("predicted error: now {before}, after these loads {after}")),
         }
         for coupling in &self.couplings {
@@ -149,14 +148,14 @@ impl LoadPlan {
                 Some((at, after)) => {
                     let load = &self.table.loads()[at];
                     format!(
-                        "{first} and {second} moved together {whose} (correlation {correlation:.2}): `{}` \
-                         ({load}) tells them apart best (then {after:.2})",
+                        "{first} and {second} moved together {whose} (correlation {correlation:.2}): best separated by `{}` \
+                         ({load}; then {after:.2})",
                         load.group
                     )
                 }
                 None => format!(
                     "{first} and {second} move together {whose} (correlation {correlation:.2}), and no load of \
-                     the rig tells them apart: pull at another point"
+                     the rig separates them: pull at another point"
                 ),
             });
         }

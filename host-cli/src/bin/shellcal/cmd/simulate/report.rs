@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn walls_are_told_apart_only_where_they_differ() {
+    fn walls_are_distinguished_only_where_they_differ() {
         let said = |least, greatest| contacts(Some(least), Some(greatest));
         assert_eq!(said([4, 4], [5, 5]), "4–5");
         assert_eq!(said([5, 4], [5, 5]), "5, 4–5");
