@@ -64,7 +64,7 @@ pub enum ChannelDiagnostic {
     /// Beams lie flat against the body.
     #[error(
         "beams bend until their faces lie against the body, of which the model knows only the tips: the \
-         drag is larger"
+         drag is larger (`--beam plate`)"
     )]
     FaceContact,
     /// The body is never wholly among the beams.
