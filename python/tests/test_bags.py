@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import csv
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -92,3 +94,22 @@ def test_a_recording_of_a_board_is_a_bag_with_the_same_bits(logs: list[Path], tm
     for row in known:
         time_ns = int(row["t_s"].replace(".", "")) * 1000
         assert found[time_ns] == [float(row[name]) for name in names]
+
+
+def test_readers_that_do_not_know_the_program_take_its_bags(logs: list[Path], tmp_path: Path) -> None:
+    calibration, bag = tmp_path / "cal.json", tmp_path / "run.mcap"
+    program("fit", logs[1], "--model", "cubic", "-o", calibration, "-q")
+    program("convert", calibration, logs[1], "-o", bag, "--mount", "base_link")
+    scripts = Path(sys.executable).parent
+    for command, expected in (
+        (["baglint", "--init", bag], "/wrench/details:"),
+        (["clockdoctor", bag, "--out-dir", tmp_path / "clock"], "header 0.000 / 0.000 / 0.000 / 0.000"),
+        (["pymcap-cli", "doctor", bag], "passed MCAP doctor checks"),
+        (["pymcap-cli", "cat", bag], '"schema":"shellcal_msgs/msg/Record"'),
+    ):
+        done = subprocess.run(
+            [scripts / command[0], *command[1:]], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+        # Lines are wrapped to the width of a terminal.
+        assert expected in " ".join(done.stdout.split()), f"{command}: {done.stdout}"
