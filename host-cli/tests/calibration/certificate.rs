@@ -99,11 +99,11 @@ fn effective_degrees_of_freedom_and_coverage_are_those_of_gtc() {
             2.369_656_667_845_267,
         ),
         (
-            &[(0.3, Some(8.0)), (0.12, Some(3.0)), (0.4, None)],
+            &[(0.3, Some(8.0)), (0.12, Some(3.0)), (0.4, None)][..],
             64.632_088_903_681_53,
             1.997_353_449_732_648,
         ),
-        (&[(0.0113, Some(5.0))], 5.0, 2.570_581_835_636_314),
+        (&[(0.0113, Some(5.0))][..], 5.0, 2.570_581_835_636_314),
     ] {
         let line = |&(standard, degrees_of_freedom): &(f64, Option<f64>)| Contribution {
             source: "",
