@@ -1,4 +1,4 @@
-//! The path of the tip of a bending beam, as functions of `z`.
+//! The path of the contact of a bending beam, as functions of `z`.
 
 use core::f64::consts::FRAC_PI_2;
 
@@ -8,23 +8,49 @@ use libm::{acos, cos, sin};
 /// extremes by 10⁻⁴.
 pub(crate) const TERMS: usize = 32;
 
-/// The path of a clamped beam's tip along the body.
+/// Largest number of pieces: the beam touches by its tip, by its face, and again by its tip.
+pub(crate) const PIECES: usize = 3;
+
+/// The path of a clamped beam's contact along the body.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Bending {
     /// As in `Path::landmarks`: where the travel falls, otherwise 0; before its maximum; the table's end.
     pub(crate) landmarks: [f64; 3],
-    /// Forward reach of the tip over `z`, in m.
+    /// In the order of `z`; the last one may be repeated.
+    pub(crate) pieces: [Piece; PIECES],
+    /// True if the beam's face comes to lie against the body, and only contact at the tip is modelled.
+    pub(crate) lies_against_body: bool,
+}
+
+/// A smooth part of the path, with contact at the tip or at the face.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Piece {
+    /// `z` at the end of the part.
+    pub(crate) end: f64,
+    /// Forward reach of the contact over `z`, in m.
     pub(crate) reach: Series,
     /// Factor of normal and tangent over `z`, in units of `EI/L²`; normal and tangent have the length of
     /// those in a [`Contact`](crate::Contact).
     pub(crate) push: Series,
-    /// True if the beam's face comes to lie against the body; this model only has contact at the tip.
-    pub(crate) lies_against_body: bool,
+}
+
+impl Bending {
+    /// Returns the piece at `z`.
+    #[inline]
+    pub(crate) fn piece(&self, z: f64) -> &Piece {
+        self.pieces.iter().find(|piece| z <= piece.end).unwrap_or(&self.pieces[PIECES - 1])
+    }
+
+    /// Returns `z` where contact changes between tip and face.
+    pub(crate) fn changes(&self) -> [f64; PIECES - 1] {
+        core::array::from_fn(|i| self.pieces[i].end)
+    }
 }
 
 /// A function given by its values at Chebyshev nodes, as a series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Series {
+    start: f64,
     length: f64,
     coefficients: [f64; TERMS],
 }
@@ -36,19 +62,20 @@ pub(crate) fn node(i: usize) -> f64 {
 }
 
 impl Series {
-    pub(crate) fn through(values: &[f64; TERMS], length: f64) -> Self {
+    /// Creates the series through values at the [`node`]s of the range from `start` to `end`.
+    pub(crate) fn through(values: &[f64; TERMS], [start, end]: [f64; 2]) -> Self {
         let coefficients = core::array::from_fn(|term| {
             let at = |i: usize| cos(term as f64 * acos(2.0 * node(i) - 1.0));
             let sum: f64 = values.iter().enumerate().map(|(i, value)| value * at(i)).sum();
             sum * if term == 0 { 1.0 } else { 2.0 } / TERMS as f64
         });
-        Self { length, coefficients }
+        Self { start, length: end - start, coefficients }
     }
 
     /// Evaluates value and slope by Clenshaw's recurrence.
     #[inline]
     pub(crate) fn at(&self, place: f64) -> (f64, f64) {
-        let t = 2.0 * place / self.length - 1.0;
+        let t = 2.0 * (place - self.start) / self.length - 1.0;
         let ([mut b, mut before], [mut slope, mut slope_before]) = ([0.0; 2], [0.0; 2]);
         for &coefficient in self.coefficients[1..].iter().rev() {
             (slope, slope_before) = (2.0 * (b + t * slope) - slope_before, slope);

@@ -1,4 +1,4 @@
-//! A beam that is clamped at its base and bends along its length: Euler's elastica, pushed at its tip.
+//! A beam that is clamped at its base and bends along its length: Euler's elastica, pushed at tip or face.
 //!
 //! The force `P` acts at the friction angle to the body's normal. With the angle `χ` from the reversed force
 //! to the beam and the length `s` along it, `EI·χ'' = −P·sin χ`, a pendulum: from `χ₀` at the clamp to `χ_L`
@@ -12,97 +12,168 @@
 //! ```
 //!
 //! in beam lengths, with `y` along the straight beam. If the body has pushed the tip aside to `y`, `χ_L`
-//! remains: one root per position of the tip. A table over the tip's path holds the forward reach and the
-//! force as functions of `z`, in which both are smooth.
+//! remains: one root per position of the tip.
+//!
+//! A plate that bends far touches with its face: the contact is where the plate is tangent to the body, at a
+//! length `σ < L` along it, and the rest of the plate is straight. Its turn is then known, `x` and `y` follow
+//! in units of `σ`, and `σ` from `y`: no root is searched for.
+//!
+//! A table over the path of the contact holds the forward reach and the force as functions of `z`, in which
+//! both are smooth between the changes from tip to face and back.
 
 use core::f64::consts::PI;
 
 use libm::{atan2, cos, sin, sqrt};
 
-use crate::bending::{Bending, Series, TERMS, node};
+use crate::bending::{Bending, PIECES, Piece, Series, TERMS, node};
 use crate::bisection::turn;
 use crate::path::Path;
 
-/// Number of positions on a tip's path at which the body's travel is computed.
+/// Number of positions on a contact's path at which the body's travel is computed.
 const PLACES: usize = 64;
 
-/// A beam with its tip at one position.
+/// A beam whose contact is at one position.
 struct Bent {
     reach: f64,
     push: f64,
-    /// True if only the tip touches: the beam then meets the surface from outside.
+    /// True if the tip touches, false if the face does.
     is_on_tip: bool,
 }
 
 /// Why no shape of the beam reaches a position.
+#[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Failure {
     /// Friction holds the tip.
     Locked,
     /// The beam springs off the body.
     Released,
+    /// The body reaches the line of the bases, against which it presses the beam's face.
+    Flattened,
 }
 
 impl Bending {
-    /// Computes the table of a path; `None` if friction holds the tip.
-    pub(crate) fn new(path: &Path, friction: f64) -> Option<Self> {
+    /// Computes the table of a path, with contact at the face if `with_face` is true.
+    ///
+    /// # Errors
+    /// [`Failure::Locked`] or [`Failure::Flattened`].
+    pub(crate) fn new(path: &Path, friction: f64, with_face: bool) -> Result<Self, Failure> {
         let place = |i: usize| path.last() * i as f64 / PLACES as f64;
+        let at = |z: f64| bent(path, friction, with_face, z);
         let (mut travels, mut count) = ([0.0; PLACES], 1);
-        let mut on_tip = true;
+        let mut lies_against_body = false;
+        let (mut changes, mut before) = ([f64::INFINITY; PIECES - 1], true);
         while count < PLACES {
-            match bent(path, friction, place(count)) {
+            match at(place(count)) {
                 Ok(bent) => {
                     let bar = path.position(place(count));
                     travels[count] = bar.travel - bar.reach_m + bent.reach;
-                    on_tip &= bent.is_on_tip || travels[count] < travels[count - 1];
+                    let is_on_tip =
+                        bent.is_on_tip || !with_face && travels[count] < travels[count - 1];
+                    lies_against_body |= !is_on_tip;
+                    if with_face && is_on_tip != before {
+                        let is_as_before = |z| match at(z) {
+                            Ok(bent) if bent.is_on_tip == before => 1.0,
+                            _ => -1.0,
+                        };
+                        if let Some(change) = changes.iter_mut().find(|change| change.is_infinite())
+                        {
+                            *change = turn(is_as_before, place(count - 1), place(count));
+                        }
+                        before = is_on_tip;
+                    }
                     count += 1;
                 }
                 Err(Failure::Released) => break,
-                Err(Failure::Locked) => return None,
+                Err(failure) => return Err(failure),
             }
         }
-        let most = (1..count).reduce(|a, b| if travels[b] > travels[a] { b } else { a })?;
+        let most = (1..count).reduce(|a, b| if travels[b] > travels[a] { b } else { a });
+        let most = most.ok_or(Failure::Locked)?;
         let rise = |i: &usize| travels[*i] - travels[*i - 1];
         let slowest = (1..=most).reduce(|a, b| if rise(&b) < rise(&a) { b } else { a });
         let falls = slowest.filter(|i| rise(i) < 0.0);
-        let end = (most + 1).min(count - 1);
-        let landmarks = [falls.map_or(0.0, place), place(most.saturating_sub(1)), place(end)];
-        let length = landmarks[2];
-        let mut values = [[0.0; 2]; TERMS];
-        for (i, value) in values.iter_mut().enumerate() {
-            let z = length * node(i);
-            let bent = bent(path, friction, z).ok()?;
-            *value = [bent.reach / z, bent.push / z];
+        let end = place((most + 1).min(count - 1));
+        let landmarks = [falls.map_or(0.0, place), place(most.saturating_sub(1)), end];
+        let mut start = 0.0;
+        let mut piece = |change: f64| {
+            let range = [start, change.min(end)];
+            let mut values = [[0.0; 2]; TERMS];
+            for (i, value) in values.iter_mut().enumerate() {
+                let z = range[0] + (range[1] - range[0]) * node(i);
+                let bent = at(z)?;
+                *value = [bent.reach / z, bent.push / z];
+            }
+            let series = |of: usize| Series::through(&values.map(|value| value[of]), range);
+            start = range[1];
+            Ok(Piece { end: start, reach: series(0), push: series(1) })
+        };
+        let mut pieces = [piece(changes[0])?; PIECES];
+        for i in 1..PIECES {
+            pieces[i] = pieces[i - 1];
+            if pieces[i].end < end {
+                pieces[i] = piece(*changes.get(i).unwrap_or(&end))?;
+            }
         }
-        let series = |of: usize| Series::through(&values.map(|value| value[of]), length);
-        let [reach, push] = [series(0), series(1)];
-        Some(Self { landmarks, reach, push, lies_against_body: !on_tip })
+        Ok(Self { landmarks, pieces, lies_against_body: lies_against_body && !with_face })
     }
 }
 
-/// Computes the shape of the beam whose tip is at `z`.
-fn bent(path: &Path, friction: f64, z: f64) -> Result<Bent, Failure> {
+/// Computes the shape of the beam whose contact is at `z`.
+fn bent(path: &Path, friction: f64, with_face: bool, z: f64) -> Result<Bent, Failure> {
     let contact = path.position(z);
     let (across, along) =
         (contact.out + friction * contact.back, contact.back - friction * contact.out);
     let clamp = atan2(across, along);
-    let target = 1.0 - contact.rise / path.beam;
-    // Half the turn of the tip: from a straight or buckled beam to one that lies along the force.
+    let bent = |tip: Tip, length: f64, is_on_tip: bool| {
+        let root = tip.root_of_force * path.beam / length;
+        let push = root * root / sqrt(across * across + along * along);
+        Bent { reach: length * tip.reach, push, is_on_tip }
+    };
+    let by_tip = match half_turn_of(clamp, 1.0 - contact.rise / path.beam) {
+        Ok(half_turn) => {
+            let (sin, cos) = (sin(2.0 * half_turn), cos(2.0 * half_turn));
+            // The beam meets the surface from outside, if only the tip touches.
+            let is_on_tip = sin * contact.out < cos * contact.back;
+            if is_on_tip || !with_face {
+                return Ok(bent(tip(clamp, half_turn), path.beam, is_on_tip));
+            }
+            Failure::Locked
+        }
+        Err(Failure::Locked) if with_face => Failure::Locked,
+        Err(failure) => return Err(failure),
+    };
+    if contact.rise >= path.beam {
+        return Err(Failure::Flattened);
+    }
+    let half_turn = 0.5 * atan2(contact.back, contact.out);
+    if half_turn <= 0.0 || half_turn >= half_turns(clamp)[1] {
+        return Err(by_tip);
+    }
+    let tip = tip(clamp, half_turn);
+    let length = (path.beam - contact.rise) / tip.height;
+    // Up to rounding at the change from tip to face.
+    match length > 0.0 && length < path.beam * (1.0 + 1e-6) {
+        true => Ok(bent(tip, length, false)),
+        false => Err(by_tip),
+    }
+}
+
+/// Returns half the turn of a straight or buckled beam, and of one that lies along the force.
+fn half_turns(clamp: f64) -> [f64; 2] {
     let [least, most] = [(-clamp).max(0.0), 0.5 * (PI - clamp)].map(|turn| turn.max(1e-12));
-    let most = most * (1.0 - 1e-9);
-    if tip(clamp, most).height > target {
+    [least, most * (1.0 - 1e-9)]
+}
+
+/// Returns half the turn of the beam whose tip is at `height`.
+fn half_turn_of(clamp: f64, height: f64) -> Result<f64, Failure> {
+    let [least, most] = half_turns(clamp);
+    if tip(clamp, most).height > height {
         return Err(Failure::Locked);
     }
-    if tip(clamp, least).height < target {
+    if tip(clamp, least).height < height {
         return Err(Failure::Released);
     }
-    let half_turn = turn(|half_turn| tip(clamp, half_turn).height - target, least, most);
-    let Tip { reach, root_of_force: root, .. } = tip(clamp, half_turn);
-    let (sin, cos) = (sin(2.0 * half_turn), cos(2.0 * half_turn));
-    Ok(Bent {
-        reach: path.beam * reach,
-        push: root * root / sqrt(across * across + along * along),
-        is_on_tip: sin * contact.out < cos * contact.back,
-    })
+    Ok(turn(|half_turn| tip(clamp, half_turn).height - height, least, most))
 }
 
 /// The tip of a beam of length one, and `λ`.

@@ -71,7 +71,7 @@ impl Law {
         self.stiffness
             * match &path.bending {
                 None => self.deflection(path, contact) / self.divisor(path, contact),
-                Some(bending) => contact.z() * bending.push.at(contact.z()).0,
+                Some(bending) => contact.z() * bending.piece(contact.z()).push.at(contact.z()).0,
             }
     }
 
@@ -86,14 +86,14 @@ impl Law {
         let out_slope = -path.half_width * sin;
         let push_slope = out_slope + self.friction * back_slope;
         if let Some(bending) = &path.bending {
-            let (over_z, slope) = bending.push.at(contact.z());
+            let (over_z, slope) = bending.piece(contact.z()).push.at(contact.z());
             let of_z = (over_z + contact.z() * slope) * push
                 + over_z * push_slope * 4.0 * contact.sin_a / contact.cos_a;
             return self.stiffness * of_z / contact.slope();
         }
         // Relative slope of the divisor.
         let divisor_slope = match self.normal {
-            Normal::Unit | Normal::Elastica => {
+            Normal::Unit | Normal::Elastica | Normal::Plate => {
                 (back * back_slope + out * out_slope) / self.square(contact)
             }
             Normal::AsPrinted => -(back * back_slope + out * out_slope) / self.square(contact),
@@ -128,7 +128,9 @@ impl Law {
     #[inline]
     fn divisor(&self, path: &Path, contact: &Contact) -> f64 {
         match self.normal {
-            Normal::Unit | Normal::AsPrinted | Normal::Elastica => sqrt(self.square(contact)),
+            Normal::Unit | Normal::AsPrinted | Normal::Elastica | Normal::Plate => {
+                sqrt(self.square(contact))
+            }
             Normal::MomentBalance => self.across(path, contact),
         }
     }
@@ -151,7 +153,7 @@ impl Law {
     fn square(&self, contact: &Contact) -> f64 {
         let length = contact.back * contact.back + contact.out * contact.out;
         match self.normal {
-            Normal::Unit | Normal::MomentBalance | Normal::Elastica => length,
+            Normal::Unit | Normal::MomentBalance | Normal::Elastica | Normal::Plate => length,
             // R_x² cos² φ + R_y² sin² φ, whereas the above is R_y² cos² φ + R_x² sin² φ.
             Normal::AsPrinted => self.axes - length,
         }

@@ -51,7 +51,7 @@ impl Path {
         let (root, steepness) = match bending {
             None => (bar, z * bar * back + out * (beam - rise)),
             Some(bending) => {
-                let (root, slope) = bending.reach.at(z);
+                let (root, slope) = bending.piece(z).reach.at(z);
                 (root, root * (z * back + 0.25 * cos_a * (root + z * slope)))
             }
         };

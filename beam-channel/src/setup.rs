@@ -127,8 +127,11 @@ pub enum Normal {
     /// force would be unbounded at the release of a beam.
     MomentBalance,
     /// The force that bends an inextensible beam, clamped at its base, so that its tip is at its position:
-    /// Euler's elastica in place of bar and spring.
+    /// Euler's elastica in place of bar and spring. Touches by its tip only.
     Elastica,
+    /// The same for a beam that is a plate: it touches with its face where it has bent so far that it lies
+    /// along the body.
+    Plate,
 }
 
 impl Default for Ellipse {
@@ -176,7 +179,7 @@ impl Setup {
     pub(crate) fn check(&self) -> Result<(), SetupError> {
         let Self { ellipse, beam, channel, pose, rules } = self;
         let least_friction = match rules.normal {
-            Normal::Unit | Normal::AsPrinted | Normal::Elastica => 0.0,
+            Normal::Unit | Normal::AsPrinted | Normal::Elastica | Normal::Plate => 0.0,
             Normal::MomentBalance => LEAST_FRICTION,
         };
         let quarter_turn = core::f64::consts::FRAC_PI_2;
@@ -215,6 +218,9 @@ pub enum SetupError {
     /// Friction with this coefficient holds a tip of a wall if bar and spring, or a clamped beam, balance:
     /// the body cannot pass.
     Locks { wall: Wall, friction: f64 },
+    /// The body reaches so far beyond the line of the tips of a wall's plates, in m, that it would press
+    /// their faces against the line of their bases.
+    Flattens { wall: Wall, depth_m: f64, beam_length_m: f64 },
     /// The body's middle, at this distance to the left of the channel's, in m, lies on or beyond the line of
     /// a wall's beam tips, which is half the channel's width away.
     BeyondTips { wall: Wall, offset_m: f64, half_width_m: f64 },
@@ -225,7 +231,7 @@ impl SetupError {
     #[must_use]
     pub fn hint(&self) -> Option<&'static str> {
         Some(match self {
-            Self::Jams { .. } => {
+            Self::Jams { .. } | Self::Flattens { .. } => {
                 "give a wider channel (less `--deflection`) or longer beams (`--beam-length`)"
             }
             Self::Locks { .. } => {
@@ -247,6 +253,13 @@ impl fmt::Display for SetupError {
                 f,
                 "the body jams: it reaches {:.2} mm past the tips of the {wall} beams, and at \
                  twice their length of {:.2} mm or more they cannot turn out of its way",
+                1e3 * depth_m,
+                1e3 * beam_length_m
+            ),
+            Self::Flattens { wall, depth_m, beam_length_m } => write!(
+                f,
+                "the body jams: it reaches {:.2} mm past the tips of the {wall} plates, and at their length of \
+                 {:.2} mm or more it presses their faces against the line of their bases",
                 1e3 * depth_m,
                 1e3 * beam_length_m
             ),

@@ -7,6 +7,7 @@ use libm::{atan2, cos, sin, sqrt};
 use crate::arc::Arc;
 use crate::bending::Bending;
 use crate::bisection::turn;
+use crate::elastica::Failure;
 use crate::path::{Contact, Path};
 use crate::{Normal, Setup, SetupError, Wall};
 
@@ -73,10 +74,13 @@ impl Side {
             cos_e,
             bending: None,
         };
-        if setup.rules.normal == Normal::Elastica {
+        if let normal @ (Normal::Elastica | Normal::Plate) = setup.rules.normal {
             let friction = setup.beam.friction;
-            let bending = Bending::new(&path, friction);
-            path.bending = Some(bending.ok_or(SetupError::Locks { wall, friction })?);
+            let bending = Bending::new(&path, friction, normal == Normal::Plate);
+            path.bending = Some(bending.map_err(|failure| match failure {
+                Failure::Flattened => SetupError::Flattens { wall, depth_m, beam_length_m },
+                Failure::Locked | Failure::Released => SetupError::Locks { wall, friction },
+            })?);
         }
         let mut side = Self {
             path,
@@ -111,16 +115,21 @@ impl Side {
         }
     }
 
-    /// Adds the path from `from` to `to`, cut where the beam is at 90°: the folded angle has its kinks there.
+    /// Adds the path from `from` to `to`, cut where the beam is at 90°, because the folded angle has its
+    /// kinks there, or where contact changes between tip and face.
     fn add_smooth(&mut self, from: f64, to: f64) {
         let path = self.path;
         let mut start = from;
-        if path.depth() > path.beam {
-            for cut in path.at_rise(path.beam) {
-                if cut > start && cut < to {
-                    self.add(start, cut);
-                    start = cut;
-                }
+        let is_deep = path.depth() > path.beam;
+        let cuts = match &path.bending {
+            None if is_deep => path.at_rise(path.beam),
+            None => [0.0; 2],
+            Some(bending) => bending.changes(),
+        };
+        for cut in cuts {
+            if cut > start && cut < to {
+                self.add(start, cut);
+                start = cut;
             }
         }
         self.add(start, to);
@@ -158,8 +167,8 @@ impl Side {
         self.path.depth() > self.path.beam
     }
 
-    /// Returns whether the face of a clamped beam comes to lie against the body; the model then lacks the
-    /// force on the face.
+    /// Returns whether the face of a clamped beam comes to lie against the body where only contact at the tip
+    /// is modelled; the model then lacks the force on the face.
     pub fn beams_lie_against_body(&self) -> bool {
         self.path.bending.is_some_and(|bending| bending.lies_against_body)
     }

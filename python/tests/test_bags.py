@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
+import struct
+import subprocess
+import sys
+import types
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,3 +99,104 @@ def test_a_recording_of_a_board_is_a_bag_with_the_same_bits(logs: list[Path], tm
     for row in known:
         time_ns = int(row["t_s"].replace(".", "")) * 1000
         assert found[time_ns] == [float(row[name]) for name in names]
+
+
+#: The definition of a wrench without a header.
+WRENCH = f"""geometry_msgs/Vector3 force
+geometry_msgs/Vector3 torque
+{"=" * 80}
+MSG: geometry_msgs/Vector3
+float64 x
+float64 y
+float64 z
+"""
+
+
+def bag_of_wrenches(messages: list[bytes], finished: bool, compression: Any) -> bytes:
+    """A recording of one topic in chunks of some ten messages, as the package `mcap` writes it."""
+    from mcap.writer import Writer
+
+    file = io.BytesIO()
+    writer = Writer(file, chunk_size=1000, compression=compression)
+    writer.start(profile="ros2", library="")
+    schema = writer.register_schema("geometry_msgs/msg/Wrench", "ros2msg", WRENCH.encode())
+    channel = writer.register_channel("/wrench", "cdr", schema)
+    for number, data in enumerate(messages):
+        stamp = 1_000_000_000 + 10_000_000 * number
+        writer.add_message(channel, stamp, data, stamp)
+    if finished:
+        writer.finish()
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("name", ["NONE", "LZ4", "ZSTD"])
+def test_the_bag_of_a_killed_recorder_is_read_up_to_the_cut(name: str, tmp_path: Path) -> None:
+    from mcap.exceptions import McapError
+    from mcap.records import Message
+    from mcap.stream_reader import StreamReader
+    from mcap.writer import CompressionType
+
+    messages = [
+        bytes([0, 1, 0, 0]) + struct.pack("<6d", k, 0, -1, 0.1, 0.2, 0.3) for k in range(200)
+    ]
+    whole = bag_of_wrenches(messages, True, CompressionType[name])
+    killed = bag_of_wrenches(messages, False, CompressionType[name])
+    for cut in (killed, killed[:-100], whole[: len(whole) // 2]):
+        held = []
+        try:
+            for record in StreamReader(io.BytesIO(cut)).records:
+                held += [record] if isinstance(record, Message) else []
+        except (McapError, EOFError, struct.error):
+            pass
+        assert 50 < len(held) < len(messages)
+        path = tmp_path / "run.mcap"
+        path.write_bytes(cut)
+        assert f"  rows      {len(held)}" in (said := program("info", path)), said
+        assert "the file is cut off" in said
+
+
+def test_a_bag_in_another_version_of_cdr_is_read_or_refused_by_name(tmp_path: Path) -> None:
+    from cyclonedds.idl import IdlStruct
+    from cyclonedds.idl.annotations import appendable, final, mutable
+    from cyclonedds.idl.types import float64
+    from mcap.writer import CompressionType
+
+    def idl(annotation: Any, name: str, fields: dict[str, Any]) -> Any:
+        body = {"__annotations__": fields, "__module__": __name__}
+        kind = {"typename": f"geometry_msgs::msg::dds_::{name}_"}
+        made = types.new_class(name, (IdlStruct,), kind, lambda namespace: namespace.update(body))
+        return dataclass(annotation(made))
+
+    for annotation, refused in ((final, None), (appendable, "D_CDR2"), (mutable, "PL_CDR2")):
+        vector = idl(annotation, "Vector3", {axis: float64 for axis in "xyz"})
+        wrench = idl(annotation, "Wrench", {"force": vector, "torque": vector})
+        message = wrench(vector(1.0, 2.0, 3.0), vector(0.1, 0.2, 0.3))
+        data = message.serialize(use_version_2=True)
+        path = tmp_path / "run.mcap"
+        path.write_bytes(bag_of_wrenches([data] * 20, True, CompressionType.NONE))
+        done = subprocess.run(
+            [shellcal.program(), "info", path], capture_output=True, text=True, check=False
+        )
+        if refused is None:
+            assert done.returncode == 0 and "  rows      20" in done.stdout, done.stderr
+        else:
+            assert done.returncode == 2 and refused in done.stderr, done.stderr
+
+
+def test_readers_that_do_not_know_the_program_take_its_bags(logs: list[Path], tmp_path: Path) -> None:
+    calibration, bag = tmp_path / "cal.json", tmp_path / "run.mcap"
+    program("fit", logs[1], "--model", "cubic", "-o", calibration, "-q")
+    program("convert", calibration, logs[1], "-o", bag, "--mount", "base_link")
+    scripts = Path(sys.executable).parent
+    for command, expected in (
+        (["baglint", "--init", bag], "/wrench/details:"),
+        (["clockdoctor", bag, "--out-dir", tmp_path / "clock"], "header 0.000 / 0.000 / 0.000 / 0.000"),
+        (["pymcap-cli", "doctor", bag], "passed MCAP doctor checks"),
+        (["pymcap-cli", "cat", bag], '"schema":"shellcal_msgs/msg/Record"'),
+    ):
+        done = subprocess.run(
+            [scripts / command[0], *command[1:]], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{command}: {done.stdout}{done.stderr}"
+        # Lines are wrapped to the width of a terminal.
+        assert expected in " ".join(done.stdout.split()), f"{command}: {done.stdout}"

@@ -188,6 +188,11 @@ fn check_covariance(covariance: &Covariance, terms: usize) -> Result<(), String>
         }
     }
     ensure!(covariance.degrees_of_freedom > 0, "`covariance.degrees_of_freedom` is `0`");
+    if let CoefficientCovariance::Groups { degrees_of_freedom: Some(each), .. } = coefficients {
+        let name = "covariance.coefficients.groups.degrees_of_freedom";
+        check_count(name, each.len(), terms)?;
+        ensure!(each.iter().all(|&one| one >= 1.0), "`{name}` has a number below `1`");
+    }
     shape.as_ref().map_or(Ok(()), ErrorShape::check)?;
     if let Some(intervals) = intervals {
         check_intervals("covariance.intervals", intervals)?;
@@ -397,7 +402,8 @@ mod tests {
         let factors = std::array::from_fn(|_| factor.clone());
         let quantiles = std::array::from_fn(|axis| vec![0.7, 1.9 + axis as f64 / 3.0]);
         if let Some(covariance) = &mut file.calibration.covariance {
-            covariance.coefficients = CoefficientCovariance::Groups { groups: 12, factors };
+            covariance.coefficients =
+                CoefficientCovariance::Groups { groups: 12, factors, degrees_of_freedom: None };
             covariance.shape = Some(ErrorShape { levels: vec![0.5, 0.95], quantiles });
         }
         assert_eq!(parse(file.to_json().as_bytes()).unwrap(), file);

@@ -254,7 +254,8 @@ mod tests {
         let factor = |axis: usize| vec![vec![axis as f64], vec![0.0, 2.0]];
         if let Some(covariance) = &mut calibration.covariance {
             let factors = std::array::from_fn(factor);
-            covariance.coefficients = CoefficientCovariance::Groups { groups: 5, factors };
+            covariance.coefficients =
+                CoefficientCovariance::Groups { groups: 5, factors, degrees_of_freedom: None };
         }
         let errors = calibration.standard_errors(&[vec![3.0]], None).unwrap();
         // The row [3, 1]: the variance 0.25 of the row, and (3·axis)² and 2² from the coefficients.
@@ -267,7 +268,8 @@ mod tests {
         let (mut calibration, ..) = line(&[1.0, 2.0, 4.0, 9.0, 12.0]);
         if let Some(covariance) = &mut calibration.covariance {
             let factors = std::array::from_fn(|_| vec![vec![0.0], vec![0.0, 0.0]]);
-            covariance.coefficients = CoefficientCovariance::Groups { groups: 5, factors };
+            covariance.coefficients =
+                CoefficientCovariance::Groups { groups: 5, factors, degrees_of_freedom: None };
             covariance.shared = Some([0.75; 6]);
         }
         for (frames, expected) in [(1, 2.0), (1000, 1.75 + 0.25e-3)] {

@@ -33,6 +33,7 @@ pub mod random_split;
 pub mod rank_loss;
 pub mod reading_ranges;
 pub mod sandwich;
+mod satterthwaite;
 pub mod scaling;
 pub mod solution;
 pub mod solver;

@@ -21,12 +21,13 @@
 //!
 //! The source of `K_g` and `u_g`, exact sums or R factors, does not matter here.
 
-use faer::{Accum, Mat, MatRef};
+use faer::{Accum, ColRef, Mat, MatRef, RowRef};
 
 use crate::error::FitError;
 use crate::held_out_errors::HeldOutErrors;
+use crate::satterthwaite::{Influence, Moments};
 use crate::solution::Solution;
-use crate::symmetric::{SymmetricMatrix, UpperTriangle, add_multiple, product};
+use crate::symmetric::{Eigen, SymmetricMatrix, UpperTriangle, add_multiple, product};
 use crate::vectors::lower_product;
 use shell_data::wrench::PerAxis;
 
@@ -51,6 +52,8 @@ pub struct GroupScatter {
     pub residual_products: PerAxis<PerAxis<f64>>,
     /// The fraction of the squared errors that the rows of a group share: their mean, squared.
     pub shared: PerAxis<f64>,
+    /// Satterthwaite's degrees of freedom of the variance of each coefficient, if they were requested.
+    pub degrees_of_freedom: Option<Vec<f64>>,
 }
 
 impl GroupScatter {
@@ -73,11 +76,22 @@ pub(crate) struct ScatterSums {
     alone: Vec<String>,
     common: PerAxis<f64>,
     squares: PerAxis<f64>,
+    /// For each coefficient whose degrees of freedom are requested.
+    moments: Vec<Moments>,
+}
+
+/// The part of a group in the scatter.
+pub(crate) struct Part {
+    /// `v_g` for each axis.
+    scores: Scores,
+    /// One for each coefficient whose degrees of freedom are requested.
+    influences: Vec<Influence>,
 }
 
 impl ScatterSums {
-    /// Starts the sums for a solution, before any group.
-    pub(crate) fn new(solution: &Solution) -> Self {
+    /// Starts the sums for a solution, before any group, with the degrees of freedom of `coefficients`
+    /// coefficients.
+    pub(crate) fn new(solution: &Solution, coefficients: usize) -> Self {
         let (features, products) = (solution.factor.nrows(), &solution.residual_products);
         // Without a ridge, and if no direction was dropped, the `K_g` must add up to the identity.
         let all_directions = solution.ridge == 0.0 && solution.rank == features;
@@ -91,6 +105,7 @@ impl ScatterSums {
             alone: Vec::new(),
             common: PerAxis::default(),
             squares: PerAxis::default(),
+            moments: (0..coefficients).map(|_| Moments::new(features)).collect(),
         }
     }
 
@@ -102,18 +117,14 @@ impl ScatterSums {
         }
     }
 
-    /// Adds a group with its `v_g`, or `None` if it determines a direction alone.
-    pub(crate) fn add(
-        &mut self,
-        label: &str,
-        score: Option<Scores>,
-        errors: &PerAxis<HeldOutErrors>,
-    ) {
+    /// Adds a group with its part, or `None` if it determines a direction alone.
+    pub(crate) fn add(&mut self, label: &str, part: Option<Part>, errors: &PerAxis<HeldOutErrors>) {
         self.groups += 1;
-        let Some(score) = score else {
+        let Some(Part { scores: score, influences }) = part else {
             self.alone.push(label.to_owned());
             return;
         };
+        self.moments.iter_mut().zip(&influences).for_each(|(sums, part)| sums.add(part));
         for (axis, of) in errors.iter().enumerate() {
             self.common[axis] += of.sum * of.sum / of.rows as f64;
             self.squares[axis] += of.squares;
@@ -153,32 +164,37 @@ impl ScatterSums {
             }),
             residual_products: self.products,
             shared,
+            degrees_of_freedom: (!self.moments.is_empty())
+                .then(|| self.moments.iter().map(Moments::degrees_of_freedom).collect()),
         })
     }
 }
 
-/// Computes `v_g` from `K_g`, features × features, and `u_g`; `None` if the group determines a direction
-/// alone.
+/// Computes the part of a group from `K_g`, features × features, `u_g`, and the `y` of
+/// [`coefficients`](crate::satterthwaite::coefficients); `None` if the group determines a direction alone.
 ///
 /// # Errors
 /// [`FitError::NearlyDependent`].
-pub(crate) fn corrected(share: SymmetricMatrix, score: Scores) -> Result<Option<Scores>, FitError> {
-    let eigen = share.eigen().ok_or(FitError::NearlyDependent)?;
-    let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
-    if rest.iter().any(|&rest| rest < ALONE) {
-        return Ok(None);
-    }
-    Ok(Some(score.map(|mut score| {
-        eigen.turn(&mut score);
-        score.iter_mut().zip(&rest).for_each(|(x, rest)| *x /= rest.sqrt());
-        eigen.turn_back(&mut score);
-        score
-    })))
+pub(crate) fn corrected(
+    share: &SymmetricMatrix,
+    score: Scores,
+    coefficients: &[Vec<f64>],
+) -> Result<Option<Part>, FitError> {
+    let Some(correction) = Correction::new(share.clone())? else { return Ok(None) };
+    let influence = |y: &Vec<f64>| {
+        let v = correction.apply(y.clone());
+        let pull = share.times(&v);
+        Influence { own: product(&v, &pull), pull }
+    };
+    Ok(Some(Part {
+        scores: score.map(|score| correction.apply(score)),
+        influences: coefficients.iter().map(influence).collect(),
+    }))
 }
 
-/// Computes `v_g` from `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g = Mᵀe`. With
-/// fewer rows than features it uses `(I − K_g)^(−½)·u_g = Mᵀ·(I − M·Mᵀ)^(−½)·e`. Also returns `K_g`, if it
-/// was computed or `wants_share` is true.
+/// Computes the part of a group from `M`, rows × features, and `e`, rows × axes, with `K_g = MᵀM` and `u_g =
+/// Mᵀe`. With fewer rows than features it uses `(I − K_g)^(−½)·Mᵀ = Mᵀ·(I − M·Mᵀ)^(−½)`. Also returns `K_g`,
+/// if it was computed or `wants_share` is true.
 ///
 /// # Errors
 /// [`FitError::NearlyDependent`].
@@ -186,22 +202,69 @@ pub(crate) fn corrected_rows(
     rows: MatRef<'_, f64>,
     misfit: MatRef<'_, f64>,
     wants_share: bool,
-) -> Result<(Option<SymmetricMatrix>, Option<Scores>), FitError> {
+    coefficients: &[Vec<f64>],
+) -> Result<(Option<SymmetricMatrix>, Option<Part>), FitError> {
     let columns = |of: MatRef<'_, f64>| -> PerAxis<Vec<f64>> {
         std::array::from_fn(|axis| of.col(axis).iter().copied().collect())
     };
     let are_many = rows.nrows() >= rows.ncols();
     let share = (are_many || wants_share).then(|| gram(rows.transpose()));
     if let (true, Some(share)) = (are_many, &share) {
-        let score = corrected(share.clone(), columns((rows.transpose() * misfit).as_ref()))?;
-        return Ok((Some(share.clone()), score));
+        let score = columns((rows.transpose() * misfit).as_ref());
+        let part = corrected(share, score, coefficients)?;
+        return Ok((Some(share.clone()), part));
     }
-    let misfit = corrected(gram(rows), columns(misfit))?;
-    let score = misfit.map(|misfit| {
-        let misfit = Mat::from_fn(rows.nrows(), misfit.len(), |row, axis| misfit[axis][row]);
-        columns((rows.transpose() * misfit).as_ref())
-    });
-    Ok((share, score))
+    let Some(correction) = Correction::new(gram(rows))? else { return Ok((share, None)) };
+    // Mᵀ times some columns.
+    let back = |of: &[Vec<f64>]| {
+        rows.transpose() * Mat::from_fn(rows.nrows(), of.len(), |row, column| of[column][row])
+    };
+    let scores = columns(misfit).map(|misfit| correction.apply(misfit));
+    let of_coefficient = |y: &Vec<f64>| correction.apply(rows_times(rows, y));
+    let corrected: Vec<_> = coefficients.iter().map(of_coefficient).collect();
+    let pulls = back(&corrected);
+    let influence = |(v, pull): (&Vec<f64>, ColRef<'_, f64>)| Influence {
+        own: product(v, v),
+        pull: pull.iter().copied().collect(),
+    };
+    let part = Part {
+        scores: columns(back(&scores).as_ref()),
+        influences: corrected.iter().zip(pulls.col_iter()).map(influence).collect(),
+    };
+    Ok((share, Some(part)))
+}
+
+/// `(I − K)^(−½)`.
+struct Correction {
+    eigen: Eigen,
+    /// The eigenvalues of `I − K`.
+    rest: Vec<f64>,
+}
+
+impl Correction {
+    /// The correction of `share`, `K`; `None` if an eigenvalue of `I − K` is too small.
+    ///
+    /// # Errors
+    /// [`FitError::NearlyDependent`].
+    fn new(share: SymmetricMatrix) -> Result<Option<Self>, FitError> {
+        let eigen = share.eigen().ok_or(FitError::NearlyDependent)?;
+        let rest: Vec<f64> = eigen.values.iter().map(|value| 1.0 - value.max(0.0)).collect();
+        let is_alone = rest.iter().any(|&rest| rest < ALONE);
+        Ok((!is_alone).then_some(Self { eigen, rest }))
+    }
+
+    fn apply(&self, mut x: Vec<f64>) -> Vec<f64> {
+        self.eigen.turn(&mut x);
+        x.iter_mut().zip(&self.rest).for_each(|(x, rest)| *x /= rest.sqrt());
+        self.eigen.turn_back(&mut x);
+        x
+    }
+}
+
+/// Computes `M·x`.
+fn rows_times(rows: MatRef<'_, f64>, x: &[f64]) -> Vec<f64> {
+    let of_row = |row: RowRef<'_, f64>| row.iter().zip(x).map(|(m, x)| m * x).sum();
+    rows.row_iter().map(of_row).collect()
 }
 
 /// Computes `M·Mᵀ`.

@@ -324,6 +324,13 @@ impl Log {
         notes.map(String::as_str).collect()
     }
 
+    /// Returns true if a table of the log or its companion ends in the middle of its content.
+    pub fn is_cut_off(&self) -> bool {
+        let companion = self.source.companion.as_deref();
+        let mut tables = [Some(&self.source), companion].into_iter().flatten();
+        tables.any(|source| source.as_table().is_some_and(|table| table.is_cut_off))
+    }
+
     /// Returns the compression method, if the file is compressed.
     pub fn compression(&self) -> Option<&'static str> {
         self.source.compression()

@@ -251,12 +251,14 @@ pub(crate) struct FoundTable {
     pub(crate) rows: Arc<dyn RowSource>,
     /// Notes on contents that are left out, and on decisions made.
     pub(crate) notes: Vec<String>,
+    /// True if the file ends in the middle of its content, and what is left is read.
+    pub(crate) is_cut_off: bool,
 }
 
 impl FoundTable {
     /// Makes a table without notes.
     pub(crate) fn new(columns: Option<Vec<TableColumn>>, rows: impl RowSource + 'static) -> Self {
-        Self { columns, rows: Arc::new(rows), notes: Vec::new() }
+        Self { columns, rows: Arc::new(rows), notes: Vec::new(), is_cut_off: false }
     }
 }
 

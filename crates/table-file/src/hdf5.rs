@@ -54,7 +54,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     found.add(&file.root(), "", DEPTH)?;
     let (columns, sets, notes) = columns_of_log(KIND, found.sets, part)?;
     let rows = Arc::new(Hdf5Table { file: source.clone(), sets });
-    Ok(FoundTable { columns, rows, notes })
+    Ok(FoundTable { columns, rows, notes, is_cut_off: false })
 }
 
 /// The vectors and matrices of a file.

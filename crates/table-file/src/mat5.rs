@@ -283,7 +283,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
     let mut bytes = Vec::new();
     file.open()?.take(budget::IN_MEMORY).read_to_end(&mut bytes)?;
     let (columns, rows, notes) = columns_of_log(KIND, arrays(bytes)?, part)?;
-    Ok(FoundTable { columns, rows: Arc::new(rows), notes })
+    Ok(FoundTable { columns, rows: Arc::new(rows), notes, is_cut_off: false })
 }
 
 /// Writes an array of the given size, whose elements are of type `kind` with the bytes `content`.

@@ -18,6 +18,8 @@ pub struct Table {
     pub columns: Option<Vec<TableColumn>>,
     /// Notes on contents that are left out, with the reason, and on decisions made.
     pub notes: Vec<String>,
+    /// True if the file ends in the middle of its content, as a killed recorder leaves it.
+    pub is_cut_off: bool,
     rows: Arc<dyn RowSource>,
 }
 
@@ -28,7 +30,7 @@ impl Table {
     /// # Errors
     /// [`TableError`] if the file cannot be read, is damaged, or has no such part.
     pub fn open(file: &FileSource, kind: FileKind, part: Option<&str>) -> Result<Self, TableError> {
-        let FoundTable { columns, rows, notes } = match kind {
+        let FoundTable { columns, rows, mut notes, is_cut_off } = match kind {
             FileKind::Hdf5 => hdf5::open(file, part)?,
             FileKind::Matlab => mat5::open(file, part)?,
             FileKind::Mcap => mcap::open(file, part)?,
@@ -37,7 +39,10 @@ impl Table {
             FileKind::Xdf => xdf::open(file, part)?,
             FileKind::Xlsx => xlsx::open(file, part)?,
         };
-        Ok(Self { kind, columns, notes, rows })
+        if is_cut_off {
+            notes.push("the file is cut off: its last piece is left out".to_owned());
+        }
+        Ok(Self { kind, columns, notes, is_cut_off, rows })
     }
 
     /// Returns the names of the columns; `None` if they have none, or the names are in the rows.

@@ -74,27 +74,28 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     let mut bytes = Vec::new();
     source.open()?.take(length).read_to_end(&mut bytes)?;
     let mut notes = Vec::new();
-    let streams = read(&bytes, &mut notes)?;
+    let (streams, is_cut_off) = read(&bytes)?;
     drop(bytes);
     let base = choose(&streams, part)?;
     let (columns, rows) = table(&streams, base, part.is_none(), &mut notes);
     budget::check_columns(KIND, columns.len())?;
-    Ok(FoundTable { columns: Some(columns), rows: Arc::new(XdfRows(rows)), notes })
+    let (columns, rows) = (Some(columns), Arc::new(XdfRows(rows)));
+    Ok(FoundTable { columns, rows, notes, is_cut_off })
 }
 
-/// Reads all streams, with their times on the recorder's clock.
-fn read(bytes: &[u8], notes: &mut Vec<String>) -> Result<Vec<LslStream>, TableError> {
+/// Reads all streams, with their times on the recorder's clock, and returns true if the file is cut off.
+fn read(bytes: &[u8]) -> Result<(Vec<LslStream>, bool), TableError> {
     let mut file = ByteReader::new(bytes);
     if file.take(4) != Some(b"XDF:") {
         return Err(KIND.damaged("it does not begin with `XDF:`"));
     }
-    let mut streams: Vec<LslStream> = Vec::new();
+    let (mut streams, mut is_cut_off): (Vec<LslStream>, _) = (Vec::new(), false);
     while !file.rest.is_empty() {
         let at = bytes.len() - file.rest.len();
         let content = length(&mut file).and_then(|length| file.take(usize::try_from(length).ok()?));
         let Some(content) = content else {
             // The recorder was killed in the middle of a write.
-            notes.push("the file is cut off: its last piece is left out".to_owned());
+            is_cut_off = true;
             break;
         };
         let wrong = || KIND.damaged(format!("the piece at byte {at}"));
@@ -105,7 +106,7 @@ fn read(bytes: &[u8], notes: &mut Vec<String>) -> Result<Vec<LslStream>, TableEr
             stream.times_s.iter_mut().for_each(|time_s| *time_s += line.0 + line.1 * *time_s);
         }
     }
-    Ok(streams)
+    Ok((streams, is_cut_off))
 }
 
 /// Reads a length of 1, 4 or 8 bytes, which follows the number of its bytes.
@@ -478,7 +479,7 @@ mod tests {
         cut.truncate(3);
         cut.push(ByteWriter(vec![4, 200, 0, 0, 0, 3, 0]));
         let found = open_bytes(&cut, None).unwrap();
-        assert!(found.notes.iter().any(|note| note.contains("cut off")), "{:?}", found.notes);
+        assert!(found.is_cut_off);
         // A damaged byte never makes the reader read beyond the data.
         for at in 0..two[0].0.len() {
             let mut damaged = two.to_vec();

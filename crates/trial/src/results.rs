@@ -101,7 +101,7 @@ impl TrialRow {
         };
         let of = self.uncertainty.as_ref()?;
         let parts = of.shared[axis.index()].iter().map(|part| factor * part);
-        Some((parts.collect(), of.degrees_of_freedom))
+        Some((parts.collect(), of.degrees_of_freedom[axis.index()]))
     }
 }
 

@@ -19,7 +19,9 @@
 //! out over trials, and cancel in a difference as far as loads agree. They are kept as a vector; means and
 //! differences are computed from the vector before its length.
 //!
-//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom.
+//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom. Those of the coefficients are
+//! far fewer than groups if few groups have large loads
+//! ([`Covariance::degrees_of_combination`]).
 
 use super::input::TrialInput;
 use super::integral::Span;
@@ -39,7 +41,12 @@ pub struct ForceUncertainty {
     /// The error of the means due to the calibration: components along directions common to all trials, each
     /// one standard deviation, N.
     pub shared: PerAxis<Vec<f64>>,
+<<<<<<< HEAD
     pub degrees_of_freedom: f64,
+=======
+    /// The degrees of freedom of that error.
+    pub degrees_of_freedom: PerAxis<f64>,
+>>>>>>> surprises
 }
 
 /// The uncertainty of the means of `forces` over `span`; `None` if the calibration does not provide it.
@@ -70,6 +77,7 @@ pub(super) fn of_means(
             // remainder grows with the load: it is the share that held-out loads leave unexplained.
             input.options.unexplained?;
             let groups = physics.intervals.as_ref().map_or(0, |of| of.groups);
+            let degrees = groups.saturating_sub(1).max(1) as f64;
             let errors = calibration.standard_errors(&forces.frames, None)?;
             let mean = |errors: &Vec<f64>| {
                 let squares =
@@ -79,11 +87,12 @@ pub(super) fn of_means(
             ModelErrors {
                 of_frame: errors.each_ref().map(mean),
                 shared: PerAxis::default(),
-                degrees_of_freedom: groups.saturating_sub(1).max(1) as f64,
+                frame_degrees: degrees,
+                degrees_of_freedom: [degrees; 6],
             }
         }
     };
-    let ModelErrors { of_frame, mut shared, degrees_of_freedom } = known;
+    let ModelErrors { of_frame, mut shared, frame_degrees, degrees_of_freedom } = known;
     let own_frames = shares.iter().map(|share| share * share).sum::<f64>();
     let mut half_widths = PerAxis::default();
     for axis in [Axis::Fx, Axis::Fz].map(Axis::index) {
@@ -95,14 +104,14 @@ pub(super) fn of_means(
             shared[axis].push(share * span.mean(&forces.wrench[axis]));
         }
         let variance = shared[axis].iter().map(|part| part * part).sum::<f64>();
-        let mut parts = vec![(variance, degrees_of_freedom)];
+        let mut parts = vec![(variance, degrees_of_freedom[axis])];
         if noise.len() > 1 {
             let frames = noise.len() as f64;
             let variance = variances(noise)[1] * (1.0 / frames + own_frames);
             parts.push((variance, frames - 1.0));
         } else {
             // Only the scatter of the training rows indicates the error of its zero and its noise.
-            parts.push((of_frame[axis], degrees_of_freedom));
+            parts.push((of_frame[axis], frame_degrees));
         }
         half_widths[axis] = half_width(&parts);
     }
@@ -114,7 +123,10 @@ struct ModelErrors {
     of_frame: PerAxis<f64>,
     /// As in [`ForceUncertainty::shared`].
     shared: PerAxis<Vec<f64>>,
-    degrees_of_freedom: f64,
+    /// The degrees of freedom of `of_frame`.
+    frame_degrees: f64,
+    /// The degrees of freedom of `shared`.
+    degrees_of_freedom: PerAxis<f64>,
 }
 
 /// The errors due to coefficients, at the mean features of a window minus those of its tare.
@@ -129,7 +141,12 @@ fn of_polynomial(covariance: &Covariance, difference: &[f64]) -> ModelErrors {
             products(&factors[axis], difference).collect()
         }
     });
-    ModelErrors { of_frame, shared, degrees_of_freedom: covariance.degrees_of_freedom as f64 }
+    ModelErrors {
+        of_frame,
+        shared,
+        frame_degrees: covariance.degrees_of_freedom as f64,
+        degrees_of_freedom: covariance.degrees_of_combination(difference),
+    }
 }
 
 /// `Σ share·x` of the features x of each frame.

@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use calibration_file::CalibrationFile;
+use report::{Certificate, Contribution, Heading};
 use serde_json::Value;
 use system_tests::program::{ended, json, refused, succeed};
 
@@ -82,6 +84,52 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     assert!(said.contains("`train.csv` is of a loaded sensor: Fx scatters by"), "{said}");
     // The checksum identifies the file.
     assert!(html.contains("xxh128:"), "{html}");
+}
+
+/// `dof` and `reporting.k_factor` of GTC 1.5.1 for the sum of `ureal(0, u, df)` with these u and df.
+#[test]
+fn effective_degrees_of_freedom_and_coverage_are_those_of_gtc() {
+    let dir = tempfile::tempdir().unwrap();
+    succeed(&dir, "synth train --rows 2000 -o train.csv");
+    succeed(&dir, "fit train.csv --model linear -o cal.json");
+    let file = CalibrationFile::read(&dir.path().join("cal.json")).unwrap();
+    for (parts, degrees, k) in [
+        (
+            &[(0.3, Some(5.0)), (0.12, Some(7.0)), (0.05, None)][..],
+            6.927_407_649_887_074,
+            2.369_656_667_845_267,
+        ),
+        (
+            &[(0.3, Some(8.0)), (0.12, Some(3.0)), (0.4, None)][..],
+            64.632_088_903_681_53,
+            1.997_353_449_732_648,
+        ),
+        (&[(0.0113, Some(5.0))][..], 5.0, 2.570_581_835_636_314),
+    ] {
+        let line = |&(standard, degrees_of_freedom): &(f64, Option<f64>)| Contribution {
+            source: "",
+            evaluation: "A",
+            basis: String::new(),
+            standard: Some([standard; 6]),
+            degrees_of_freedom,
+            is_part: false,
+        };
+        let certificate = Certificate {
+            heading: Heading { title: "", made_by: "", date: "", command: "" },
+            file: &file,
+            name: "",
+            checksum: "",
+            budget: &parts.iter().map(line).collect::<Vec<_>>(),
+            intervals: "",
+            weights: &[],
+            not_compared: &[],
+        };
+        // Rounding; the quantile is found by a search.
+        let found = certificate.degrees_of_freedom()[4];
+        assert!((found / degrees - 1.0).abs() < 1e-12, "{found} {degrees}");
+        let found = certificate.coverage()[4];
+        assert!((found / k - 1.0).abs() < 1e-9, "{found} {k}");
+    }
 }
 
 #[test]

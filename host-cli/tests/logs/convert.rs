@@ -254,6 +254,7 @@ fn standard_errors_equal_those_of_the_calibration() {
             factors: std::array::from_fn(|_| {
                 vec![vec![0.5e-4], vec![0.0, 1e-4], vec![0.0, 0.0, 1.5e-4]]
             }),
+            degrees_of_freedom: None,
         },
         shape: None,
         shared: None,

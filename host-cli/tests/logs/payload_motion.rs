@@ -249,3 +249,46 @@ fn inertia_of_rotation_is_removed_or_reported() {
     assert!(left < 0.005, "{left}");
     assert!(said.contains("in multiples of g") && said.contains("9.80665"), "{said}");
 }
+
+/// An arm of three joints in Pinocchio 4.1.0, which turns at 5 rad/s (`pinocchio/turning_arm.py`).
+#[test]
+fn a_payload_on_a_turning_arm_of_pinocchio_leaves_little_more_than_noise() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = folder.path();
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/logs/pinocchio");
+    // Writes the columns that are in these ranges.
+    let cut = |from: &str, to: &str, ranges: &[std::ops::Range<usize>]| {
+        let text = fs::read_to_string(source.join(from)).unwrap();
+        let line = |line: &str| {
+            let cells: Vec<&str> = line.split(',').collect();
+            ranges
+                .iter()
+                .flat_map(|range| &cells[range.clone()])
+                .copied()
+                .collect::<Vec<_>>()
+                .join(",")
+        };
+        fs::write(dir.join(to), text.lines().map(line).collect::<Vec<_>>().join("\n")).unwrap();
+    };
+    cut("poses.csv", "poses.csv", &[0..10]);
+    let found = json(dir, "payload fit poses.csv -o payload.json --json");
+    // Four standard errors of 24 poses with noise of 1 mN.
+    assert!((found["mass_kg"].as_f64().unwrap() - 0.5).abs() < 1e-4, "{found}");
+    // Noise of 1 mN is left, and from orientations what differences at 100 Hz leave of the angular acceleration.
+    for (name, ranges, most_n) in
+        [("gyroscope.csv", [0..10, 10..13], 0.005), ("orientations.csv", [0..10, 13..17], 0.05)]
+    {
+        cut("turning.csv", name, &ranges);
+        succeed(dir, &format!("payload subtract payload.json {name} --no-lowpass -o out.csv"));
+        let out = fs::read_to_string(dir.join("out.csv")).unwrap();
+        let force = |line: &str| -> Vec<f64> {
+            line.split(',').skip(1).take(3).map(|cell| cell.parse().unwrap()).collect()
+        };
+        let forces: Vec<f64> = out.lines().skip(1).flat_map(force).collect();
+        assert_eq!(forces.len(), 3 * 150, "{name}");
+        let square = forces.iter().map(|force| force * force).sum::<f64>();
+        let rms_n = (square / forces.len() as f64).sqrt();
+        println!("{name}: {rms_n:.4} N");
+        assert!(rms_n <= most_n, "{name}: {rms_n}");
+    }
+}

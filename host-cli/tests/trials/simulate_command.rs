@@ -55,6 +55,21 @@ fn clamped_beams_have_the_drags_of_the_elastica() {
     }
 }
 
+/// By shooting with SciPy 1.17.1, and chains of twelve hinges in MuJoCo 4.0.0: 0.2725 and 0.869 N.
+#[test]
+fn plates_also_touch_with_their_faces_and_jam_a_body_that_reaches_past_their_bases() {
+    let document = json("--beam plate --deflection 1cm,2cm");
+    let channels = document["channels"].as_array().unwrap();
+    for (channel, expected) in channels.iter().zip([0.2763, 0.8884]) {
+        let found = channel["mean_drag_n"].as_f64().unwrap();
+        assert!((found / expected - 1.0).abs() < 5e-4, "{found} {expected}");
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let error = refused(&dir, "simulate --beam plate");
+    assert!(error.contains("a channel 4 cm wide: the body jams: it reaches 30.00 mm"), "{error}");
+    assert!(error.contains("hint: give a wider channel"), "{error}");
+}
+
 #[test]
 fn results_outside_the_models_validity_warn_and_a_jam_is_refused() {
     let dir = tempfile::tempdir().unwrap();

@@ -35,6 +35,7 @@ use crate::held_out_errors::HeldOutErrors;
 use crate::model::{Model, Term};
 use crate::quality::AxisQuality;
 use crate::sandwich::{GroupScatter, ScatterSums, corrected};
+use crate::satterthwaite;
 use crate::solution::Solution;
 use crate::symmetric::{UpperTriangle, congruence, trace_of_congruence};
 use shell_data::vectorised;
@@ -293,14 +294,15 @@ impl ExactFit {
         self.scales.errors(&self.scales.part(rows), &self.counted_coefficients())
     }
 
-    /// The scatter of the coefficients over `groups`, which together are all fitted rows. Omits the bias from
-    /// the ridge.
+    /// The scatter of the coefficients over `groups`, which together are all fitted rows, on request with its
+    /// degrees of freedom. Omits the bias from the ridge.
     ///
     /// # Errors
     /// [`FitError`] if one group alone determines a coefficient, or all groups together do not determine it.
     pub fn scatter<'a>(
         &self,
         groups: impl IntoIterator<Item = &'a (String, ExactSums)>,
+        with_degrees: bool,
     ) -> Result<GroupScatter, FitError> {
         let stretch: Vec<f64> = self.stretch.iter().map(|s| s.to_f64()).collect();
         let factor = UpperTriangle::new(&self.solution.factor);
@@ -310,7 +312,9 @@ impl ExactFit {
             counted.row_mut(i).iter_mut().for_each(|x| *x *= stretch);
         }
         let coefficients = self.counted_coefficients();
-        let mut sums = ScatterSums::new(&self.solution);
+        let combinations =
+            if with_degrees { satterthwaite::coefficients(&self.solution) } else { Vec::new() };
+        let mut sums = ScatterSums::new(&self.solution, combinations.len());
         for (label, group) in groups.into_iter().filter(|(_, group)| group.rows() > 0) {
             let scales = &self.scales;
             let part = scales.part(group);
@@ -323,7 +327,7 @@ impl ExactFit {
                 counted.transposed_times(&score)
             });
             sums.take_off(&share);
-            sums.add(label, corrected(share, score)?, &errors);
+            sums.add(label, corrected(&share, score, &combinations)?, &errors);
         }
         sums.finish(&factor)
     }
@@ -409,7 +413,7 @@ mod tests {
         let parts: Vec<_> = (0..7).map(part).collect();
         let model = Model { basis: Basis::Quadratic, intercept: true, channels: 2, memory: 0 };
         let fit = total.solve(&model, 0.0).unwrap();
-        let found = fit.scatter(&parts).unwrap();
+        let found = fit.scatter(&parts, true).unwrap();
 
         // The direct computation, row by row: hat matrix, its blocks, their inverse roots.
         let z = |c: usize, row: usize| {
@@ -481,7 +485,7 @@ mod tests {
         let parts: Vec<_> = (0..7).map(part).collect();
         let model = Model { basis: Basis::Linear, intercept: true, channels: 2, memory: 0 };
         let fit = total.solve(&model, 0.0).unwrap();
-        let found = fit.scatter(&parts);
+        let found = fit.scatter(&parts, true);
         let alone = FitError::Alone { groups: vec!["pose 3".to_owned()] };
         assert_eq!(found.unwrap_err(), alone);
     }

@@ -15,6 +15,7 @@ use crate::grouped_rows::{GroupedRows, Run};
 use crate::model::Model;
 use crate::passes::{Workers, map, on_threads};
 use crate::sandwich::{GroupScatter, ScatterSums, corrected_rows};
+use crate::satterthwaite;
 use crate::scaling::Scaling;
 use crate::solution::Solution;
 use crate::symmetric::UpperTriangle;
@@ -192,8 +193,8 @@ impl FactoredGroups {
     }
 
     /// The scatter of the coefficients of a solution over these groups, without the group `held_out`, on
-    /// `threads` threads. The groups must be all rows of the fit. Omits the bias from a ridge or a
-    /// truncation.
+    /// `threads` threads, on request with its degrees of freedom. The groups must be all rows of the fit.
+    /// Omits the bias from a ridge or a truncation.
     ///
     /// # Errors
     /// [`FitError`] if some group alone determines a coefficient, or the features are too nearly dependent.
@@ -201,6 +202,7 @@ impl FactoredGroups {
         &self,
         solution: &Solution,
         held_out: Option<usize>,
+        with_degrees: bool,
         threads: usize,
     ) -> Result<GroupScatter, FitError> {
         let others =
@@ -208,7 +210,9 @@ impl FactoredGroups {
         let others = others.map(|(_, group)| group).filter(|(_, rows)| rows.rows() > 0);
         let (labels, groups): (Vec<_>, Vec<_>) = others.map(|(label, rows)| (label, rows)).unzip();
         let factor = &solution.factor;
-        let mut sums = ScatterSums::new(solution);
+        let combinations =
+            if with_degrees { satterthwaite::coefficients(solution) } else { Vec::new() };
+        let mut sums = ScatterSums::new(solution, combinations.len());
         // Each group with factor and coefficients relative to its centre.
         let mut items = Vec::with_capacity(groups.len());
         for run in by_centre(&groups, solution) {
@@ -221,7 +225,7 @@ impl FactoredGroups {
             let (factors, coefficients): &(Mat<f64>, Mat<f64>) = parts;
             let (r, z) = rows.r_factor.significant_rows();
             let (columns, misfit) = (&r * factors, z - &r * coefficients);
-            let found = corrected_rows(columns.as_ref(), misfit.as_ref(), adds_up)?;
+            let found = corrected_rows(columns.as_ref(), misfit.as_ref(), adds_up, &combinations)?;
             Ok((found, rows.errors_of(coefficients.as_ref())))
         };
         let mut labels = labels.into_iter();
@@ -374,7 +378,7 @@ mod tests {
             features.fill(&block.readings, 0..n, &mut columns, n);
             let x = Mat::from_fn(n, p, |row, j| columns[j * n + row]);
             let (variances, products) = dense(&x, &block);
-            let found = groups.scatter(&solution, None, 1).unwrap();
+            let found = groups.scatter(&solution, None, true, 1).unwrap();
             assert_eq!(found.groups, 40);
             // Both methods determine the directions of the features to ε·κ; sums of about a hundred rounding
             // errors.

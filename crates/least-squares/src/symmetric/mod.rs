@@ -9,6 +9,7 @@ mod squares;
 
 use faer::{Mat, MatRef};
 
+pub(crate) use self::eigen::Eigen;
 use self::eigen::Reflection;
 use shell_data::vectorised;
 
@@ -53,6 +54,17 @@ impl SymmetricMatrix {
     #[inline]
     pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
         &mut self.upper[first(self.size, row)..][..self.size - row]
+    }
+
+    /// Computes `A·x`.
+    pub fn times(&self, x: &[f64]) -> Vec<f64> {
+        let mut sums = vec![0.0; self.size];
+        for (i, &x_i) in x.iter().enumerate() {
+            let row = self.row(i);
+            sums[i] += product(row, &x[i..]);
+            add_multiple(&mut sums[i + 1..], x_i, &row[1..]);
+        }
+        sums
     }
 
     /// Subtracts `x·xᵀ` for each of the vectors, whose length is the order of the matrix.

@@ -44,7 +44,7 @@ impl Covariance {
                 FitProblem { model: solution.model, scaling: solution.scaling.clone(), ridge };
             let (without, _) = solver::fit(SolverKind::Huber, problem, &(&rest).into()).ok()?;
             let others = factored(&self::clipped(&rest, &without).ok()?, solution).ok()?;
-            let scatter = others.scatter(&without, None, 1).ok()?;
+            let scatter = others.scatter(&without, None, false, 1).ok()?;
             score_on(&rows, group, &without, &scatter)
         };
         let intervals = |_: &_| of_scores(rows.groups.len(), workers, score);
@@ -158,7 +158,7 @@ mod tests {
                 }
             };
             let found = found.unwrap();
-            let CoefficientCovariance::Groups { groups, factors } = &found.coefficients else {
+            let CoefficientCovariance::Groups { groups, factors, .. } = &found.coefficients else {
                 panic!("by groups");
             };
             assert_eq!(*groups, 30);

@@ -55,6 +55,10 @@ pub enum CoefficientCovariance {
         /// `T` for each axis.
         #[serde(with = "by_axis")]
         factors: PerAxis<TriangularColumns>,
+        /// Satterthwaite's degrees of freedom of the variance of each coefficient, the same for all axes;
+        /// absent in files of earlier versions, with a ridge, and for models of several hundred features.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        degrees_of_freedom: Option<Vec<f64>>,
     },
 }
 
@@ -95,7 +99,7 @@ impl Covariance {
     ) -> Result<Self, FitError> {
         let whole = sums.all_of_several()?;
         let fit = whole.solve(model, ridge)?;
-        let (found, groups) = (fit.scatter(&sums.groups)?, &sums.groups);
+        let (found, groups) = (fit.scatter(&sums.groups, true)?, &sums.groups);
         let intervals = if are_stretches {
             // These are the standard errors of the fit to all rows, which one stretch hardly changes. For
             // poly3, 40 scatters of 39 stretches would take most of the time of a fit.
@@ -132,7 +136,7 @@ impl Covariance {
                 let others = (groups <= MOST_GROUPS).then(|| rows.without_each()).flatten()?;
                 of_scores(groups, workers, |group| {
                     let fit = others[group].solve_by(method, model, ridge).ok()?;
-                    let scatter = rows.scatter(&fit, Some(group), 1).ok()?;
+                    let scatter = rows.scatter(&fit, Some(group), false, 1).ok()?;
                     score_on(rows, group, &fit, &scatter)
                 })
             }
@@ -168,7 +172,7 @@ impl Covariance {
         if groups < 2 {
             return Err(FitError::TooFewGroups { found: groups });
         }
-        let found = rows.scatter(solution, None, workers.threads)?;
+        let found = rows.scatter(solution, None, true, workers.threads)?;
         let intervals = intervals(&found);
         Ok(Self::from_scatter(found, solution.rows, intervals))
     }
@@ -180,6 +184,7 @@ impl Covariance {
             coefficients: CoefficientCovariance::Groups {
                 groups: found.groups as u64,
                 factors: found.factors.each_ref().map(|of| triangular_columns(of.as_ref())),
+                degrees_of_freedom: found.degrees_of_freedom,
             },
             shape: None,
             shared: Some(found.shared),
@@ -208,6 +213,29 @@ impl Covariance {
             None => t,
             Some(shape) => shape.quantile(axis, level) * t / z,
         }))
+    }
+
+    /// The degrees of freedom of the variance `‖Tᵀx‖²` that the coefficients contribute to a combination `x` of
+    /// features, per axis: exact for a single coefficient, otherwise the harmonic mean over the coefficients,
+    /// weighted by the variance that each contributes alone.
+    pub fn degrees_of_combination(&self, x: &[f64]) -> PerAxis<f64> {
+        let all = self.degrees_of_freedom as f64;
+        let CoefficientCovariance::Groups { factors, degrees_of_freedom: Some(each), .. } =
+            &self.coefficients
+        else {
+            return [all; 6];
+        };
+        factors.each_ref().map(|factor| {
+            let mut variances = vec![0.0; x.len()];
+            for column in factor {
+                for ((variance, t), x) in variances.iter_mut().zip(column).zip(x) {
+                    *variance += (t * x) * (t * x);
+                }
+            }
+            let parts = variances.iter().zip(each).map(|(variance, degrees)| variance / degrees);
+            let (sum, parts) = (variances.iter().sum::<f64>(), parts.sum::<f64>());
+            if parts > 0.0 { (sum / parts).min(all) } else { all }
+        })
     }
 
     /// Standard deviation of the residuals, per axis, in N and N·m.

@@ -148,7 +148,11 @@ mod tests {
         Covariance {
             residual: PerAxis::default(),
             degrees_of_freedom: 10,
-            coefficients: CoefficientCovariance::Groups { groups: 11, factors: PerAxis::default() },
+            coefficients: CoefficientCovariance::Groups {
+                groups: 11,
+                factors: PerAxis::default(),
+                degrees_of_freedom: None,
+            },
             shape,
             shared: None,
             intervals: None,

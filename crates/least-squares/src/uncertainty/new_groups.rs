@@ -54,7 +54,8 @@ pub(super) fn score_without(
 ) -> Option<PerAxis<(f64, f64)>> {
     let held_out = &groups[group..=group];
     let fit = total.without(&held_out[0].1).solve(model, ridge).ok()?;
-    let scatter = fit.scatter(groups[..group].iter().chain(&groups[group + 1..])).ok()?;
+    let others = groups[..group].iter().chain(&groups[group + 1..]);
+    let scatter = fit.scatter(others, false).ok()?;
     let (errors, variances) = (fit.errors_on(&held_out[0].1), fit.variances(&scatter, held_out));
     Some(score_of(&errors, &variances[0], &scatter, fit.solution.rows))
 }

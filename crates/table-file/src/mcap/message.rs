@@ -24,6 +24,14 @@ pub(super) struct Message {
     pub(super) columns: Vec<(String, Cell)>,
 }
 
+/// The reason why a message is not read.
+pub(super) enum Unread {
+    /// Its bytes contradict its type.
+    Damaged(String),
+    /// It is in an encoding that is not supported.
+    Unsupported(String),
+}
+
 const AXES: [&str; 6] = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"];
 
 /// Maximum nesting of JSON.
@@ -49,22 +57,21 @@ impl FieldKind {
         Some(Self::Wrench { is_stamped, is_ros1 })
     }
 
-    /// Decodes a message; the error is a description in words.
-    pub(super) fn decode(&self, data: &[u8]) -> Result<Message, String> {
+    /// Decodes a message.
+    pub(super) fn decode(&self, data: &[u8]) -> Result<Message, Unread> {
+        let not_a = |kind: &str| Unread::Damaged(format!("no `{kind}`"));
         match self {
-            Self::Json => {
-                let value: Value =
-                    serde_json::from_slice(data).map_err(|error| error.to_string())?;
-                let Value::Object(_) = value else { return Err("expected an object".to_owned()) };
-                let mut columns = Vec::new();
-                flatten(String::new(), value, DEPTH, &mut columns)?;
-                Ok(Message { stamp_ns: None, columns })
+            Self::Json => json(data).map_err(Unread::Damaged),
+            Self::Record(fields) => record(data, fields).ok_or_else(|| not_a(RECORD_TYPE)),
+            Self::Wrench { is_stamped, is_ros1: true } => {
+                ros1_wrench(data, *is_stamped).ok_or_else(|| not_a(wrench_type(*is_stamped)))
             }
-            Self::Record(fields) => {
-                record(data, fields).ok_or_else(|| format!("no `{RECORD_TYPE}`"))
+            Self::Wrench { is_stamped, is_ros1: false } => {
+                let kind = wrench_type(*is_stamped);
+                let (header, content) = data.split_first_chunk().ok_or_else(|| not_a(kind))?;
+                let layout = Layout::of_cdr(*header)?;
+                wrench(content, &layout, *is_stamped).ok_or_else(|| not_a(kind))
             }
-            Self::Wrench { is_stamped, is_ros1 } => wrench(data, *is_ros1, *is_stamped)
-                .ok_or_else(|| format!("no `Wrench{}`", if *is_stamped { "Stamped" } else { "" })),
         }
     }
 
@@ -118,17 +125,48 @@ fn record(data: &[u8], fields: &[(String, bool)]) -> Option<Message> {
     Some(Message { stamp_ns, columns })
 }
 
+/// The layout of numbers in a message.
+struct Layout {
+    is_little: bool,
+    /// Doubles are aligned to a multiple of this many bytes.
+    step: usize,
+}
+
+impl Layout {
+    /// The layout that the first two bytes of a CDR message give (DDS-XTypes 1.3, table 60).
+    fn of_cdr([high, low, ..]: [u8; 4]) -> Result<Self, Unread> {
+        let is_little = low % 2 == 1;
+        let name = match (high, low) {
+            (0, 0 | 1) => return Ok(Self { is_little, step: 8 }),
+            (0, 6 | 7) => return Ok(Self { is_little, step: 4 }),
+            (0, 2 | 3) => "parameter lists (PL_CDR)",
+            (0, 8 | 9) => "delimiters (D_CDR2, XCDR version 2)",
+            (0, 10 | 11) => "parameter lists (PL_CDR2, XCDR version 2)",
+            _ => {
+                let what = format!("its encoding has the unknown number 0x{high:02x}{low:02x}");
+                return Err(Unread::Damaged(what));
+            }
+        };
+        Err(Unread::Unsupported(format!(
+            "it is encoded with {name}; only plain CDR is read, which ROS 2 writes for its final types"
+        )))
+    }
+}
+
+fn wrench_type(is_stamped: bool) -> &'static str {
+    if is_stamped { "WrenchStamped" } else { "Wrench" }
+}
+
+/// Decodes force and torque in ROS 1, which has no alignment, with or without a header.
+fn ros1_wrench(data: &[u8], is_stamped: bool) -> Option<Message> {
+    // A sequence number begins the header.
+    let content = if is_stamped { data.get(4..)? } else { data };
+    wrench(content, &Layout { is_little: true, step: 1 }, is_stamped)
+}
+
 /// Decodes force and torque, with or without a header.
-fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
-    let (order, data) = if is_ros1 { (&[0, 1][..], data) } else { data.split_at_checked(4)? };
-    // CDR begins with its byte order and version. Doubles are aligned to eight bytes; in version 2, to four.
-    let (is_little, step) = match order {
-        [0, 0, ..] => (false, 8),
-        [0, 1, ..] => (true, 8),
-        [0, 6, ..] => (false, 4),
-        [0, 7, ..] => (true, 4),
-        _ => return None,
-    };
+fn wrench(data: &[u8], layout: &Layout, is_stamped: bool) -> Option<Message> {
+    let Layout { is_little, step } = *layout;
     let mut bytes = ByteReader::new(data);
     let word = |bytes: &mut ByteReader<'_>| {
         let word = bytes.u32()?;
@@ -136,17 +174,12 @@ fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
     };
     let mut stamp_ns = None;
     if is_stamped {
-        if is_ros1 {
-            bytes.u32()?;
-        }
         let (seconds, nanoseconds) = (word(&mut bytes)?, word(&mut bytes)?);
         stamp_ns = Some(u64::from(seconds) * 1_000_000_000 + u64::from(nanoseconds));
         let length = usize::try_from(word(&mut bytes)?).ok()?;
         bytes.take(length)?;
-        if !is_ros1 {
-            let read = data.len() - bytes.rest.len();
-            bytes.take(read.next_multiple_of(step) - read)?;
-        }
+        let read = data.len() - bytes.rest.len();
+        bytes.take(read.next_multiple_of(step) - read)?;
     }
     let number = |bytes: &mut ByteReader<'_>| {
         let bits = bytes.u64()?;
@@ -154,6 +187,15 @@ fn wrench(data: &[u8], is_ros1: bool, is_stamped: bool) -> Option<Message> {
     };
     let columns = AXES.iter().map(|&name| Some((name.to_owned(), Cell::Real(number(&mut bytes)?))));
     Some(Message { stamp_ns, columns: columns.collect::<Option<_>>()? })
+}
+
+/// Decodes an object.
+fn json(data: &[u8]) -> Result<Message, String> {
+    let value: Value = serde_json::from_slice(data).map_err(|error| error.to_string())?;
+    let Value::Object(_) = value else { return Err("expected an object".to_owned()) };
+    let mut columns = Vec::new();
+    flatten(String::new(), value, DEPTH, &mut columns)?;
+    Ok(Message { stamp_ns: None, columns })
 }
 
 /// Adds the values of an object or list with names such as `outer.inner`; positions in a list count from 1.

@@ -10,7 +10,7 @@ mod records;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
-use self::message::{FieldKind, Message};
+use self::message::{FieldKind, Message, Unread};
 use self::records::{McapRecord, Records};
 use crate::budget;
 use crate::calendar::seconds_of;
@@ -89,15 +89,20 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
                     continue;
                 }
                 let message =
-                    topic.kind.decode(&data).map_err(|what| wrong(topic, log_time, &what))?;
+                    topic.kind.decode(&data).map_err(|why| wrong(topic, log_time, why))?;
                 stamps.add(message.stamp_ns);
                 topic.columns = message.columns.into_iter().map(|(name, _)| name).collect();
                 budget::check_columns(KIND, topic.columns.len())?;
             }
         }
     }
+    let cut_at = records.cut_at;
     let found: Vec<String> = topics.iter().map(|topic| topic.name.clone()).collect();
     topics.retain(|topic| !topic.columns.is_empty() && part.is_none_or(|part| topic.name == part));
+    if let (true, None, Some(byte)) = (topics.is_empty(), part, cut_at) {
+        let what = format!("it is cut off at byte {byte}, before the first message of a force");
+        return Err(KIND.damaged(what));
+    }
     if topics.is_empty() && part.is_none() {
         let others = Vec::from_iter(others);
         return Err(KIND.unsupported(format!(
@@ -141,6 +146,7 @@ pub(crate) fn open(file: &FileSource, part: Option<&str>) -> Result<FoundTable, 
             .notes
             .push("its messages are out of order, and sorted by when they were logged".to_owned());
     }
+    found.is_cut_off = cut_at.is_some();
     Ok(found)
 }
 
@@ -167,8 +173,12 @@ impl Stamps {
     }
 }
 
-fn wrong(topic: &Topic, log_time: u64, what: &str) -> TableError {
-    KIND.damaged(format!("topic `{}`, the message at {} s: {what}", topic.name, seconds(log_time)))
+fn wrong(topic: &Topic, log_time: u64, why: Unread) -> TableError {
+    let message = format!("topic `{}`, the message at {} s", topic.name, seconds(log_time));
+    match why {
+        Unread::Damaged(what) => KIND.damaged(format!("{message}: {what}")),
+        Unread::Unsupported(what) => KIND.unsupported(format!("{message}: {what}")),
+    }
 }
 
 /// Formats nanoseconds as a decimal number of seconds.
@@ -198,7 +208,7 @@ impl RowSource for McapRecording {
                 let Some(at) = at else { continue };
                 let topic = &topics[at];
                 let message =
-                    topic.kind.decode(&data).map_err(|what| wrong(topic, log_time, &what))?;
+                    topic.kind.decode(&data).map_err(|why| wrong(topic, log_time, why))?;
                 let row = waiting.entry(log_time).or_default();
                 row.resize_with(topics.len(), || None);
                 if row[at].replace(message).is_some() {

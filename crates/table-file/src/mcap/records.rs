@@ -1,6 +1,6 @@
 //! The records of a recording in order, inside and outside chunks.
 
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Seek, SeekFrom};
 
 use super::KIND;
 use crate::budget::{self, Unpacked};
@@ -30,6 +30,8 @@ pub(super) struct Records {
     next: usize,
     unpacked: Unpacked,
     ended: bool,
+    /// Position of the record in which the file ends, if it has no end of its own.
+    pub(super) cut_at: Option<u64>,
 }
 
 impl Records {
@@ -37,7 +39,8 @@ impl Records {
         let length = file.length()?;
         let file = BufReader::with_capacity(1 << 16, file.open()?);
         let (records, unpacked) = (Vec::new(), Unpacked::default());
-        let mut records = Self { file, at: 0, length, records, next: 0, unpacked, ended: false };
+        let (next, ended, cut_at) = (0, false, None);
+        let mut records = Self { file, at: 0, length, records, next, unpacked, ended, cut_at };
         let mut magic = [0; 8];
         records.read(&mut magic)?;
         match magic == MAGIC {
@@ -80,14 +83,25 @@ impl Records {
     /// Reads the next record or chunk of records from the file.
     fn next_at_top(&mut self) -> Result<(), TableError> {
         let at = self.at;
-        let mut head = [0; 9];
-        self.read(&mut head)?;
-        let length = ByteReader::new(&head[1..]).u64().unwrap_or(u64::MAX);
-        if length > self.length - self.at {
-            return Err(KIND.damaged(format!("it is cut off in the record at byte {at}")));
-        }
         self.next = 0;
         self.records.clear();
+        let mut head = [0; 9];
+        let has_head = self.length - at >= head.len() as u64;
+        if has_head {
+            self.read(&mut head)?;
+        }
+        let length = ByteReader::new(&head[1..]).u64().unwrap_or(u64::MAX);
+        if !has_head || length > self.length - self.at {
+            let mut end = [0; MAGIC.len()];
+            self.file.seek(SeekFrom::End(-(end.len() as i64)))?;
+            self.file.read_exact(&mut end)?;
+            if end == MAGIC {
+                return Err(KIND.damaged(format!("the length of the record at byte {at}")));
+            }
+            // A recorder that is killed leaves whole chunks, and part of the next.
+            (self.ended, self.cut_at) = (true, Some(at));
+            return Ok(());
+        }
         match head[0] {
             // The end of the data section, or the footer of a file without one.
             0x02 | 0x0f => self.ended = true,

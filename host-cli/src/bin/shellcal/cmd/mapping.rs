@@ -124,6 +124,7 @@ impl MappingArgs {
         let mapping = self.mapping_for(calibration.map(|(_, file)| file));
         let logs = open_logs(logs, ("--wrench-from", wrenches), &mapping)?;
         logs.iter().filter_map(interleaving).for_each(|said| printer.warning(said));
+        logs.iter().filter_map(cut_off).for_each(|said| printer.warning(said));
         let Some((from, _)) = calibration else { return Ok(logs) };
         for log in &logs {
             let (taken, log, from) = (log.usual_columns(&mapping), log.path(), from.display());
@@ -196,6 +197,12 @@ pub(crate) fn interleaving(log: &Log) -> Option<String> {
         log.path().display(),
         found.values.first()?
     ))
+}
+
+/// A remark on a log whose file ends in the middle of its content.
+pub(crate) fn cut_off(log: &Log) -> Option<String> {
+    let text = || format!("`{}` is cut off: its last piece is left out", log.path().display());
+    log.is_cut_off().then(text)
 }
 
 /// Opens logs, each with its wrench file if `option` names such files.

@@ -101,9 +101,11 @@ fn advice(advice: &Advice, axes: Axes) -> impl Serialize {
 
 /// The basis of standard errors, and the covariance of the errors of a row, for `--json`.
 fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
-    let groups = match &covariance.coefficients {
-        CoefficientCovariance::Groups { groups, .. } => Some(*groups),
-        CoefficientCovariance::Rows { .. } => None,
+    let (groups, of_coefficients) = match &covariance.coefficients {
+        CoefficientCovariance::Groups { groups, degrees_of_freedom, .. } => {
+            (Some(*groups), degrees_of_freedom.as_ref())
+        }
+        CoefficientCovariance::Rows { .. } => (None, None),
     };
     let (sd, factors) = (covariance.residual_sd(), covariance.interval_factors(0.95).ok());
     let half_width =
@@ -112,6 +114,8 @@ fn covariance(covariance: &Covariance, axes: Axes) -> impl Serialize {
         // Number of groups of rows; absent if rows are taken as independent.
         groups?: groups,
         degrees_of_freedom: covariance.degrees_of_freedom,
+        // Satterthwaite's, of the variance of each coefficient; absent for independent rows or a ridge.
+        coefficient_degrees_of_freedom?: of_coefficients,
         // In products of N and N·m.
         residual: axes.of(&covariance.residual.map(|row| axes.of(&row))),
         // Half-width of a 95 % prediction interval, for exactly known coefficients, N and N·m; `null` if

@@ -106,8 +106,10 @@ pub(super) enum BeamKind {
     /// A rigid bar on a torsional spring, as in the paper
     #[default]
     Hinged,
-    /// A plate clamped at its base that bends, of the same bending stiffness (touches by its tip only)
+    /// A beam clamped at its base that bends, of the same bending stiffness, and touches by its tip
     Clamped,
+    /// The same, which also touches with its face where it bends far enough
+    Plate,
 }
 
 impl BeamKind {
@@ -115,6 +117,7 @@ impl BeamKind {
         match self {
             Self::Hinged => Normal::Unit,
             Self::Clamped => Normal::Elastica,
+            Self::Plate => Normal::Plate,
         }
     }
 }
