@@ -6,8 +6,8 @@
 //! ```
 //!
 //! Numbers are little-endian. The times tell how long a board was off or a port was gone, which the bytes do
-//! not. A file that does not begin with this line holds bytes alone, as other programs write them; their times
-//! are unknown.
+//! not. A file that does not begin with this line holds bytes alone, as other programs write them; their
+//! times are unknown.
 
 use std::io::{self, BufRead, Read};
 use std::time::Duration;
@@ -15,8 +15,8 @@ use std::time::Duration;
 /// The first line of a file with times.
 const FIRST_LINE: &[u8] = b"shellcal raw 1\n";
 
-/// Encodes bytes that arrived together, the first ones with the file's first line. Bytes without a time stay as
-/// they are.
+/// Encodes bytes that arrived together, the first ones with the file's first line. Bytes without a time stay
+/// as they are.
 pub(crate) fn piece(bytes: &[u8], arrival: Option<Duration>, is_first: bool) -> Vec<u8> {
     let Some(arrival) = arrival else { return bytes.to_vec() };
     let mut piece = Vec::new();
@@ -32,8 +32,8 @@ pub(crate) fn piece(bytes: &[u8], arrival: Option<Duration>, is_first: bool) -> 
     piece
 }
 
-/// Reads the bytes of a recording, those of one arrival at a time. A part of a piece at the end, as a kill leaves
-/// it, counts as far as it goes.
+/// Reads the bytes of a recording, one arrival at a time. A part of a piece at the end, as a kill leaves it,
+/// counts as far as it goes.
 #[derive(Debug)]
 pub struct CaptureReader<R> {
     input: R,

@@ -112,6 +112,30 @@ fn misstated(seed: &[u8], random: &mut RandomStream) -> Vec<u8> {
     bytes
 }
 
+/// A file whose vectors claim 2²⁴ rows of one byte in chunks of one row, without an index: a list of the
+/// chunks takes 5.7 GB.
+fn in_tiny_chunks(seed: &[u8]) -> Vec<u8> {
+    const FLOATS: [u8; 8] = [0x11, 0x20, 0x3f, 0, 8, 0, 0, 0];
+    const BYTES: [u8; 12] = [0x10, 0, 0, 0, 1, 0, 0, 0, 0, 0, 8, 0];
+    // A layout of version 4 in chunks: flags, two sides of one byte each, an array of fixed length as index.
+    const LAYOUT: [u8; 5] = [4, 2, 0, 2, 1];
+    let mut bytes = seed.to_vec();
+    for header in sealed(seed) {
+        let (content, checksum) = bytes[header].split_last_chunk_mut::<4>().unwrap();
+        let at = |wanted: &[u8]| content.windows(wanted.len()).position(|part| part == wanted);
+        let places = (at(&24_u64.to_le_bytes()), at(&FLOATS), at(&LAYOUT));
+        if let (Some(rows), Some(kind), Some(layout)) = places {
+            content[rows..rows + 8].copy_from_slice(&(1_u64 << 24).to_le_bytes());
+            content[kind..kind + 12].copy_from_slice(&BYTES);
+            let sides = layout + LAYOUT.len();
+            content[sides..sides + 3].copy_from_slice(&[1, 1, 2]);
+            content[sides + 3..sides + 11].copy_from_slice(&512_u64.to_le_bytes());
+            *checksum = lookup3(content).to_le_bytes();
+        }
+    }
+    bytes
+}
+
 /// Set in the process that reads under a limit.
 const IS_LIMITED: &str = "SHELLCAL_TEST_IS_LIMITED";
 
@@ -146,6 +170,9 @@ fn sizes_that_a_header_claims_take_no_memory_that_the_file_does_not_fill() {
     for (content, checksum) in headers.map(|header| header.split_last_chunk::<4>().unwrap()) {
         assert_eq!(lookup3(content).to_le_bytes(), *checksum);
     }
+    let error = read(in_tiny_chunks(&std::fs::read(seeds().join("fixed_array.h5")).unwrap()));
+    let error = error.unwrap_err().to_string();
+    assert!(error.contains("takes 5905580032 bytes, more than"), "{error}");
     let first = setting("SHELLCAL_HOSTILE_SEED").unwrap_or(1);
     let cases = setting("SHELLCAL_HOSTILE_CASES").unwrap_or(10_000);
     let mut refused = 0;

@@ -181,7 +181,8 @@ pub(super) fn load_name(load: &HungLoad) -> String {
     format!("load `{}` (line {}: {load})", load.group, load.line)
 }
 
-/// Axes to compare for a load: those of the calibration, where the zero has to be zero, and those that it loads.
+/// Axes to compare for a load: all that are calibrated, which it leaves at zero or loads, and others that it
+/// loads.
 pub(super) fn axes_to_compare(load: &HungLoad, calibrated: Axes) -> Axes {
     calibrated.iter().chain(loaded_axes(load).iter()).collect()
 }
