@@ -9,6 +9,7 @@
 
 mod append_writer;
 mod board_log;
+mod capture;
 mod client;
 mod handshake;
 mod port;
@@ -21,6 +22,7 @@ mod upload;
 
 pub use append_writer::{AppendWriter, LogSink, open_growing};
 pub use board_log::RecordedBoard;
+pub use capture::CaptureReader;
 pub use client::{Client, Uplink, judge};
 pub use handshake::{Handshake, HandshakeOptions, Heard, Stretch, handshake};
 pub use port::{Connection, FlowControl, PortInfo, PortOptions, PortState, TCP, ports};

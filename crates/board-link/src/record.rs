@@ -1,11 +1,12 @@
 //! Recording of a port, or of a file of raw bytes, into a log and a raw file.
 
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, BufReader, Read};
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant, SystemTime};
 
+use super::capture::CaptureReader;
 use super::record_options::{RecordError, RecordOptions, RecordingProgress};
 use super::recorder::{Recorded, Recorder, Sinks};
 use super::{Connection, LinkError, PortOptions};
@@ -21,10 +22,23 @@ const PACE: Duration = Duration::from_millis(3);
 #[derive(Debug)]
 pub struct Source {
     name: String,
-    /// The port or file; `None` while a port is lost.
+    input: Input,
+    /// Number of times that a lost port has come back.
+    pub reconnections: u64,
+}
+
+#[derive(Debug)]
+enum Input {
+    Port(OpenPort),
+    Capture(CaptureReader<BufReader<File>>),
+}
+
+/// A port, which may be lost and come back.
+#[derive(Debug)]
+struct OpenPort {
+    options: PortOptions,
+    /// `None` while the port is lost.
     connection: Option<Box<dyn Connection>>,
-    /// `None` for a file.
-    port: Option<PortOptions>,
     /// True to wait for a lost port.
     reconnect: bool,
     /// Time of the last attempt to reopen.
@@ -32,8 +46,6 @@ pub struct Source {
     read_at: Instant,
     started: Instant,
     wall: SystemTime,
-    /// Number of times that a lost port has come back.
-    pub reconnections: u64,
 }
 
 impl Source {
@@ -42,8 +54,17 @@ impl Source {
     /// # Errors
     /// [`LinkError`] if the port cannot be opened now.
     pub fn port(options: PortOptions, reconnect: bool) -> Result<Self, LinkError> {
-        let (name, connection) = (options.port.clone(), options.open()?);
-        Ok(Self { port: Some(options), reconnect, ..Self::new(name, connection) })
+        let (name, now) = (options.port.clone(), Instant::now());
+        let port = OpenPort {
+            connection: Some(options.open()?),
+            options,
+            reconnect,
+            tried_at: now,
+            read_at: now,
+            started: now,
+            wall: SystemTime::now(),
+        };
+        Ok(Self { name, input: Input::Port(port), reconnections: 0 })
     }
 
     /// Opens a file of raw bytes.
@@ -56,74 +77,89 @@ impl Source {
         if !std::fs::metadata(path).map_err(refused)?.is_file() {
             return Err(refused(io::Error::other("it is not a regular file")));
         }
-        let file = File::open(path).map_err(refused)?;
-        Ok(Self::new(path.display().to_string(), Box::new(file)))
+        let file = BufReader::new(File::open(path).map_err(refused)?);
+        let input = Input::Capture(CaptureReader::new(file).map_err(refused)?);
+        Ok(Self { name: path.display().to_string(), input, reconnections: 0 })
     }
 
-    fn new(name: String, connection: Box<dyn Connection>) -> Self {
-        let now = Instant::now();
-        Self {
-            name,
-            connection: Some(connection),
-            port: None,
-            reconnect: false,
-            tried_at: now,
-            read_at: now,
-            started: now,
-            wall: SystemTime::now(),
-            reconnections: 0,
+    /// Returns the start of the recording.
+    fn started(&self) -> Instant {
+        match &self.input {
+            Input::Port(port) => port.started,
+            Input::Capture(_) => Instant::now(),
         }
     }
 
-    /// Returns the time since the start; zero for a replay.
+    /// Returns the time since the start; in a replay, that of the recording, or zero if unknown.
     fn elapsed(&self) -> Duration {
-        self.port.as_ref().map_or(Duration::ZERO, |_| self.started.elapsed())
+        match &self.input {
+            Input::Port(port) => port.started.elapsed(),
+            Input::Capture(capture) => capture.arrival().unwrap_or_default(),
+        }
     }
 
-    /// Returns the approximate sending time of bytes read now, since the start; unknown for a replay.
+    /// Returns the approximate sending time of bytes read now, since the start, if known.
     fn arrival(&self) -> Option<Duration> {
-        // While a computer sleeps, only its wall clock continues.
-        let on_the_wall = self.wall.elapsed().unwrap_or_default();
-        self.port.as_ref().map(|_| self.started.elapsed().max(on_the_wall))
+        match &self.input {
+            // While a computer sleeps, only its wall clock continues.
+            Input::Port(port) => {
+                Some(port.started.elapsed().max(port.wall.elapsed().unwrap_or_default()))
+            }
+            Input::Capture(capture) => capture.arrival(),
+        }
+    }
+
+    /// Returns true unless the port is lost.
+    fn is_connected(&self) -> bool {
+        !matches!(&self.input, Input::Port(OpenPort { connection: None, .. }))
     }
 
     /// Reads bytes into `buffer`, and waits briefly for the first. Returns their number, or `None` at the
     /// end.
     fn read(&mut self, buffer: &mut [u8]) -> Result<Option<usize>, LinkError> {
-        let Some(connection) = &mut self.connection else {
-            std::thread::sleep(Duration::from_millis(20));
-            if self.tried_at.elapsed() >= RETRY {
-                self.tried_at = Instant::now();
-                self.connection = self.port.as_ref().and_then(|port| port.open().ok());
-                self.reconnections += u64::from(self.connection.is_some());
-            }
-            return Ok(Some(0));
-        };
-        if self.port.is_some() {
-            std::thread::sleep(PACE.saturating_sub(self.read_at.elapsed()));
-        }
-        match read_port(&mut **connection, buffer) {
-            Ok(count) => {
-                if count > 0 {
-                    self.read_at = Instant::now();
-                }
-                Ok(Some(count))
-            }
-            Err(_) if self.reconnect => {
-                self.connection = None;
-                Ok(Some(0))
-            }
-            Err(error) if self.port.is_some() => Err(LinkError::lost(&self.name, &error)),
-            Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
-            Err(error) => Err(replay_error(&self.name, &error)),
+        match &mut self.input {
+            Input::Port(port) => port.read(buffer, &mut self.reconnections).map(Some),
+            Input::Capture(capture) => match read_port(capture, buffer) {
+                Ok(count) => Ok(Some(count)),
+                Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => Ok(None),
+                Err(error) => Err(replay_error(&self.name, &error)),
+            },
         }
     }
 
     /// Sends bytes to the board, unless this is a replay. Errors are ignored: the caller repeats commands
     /// until the board reacts.
     fn send(&mut self, bytes: &[u8]) {
-        if let (Some(connection), Some(_)) = (&mut self.connection, &self.port) {
+        if let Input::Port(OpenPort { connection: Some(connection), .. }) = &mut self.input {
             let _ = connection.write_all(bytes);
+        }
+    }
+}
+
+impl OpenPort {
+    fn read(&mut self, buffer: &mut [u8], reconnections: &mut u64) -> Result<usize, LinkError> {
+        let Some(connection) = &mut self.connection else {
+            std::thread::sleep(Duration::from_millis(20));
+            if self.tried_at.elapsed() >= RETRY {
+                self.tried_at = Instant::now();
+                self.connection = self.options.open().ok();
+                *reconnections += u64::from(self.connection.is_some());
+            }
+            return Ok(0);
+        };
+        std::thread::sleep(PACE.saturating_sub(self.read_at.elapsed()));
+        match read_port(&mut **connection, buffer) {
+            Ok(count) => {
+                if count > 0 {
+                    self.read_at = Instant::now();
+                }
+                Ok(count)
+            }
+            Err(_) if self.reconnect => {
+                self.connection = None;
+                Ok(0)
+            }
+            Err(error) => Err(LinkError::lost(&self.options.port, &error)),
         }
     }
 }
@@ -143,7 +179,7 @@ pub fn record(
     observe: &mut dyn FnMut(&RecordingProgress),
 ) -> Result<Recorded, RecordError> {
     let mut recorder = Recorder::new(&source.name, sinks, options.clone());
-    recorder.start_reference(source.started);
+    recorder.start_reference(source.started());
     let ran = run(&mut recorder, source, options.duration, stop, observe);
     source.send(&recorder.last_commands());
     let is_about_a_file = |error: &RecordError| matches!(error, RecordError::Output(_));
@@ -180,7 +216,7 @@ fn run(
         recorder.take(&buffer[..count], now, arrival)?;
         if let Some(mut progress) = recorder.tend(now, arrival)? {
             source.send(&progress.commands);
-            progress.connected = source.connection.is_some();
+            progress.connected = source.is_connected();
             observe(&progress);
         }
     }

@@ -7,6 +7,7 @@ use serde::Serialize;
 use shared_proto::{Boot, Command, Identity, Protocol};
 
 use super::board_log::{BoardLog, RecordedBoard};
+use super::capture;
 use super::record_options::{
     RecordCommand, RecordError, RecordOptions, RecordingProgress, Watcher,
 };
@@ -28,7 +29,7 @@ const BATCH: usize = 4096;
 pub struct Sinks {
     /// The log; with several boards, of the first one. Logs of the others are created next to it.
     pub log: Option<Box<dyn LogSink>>,
-    /// The bytes as they arrive.
+    /// The bytes as they arrive, with their times ([`CaptureReader`](super::CaptureReader)).
     pub raw: Option<Box<dyn LogSink>>,
     pub watcher: Option<Box<dyn Watcher>>,
     /// A reference sensor, whose forces go to the log of the first board.
@@ -173,8 +174,10 @@ impl Recorder {
         now: Duration,
         arrival: Option<Duration>,
     ) -> Result<(), RecordError> {
+        let piece = |is_first| capture::piece(bytes, arrival, is_first);
+        let is_first = self.bytes == 0;
+        let kept = self.sinks.raw.as_mut().map_or(Ok(()), |raw| raw.append(&piece(is_first)));
         self.bytes += bytes.len() as u64;
-        let kept = self.sinks.raw.as_mut().map_or(Ok(()), |raw| raw.append(bytes));
         self.now = now;
         if let Some((_, boards)) = &mut self.receiving {
             boards.feed(bytes, arrival);
@@ -230,26 +233,32 @@ impl Recorder {
     fn flush(&mut self) -> Result<(), RecordError> {
         self.show();
         self.shown = 0;
-        let Some((protocol, boards)) = &mut self.receiving else { return Ok(()) };
-        let numbered = matches!(protocol, Protocol::Packets(_));
-        for board in boards.heard.iter_mut().filter(|board| !board.frames.is_empty()) {
-            let sender = board.sender;
-            let known = self.logs.iter().position(|log| log.sender == sender);
-            let at = known.unwrap_or(self.logs.len());
-            if known.is_none() {
-                let log = log_of(&mut self.sinks.log, &self.logs, sender)?;
-                let waits = self.options.labels && self.logs.is_empty();
-                let annotations = std::mem::take(&mut self.annotations);
-                let new = BoardLog { sender, log, waits, annotations, ..BoardLog::default() };
-                self.logs.push(new);
-            }
-            // A calibration belongs to one sensor.
-            let forces = self.options.forces.as_ref().filter(|_| at == 0);
-            let reference = self.reference.as_mut().filter(|_| at == 0);
-            let beside = (reference, self.now.as_secs_f64());
-            self.logs[at].write(&mut board.frames, numbered, (forces, &self.options), beside)?;
+        let Some((protocol, mut boards)) = self.receiving.take() else { return Ok(()) };
+        let is_numbered = matches!(protocol, Protocol::Packets(_));
+        let with_frames = boards.heard.iter_mut().filter(|board| !board.frames.is_empty());
+        // One log that fails does not keep the frames of others from theirs.
+        let written: Vec<_> = with_frames.map(|board| self.write(board, is_numbered)).collect();
+        self.receiving = Some((protocol, boards));
+        written.into_iter().collect()
+    }
+
+    /// Writes the frames of a board to its log, which the first of them creates.
+    fn write(&mut self, board: &mut HeardBoard, is_numbered: bool) -> Result<(), RecordError> {
+        let sender = board.sender;
+        let known = self.logs.iter().position(|log| log.sender == sender);
+        let at = known.unwrap_or(self.logs.len());
+        if known.is_none() {
+            let log = log_of(&mut self.sinks.log, &self.logs, sender)?;
+            let waits = self.options.labels && self.logs.is_empty();
+            let annotations = std::mem::take(&mut self.annotations);
+            let new = BoardLog { sender, log, waits, annotations, ..BoardLog::default() };
+            self.logs.push(new);
         }
-        Ok(())
+        // A calibration belongs to one sensor.
+        let forces = self.options.forces.as_ref().filter(|_| at == 0);
+        let reference = self.reference.as_mut().filter(|_| at == 0);
+        let beside = (reference, self.now.as_secs_f64());
+        self.logs[at].write(&mut board.frames, is_numbered, (forces, &self.options), beside)
     }
 
     /// Executes the watcher's commands. All frames seen before a command go to the old log.
@@ -302,16 +311,15 @@ impl Recorder {
             boards.finish();
         }
         // Handles marks and labels that were set just before the end.
-        let followed = self.follow();
-        self.flush()?;
+        let written = [self.follow(), self.flush()];
         if let Some(reference) = &mut self.reference {
             reference.listen();
         }
-        for (at, log) in self.logs.iter_mut().enumerate() {
-            log.finish(self.reference.as_mut().filter(|_| at == 0))?;
-        }
-        followed?;
-        recognised?;
+        let mut reference = self.reference.as_mut();
+        let finished: Vec<_> =
+            self.logs.iter_mut().map(|log| log.finish(reference.take())).collect();
+        let all = written.into_iter().chain(finished).chain([recognised]);
+        all.collect::<Result<(), _>>()?;
         match (self.bytes, self.frames()) {
             (0, _) => Err(self.no_frame(NoFrame::Silence)),
             (_, 0) => Err(self.no_frame(NoFrame::NotStreaming)),
@@ -391,9 +399,11 @@ mod tests {
     use super::super::{AppendWriter, Source, record};
     use super::*;
     use crate::recording::BoardFrame;
-    use shared_proto::{Packet, Sample, Values};
+    use output_file::OutputError;
+    use shared_proto::{Packet, PacketOrigin, Sample, Values};
     use shell_data::block::FrameLabel;
     use std::collections::VecDeque;
+    use std::path::Path;
     use std::sync::atomic::AtomicBool;
 
     #[derive(Debug)]
@@ -448,6 +458,48 @@ mod tests {
         let text = std::fs::read_to_string(&log).unwrap();
         assert_eq!(text.lines().filter(|line| line.contains("ahead")).count(), 100);
         assert!(rows() >= 1400, "{} rows", rows());
+    }
+
+    /// A log on a full disk.
+    #[derive(Debug)]
+    struct FullLog(std::path::PathBuf);
+
+    impl LogSink for FullLog {
+        fn append(&mut self, _: &[u8]) -> Result<(), OutputError> {
+            Err(OutputError::failed(&self.0, std::io::ErrorKind::StorageFull.into()))
+        }
+
+        fn close(self: Box<Self>) -> Result<(), OutputError> {
+            Ok(())
+        }
+
+        fn path(&self) -> &Path {
+            &self.0
+        }
+
+        fn beside(&self, _: &str) -> Result<Box<dyn LogSink>, OutputError> {
+            Ok(Box::new(AppendWriter::create(&self.0, false)?))
+        }
+    }
+
+    #[test]
+    fn a_log_that_fails_leaves_those_of_other_boards_complete() {
+        let dir = tempfile::tempdir().unwrap();
+        let log = dir.path().join("second.csv");
+        let sinks = Sinks { log: Some(Box::new(FullLog(log.clone()))), ..Sinks::default() };
+        let mut session = Recorder::new("port", sinks, RecordOptions::default());
+        let frame = |sequence: u16, board| {
+            let clock_us = u32::from(sequence) * 10_000;
+            let values = Values::Readings([board; 8]);
+            let sample = Sample { sequence, clock_us, values, saturated: 0, dropped: 0 };
+            Packet::Sample(sample).encode_from(PacketOrigin { board, start: 1 }).to_vec()
+        };
+        let bytes: Vec<u8> = (0..500).flat_map(|n| [frame(n, 7), frame(n, 9)].concat()).collect();
+        session.take(&bytes, Duration::ZERO, None).unwrap();
+        let error = session.finish().unwrap_err();
+        assert!(matches!(error, RecordError::Output(_)), "{error}");
+        session.close().unwrap();
+        assert_eq!(std::fs::read_to_string(log).unwrap().lines().count(), 501);
     }
 
     /// A killed recording keeps all but its last second, after an initial wait of 1.2 s for the board's

@@ -52,6 +52,9 @@ pub fn check_rows(data: &Dataset, names: &[String]) -> Vec<Finding> {
 }
 
 fn check_log(log: &LogRows, names: &[String]) -> Vec<Finding> {
+    if log.rows() == 0 {
+        return Vec::new();
+    }
     let (mut summary, mut identical) = (LogSummary::default(), None);
     let looked = looked_at(log);
     for (_, block) in &looked {
@@ -210,6 +213,17 @@ mod tests {
         change(&mut block);
         let data = Dataset::from_blocks("rows", Axes::ALL, vec![block]);
         check_rows(&data, &[]).iter().map(|finding| finding.check).collect()
+    }
+
+    /// The only row of a log may be cut short.
+    #[test]
+    fn a_log_without_rows_has_no_findings() {
+        let readings = vec![vec![500.0, 501.0]; 3];
+        let block =
+            Block { rows: 2, readings, wrench: vec![vec![1.0, 2.0]; 6], ..Block::default() };
+        let mut data = Dataset::from_blocks("rows", Axes::ALL, vec![block]);
+        data.logs[0].blocks.clear();
+        assert!(check_rows(&data, &[]).is_empty());
     }
 
     #[test]

@@ -93,6 +93,16 @@ impl Array {
     }
 }
 
+impl ArrayValues {
+    /// Returns the number of bytes of all texts, zero for numbers.
+    pub(crate) fn text_bytes(&self) -> u64 {
+        match self {
+            Self::Texts(texts) => texts.iter().map(|text| text.len() as u64).sum(),
+            _ => 0,
+        }
+    }
+}
+
 impl ArrayNumbers {
     fn len(&self) -> usize {
         self.range.len() / self.element.size()

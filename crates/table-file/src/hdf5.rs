@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use hdf5_pure::{
     AttrValue, Dataset, Datatype, DatatypeByteOrder, Error, FloatingPointLayout, FormatError,
-    Group, ReadSeekSource, Source,
+    Group, ReadSeekSource, Source, VlenStringReadOptions,
 };
 
 use crate::arrays::{Array, ArrayNumbers, ArrayRows, ArrayValues, columns_of_log};
@@ -25,6 +25,10 @@ const OBJECTS: usize = 4096;
 /// lower than elsewhere, because a file can claim any number of rows that were never written.
 const ANY: u64 = 16 << 20;
 const RATIO: u64 = 32;
+
+/// Bytes that the reader uses for each chunk of a data set, and at least for each text.
+const PER_CHUNK: u64 = 352;
+const PER_TEXT: u64 = 32;
 
 /// The first bytes of a MATLAB file, in which data sets are matrices stored column by column.
 const MATLAB: &[u8] = b"MATLAB 7.3";
@@ -217,8 +221,8 @@ impl RowSource for Hdf5Table {
             // Checked even if not requested: it may claim more rows than memory can hold.
             let (set, bytes) = data_set(&file, &array.name, left)?;
             if wanted_sets.contains(&at) {
-                left -= bytes;
-                array.values = values(&set, &array.name)?;
+                array.values = values(&set, &array.name, left)?;
+                left = left.saturating_sub(bytes.max(array.values.text_bytes()));
                 if !array.is_filled() {
                     let what = format!("`{}` has fewer values than its sides say", array.name);
                     return Err(KIND.damaged(what));
@@ -229,27 +233,46 @@ impl RowSource for Hdf5Table {
     }
 }
 
-/// Opens a data set and returns it with the size of its values, which may be at most `most` bytes.
+/// Opens a data set and returns it with the size of its values, which may be at most `most` bytes, as may be
+/// its list of chunks.
 fn data_set(file: &hdf5_pure::File, path: &str, most: u64) -> Result<(Dataset, u64), TableError> {
     // Octave stores the value in a group with the variable's name.
     let set = file.dataset(path).or_else(|_| file.dataset(&format!("{path}/value")));
     let set = set.map_err(unreadable)?;
     let size = set.element_size().map_err(unreadable)?;
-    let bytes_of = |sides: &[u64]| sides.iter().fold(size, |all, &side| all.saturating_mul(side));
-    let bytes = bytes_of(&set.shape().map_err(unreadable)?);
-    let piece = bytes_of(&set.chunk_shape().map_err(unreadable)?.unwrap_or_default());
-    budget::within(KIND, format_args!("`{path}`"), bytes.max(piece), most)?;
+    let is_text = matches!(set.datatype().map_err(unreadable)?, Datatype::String { .. });
+    let least = if is_text { PER_TEXT } else { 0 };
+    let shape = set.shape().map_err(unreadable)?;
+    let chunk = set.chunk_shape().map_err(unreadable)?.unwrap_or_default();
+    let counts = shape.iter().zip(&chunk).map(|(length, side)| length.div_ceil((*side).max(1)));
+    let bytes_of_list = product(PER_CHUNK, counts);
+    let bytes_of_chunk = product(size, chunk.iter().copied());
+    let bytes = product(size.max(least), shape.iter().copied());
+    let largest = bytes.max(bytes_of_chunk).max(bytes_of_list);
+    budget::within(KIND, format_args!("`{path}`"), largest, most)?;
     Ok((set, bytes))
 }
 
-/// Reads the values of a data set.
-fn values(set: &Dataset, path: &str) -> Result<ArrayValues, TableError> {
+fn product(first: u64, factors: impl Iterator<Item = u64>) -> u64 {
+    factors.fold(first, u64::saturating_mul)
+}
+
+/// Reads the values of a data set; texts of variable length may have at most `most` bytes.
+fn values(set: &Dataset, path: &str, most: u64) -> Result<ArrayValues, TableError> {
     if let Some(sides) = set.chunk_shape().map_err(unreadable)? {
         check_pieces(set, path, &set.shape().map_err(unreadable)?, &sides)?;
     }
     let kind = set.datatype().map_err(unreadable)?;
     let Some((element, is_little)) = element(&kind) else {
-        return Ok(ArrayValues::Texts(Arc::new(set.read_string().map_err(unreadable)?)));
+        let texts = match kind {
+            Datatype::VariableLength { .. } => {
+                let most = usize::try_from(most).unwrap_or(usize::MAX);
+                let limit = VlenStringReadOptions::new().with_max_payload_bytes(most);
+                set.read_vlen_strings(limit)
+            }
+            _ => set.read_string(),
+        };
+        return Ok(ArrayValues::Texts(Arc::new(texts.map_err(unreadable)?)));
     };
     let bytes = Arc::new(set.read_raw().map_err(unreadable)?);
     let range = 0..bytes.len();

@@ -14,9 +14,12 @@ use log_file::{Log, ReadOptions};
 use report::Contribution;
 use shell_data::wrench::{Axis, AxisValues, PerAxis};
 
-/// Scatter of the forces, relative to the calibrated loads, above which a log is not of an unloaded sensor;
-/// noise is about a hundredth.
+/// Scatter or mean of the forces, relative to the calibrated loads, above which a log is not of an unloaded
+/// sensor; noise is about a hundredth.
 const LOADED: f64 = 0.05;
+
+/// Mean force, as a multiple of the error on loads, below which it may be such an error.
+const MEAN_ERRORS: f64 = 3.0;
 
 /// The uncertainty of a single frame, by source. A log of the `unloaded` sensor gives repeatability and
 /// drift; `reference` is the standard uncertainty of the reference, N and N·m.
@@ -32,33 +35,8 @@ pub fn budget(
     let mut budget = vec![of_model(file)];
     match unloaded {
         Some(log) => {
-            let found = noise(log, &file.calibration, RowFilter::Fresh, None, read)?;
-            let (frames, path) = (found.frames, log.path().display());
-            let basis = format!("scatter of {frames} frames of the unloaded sensor, `{path}`");
-            let standard = by_axis(&found.axes, |scatter| scatter.rms);
-            let model = budget[0].standard.unwrap_or([f64::INFINITY; 6]);
-            let is_more = |axis: &Axis| standard[axis.index()] > model[axis.index()];
-            let loads = file.largest_loads().unwrap_or([f64::INFINITY; 6]);
-            let is_load = |axis: &Axis| {
-                standard[axis.index()] > LOADED * loads[axis.index()] && is_more(axis)
-            };
-            let axes = file.calibration.axes;
-            if let Some(axis) = axes.iter().find(is_load) {
-                let [rms, error] = [standard, model].map(|of| significant(of[axis.index()], 3));
-                let (name, unit) = (axis.name(), axis.unit());
-                return Err(WorkflowError::refused(
-                    format!(
-                        "`{path}` is of a loaded sensor: {name} scatters by {rms} {unit}, the error on loads is {error} {unit}"
-                    ),
-                    "record the sensor at rest without a load, such as `shellcal record PORT --duration 60 -o rest.csv`",
-                ));
-            }
-            let scatter = measured("repeatability", basis, Some(standard));
-            // Errors of means of many rows do not include the noise of one row.
-            let is_part = !axes.iter().any(|axis| is_more(&axis));
-            let degrees_of_freedom = Some(frames.saturating_sub(1).max(1) as f64);
-            budget.push(Contribution { is_part, degrees_of_freedom, ..scatter });
-            budget.push(of_drift(file, log, read)?);
+            let repeatability = of_noise(file, log, budget[0].standard, read)?;
+            budget.extend([repeatability, of_drift(file, log, read)?]);
         }
         None => {
             let basis = "not stated: a log of the unloaded sensor tells it".to_owned();
@@ -101,6 +79,67 @@ fn of_model(file: &CalibrationFile) -> Contribution {
     let basis = format!("root mean square error on {rows}");
     let of_model = measured("model and mounting", basis, known_errors(file));
     Contribution { degrees_of_freedom, ..of_model }
+}
+
+/// Repeatability from a log of the unloaded sensor; `known` holds the errors on loads.
+fn of_noise(
+    file: &CalibrationFile,
+    log: &Log,
+    known: Option<PerAxis<f64>>,
+    read: &ReadOptions<'_>,
+) -> Result<Contribution, WorkflowError> {
+    let found = noise(log, &file.calibration, RowFilter::Fresh, None, read)?;
+    let (frames, path, axes) = (found.frames, log.path().display(), file.calibration.axes);
+    let standard = by_axis(&found.axes, |scatter| scatter.rms);
+    let mean = by_axis(&found.axes, |scatter| scatter.mean.abs());
+    let [model, loads] = [known, file.largest_loads()].map(|of| of.unwrap_or([f64::INFINITY; 6]));
+    // The first axis with more than loads leave to an unloaded sensor, and its figures.
+    let loaded = |of: PerAxis<f64>, errors: f64| {
+        let is_load = |axis: &Axis| {
+            let at = axis.index();
+            of[at] > LOADED * loads[at] && of[at] > errors * model[at]
+        };
+        let axis = axes.iter().find(is_load)?;
+        let [value, error] = [of, model].map(|of| significant(of[axis.index()], 3));
+        let (name, unit) = (axis.name(), axis.unit());
+        Some((name, format!("{value} {unit}, the error on loads is {error} {unit}")))
+    };
+    if let Some((name, figures)) = loaded(standard, 1.0) {
+        return Err(WorkflowError::refused(
+            format!("`{path}` is of a loaded sensor: {name} scatters by {figures}"),
+            "record the sensor at rest without a load, such as `shellcal record PORT --duration 60 -o rest.csv`",
+        ));
+    }
+    // Without a constant, only differences from a tare are forces.
+    let has_zero = file.calibration.polynomial().is_none_or(|of| of.model().intercept);
+    if let Some((name, figures)) = loaded(mean, MEAN_ERRORS).filter(|_| has_zero) {
+        return Err(WorkflowError::refused(
+            format!(
+                "`{path}` is of a loaded sensor, or its zero has moved since the calibration: the mean of {name} is {figures}"
+            ),
+            "take the load off and record again; if there was none, calibrate again, or update the calibration with \
+             `shellcal fit --from`",
+        ));
+    }
+    let largest = |unit: &str| {
+        let of_unit = axes.iter().filter(|axis| axis.unit() == unit);
+        let largest = of_unit.map(|axis| mean[axis.index()]).reduce(f64::max)?;
+        Some(format!("{} {unit}", significant(largest, 2)))
+    };
+    let zero = match has_zero {
+        true => {
+            let largest: Vec<_> = ["N", "N·m"].into_iter().filter_map(largest).collect();
+            format!("mean up to {} off the calibrated zero", largest.join(" and "))
+        }
+        false => "the calibration has no zero to compare the mean with".to_owned(),
+    };
+    let basis = format!("scatter of {frames} frames of the unloaded sensor, `{path}`; {zero}");
+    // Errors of means of many rows do not include the noise of one row.
+    let is_within = |axis: Axis| standard[axis.index()] <= model[axis.index()];
+    let is_part = known.is_some() && axes.iter().all(is_within);
+    let degrees_of_freedom = Some(frames.saturating_sub(1).max(1) as f64);
+    let scatter = measured("repeatability", basis, Some(standard));
+    Ok(Contribution { is_part, degrees_of_freedom, ..scatter })
 }
 
 fn of_drift(

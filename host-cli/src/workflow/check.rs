@@ -2,7 +2,7 @@
 
 use super::convert::interval_factors;
 use super::gates::{Gate, GateFailure};
-use super::hung_loads::{HALF_WIDTH, gate_of_loads, hung_rows, loaded_axes, stated};
+use super::hung_loads::{HALF_WIDTH, axes_to_compare, gate_of_loads, hung_rows, stated};
 use super::recalibration::known_errors;
 use super::{WorkflowError, check_channels};
 use calibration::physics::COVERAGE_LEVEL;
@@ -57,9 +57,7 @@ pub fn check_weights(
         return Err(WorkflowError::refused("no weight hangs in any line of the table", None));
     }
     let (data, _) = hung_rows(logs, table, read)?;
-    let of_load =
-        |load: &HungLoad| calibration.axes.iter().chain(loaded_axes(load).iter()).collect();
-    let asked = |load: &HungLoad| named.unwrap_or_else(|| of_load(load));
+    let asked = |load: &HungLoad| named.unwrap_or_else(|| axes_to_compare(load, calibration.axes));
     let mut gate = gate_of_loads(table, &data, asked, calibration.axes);
     let axes = named.unwrap_or(Axes::ALL).and(calibration.axes);
     let data = calibration.prepared(&data)?;

@@ -181,8 +181,14 @@ pub(super) fn load_name(load: &HungLoad) -> String {
     format!("load `{}` (line {}: {load})", load.group, load.line)
 }
 
+/// Axes to compare for a load: all that are calibrated, which it leaves at zero or loads, and others that it
+/// loads.
+pub(super) fn axes_to_compare(load: &HungLoad, calibrated: Axes) -> Axes {
+    calibrated.iter().chain(loaded_axes(load).iter()).collect()
+}
+
 /// Axes on which a load exceeds its errors.
-pub(super) fn loaded_axes(load: &HungLoad) -> Axes {
+fn loaded_axes(load: &HungLoad) -> Axes {
     let (wrench, errors) = (load.wrench(), stated(load, &[]).standard_errors());
     // A direction in degrees leaves rounding errors on axes that it does not load.
     let is_loaded = |axis: &Axis| {

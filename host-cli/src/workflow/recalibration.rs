@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::gates::{Gate, GateSubject};
-use super::hung_loads::{self, gate_of_loads, hung_rows, load_name, loaded_axes, stated};
+use super::hung_loads::{self, axes_to_compare, gate_of_loads, hung_rows, load_name, stated};
 use super::{WorkflowError, agree_on_axes, check_channels};
 use calibration::Calibration;
 use calibration::FitError;
@@ -13,7 +13,7 @@ use calibration::quality::AxisQuality;
 use calibration::recalibration::{NewLoads, Recalibration, RecalibrationError};
 use calibration::validation::cross_validation::CrossValidation;
 use calibration_file::{CalibrationFile, Diagnostics, Origin};
-use load_table::HungLoads;
+use load_table::{HungLoad, HungLoads};
 use log_file::{Log, ReadOptions, Wanted, read_logs};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
@@ -50,7 +50,8 @@ pub fn recalibrate(
     let (rows, mut gate) = match table {
         Some(table) => {
             let rows = hung_rows(logs, table, read)?.0;
-            let gate = gate_of_loads(table, &rows, loaded_axes, calibration.axes);
+            let asked = |load: &HungLoad| axes_to_compare(load, calibration.axes);
+            let gate = gate_of_loads(table, &rows, asked, calibration.axes);
             (rows, gate)
         }
         None => (read_rows(logs, calibration.axes, read)?, Gate::default()),

@@ -1,7 +1,7 @@
 //! `shellcal record` over a pty.
 
 use std::fs;
-use std::io::{Read, Write};
+use std::io::{self, BufReader, Read, Write};
 use std::path::Path;
 use std::process::{Child, Stdio};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use board_link::CaptureReader;
 use log_file::LogError;
 use serialport::{SerialPort, TTYPort};
 use shared_proto::{Board, Boot, Framing, Packet, ResetCause};
@@ -64,17 +65,23 @@ impl Sender {
     }
 
     /// Stops, and waits until the program has read all that was sent: the file of raw bytes, which is flushed while it
-    /// records, has got so much longer than `length`.
+    /// records, has that many more than `length`.
     fn stop_when_read(self, raw: &Path, length: u64) -> TTYPort {
         let bytes = Arc::clone(&self.bytes);
         let board = self.stop();
         let deadline = Instant::now() + Duration::from_secs(60);
-        while fs::metadata(raw).unwrap().len() < length + bytes.load(Ordering::Relaxed) {
+        while captured(raw) < length + bytes.load(Ordering::Relaxed) {
             assert!(Instant::now() < deadline, "not all is read");
             thread::sleep(Duration::from_millis(5));
         }
         board
     }
+}
+
+/// The number of bytes that the program has read.
+fn captured(raw: &Path) -> u64 {
+    let file = BufReader::new(fs::File::open(raw).unwrap());
+    io::copy(&mut CaptureReader::new(file).unwrap(), &mut io::sink()).unwrap()
 }
 
 fn signal(child: &Child, name: &str) {
@@ -206,7 +213,7 @@ fn an_adapter_that_comes_back_goes_on_in_the_same_log() {
     let sender = Sender::start(board, 0);
     sender.wait_for(80);
     let board = sender.stop_when_read(&raw, 0);
-    let length = fs::metadata(&raw).unwrap().len();
+    let length = captured(&raw);
     // The new pty first, so that it does not get the name of the old one.
     let (again, port) = pty();
     drop(board);

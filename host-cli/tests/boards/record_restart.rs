@@ -1,5 +1,6 @@
 //! `record --start` at a board that resets while it is recorded.
 
+use std::fs;
 use std::io::{Read, Write};
 use std::path::Path;
 use std::sync::Arc;
@@ -12,7 +13,7 @@ use shared_proto::{
     Answer, Board, BoardId, Boot, Command, Decoder, Event, Framing, Identity, Packet, PacketOrigin,
     ResetCause, Sample, Status, Stream, Values,
 };
-use system_tests::program::{finish, interrupt};
+use system_tests::program::{finish, interrupt, succeed};
 
 use crate::board::{pty, start_before_the_port};
 use crate::recording::column;
@@ -147,7 +148,7 @@ enum Loss {
 fn plug(link: &Path) -> TTYPort {
     let (mut port, name) = pty();
     port.set_timeout(Duration::from_millis(2)).unwrap();
-    _ = std::fs::remove_file(link);
+    _ = fs::remove_file(link);
     std::os::unix::fs::symlink(name, link).unwrap();
     port
 }
@@ -157,7 +158,7 @@ fn a_board_that_resets_is_restarted_with_its_settings() {
     for loss in [Loss::Announced, Loss::Silent, Loss::Unplugged] {
         let dir = tempfile::tempdir().unwrap();
         let link = dir.path().join("adapter");
-        let arguments = "--json record adapter --start --reconnect -o log.csv";
+        let arguments = "--json record adapter --start --reconnect -o log.csv --raw raw";
         let child = start_before_the_port(dir.path(), arguments);
         let port = plug(&link);
         let end = Arc::new(AtomicBool::new(false));
@@ -209,5 +210,9 @@ fn a_board_that_resets_is_restarted_with_its_settings() {
         let gap_frames = (times[restart] - times[restart - 1]) / 0.02;
         let missing: f64 = missing[restart].parse().unwrap();
         assert!((gap_frames - 1.0 - missing).abs() <= 1.0, "{gap_frames} {missing}");
+        // The bytes alone do not tell the length of the gap; their times do.
+        succeed(dir.path(), "record --replay raw -o again.csv");
+        let log = |name| fs::read_to_string(dir.path().join(name)).unwrap();
+        assert_eq!(log("log.csv"), log("again.csv"));
     }
 }

@@ -268,10 +268,32 @@ fn an_edited_calibration_needs_an_option_and_an_impossible_one_is_refused() {
         drop(it.as_object_mut().unwrap().remove("checksum"));
     });
     write("before.json", &before);
-    let error = refused(&dir, "convert before.json train.csv -o out.csv");
-    assert!(error.contains("version `1` has no checksum"), "{error}");
-    assert!(error.contains("say so with `--edited`"), "{error}");
-    succeed(&dir, "convert before.json train.csv --edited -o out.csv");
+    for command in [
+        "convert before.json train.csv -o out.csv",
+        "compare before.json cal.json --test train.csv",
+        "compare cal.json before.json --test train.csv",
+        "eval before.json train.csv",
+        "info train.csv --noise --calibration before.json",
+        "export before.json out.py",
+    ] {
+        let error = refused(&dir, command);
+        assert!(error.contains("version `1` has no checksum"), "{command}: {error}");
+        assert!(error.contains("say so with `--edited`"), "{command}: {error}");
+        succeed(&dir, &format!("{command} --edited"));
+    }
+    for command in [
+        "fit train.csv --from CAL",
+        "plan --box fx=-5..5,fy=-5..5,fz=-9..0,mx=-1..1,my=-1..1,mz=-1..1 CAL",
+        "doctor train.csv --calibration CAL",
+    ] {
+        let command = command.replace("CAL", "before.json");
+        let error = refused(&dir, &command);
+        assert!(error.contains("say so with `--edited`"), "{command}: {error}");
+        // Read, even if another step fails later.
+        let output = program::output(dir.path(), &format!("{command} --edited"));
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(!said.contains("checksum"), "{command}: {said}");
+    }
     let found = program::run(dir.path(), "doctor before.json", 1);
     assert!(found.contains("version `1` has no checksum"), "{found}");
 

@@ -82,6 +82,22 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     // A log with loads has no repeatability.
     let said = refused(&dir, "report cal.json --certificate --unloaded train.csv -o no.html");
     assert!(said.contains("`train.csv` is of a loaded sensor: Fx scatters by"), "{said}");
+    // Neither does one under a constant load: the reading of the first channel is 300 counts off.
+    let (rest, s1) = (fs::read_to_string(dir.path().join("rest.csv")).unwrap(), 1);
+    assert!(rest.starts_with("t_s,s1,"), "{rest}");
+    let moved = |line: &str| {
+        let mut fields: Vec<String> = line.split(',').map(str::to_owned).collect();
+        if let Ok(reading) = fields[s1].parse::<f64>() {
+            fields[s1] = (reading + 300.0).to_string();
+        }
+        fields.join(",") + "\n"
+    };
+    fs::write(dir.path().join("held.csv"), rest.lines().map(moved).collect::<String>()).unwrap();
+    let said = refused(&dir, "report cal.json --certificate --unloaded held.csv -o no.html");
+    assert!(said.contains("`held.csv` is of a loaded sensor, or its zero has moved"), "{said}");
+    assert!(said.contains("the mean of F") && said.contains("take the load off"), "{said}");
+    // The mean of the other is stated.
+    assert!(of("of which repeatability")[9].contains("off the calibrated zero"), "{budget:?}");
     // The checksum identifies the file.
     assert!(html.contains("xxh128:"), "{html}");
 }

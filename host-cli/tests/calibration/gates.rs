@@ -250,16 +250,22 @@ fn a_load_that_was_not_weighed_does_not_pass() {
         assert!(said.contains(expected), "{arguments}: {said}");
         assert_eq!(said.is_empty(), code == 0, "{arguments}: {said}");
     }
-    loads(&dir, &format!("{zero}{weight}ghost,99900,0,0,40,0,-90\n"));
     let certificate = "report cal.json --certificate --weights loads.csv --weights-log morning.csv \
                        --group group -o cal.html -q";
     let refit = "fit morning.csv --loads loads.csv --from cal.json --group group -q";
-    for command in [certificate, refit] {
-        let (_, said) = program::ended(&dir, command, 1);
-        assert!(said.contains("not compared: load `ghost`"), "{command}: {said}");
+    let ghost = "ghost,99900,0,0,40,0,-90\n";
+    for (lines, missing) in [
+        (format!("{zero}{weight}{ghost}"), "not compared: load `ghost`"),
+        (format!("{zero}{weight}nought,0,,,,,\n"), "not compared: load `nought`"),
+    ] {
+        loads(&dir, &lines);
+        for command in [certificate, refit] {
+            let (_, said) = program::ended(&dir, command, 1);
+            assert!(said.contains(missing), "{command}: {said}");
+        }
+        let html = fs::read_to_string(dir.path().join("cal.html")).unwrap();
+        assert!(html.contains(missing), "{html}");
     }
-    let html = fs::read_to_string(dir.path().join("cal.html")).unwrap();
-    assert!(html.contains("not compared: load `ghost`"), "{html}");
 }
 
 #[test]

@@ -1,9 +1,11 @@
 //! The page that fits, converts and records, in a headless browser: its results equal the program's byte for
 //! byte, and it works with a keyboard, on a phone, and on a dark screen.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
+use board_link::CaptureReader;
 use shared_proto::{Packet, Sample, Values};
 use simulation::simulated_board::{BoardSettings, Load, SimulatedBoard};
 use system_tests::browser::Browser;
@@ -321,8 +323,10 @@ fn a_board_is_shown_and_its_log_equals_that_of_record() {
     );
     let expected = fs::read_to_string(dir.join("log.csv")).unwrap();
     assert!(expected.lines().count() > 300);
+    let (raw, mut bytes) = (File::open(dir.join("raw")).unwrap(), Vec::new());
+    CaptureReader::new(BufReader::new(raw)).unwrap().read_to_end(&mut bytes).unwrap();
     for (size, dark) in [([1200, 900], false), ([360, 800], true)] {
-        let mut browser = open_after(size, dark, &fake_port(&fs::read(dir.join("raw")).unwrap()));
+        let mut browser = open_after(size, dark, &fake_port(&bytes));
         browser.choose(&by_id("files"), &[dir.join("cal.json")]);
         wait_for_files(&mut browser, 1);
         browser.evaluate("document.getElementById('board-details').open = true; 0");

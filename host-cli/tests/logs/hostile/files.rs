@@ -57,7 +57,7 @@ pub(super) fn loads(labels: &[&str]) -> String {
 }
 
 /// Binary logs of other programs: nulls, lists and decimals in the first.
-const BINARY: [&str; 14] = [
+const BINARY: [&str; 20] = [
     "table-file/tests/nested.parquet",
     "log-file/fuzz/seeds/parquet/delta.parquet",
     "log-file/fuzz/seeds/parquet/groups.parquet",
@@ -65,6 +65,12 @@ const BINARY: [&str; 14] = [
     "log-file/fuzz/seeds/parquet/polars_gzip.parquet",
     "log-file/fuzz/seeds/parquet/polars_lz4.parquet",
     "log-file/fuzz/seeds/parquet/polars_zstd.parquet",
+    "log-file/fuzz/seeds/hdf5/chunked.h5",
+    "log-file/fuzz/seeds/hdf5/fixed_array.h5",
+    "log-file/fuzz/seeds/hdf5/growing.h5",
+    "log-file/fuzz/seeds/hdf5/gzip_shuffle.h5",
+    "log-file/fuzz/seeds/hdf5/matlab73.mat",
+    "log-file/fuzz/seeds/hdf5/texts.h5",
     "log-file/fuzz/seeds/numpy/records.npy",
     "log-file/fuzz/seeds/numpy/by_column.npy",
     "log-file/fuzz/seeds/matlab/matrix_compressed.mat",

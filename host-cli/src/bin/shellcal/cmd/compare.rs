@@ -2,7 +2,6 @@
 
 use calibration::fit::{Better, PairedErrors, Workers, paired_errors};
 use calibration::quality::significant;
-use calibration_file::CalibrationFile;
 use log_file::{Log, Wanted, read_logs};
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check_channels;
@@ -10,7 +9,7 @@ use shellcal::workflow::gates::Gate;
 use shellcal::workflow::remark::found_groups;
 
 use super::eval::AxesArg;
-use super::mapping::MappingArgs;
+use super::mapping::{EditedArg, MappingArgs};
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer, TableColumn};
 
@@ -35,12 +34,15 @@ pub(crate) struct CompareArgs {
     axes: AxesArg,
 
     #[command(flatten)]
+    edited: EditedArg,
+
+    #[command(flatten)]
     mapping: MappingArgs,
 }
 
 impl CompareArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let [first, second] = [&self.first, &self.second].map(|path| CalibrationFile::read(path));
+        let [first, second] = [&self.first, &self.second].map(|path| self.edited.read(path));
         let (first, second) = (first?, second?);
         let mut logs = self.mapping.open(&self.test, &[], Some((&self.first, &first)), printer)?;
         let of = [&first, &second].map(|of| of.calibration.axes);

@@ -18,7 +18,7 @@ use serde::Serialize;
 use shared_proto::{Framing, Protocol};
 use table_file::seconds_of_iso;
 
-use super::mapping::{CompanionArgs, MappingArgs};
+use super::mapping::{CompanionArgs, EditedArg, MappingArgs};
 use super::outputs;
 use super::ports::{SerialArgs, first_number, is_port, parse_duration};
 use crate::files::InputPath;
@@ -39,6 +39,9 @@ pub(crate) struct DoctorArgs {
     /// Calibration that boards and logs should match
     #[arg(long, value_name = "CAL")]
     calibration: Option<InputPath>,
+
+    #[command(flatten)]
+    edited: EditedArg,
 
     #[command(flatten)]
     companions: CompanionArgs,
@@ -65,7 +68,7 @@ struct Examination {
 impl DoctorArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
         let calibration =
-            self.calibration.as_ref().map(|path| CalibrationFile::read(path)).transpose()?;
+            self.calibration.as_ref().map(|path| self.edited.read(path)).transpose()?;
         let (mut examined, mut wrenches) = (Vec::new(), self.companions.wrench_from.iter());
         for path in &self.names {
             let name = path.display().to_string();

@@ -157,7 +157,7 @@ impl EvalArgs {
     fn check_logs(&self) -> anyhow::Result<()> {
         let is_calibration = |path: &&InputPath| {
             path.extension().is_some_and(|extension| extension == "json")
-                && CalibrationFile::read(path).is_ok()
+                && CalibrationFile::read_edited(path).is_ok()
         };
         if let Some(path) = self.logs.iter().find(is_calibration) {
             let (first, second) = (self.calibration.display(), path.display());

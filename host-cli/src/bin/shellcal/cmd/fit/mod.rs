@@ -19,7 +19,7 @@ use shellcal::workflow::remark::absent_axes;
 
 use super::choices::{self, COVARIANCES, number_in, one_of};
 use super::eval::RmsLimits;
-use super::mapping::{CompanionArgs, MappingArgs, open_logs};
+use super::mapping::{CompanionArgs, EditedArg, MappingArgs, open_logs};
 use super::outputs::{self, FigureArgs};
 use crate::files::{InputPath, OutputPath, is_standard};
 use crate::printer::{Outcome, Printer};
@@ -141,6 +141,9 @@ pub(crate) struct FitArgs {
             "memory_terms", "cv", "covariance", "strict", "max_rms", "max_rms_moment", "fresh", "outliers", "valid_range",
             "dropped", "means", "partial", "export_matrix"])]
     from: Option<InputPath>,
+
+    #[command(flatten)]
+    edited: EditedArg,
 
     #[command(flatten)]
     companions: CompanionArgs,

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use calibration::quality::significant;
 use calibration::recalibration::{Change, ChangedQuantity, Recalibration};
-use calibration_file::{CalibrationFile, Origin, Role, SourceFile};
+use calibration_file::{Origin, Role, SourceFile};
 use log_file::{ReadOptions, checksum};
 use serde::Serialize;
 use shell_data::wrench::{Axes, Axis, PerAxis};
@@ -32,7 +32,7 @@ impl FitArgs {
         path: &InputPath,
         printer: &Printer,
     ) -> anyhow::Result<Outcome> {
-        let before = CalibrationFile::read(path)?;
+        let before = self.edited.read(path)?;
         let from = Some((path, &before));
         let logs = self.mapping.open(&self.train, &self.companions.wrench_from, from, printer)?;
         let table = self.loads.as_ref().map(read_table).transpose()?;

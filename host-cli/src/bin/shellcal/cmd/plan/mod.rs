@@ -7,12 +7,11 @@ use calibration::Kind;
 use calibration::load_plan::{
     Coupling, Order, PlannedLoad, Planner, PredictedError, SensorKnowledge, couplings,
 };
-use calibration_file::CalibrationFile;
 use load_table::{HungLoad, HungLoads, WrenchBox, combinations};
 use shell_data::wrench::PerAxis;
 use shellcal::workflow::plan::RecordedSession;
 
-use super::mapping::{MappingArgs, open_logs};
+use super::mapping::{EditedArg, MappingArgs, open_logs};
 use super::outputs::FigureArgs;
 use crate::cmd::choices::numbers;
 use crate::files::{InputPath, OutputPath, read_text};
@@ -74,6 +73,9 @@ pub(crate) struct PlanArgs {
 
     #[command(flatten)]
     figure: FigureArgs,
+
+    #[command(flatten)]
+    edited: EditedArg,
 
     #[command(flatten)]
     mapping: MappingArgs,
@@ -150,7 +152,7 @@ impl PlanArgs {
         match self.recorded.as_slice() {
             [] => Ok(without_loads(Err("nothing is recorded".to_owned()))),
             [path] if path.extension().is_some_and(|extension| extension == "json") => {
-                let file = CalibrationFile::read(path)?;
+                let file = self.edited.read(path)?;
                 let Kind::Physics(physics) = &file.calibration.kind else {
                     anyhow::bail!(
                         "`{}` is a polynomial, which does not say what it was fitted to: give its logs",
