@@ -81,9 +81,8 @@ impl Calibration {
     }
 
     /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`] for the formulas.
-    /// Where readings of a polynomial are outside the range of the training data, nothing confirms the part of
-    /// the wrench by which it differs from the wrench at the end of the range: that part counts as a further
-    /// 95 % error.
+    /// If readings of a polynomial are outside the range of the training data, the difference between the
+    /// wrench there and at the end of the range is unconfirmed, and counts as a further 95 % error.
     ///
     /// `readings` has one column per channel, in counts. `None` if the calibration carries no covariance.
     ///

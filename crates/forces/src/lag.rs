@@ -5,8 +5,8 @@ use calibration::memory::TimeBase;
 use shell_data::wrench::PerAxis;
 
 /// Resamples forces at the reference-clock times of their rows' stamps. Values between two rows are on the
-/// cubic with the forces and slopes at both, where a slope is that of the parabola through three rows; values
-/// before the first row, after the last, and where time goes back are held. Linear interpolation would flatten
+/// cubic with the forces and slopes at both; a parabola through three rows gives the slope. Values before the
+/// first row, after the last, and where time goes back are held. Linear interpolation would flatten
 /// fast forces, which the fit has already flattened once: it interpolates the reference linearly.
 #[derive(Clone, Debug)]
 pub(super) struct LagShift {
@@ -114,8 +114,8 @@ impl Between {
         let after = before + 1;
         let [step, rise] = [times, forces].map(|of| of[after] - of[before]);
         let secant = rise / step;
-        // The slope at a row of the parabola through it and the rows on both sides, one of which is across
-        // the step; without the other row, the slope across the step.
+        // Slope at one end of the step, from a parabola through both ends and the neighbour outside the step;
+        // without a neighbour, from the straight line through both ends.
         let slope = |at: usize, other: Option<usize>| {
             let other = other.filter(|&other| other < times.len());
             let far = other.map(|other| (times[other] - times[at], forces[other] - forces[at]));
