@@ -8,6 +8,9 @@ use sensor_physics::Flags;
 use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
+/// Half-width of a 95 % interval of normal errors, in standard errors.
+const HALF_WIDTH: f64 = 1.96;
+
 /// The unloaded state that later samples are measured against.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tare {
@@ -78,6 +81,8 @@ impl Calibration {
     }
 
     /// Standard error of every row and axis, N and N·m; see [`least_squares::uncertainty`] for the formulas.
+    /// If readings of a polynomial are outside the range of the training data, the difference between the
+    /// wrench there and at the end of the range is unconfirmed, and counts as a further 95 % error.
     ///
     /// `readings` has one column per channel, in counts. `None` if the calibration carries no covariance.
     ///
@@ -93,10 +98,38 @@ impl Calibration {
         match &self.kind {
             Kind::Polynomial(polynomial) => {
                 let covariance = self.covariance.as_ref()?;
-                Some(predict_errors(&polynomial.features, covariance, readings, rows, tare))
+                let features = &polynomial.features;
+                let mut errors = predict_errors(features, covariance, readings, rows, tare);
+                self.widen_outside(readings, &mut errors);
+                Some(errors)
             }
             Kind::Physics(physics) => {
                 Some(tared(physics.estimates(readings).standard_errors, tare))
+            }
+        }
+    }
+}
+
+impl Calibration {
+    /// Widens the standard errors of rows outside the range of the training data.
+    fn widen_outside(&self, readings: &[Vec<f64>], errors: &mut PerAxis<Vec<f64>>) {
+        let flags = self.out_of_range(readings);
+        let outside: Vec<usize> = (0..flags.len()).filter(|&row| flags[row] != 0).collect();
+        if outside.is_empty() {
+            return;
+        }
+        let rows = |column: &Vec<f64>| outside.iter().map(|&row| column[row]).collect();
+        let own: Vec<Vec<f64>> = readings.iter().map(rows).collect();
+        let mut within = own.clone();
+        for (column, range) in within.iter_mut().zip(self.valid_range.iter().flatten()) {
+            column.iter_mut().for_each(|reading| *reading = reading.max(range.min).min(range.max));
+        }
+        let [mut at_reading, mut at_end] = [PerAxis::default(), PerAxis::default()];
+        self.wrench(&own, &mut at_reading);
+        self.wrench(&within, &mut at_end);
+        for (axis, errors) in errors.iter_mut().enumerate() {
+            for ((&row, own), end) in outside.iter().zip(&at_reading[axis]).zip(&at_end[axis]) {
+                errors[row] = errors[row].hypot((own - end) / HALF_WIDTH);
             }
         }
     }

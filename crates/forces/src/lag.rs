@@ -4,8 +4,10 @@ use calibration::dynamics::ReferenceLag;
 use calibration::memory::TimeBase;
 use shell_data::wrench::PerAxis;
 
-/// Resamples forces at the reference-clock times of their rows' stamps. Values are interpolated linearly
-/// between rows, and held before the first row, after the last, and where time goes back.
+/// Resamples forces at the reference-clock times of their rows' stamps. Values between two rows are on the
+/// cubic with the forces and slopes at both; a parabola through three rows gives the slope. Values before the
+/// first row, after the last, and where time goes back are held. Linear interpolation would flatten
+/// fast forces, which the fit has already flattened once: it interpolates the reference linearly.
 #[derive(Clone, Debug)]
 pub(super) struct LagShift {
     lag: ReferenceLag,
@@ -50,14 +52,14 @@ impl LagShift {
         while self.next < known {
             let times = &self.times[..known];
             let wanted = times[self.next] - self.lag.by;
-            let Some((before, share)) = between(times, self.next, wanted, are_last) else { break };
-            let after = (before + 1).min(known - 1);
+            let Some(at) = Between::find(times, self.next, wanted, are_last) else { break };
             for (answers, column) in answers.iter_mut().zip(&self.forces) {
-                if let (Some(from), Some(to)) = (column.get(before), column.get(after)) {
-                    answers.push(from + share * (to - from));
+                if column.len() == known {
+                    answers.push(at.value(times, column));
                 }
             }
-            oldest = before.min(self.next);
+            // The slope at the row before needs the one before it.
+            oldest = at.before.saturating_sub(1).min(self.next);
             self.next += 1;
         }
         self.times.drain(..oldest);
@@ -71,26 +73,64 @@ fn longest(forces: &PerAxis<Vec<f64>>) -> usize {
     forces.iter().map(Vec::len).max().unwrap_or(0)
 }
 
-/// The row before a time, searched from row `from` on, and the fraction of the way to the next row. Returns
-/// `None` if that row may still have to come.
-fn between(times: &[f64], from: usize, wanted: f64, are_all: bool) -> Option<(usize, f64)> {
-    let mut before = from;
-    while before > 0 && times[before] > wanted && times[before - 1] <= times[before] {
-        before -= 1;
-    }
-    while times[before] <= wanted {
-        match times.get(before + 1) {
-            Some(&next) if times[before] <= next && next <= wanted => before += 1,
-            Some(&next) if times[before] < next => {
-                return Some((before, (wanted - times[before]) / (next - times[before])));
-            }
-            // Time goes back.
-            Some(_) => return Some((before, 0.0)),
-            None if are_all || times[before] == wanted => return Some((before, 0.0)),
-            None => return None,
+/// A time between two rows.
+struct Between {
+    /// The row before it.
+    before: usize,
+    /// Fraction of the way to the next row.
+    share: f64,
+}
+
+impl Between {
+    /// Finds a time, searched from row `from` on. Returns `None` if a row that it needs may still have to
+    /// come.
+    fn find(times: &[f64], from: usize, wanted: f64, are_all: bool) -> Option<Self> {
+        let mut before = from;
+        while before > 0 && times[before] > wanted && times[before - 1] <= times[before] {
+            before -= 1;
         }
+        while times[before] <= wanted {
+            match times.get(before + 1) {
+                Some(&next) if times[before] <= next && next <= wanted => before += 1,
+                Some(&next) if times[before] < next && times[before] < wanted => {
+                    let share = (wanted - times[before]) / (next - times[before]);
+                    let is_known = are_all || before + 2 < times.len();
+                    return is_known.then_some(Self { before, share });
+                }
+                // A row, or time goes back.
+                Some(_) => break,
+                None if are_all || times[before] == wanted => break,
+                None => return None,
+            }
+        }
+        Some(Self { before, share: 0.0 })
     }
-    Some((before, 0.0))
+
+    fn value(&self, times: &[f64], forces: &[f64]) -> f64 {
+        let &Self { before, share } = self;
+        if share == 0.0 {
+            return forces[before];
+        }
+        let after = before + 1;
+        let [step, rise] = [times, forces].map(|of| of[after] - of[before]);
+        let secant = rise / step;
+        // Slope at one end of the step, from a parabola through both ends and the neighbour outside the step;
+        // without a neighbour, from the straight line through both ends.
+        let slope = |at: usize, other: Option<usize>| {
+            let other = other.filter(|&other| other < times.len());
+            let far = other.map(|other| (times[other] - times[at], forces[other] - forces[at]));
+            let is_ahead =
+                |&(span, _): &(f64, f64)| if at == before { span < 0.0 } else { span > 0.0 };
+            far.filter(is_ahead).map_or(secant, |(span, rise)| {
+                let (own, far) = (step, span.abs());
+                (secant * far + rise / span * own) / (own + far)
+            })
+        };
+        let [start, end] = [slope(before, before.checked_sub(1)), slope(after, Some(after + 1))];
+        // The cubic, as the straight line and what bends it.
+        let bend = (1.0 - share) * (start - secant) - share * (end - secant);
+        forces[before] + share * rise + share * (1.0 - share) * step * bend
+    }
 }
 
 #[cfg(test)]

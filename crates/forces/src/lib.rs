@@ -30,7 +30,7 @@
 //!
 //! **Lag.** A reference that lagged behind the readings shows a load later on its clock. Forces are given on
 //! that clock, for comparison with the reference: their time stamps are shifted by the lag, or, where a row
-//! has to keep its stamp, forces are interpolated linearly between rows.
+//! has to keep its stamp, forces are interpolated between rows.
 //!
 //! This crate is pure: it neither reads files nor prints. `docs/forces.md` describes the pipeline for users.
 

@@ -2,9 +2,11 @@
 
 use super::WorkflowError;
 use super::fit::FitData;
+use super::hung_loads::hung_rows;
 use calibration::fit::{FitOptions, HeldOut, Workers, label_groups, label_poses_or_files};
 use calibration::load_plan::{SensorKnowledge, loads_of_dataset};
 use calibration::physics::{Observation, PhysicsCalibration, TrainingRows};
+use load_table::HungLoads;
 use log_file::{Log, ReadOptions};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
@@ -18,12 +20,21 @@ pub struct RecordedSession {
 }
 
 impl RecordedSession {
-    /// Reads logs, and fits a physics model to them if they determine one.
+    /// Reads logs, and fits a physics model to them if they determine one. Logs without a wrench, as of
+    /// `live --plan`, have the loads of the `table` hung on the sensor.
     ///
     /// # Errors
-    /// [`WorkflowError`] if a log cannot be read, or the logs differ in their channels or axes.
-    pub fn read(logs: &[Log], read: &ReadOptions<'_>) -> Result<Self, WorkflowError> {
-        let data = labelled(logs, read)?;
+    /// [`WorkflowError`] if a log cannot be read, the logs differ in their channels or axes, or rows cannot
+    /// be matched with loads.
+    pub fn read(
+        logs: &[Log],
+        table: &HungLoads,
+        read: &ReadOptions<'_>,
+    ) -> Result<Self, WorkflowError> {
+        let data = match logs.iter().any(Log::has_wrench) {
+            true => labelled(logs, read)?,
+            false => hung_rows(logs, table, read)?.0,
+        };
         let workers = Workers::new(read.threads);
         let axes = data.logs.first().map_or(Axes::ALL, |log| log.axes);
         let sensors = match axes.are_all() {

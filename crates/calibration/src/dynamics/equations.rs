@@ -77,10 +77,10 @@ impl FoldErrors {
         FoldMean::new(&self.systematic).value
     }
 
-    /// Returns true if the errors of `later` are lower by more than a standard error.
-    pub(super) fn are_lowered_by(&self, later: &Self) -> bool {
+    /// Returns true if the errors of `later` are lower by more than a standard error, and by this share.
+    pub(super) fn are_lowered_by(&self, later: &Self, share: f64) -> bool {
         let gain = gain(&self.scores, &later.scores);
-        gain.value > gain.standard_error
+        gain.value > gain.standard_error && gain.value > share * self.score()
     }
 
     /// Returns true if the errors are also lower by this share, both with and without the part of noise.

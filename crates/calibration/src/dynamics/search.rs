@@ -30,7 +30,8 @@ const APART: f64 = 1.5;
 const LEAST_GAIN: f64 = 0.02;
 
 /// Least gain of the first term if rows are labelled as groups: their order, and therefore the history,
-/// differs in use.
+/// differs in use. Also the least gain of a lag beside memory terms there: creep that a few time constants do
+/// not describe fully looks like a lag.
 const LEAST_GAIN_IN_GROUPS: f64 = 0.2;
 
 /// Errors relative to the loads are rounding below this.
@@ -147,11 +148,13 @@ impl DynamicsSearch<'_> {
     }
 
     /// Returns a lag if it is more than two standard errors from zero, and lowers the errors by more than one
-    /// standard error.
+    /// standard error and, beside memory terms in groups, by [`LEAST_GAIN_IN_GROUPS`].
     fn significant_lag(&self, terms: &Terms, start: f64) -> Option<LagEstimate> {
         let (lag, error) = self.lag(terms, start, STEPS)?;
         let without = self.equations.errors(terms, 0.0)?;
-        let pays = without.are_lowered_by(&self.equations.errors(terms, lag)?);
+        let may_be_creep = !terms.is_empty() && self.samples().are_labelled();
+        let least = if may_be_creep { LEAST_GAIN_IN_GROUPS } else { 0.0 };
+        let pays = without.are_lowered_by(&self.equations.errors(terms, lag)?, least);
         (pays && lag.abs() > 2.0 * error).then_some((lag, error))
     }
 

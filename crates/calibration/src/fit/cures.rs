@@ -70,15 +70,23 @@ impl Cure {
         })
     }
 
-    /// Returns the change as a cure if it reduces the errors enough.
+    /// Returns the change as a cure if it reduces the errors enough, to a small share of the `loads`, which
+    /// are root mean squares.
     pub(super) fn if_cured(
         change: String,
         axes: Axes,
         limit: &PerAxis<f64>,
+        loads: &PerAxis<f64>,
         [before, after]: [&PerAxis<f64>; 2],
     ) -> Option<Self> {
         let worst = |errors| worst(errors, limit, axes);
-        let is_cured = cures(worst(before), worst(after));
+        let explains = |block: [usize; 3]| {
+            let square =
+                |of: &PerAxis<f64>| block.map(|axis| of[axis] * of[axis]).iter().sum::<f64>();
+            square(after) <= MOST_LEFT * square(loads)
+        };
+        let is_cured =
+            cures(worst(before), worst(after)) && explains([0, 1, 2]) && explains([3, 4, 5]);
         is_cured.then(|| Self::new(change, axes, before, after)).flatten()
     }
 }
@@ -158,6 +166,11 @@ impl WrenchProducts {
         (about_means.max(0.0) + if zero { 0.0 } else { off * off }).sqrt()
     }
 
+    /// Root mean squares of the measured axes.
+    pub(super) fn loads(&self) -> PerAxis<f64> {
+        std::array::from_fn(|axis| (self.measured[axis] + self.means[1][axis].powi(2)).sqrt())
+    }
+
     /// The root mean square errors without a change.
     pub(super) fn plain(&self) -> PerAxis<f64> {
         std::array::from_fn(|axis| self.rms(axis, Reading { from: axis, sign: 1.0 }, 1.0, false))
@@ -228,10 +241,12 @@ impl WrenchProducts {
             (format!("exchanging {a} and {b}"), order)
         });
         let all = ("exchanging forces and moments".to_owned(), [3, 4, 5, 0, 1, 2]);
-        let tried = std::iter::once(all).chain(pairs).map(|(change, order)| (change, read(order)));
+        let tried = std::iter::once(all).chain(pairs).map(|of| (read(of.1), of));
         let score = |errors: &PerAxis<f64>| worst(errors, limit, axes);
-        let (change, after) = tried.min_by(|a, b| score(&a.1).total_cmp(&score(&b.1)))?;
-        Cure::if_cured(change, axes, limit, [&before, &after])
+        let best = tried.min_by(|a, b| score(&a.0).total_cmp(&score(&b.0)));
+        let (after, (change, order)) = best?;
+        let loads = order.map(|from| self.loads()[from]);
+        Cure::if_cured(change, axes, limit, &loads, [&before, &after])
     }
 }
 
@@ -403,7 +418,8 @@ pub(super) fn delay(
     let rows = if by.abs() == 1 { "row" } else { "rows" };
     let which = if by > 0 { "earlier" } else { "later" };
     let change = format!("taking the reference {} {rows} {which}", by.abs());
-    Cure::if_cured(change, axes, limit, [&before, &after]).map(|cure| (by, cure))
+    let loads = WrenchProducts::new(predicted, measured).loads();
+    Cure::if_cured(change, axes, limit, &loads, [&before, &after]).map(|cure| (by, cure))
 }
 
 #[cfg(test)]

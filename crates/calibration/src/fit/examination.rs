@@ -243,12 +243,13 @@ fn exchanged_channels(
         (0..rows.rows).step_by(every).for_each(|row| few.append(rows, row..row + 1));
         few
     };
-    let errors = |readings: &[Vec<f64>]| {
+    let products = |readings: &[Vec<f64>]| {
         let mut predicted = PerAxis::default();
         calibration.wrench(readings, &mut predicted);
-        WrenchProducts::new(&predicted, &few.wrench).plain()
+        WrenchProducts::new(&predicted, &few.wrench)
     };
-    let before = errors(&few.readings);
+    let now = products(&few.readings);
+    let (before, loads) = (now.plain(), now.loads());
     let mut best: Option<Cure> = None;
     for (a, b) in (0..channels).flat_map(|a| (a + 1..channels).map(move |b| (a, b))) {
         let mut readings = few.readings.clone();
@@ -257,7 +258,8 @@ fn exchanged_channels(
             readings.swap(first + a, first + b);
         }
         let change = format!("exchanging the readings s{} and s{}", a + 1, b + 1);
-        let found = Cure::if_cured(change, axes, limit, [&before, &errors(&readings)]);
+        let after = products(&readings).plain();
+        let found = Cure::if_cured(change, axes, limit, &loads, [&before, &after]);
         let gain = |of: &Cure| of.rms[0] / of.rms[1];
         if let Some(found) = found
             && best.as_ref().is_none_or(|best| gain(&found) > gain(best))

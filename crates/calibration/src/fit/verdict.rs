@@ -181,8 +181,13 @@ impl Verdict<'_> {
                 "record more poses with large loads on {}, the axis with the largest relative error",
                 axis.name()
             ),
+            None if self.fit.not_judged.is_none() => {
+                "hold out part of the loads (`--cv`), for the error on new ones".to_owned()
+            }
             None => {
-                "record loads in several poses, with a column `group` that numbers them".to_owned()
+                "record loads in several poses, with a column `group` that numbers them, or in \
+                     several files"
+                    .to_owned()
             }
         }
     }
@@ -233,30 +238,34 @@ fn unseen_errors(fit: &Fit) -> Option<UnseenErrors> {
     Some(UnseenErrors { rms, share_of_range, on, spread })
 }
 
-/// The mean standard error of unseen rows that resemble the training rows, N and N·m.
+/// The mean standard error of unseen rows that resemble the training rows, N and N·m; `None` if the fit has
+/// no rows, only their sums.
 ///
 /// A training row of leverage h takes part in its own prediction, which has a variance of s²·(1 + h). Without
 /// the row, the variance is s²/(1 − h) (Cook and Weisberg, Residuals and Influence in Regression, 1982,
 /// §2.2.1).
-fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> PerAxis<f64> {
+fn mean_standard_errors(fit: &Fit, residual_sd: &PerAxis<f64>) -> Option<PerAxis<f64>> {
     let every = fit.used.rows().div_ceil(ROWS_OF_INTERVAL).max(1) as usize;
-    let mut readings = vec![Vec::new(); fit.calibration.channels()];
+    let mut readings = vec![Vec::new(); fit.calibration.columns()];
     for (_, block) in fit.used.blocks() {
         for (all, column) in readings.iter_mut().zip(&block.rows.readings) {
             all.extend(column.iter().step_by(every));
         }
     }
-    let errors = fit.calibration.standard_errors(&readings, None).unwrap_or_default();
-    std::array::from_fn(|axis| {
-        let (errors, sd) = (&errors[axis], residual_sd[axis]);
-        let unseen = |error: &f64| {
-            let leverage = (error / sd).powi(2) - 1.0;
-            sd / (1.0 - leverage).max(LEAST_LEFT).sqrt()
-        };
-        match sd > 0.0 {
-            true => errors.iter().map(unseen).sum::<f64>() / errors.len() as f64,
-            false => 0.0,
-        }
+    let errors = fit.calibration.standard_errors(&readings, None)?;
+    let has_rows = errors.iter().all(|of| !of.is_empty());
+    has_rows.then(|| {
+        std::array::from_fn(|axis| {
+            let (errors, sd) = (&errors[axis], residual_sd[axis]);
+            let unseen = |error: &f64| {
+                let leverage = (error / sd).powi(2) - 1.0;
+                sd / (1.0 - leverage).max(LEAST_LEFT).sqrt()
+            };
+            match sd > 0.0 {
+                true => errors.iter().map(unseen).sum::<f64>() / errors.len() as f64,
+                false => 0.0,
+            }
+        })
     })
 }
 
@@ -269,7 +278,8 @@ fn interval(fit: &Fit) -> Result<FrameInterval, String> {
                 None => "nothing was held out",
             })?;
             let factors = covariance.interval_factors(COVERAGE_LEVEL).map_err(|e| e.to_string())?;
-            let errors = mean_standard_errors(fit, &covariance.residual_sd());
+            let errors = mean_standard_errors(fit, &covariance.residual_sd())
+                .ok_or("it needs the rows, not only their sums")?;
             let half_width = std::array::from_fn(|axis| factors[axis] * errors[axis]);
             Ok(FrameInterval { half_width, held: None })
         }

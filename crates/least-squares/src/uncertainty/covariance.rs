@@ -155,7 +155,7 @@ impl Covariance {
                 };
                 let scores: Option<Vec<_>> =
                     each(files.len(), workers, of_file)?.into_iter().collect();
-                Some(GroupIntervals::from_groups(&scores?.concat()))
+                Some(GroupIntervals::from_files(&scores?))
             }
         })
     }

@@ -10,6 +10,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::interval::{normal_quantile, student_quantile};
 use shell_data::wrench::PerAxis;
 use statrs::distribution::{ContinuousCDF, Normal};
 
@@ -134,6 +135,25 @@ fn size_that_holds(scores: &[PerAxis<(f64, f64)>], axis: usize, level: f64) -> f
     at
 }
 
+/// The share of the variance of values that lies between files rather than within them: the intraclass
+/// correlation of the analysis of variance (Searle, Casella & McCulloch, Variance Components, 1992, §3.6),
+/// from 0 to 1.
+fn share_between(files: &[Vec<f64>]) -> f64 {
+    let sizes = || files.iter().map(|file| file.len() as f64);
+    let (n, count) = (sizes().sum::<f64>(), files.len() as f64);
+    let mean = files.iter().flatten().sum::<f64>() / n;
+    let (mut between, mut within) = (0.0, 0.0);
+    for file in files {
+        let own = file.iter().sum::<f64>() / file.len() as f64;
+        between += file.len() as f64 * (own - mean).powi(2);
+        within += file.iter().map(|value| (value - own).powi(2)).sum::<f64>();
+    }
+    let (between, within) = (between / (count - 1.0), within / (n - count).max(1.0));
+    let usual = (n - sizes().map(|size| size * size).sum::<f64>() / n) / (count - 1.0);
+    let share = (between - within) / (between + (usual - 1.0) * within);
+    if share.is_finite() { share.clamp(0.0, 1.0) } else { 0.0 }
+}
+
 /// The smallest G with `G/(G + 1) ≥ level`.
 fn groups_needed(level: f64) -> usize {
     // A level such as 0.95 has a rounding error.
@@ -175,6 +195,29 @@ impl GroupIntervals {
         levels.truncate(known);
         factors.iter_mut().for_each(|factors| factors.truncate(known));
         Self { groups, levels, factors }
+    }
+
+    /// Computes the intervals from the errors on stretches of held-out files, in standard errors. Stretches
+    /// of one file may have more in common than stretches of two: the share ρ of their squared errors that
+    /// differs from file to file is known from as many observations as there are files. With F files, squared
+    /// sizes are therefore larger by `1 + ρ·((t/z)² − 1)`, with the quantiles t of Student's distribution with
+    /// F − 1 degrees of freedom and z of the normal distribution.
+    pub fn from_files(scores: &[Vec<PerAxis<(f64, f64)>>]) -> Self {
+        let mut intervals = Self::from_groups(&scores.concat());
+        if scores.len() < 2 {
+            return intervals;
+        }
+        for (axis, factors) in intervals.factors.iter_mut().enumerate() {
+            let square = |of: &PerAxis<(f64, f64)>| of[axis].0.powi(2) + of[axis].1.powi(2);
+            let squares = scores.iter().map(|file| file.iter().map(square).collect());
+            let share = share_between(&squares.collect::<Vec<_>>());
+            for (factor, &level) in factors.iter_mut().zip(&intervals.levels) {
+                let t = student_quantile(level, (scores.len() - 1) as f64);
+                let ratio = t / normal_quantile(level);
+                *factor *= (1.0 + share * (ratio * ratio - 1.0)).sqrt();
+            }
+        }
+        intervals
     }
 
     /// The half-width of an interval of this level in standard errors, per axis.

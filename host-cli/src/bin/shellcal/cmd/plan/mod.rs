@@ -30,10 +30,12 @@ const MOST_COUNT: usize = 200;
 #[command(after_help = "Examples:
   shellcal plan --masses 0.2kg,0.5kg --point 0,0,40 --point 30,0,40 --directions +x,-x,+y,-y,down -o plan.csv
   shellcal plan --box fx=-5..5,fy=-5..5,fz=-10..0,mx=-0.2..0.2,my=-0.2..0.2,mz=-0.1..0.1
-  shellcal plan session1.csv --rig loads.csv --until 0.5N")]
+  shellcal plan session1.csv --rig loads.csv --until 0.5N
+  shellcal plan --loads recorded.csv --rig loads.csv")]
 #[group(skip)]
 pub(crate) struct PlanArgs {
-    /// The session so far: logs with readings and a measured wrench, or a calibration of the physics model
+    /// The session so far: logs with readings and a measured wrench, logs of `live --plan`, or a calibration
+    /// of the physics model
     #[arg(value_name = "LOG|CAL.json")]
     recorded: Vec<InputPath>,
 
@@ -57,6 +59,12 @@ pub(crate) struct PlanArgs {
     /// Ranges of the axes, for a rig that can apply any wrench: fx=-5..5,fz=-10..0,my=-0.2..0.2 (N and N·m)
     #[arg(long = "box", value_name = "RANGES", value_parser = WrenchBox::parse, conflicts_with = "masses", help_heading = RIG)]
     wrench_box: Option<WrenchBox>,
+
+    /// Take the wrench from a table of the hung loads, one line for each pose: mass or force, point and
+    /// direction, with their errors. Loads are matched by the group column, otherwise in order by stretches
+    /// of still readings
+    #[arg(long, value_name = "LOADS.csv")]
+    loads: Option<InputPath>,
 
     /// Number of loads to plan [default: 16; with `--until` as many as necessary, at most 200]
     #[arg(long, short = 'n', value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20_000))]
@@ -109,7 +117,7 @@ impl PlanArgs {
 
     fn plan(&self, table: HungLoads, printer: &Printer) -> anyhow::Result<LoadPlan> {
         let candidates: Vec<PerAxis<f64>> = table.loads().iter().map(HungLoad::wrench).collect();
-        let session = self.session()?;
+        let session = self.session(&table)?;
         let sensors = match session.sensors {
             Ok(sensors) => Some(sensors),
             Err(reason) if self.until.is_some() => {
@@ -147,10 +155,18 @@ impl PlanArgs {
         Ok(LoadPlan { table, recorded, criterion, before, order, limits, couplings })
     }
 
-    fn session(&self) -> anyhow::Result<RecordedSession> {
+    /// The session recorded so far, with the `rig`'s loads or those of `--loads` if logs have no wrench.
+    fn session(&self, rig: &HungLoads) -> anyhow::Result<RecordedSession> {
         let without_loads = |sensors| RecordedSession { loads: Vec::new(), sensors };
+        let hung = self.loads.as_ref().map(read_table).transpose()?;
         match self.recorded.as_slice() {
-            [] => Ok(without_loads(Err("nothing is recorded".to_owned()))),
+            [] => {
+                let loads: Vec<_> =
+                    hung.iter().flat_map(HungLoads::loads).map(HungLoad::wrench).collect();
+                let reason =
+                    if loads.is_empty() { "nothing is recorded" } else { "no log is given" };
+                Ok(RecordedSession { loads, sensors: Err(reason.to_owned()) })
+            }
             [path] if path.extension().is_some_and(|extension| extension == "json") => {
                 let file = self.edited.read(path)?;
                 let Kind::Physics(physics) = &file.calibration.kind else {
@@ -163,7 +179,8 @@ impl PlanArgs {
             }
             paths => {
                 let logs = open_logs(paths, ("", &[]), &self.mapping.mapping())?;
-                Ok(RecordedSession::read(&logs, &self.mapping.read_options())?)
+                let table = hung.as_ref().unwrap_or(rig);
+                Ok(RecordedSession::read(&logs, table, &self.mapping.read_options())?)
             }
         }
     }
