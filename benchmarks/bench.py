@@ -3,6 +3,7 @@
 other load on the machine affects all of them. Missing tools are named and left out.
 
 usage: bench.py fits    [--peers DIR] [--rows N] [--full] [--before FILE]   fits against pandas, polars, DuckDB, R, Octave
+       bench.py choice  [--rows N] [--before FILE]                           the default fit against a grid search of scikit-learn
        bench.py channels                                                     455 features of twelve channels against scikit-learn
        bench.py lengths                                                      time and memory against the length of a log
        bench.py trials  [--peers DIR] --matrix FILE                          batches of trials against a notebook's pipeline
@@ -101,6 +102,22 @@ def fits(options: argparse.Namespace) -> None:
             peers |= {"Octave": ["octave-cli", options.peers / "peer_fit.m"]}
         tools |= {name: [*command, train, test, theirs] for name, command in peers.items()}
         compare(f"{model}, with intercept", tools, options.runs)
+
+
+def choice(options: argparse.Namespace) -> None:
+    def log(kind: str, rows: int) -> Path:
+        path = WORK / f"plain-{kind}-{rows}.csv"
+        return made(path, [options.program, "synth", kind, "--layout", "peer", "--rows", rows, "-o", path])
+
+    train, test = log("train", options.rows), log("test", 19_932)
+    # scikit-learn compares the same polynomials, without lag and memory.
+    polynomials = ["--lag", "0", "--memory-terms", "none"]
+    fit = [options.program, "fit", train, "--test", test, "-o", WORK / "calibration.json", "--json"]
+    tools = {"shellcal": fit, "without memory": [*fit, *polynomials]}
+    if options.before:
+        tools["shellcal before"] = [options.before, *fit[1:]]
+    tools["scikit-learn"] = [sys.executable, HERE / "choice_sklearn.py", train, test]
+    compare(f"choice of a model, {options.rows} rows", tools, options.runs)
 
 
 def channels(options: argparse.Namespace) -> None:
@@ -232,7 +249,7 @@ def instructions(options: argparse.Namespace) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(usage=__doc__)
-    suites = [fits, channels, lengths, trials, beams, instructions]
+    suites = [fits, choice, channels, lengths, trials, beams, instructions]
     parser.add_argument("suite", choices=[suite.__name__ for suite in suites])
     parser.add_argument("--peers", type=Path)
     parser.add_argument("--program", type=Path)
