@@ -23,7 +23,6 @@ pub struct BeamForce {
 ///
 /// Bar and spring balance if the component across the bar, along `ê = (upright, reach)/L`, is `(k_t/L)·Δθ`.
 /// If that is requested, the force is divided by `(n̂ + μ_k·t̂)·ê`.
-/// asked for, the force is divided by `(n̂ + μ_k·t̂)·ê`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Law {
     /// `k_t/L`, in N/rad.
