@@ -41,12 +41,8 @@ pub struct ForceUncertainty {
     /// The error of the means due to the calibration: components along directions common to all trials, each
     /// one standard deviation, N.
     pub shared: PerAxis<Vec<f64>>,
-<<<<<<< HEAD
-    pub degrees_of_freedom: f64,
-=======
     /// The degrees of freedom of that error.
     pub degrees_of_freedom: PerAxis<f64>,
->>>>>>> surprises
 }
 
 /// The uncertainty of the means of `forces` over `span`; `None` if the calibration does not provide it.

@@ -61,12 +61,7 @@ pub enum ChannelDiagnostic {
     FacesFirst,
     /// Beams lie flat against the body.
     #[error(
-<<<<<<< HEAD
-        "beams bend until their faces touch the body; the model has tips only, so the true drag is larger"
-=======
-        "beams bend until their faces lie against the body, of which the model knows only the tips: the \
-         drag is larger (`--beam plate`)"
->>>>>>> surprises
+        "beams bend until their faces touch the body: the true drag is larger (`--beam plate`)"
     )]
     FaceContact,
     /// The body is never wholly among the beams.
