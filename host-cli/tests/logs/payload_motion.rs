@@ -270,7 +270,7 @@ fn a_payload_on_a_turning_arm_of_pinocchio_leaves_little_more_than_noise() {
         };
         fs::write(dir.join(to), text.lines().map(line).collect::<Vec<_>>().join("\n")).unwrap();
     };
-    cut("poses.csv", "poses.csv", &[0..10]);
+    cut("poses.csv", "poses.csv", std::slice::from_ref(&(0..10)));
     let found = json(dir, "payload fit poses.csv -o payload.json --json");
     // Four standard errors of 24 poses with noise of 1 mN.
     assert!((found["mass_kg"].as_f64().unwrap() - 0.5).abs() < 1e-4, "{found}");
