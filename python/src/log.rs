@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use log_file::{
     FORMATS, Log, Mapping, Meaning, MomentUnit, ReadOptions, TIME_UNITS, Wanted, parse_column,
-    parse_columns, parse_wrench,
+    parse_columns, parse_condition, parse_units, parse_wrench,
 };
 use numpy::{IntoPyArray, PyArray1};
 use pyo3::prelude::*;
@@ -18,8 +18,18 @@ use crate::interrupt::without_lock;
 /// The user's assignments of columns, by option name.
 pub(crate) type OptionColumns = BTreeMap<String, String>;
 
-/// Rules for reading logs: columns, whether to skip bad rows, threads.
-pub(crate) type ReadRules = (OptionColumns, bool, usize);
+/// Rules for reading logs: columns, which bad rows to skip, threads.
+pub(crate) type ReadRules = (OptionColumns, String, usize);
+
+/// Converts the rule for invalid rows: none (empty), `few` or `all` are left out.
+pub(crate) fn read_options(skipped: &str, threads: usize) -> ReadOptions<'static> {
+    ReadOptions {
+        threads,
+        skip_bad_rows: !skipped.is_empty(),
+        largest_bad_share: (skipped != "all").then_some(ReadOptions::FEW_BAD_ROWS),
+        ..ReadOptions::default()
+    }
+}
 
 /// Names and columns, the group of each row with the labels, numbers of skipped and repeated rows.
 type ReadArrays<'py> = (
@@ -35,7 +45,7 @@ pub(crate) fn read_log<'py>(
     path: PathBuf,
     reading: ReadRules,
 ) -> Result<ReadArrays<'py>, PythonFailure> {
-    let (names, skip_bad_rows, threads) = reading;
+    let (names, skipped, threads) = reading;
     let mapping = mapping(&names)?;
     let (columns, groups, about) = without_lock(py, None, |_| {
         let log = Log::open(&path, &mapping)?;
@@ -56,8 +66,7 @@ pub(crate) fn read_log<'py>(
             names.extend(log.axes().columns().into_iter().map(str::to_owned));
         }
         names.extend(others.iter().map(|&position| log.columns()[position].name.clone()));
-        let read = ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() };
-        let (block, summary) = log.read_whole(&wanted, &read)?;
+        let (block, summary) = log.read_whole(&wanted, &read_options(&skipped, threads))?;
         let Block { time_s, readings, wrench, groups, others, .. } = block;
         let is_there = Axis::ALL.map(|axis| log.axes().contains(axis));
         let wrench = wrench.into_iter().zip(is_there).filter_map(|(of, is)| is.then_some(of));
@@ -115,6 +124,23 @@ pub(crate) fn mapping(names: &OptionColumns) -> Result<Mapping, PythonFailure> {
                     "mNm" | "mN·m" => MomentUnit::MillinewtonMetre,
                     _ => return Err(refused("`Nm` or `mNm`")),
                 });
+            }
+            "table" => mapping.table = Some(text.clone()),
+            "unit" => mapping.units = parse_units(text).map_err(impossible)?,
+            // Several conditions are lines of one text.
+            "where" => {
+                let conditions = text.lines().map(parse_condition).collect::<Result<_, _>>();
+                mapping.rows = conditions.map_err(impossible)?;
+            }
+            "exclude_group" => {
+                mapping.excluded_groups = text.lines().map(str::to_owned).collect();
+            }
+            "header_line" | "skip_lines" => {
+                let number = text.parse().map_err(|_| refused("a number of lines"))?;
+                match option.as_str() {
+                    "header_line" => mapping.header_line = Some(number),
+                    _ => mapping.skip_lines = Some(number),
+                }
             }
             _ => return Err(refused("no such option")),
         }

@@ -10,7 +10,7 @@ use calibration::{Basis, FitError, Model};
 use calibration_file::{
     CalibrationFileError, PartialFit, PartialGroups, PartialStream, SourceFile, Sums,
 };
-use log_file::{Log, ReadOptions};
+use log_file::Log;
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -19,7 +19,7 @@ use shellcal::workflow::partial::{self, KeptGroups, PartialOptions, fit_merged, 
 use crate::error::{PythonFailure, PythonMessage};
 use crate::fitted::{Fitted, over_rows, source};
 use crate::interrupt::without_lock;
-use crate::log::{ReadRules, mapping};
+use crate::log::{ReadRules, mapping, read_options};
 use crate::options;
 
 /// The exact sums over some rows.
@@ -87,7 +87,7 @@ impl Partial {
         made: (String, String),
     ) -> Result<Self, PythonFailure> {
         let (model, intercept, kept, seed) = what;
-        let (names, skip_bad_rows, threads) = reading;
+        let (names, skipped, threads) = reading;
         let mapping = mapping(&names)?;
         let groups = match kept.as_deref() {
             None => None,
@@ -107,7 +107,7 @@ impl Partial {
             r_factors: false,
             fresh,
             mapping: &mapping,
-            read: ReadOptions { threads, skip_bad_rows, ..ReadOptions::default() },
+            read: read_options(&skipped, threads),
         };
         without_lock(py, None, |_| {
             let open = |path: &PathBuf| Log::open(path, &mapping);

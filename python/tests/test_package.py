@@ -343,3 +343,22 @@ def test_scikit_learn_searches_and_pipes_it() -> None:
     )
     search.fit(X, Y, groups=groups)
     assert search.best_params_ == {"model": "linear"}
+
+
+def test_rows_and_units_are_chosen_as_on_the_command_line(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    lines = [f"{row / 100},{'AB'[row % 2]},{1500 + row},{row % 5}" for row in range(40)]
+    path.write_text("\n".join(["t_s,name,s1,Fx", *lines]) + "\n")
+    table = shellcal.read_log(path, unit="fx=lbf", where=["name=A", "s1>1509"])
+    assert table.rows == 15
+    # A pound-force is 4.4482216152605 N (NIST SP 811, table B.8).
+    assert table["fx_n"][1] == pytest.approx(2 * 4.4482216152605, rel=1e-15)
+    with pytest.raises(shellcal.OptionError, match="`volts` is no unit"):
+        shellcal.read_log(path, unit="fx=volts")
+    with pytest.raises(shellcal.OptionError, match="expected True, False or 'all'"):
+        shellcal.read_log(path, skip_bad_rows="some")
+    with path.open("a") as file:
+        file.write("x,A,1,1\n" * 10)
+    with pytest.raises(shellcal.LogError, match="10 of 50 rows are wrong, all in column `t_s`"):
+        shellcal.read_log(path, skip_bad_rows=True)
+    assert shellcal.read_log(path, skip_bad_rows="all").rows == 40

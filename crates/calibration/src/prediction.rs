@@ -74,7 +74,7 @@ impl Calibration {
         let found = physics.estimates(readings);
         let mask = |of: fn(&Flags) -> u16| found.flags.iter().map(|f| u64::from(of(f))).collect();
         Trust {
-            saturated: mask(|flags| flags.saturated),
+            insensitive: mask(|flags| flags.saturated),
             left_out: mask(|flags| flags.left_out),
             standard_errors: tared(found.standard_errors, tare),
         }
@@ -142,7 +142,7 @@ pub struct Trust {
     /// Standard errors, N and N·m.
     pub standard_errors: PerAxis<Vec<f64>>,
     /// Channels on a plateau of their curve, which carry no information about the wrench.
-    pub saturated: Vec<u64>,
+    pub insensitive: Vec<u64>,
     /// Channels that the model left out: constant in its training data, not a number, or inconsistent with
     /// all others.
     pub left_out: Vec<u64>,

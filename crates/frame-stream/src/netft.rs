@@ -278,7 +278,7 @@ impl BoxState {
 fn status_of(row: &StreamRow, is_beyond: bool) -> u32 {
     let has = |ending: &str| row.flags.split(' ').any(|flag| flag.ends_with(ending));
     let errors = [
-        (has(":saturated"), status::GAGE_OUT_OF_RANGE),
+        (has(":saturated") || has(":insensitive"), status::GAGE_OUT_OF_RANGE),
         (has(":range") || is_beyond, status::LOAD_OUT_OF_RANGE),
     ];
     let errors = errors.into_iter().filter(|(applies, _)| *applies);

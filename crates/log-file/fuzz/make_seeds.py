@@ -1,6 +1,6 @@
 """Writes one recording in every kind of file that is read, by the programs that people write them with.
 
-    pip install numpy scipy polars pyarrow openpyxl mcap-ros2-support h5py
+    pip install numpy scipy polars pyarrow openpyxl mcap-ros2-support h5py nptdms rosbags
     python make_seeds.py
 
 The files are seeds of the fuzz targets, and what tests/kinds_of_file.rs compares.
@@ -10,7 +10,9 @@ import datetime
 import gzip
 import json
 import pathlib
+import shutil
 import struct
+import tempfile
 
 import h5py
 import numpy as np
@@ -23,6 +25,9 @@ from backports import zstd
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from mcap_ros2.writer import Writer
+from nptdms import ChannelObject, TdmsWriter
+from rosbags import rosbag1, rosbag2
+from rosbags.typesys import Stores, get_typestore
 
 ROWS = 24
 SEEDS = pathlib.Path(__file__).parent / "seeds"
@@ -249,3 +254,55 @@ with open(at("mcap", "shuffled.mcap"), "wb") as file:
         data = {"s": [int(value) for value in readings[row]], "group": groups[row]}
         writer.add_message(json_channel, ns, json.dumps(data).encode(), ns)
     writer.finish()
+
+# A waveform in pieces, and times of LabVIEW with texts.
+units = dict(zip(AXES, ["N"] * 3 + ["N·m"] * 3))
+for name, pieces, clock in [("waveform.tdms", 3, []), ("times.tdms", 1, ["time", "group"])]:
+    with TdmsWriter(at("tdms", name)) as writer:
+        for rows_of in np.array_split(np.arange(ROWS), pieces):
+            wave = {} if clock else {"wf_increment": 0.01, "wf_start_offset": 0.0}
+            stamps = np.datetime64(start, "us") + (time[rows_of] * 1e6).astype("timedelta64[us]")
+            channels = [ChannelObject("run", "time", stamps)] if clock else []
+            channels += [ChannelObject("run", f"s{i + 1}", readings[rows_of, i].astype("i2"), wave) for i in range(8)]
+            channels += [
+                ChannelObject("run", axis, columns[axis][rows_of], wave | {"unit_string": units[axis]}) for axis in AXES
+            ]
+            if clock:
+                channels.append(ChannelObject("run", "group", [groups[row] for row in rows_of]))
+            writer.write_segment(channels)
+
+# Bags of ROS 1 and of ROS 2 in SQLite, with readings in JSON and a topic of remarks.
+def write_bag(writer, store, serialize):
+    kinds = store.types
+    wrench_topic = writer.add_connection("/wrench", "geometry_msgs/msg/WrenchStamped", typestore=store)
+    json_topic = writer.add_connection("/readings", "std_msgs/msg/String", typestore=store)
+    remarks = writer.add_connection("/remarks", "std_msgs/msg/String", typestore=store)
+    text = kinds["std_msgs/msg/String"]
+    writer.write(remarks, 1_700_000_000_000_000_000, serialize(text(data="begin"), "std_msgs/msg/String"))
+    for row in range(ROWS):
+        ns = 1_700_000_000_000_000_000 + 10_000_000 * row
+        stamp = kinds["builtin_interfaces/msg/Time"](sec=ns // 10**9, nanosec=ns % 10**9)
+        head = {"stamp": stamp, "frame_id": "shell"} | ({"seq": row} if store is ros1 else {})
+        vector, axes = kinds["geometry_msgs/msg/Vector3"], [float(value) for value in wrench[row]]
+        message = kinds["geometry_msgs/msg/WrenchStamped"](
+            header=kinds["std_msgs/msg/Header"](**head),
+            wrench=kinds["geometry_msgs/msg/Wrench"](force=vector(*axes[:3]), torque=vector(*axes[3:])),
+        )
+        writer.write(wrench_topic, ns, serialize(message, "geometry_msgs/msg/WrenchStamped"))
+        data = json.dumps({"s": [int(value) for value in readings[row]], "group": groups[row]})
+        writer.write(json_topic, ns, serialize(text(data=data), "std_msgs/msg/String"))
+
+
+ros1, ros2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
+for name, codec in [("none", None), ("bz2", "BZ2"), ("lz4", "LZ4")]:
+    path = at("rosbag", f"{name}.bag")
+    path.unlink(missing_ok=True)
+    writer = rosbag1.Writer(path)
+    if codec:
+        writer.set_compression(rosbag1.Writer.CompressionFormat[codec])
+    with writer:
+        write_bag(writer, ros1, ros1.serialize_ros1)
+with tempfile.TemporaryDirectory() as folder:
+    with rosbag2.Writer(pathlib.Path(folder) / "run", version=8) as writer:
+        write_bag(writer, ros2, ros2.serialize_cdr)
+    shutil.copy(pathlib.Path(folder) / "run" / "run.db3", at("sqlite", "bag.db3"))

@@ -7,7 +7,7 @@ use std::fmt;
 use std::io;
 use std::path::PathBuf;
 
-use table_file::TableError;
+use table_file::{FileKind, TableError};
 
 pub use crate::stream::companion::RowMismatch;
 
@@ -45,13 +45,15 @@ pub enum LogError {
     /// More rows are invalid than may be skipped without a closer look; with the position of the first and
     /// its error.
     #[error(
-        "`{}`: {skipped} of {rows} rows are wrong, the first at {position}: {problem}",
+        "`{}`: {skipped} of {rows} rows are wrong, {class}; the first at {position}: {problem}",
         path.display()
     )]
     ManyBadRows {
         path: PathBuf,
         skipped: u64,
         rows: u64,
+        /// The feature that most of them have in common, in words.
+        class: String,
         position: LogPosition,
         problem: Box<RowProblem>,
     },
@@ -77,12 +79,13 @@ pub enum PlacedProblem {
     /// Lines end with a carriage return alone, which no program has written for decades.
     #[error("lines end with a carriage return and no line feed")]
     CarriageReturns,
-    /// A file of numbers without a header, whose number of columns no known layout has.
+    /// A file of numbers without a header, whose number of columns no known layout has; `time` is the column,
+    /// from 1, that counts seconds since 1970, or the first.
     #[error(
-        "{0} columns and no header, expected 15 (time, 8 sensors, wrench) or 12 (2 others, time, wrench, \
-         motion)"
+        "{columns} columns and no header, expected 15 (time, 8 sensors, wrench) or 12 (2 others, time, \
+         wrench, motion)"
     )]
-    UnknownLayout(usize),
+    UnknownLayout { columns: usize, time: usize },
     /// No lines are rows of numbers, and the first line does not name known columns.
     #[error("this names no columns, and no rows of numbers follow")]
     NoTable,
@@ -107,6 +110,9 @@ pub enum PlacedProblem {
     /// Times are integers whose median `step` leaves two units possible.
     #[error("the time unit of column `{column}` is not known; it grows by `{step}` a row")]
     UnclearTimeUnit { column: String, step: f64 },
+    /// Dates have two readings: day or month first.
+    #[error("column `{column}`: the date `{date}` begins with its day or with its month")]
+    UnclearDate { column: String, date: String },
     /// Two columns, given by their positions from 0, have the same meaning.
     #[error(
         "columns {} (`{}`) and {} (`{}`) are both {meaning}",
@@ -126,6 +132,11 @@ impl Hint for LogError {
             Self::Table { problem: TableError::Choice { .. }, .. } => "choose with `--table NAME`",
             Self::Table { problem: TableError::Damaged { .. }, .. } => {
                 "copy the file again, or write it again: it is cut short or damaged"
+            }
+            Self::Table {
+                problem: TableError::Unsupported { kind: FileKind::Sqlite, .. }, ..
+            } => {
+                "export the table of a log: `sqlite3 -header -csv FILE 'SELECT * FROM TABLE' > log.csv`"
             }
             Self::Table { .. } => "write it again without that, or export it as CSV",
             Self::Unpacking { .. } => "copy the file again: it is cut short or damaged",
@@ -163,9 +174,7 @@ impl Hint for PlacedProblem {
             Self::CarriageReturns => {
                 "give its lines the ends that others have: `tr '\\r' '\\n' < OLD > NEW`"
             }
-            Self::UnknownLayout(_) => {
-                "say which columns are which, `--sensors 2-9 --wrench 10-15 --time 1`"
-            }
+            Self::UnknownLayout { columns, time } => return Some(by_number(*columns, *time)),
             Self::NoTable => {
                 "say which line names the columns with `--header-line N`, or how many to pass with `--skip-lines N`"
             }
@@ -180,12 +189,41 @@ impl Hint for PlacedProblem {
             Self::UnclearTimeUnit { .. } => {
                 "say it with `--time-unit`, or in the name of the column (`t_ms`, `t_us`)"
             }
+            Self::UnclearDate { .. } => {
+                "say it with `--unit time=d/m/y` or `--unit time=m/d/y`; the times of a day \
+                 are the same with both"
+            }
+            Self::DuplicateColumn { meaning, columns, .. } if meaning == "Fx" => {
+                let six = columns.map(|at| format!("`--wrench {}-{}`", at + 1, at + 6));
+                return Some(format!("say which are meant by their numbers: {}", six.join(" or ")));
+            }
             Self::DuplicateColumn { .. } => {
-                "say which one is meant with `--sensors`, `--wrench` or `--time`"
+                "say which one is meant with `--sensors`, `--wrench` or `--time`, by its number"
             }
             Self::Row(_) => "correct the line, or leave such rows out with `--skip-bad-rows`",
         };
         Some(text.to_owned())
+    }
+}
+
+/// Suggests how to say which columns without names are which.
+fn by_number(columns: usize, time: usize) -> String {
+    let (first, wrench) = (time + 1, columns.saturating_sub(5));
+    let readings = format!("`--time {time} --sensors {first}-{columns}`");
+    match columns {
+        6 => "say what the columns are: `--wrench 1-6`, or `--sensors 1-6`".to_owned(),
+        _ if columns <= first => {
+            "say which columns are which: `--sensors`, `--wrench`, `--time`".to_owned()
+        }
+        _ if wrench < first => format!("say which columns are which: {readings}"),
+        _ if wrench > first + 1 => format!(
+            "say which columns are which: {readings}, `--time {time} --wrench {wrench}-{columns}`, or \
+             `--time {time} --sensors {first}-{} --wrench {wrench}-{columns}`",
+            wrench - 1
+        ),
+        _ => format!(
+            "say which columns are which: {readings}, or `--time {time} --wrench {wrench}-{columns}`"
+        ),
     }
 }
 
@@ -258,6 +296,18 @@ pub enum RowProblem {
     /// A payload begins like a scan, but is not one.
     #[error("expected a scan of {SCAN_LEN} bytes (0 to 255) with readings below 4096, found `{0}`")]
     Payload(String),
+}
+
+impl RowProblem {
+    /// Returns a feature that rows with this problem have in common, in words.
+    pub(crate) fn class(&self) -> String {
+        match self {
+            Self::Field { name, .. } => format!("in column `{name}`"),
+            Self::ColumnCount { found, .. } => format!("with {found} columns"),
+            Self::OpenQuote => "with an open quote".to_owned(),
+            Self::Payload(_) => "with a damaged scan".to_owned(),
+        }
+    }
 }
 
 /// An error in a field. The text says what was expected.

@@ -11,7 +11,6 @@ use crate::format::layout::{FileLayout, HEAD_BYTES, recognise_layout};
 use crate::format::mapping::{ColumnRef, LogFormat, Mapping};
 use crate::format::meaning::{Meaning, StatedUnit};
 use crate::stream::chunk::{CHUNK_BYTES, line_ends};
-use crate::stream::clock_turns::TURN;
 use crate::stream::source::LogSource;
 use shell_data::ColumnNames;
 use shell_data::telemetry::Telemetry;
@@ -110,7 +109,7 @@ impl Log {
     /// Describes the kind of file.
     pub fn kind(&self) -> String {
         let kind = self.table_kind().map(|kind| kind.to_string());
-        kind.unwrap_or_else(|| self.layout.header.format.to_string())
+        kind.unwrap_or_else(|| self.layout.header.kind())
     }
 
     /// Describes the decisions about the lines above the rows; empty if the first line names the columns.
@@ -118,10 +117,11 @@ impl Log {
         &self.layout.decisions
     }
 
-    /// Returns the time in s after which the clock wraps around, if it is a 32-bit counter.
-    pub fn clock_turn_s(&self) -> Option<f64> {
+    /// Returns the time in s after which the clock wraps around, if it may, and the event in words.
+    pub fn clock_turn(&self) -> Option<(f64, &'static str)> {
         let column = &self.layout.columns[self.layout.roles.time?];
-        self.layout.clock().map(|_| column.meaning.scale().to_si(TURN))
+        let (turn, event) = self.layout.clock()?.turn();
+        Some((column.meaning.scale().to_si(turn), event))
     }
 
     /// Returns a column that distinguishes sensors whose rows alternate, if none of them is selected.
@@ -368,6 +368,11 @@ impl Log {
     /// Checks that the units of the time and the wrench are known, if these are wanted.
     fn check_units(&self, wanted: &Wanted) -> Result<(), LogError> {
         let roles = &self.layout.roles;
+        let unclear = self.layout.dates.as_ref().and_then(|dates| dates.unclear.clone());
+        if let (Some(date), Some(at), true) = (unclear, roles.time, wanted.time) {
+            let column = self.layout.columns[at].name.clone();
+            return Err(self.error_in_names(PlacedProblem::UnclearDate { column, date }));
+        }
         let time = roles.time.iter().filter(|_| wanted.time);
         for &at in time.chain(roles.wrench.iter().flatten().filter(|_| wanted.wrench)) {
             let column = &self.layout.columns[at];

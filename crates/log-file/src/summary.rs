@@ -3,6 +3,7 @@
 //! Blocks are added in file order; memory does not grow with their number. The statistics do not depend on
 //! the meaning of the readings.
 
+use shell_data::Converter;
 use shell_data::block::Block;
 use shell_data::statistics::RunningVariance;
 
@@ -53,15 +54,12 @@ pub struct ColumnSummary {
     pub rows_at_max: u64,
     /// Number of rows with the second largest value.
     pub rows_below_max: u64,
-    /// Number of rows with each of [`ENDS`].
-    rows_at_ends: [u64; 3],
+    /// Number of rows with the smallest value.
+    rows_at_min: u64,
     below_max: f64,
     /// Number of times that the column rose to its largest value from below the second largest: flicker does
     /// not count.
     rises_to_max: u64,
-    /// True if all values are non-negative integers or sixteenths, like readings of a converter or the
-    /// boards' averages of several conversions.
-    is_counts: bool,
     last: f64,
     /// The distinct values in order of appearance, up to one more than a quiet column has.
     values: Vec<f64>,
@@ -73,17 +71,16 @@ impl ColumnSummary {
         let Some(&first) = values.first() else { return };
         if self.rows == 0 {
             (self.min, self.max, self.below_max) = (first, f64::NEG_INFINITY, f64::NEG_INFINITY);
-            (self.last, self.is_counts) = (f64::NAN, true);
+            self.last = f64::NAN;
         }
         for &value in values {
             if self.values.len() <= QUIET_VALUES && !self.values.contains(&value) {
                 self.values.push(value);
             }
-            self.min = self.min.min(value);
-            for (rows, end) in self.rows_at_ends.iter_mut().zip(ENDS) {
-                *rows += u64::from(value == f64::from(end));
+            if value < self.min {
+                (self.min, self.rows_at_min) = (value, 0);
             }
-            self.is_counts &= value >= 0.0 && (value * 16.0).fract() == 0.0;
+            self.rows_at_min += u64::from(value == self.min);
             if value > self.max {
                 (self.below_max, self.rows_below_max) = (self.max, self.rows_at_max);
                 (self.max, self.rows_at_max) = (value, 1);
@@ -138,23 +135,20 @@ impl ColumnSummary {
         is_quiet.then_some(self.values.len())
     }
 
-    /// Returns the ends of converter ranges, with the number of rows at each. The numbers are 0 for a column
-    /// whose values are not counts: volts and fractions may well be 0.
-    pub fn rows_at_ends(&self) -> [(u16, u64); 3] {
-        // A converter with more bits exceeds the end of one with fewer.
-        let is_end = |at: usize| ENDS[at] == 0 || self.max <= f64::from(ENDS[at]);
-        let rows = |at| if self.is_counts && is_end(at) { self.rows_at_ends[at] } else { 0 };
-        std::array::from_fn(|at| (ENDS[at], rows(at)))
+    /// Returns the ends of the converter's range that were reached, with the number of rows at each.
+    pub fn rows_at_ends(&self) -> Vec<(f64, u64)> {
+        let Some(converter) = Converter::of_extremes(self.min, self.max) else { return Vec::new() };
+        let mut ends = vec![(self.min, self.rows_at_min), (self.max, self.rows_at_max)];
+        ends.dedup_by_key(|(end, _)| *end);
+        ends.retain(|(end, _)| converter.is_at_end(*end));
+        ends
     }
 
-    /// Returns the number of rows at an end of a converter's range.
+    /// Returns the number of rows at an end of the converter's range.
     pub fn saturated_rows(&self) -> u64 {
         self.rows_at_ends().iter().map(|(_, rows)| rows).sum()
     }
 }
-
-/// The ends of the ranges of 12-bit and 16-bit converters.
-const ENDS: [u16; 3] = [0, 4095, u16::MAX];
 
 /// A clipped signal reaches its limit repeatedly; the highest of several poses is reached once.
 const RISES: u64 = 3;
@@ -424,7 +418,14 @@ mod tests {
     fn saturated_and_constant_columns_are_found() {
         let saturated = column(&[0.0, 5.0, 4095.0, 4095.0, 65535.0]);
         assert_eq!(saturated.saturated_rows(), 2, "4095 is no end of 16 bits");
-        assert_eq!(saturated.rows_at_ends[..2], [1, 2]);
+        assert_eq!(saturated.rows_at_ends(), [(0.0, 1), (65_535.0, 1)]);
+        let signed = column(&[-32_768.0, 5.0, -7.0, 32_767.0, 32_767.0]);
+        assert_eq!(signed.rows_at_ends(), [(-32_768.0, 1), (32_767.0, 2)]);
+        assert_eq!(
+            column(&[-5.0, 0.0, -3.0, 4.0]).saturated_rows(),
+            0,
+            "signed readings are alive"
+        );
         assert!(column(&[3.0, 3.0]).is_constant());
         assert!(!column(&[3.0]).is_constant());
         assert_eq!(column(&[3.0]).sd(), 0.0);

@@ -67,8 +67,8 @@ fn names_units_and_rate_of_laboratory_programs_are_found() {
                  Frame,Sub Frame,Fx,Fy,Fz,Mx,My,Mz\n,,N,N,N,N.mm,N.mm,N.mm\n\
                  1,0,1.5,2,-700,10,20,30\n1,1,1.5,2,-701,10,20,31\n2,0,1.5,2,-702,10,20,32\n";
     let log = open(vicon);
-    let expected =
-        "names from line 4; units from line 5; data from line 6; 2000 Hz from line 2, as time";
+    let expected = "names from line 4; units from line 5; data from line 6 to the next blank line; \
+                    2000 Hz from line 2, as time";
     assert_eq!(said(&log), expected);
     let of = rows(&log);
     assert_eq!((axis(&of, Axis::Mz), of.time_s[2]), (&[0.030, 0.031, 0.032][..], 0.001));
@@ -252,4 +252,40 @@ fn cases_of_other_laboratories_are_read() {
         }
     }
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_counter_in_a_table_wraps_around_as_one_in_a_text_does() {
+    let counter: Vec<f64> =
+        (0..3000_u32).map(|row| f64::from((u32::MAX - 9_999).wrapping_add(row * 10))).collect();
+    let readings: Vec<f64> = (0..3000).map(f64::from).collect();
+    let cells = [("t_us", &counter), ("s1", &readings)].map(|(name, values)| {
+        (name.to_owned(), table_file::write::Cells::Full(values.as_slice().into()))
+    });
+    let mut table = Vec::new();
+    table_file::write::write_matlab(&mut table, &cells).unwrap();
+    let lines = counter.iter().zip(&readings).map(|(time, reading)| format!("{time},{reading}\n"));
+    let text = open(&format!("t_us,s1\n{}", lines.collect::<String>()));
+    let table = Log::in_memory(Path::new("log.mat"), table.into(), &Mapping::default()).unwrap();
+    assert_eq!(table.clock_turn(), Some((4_294.967_296, "32 bits came round")));
+    let expected = rows(&text.with_chunk_bytes(700)).time_s;
+    assert_eq!(rows(&table.with_chunk_bytes(700)).time_s, expected);
+    assert_eq!(expected[2999], (4_294_957_296.0 + 29_990.0) / 1e6);
+    assert!(expected.is_sorted());
+}
+
+#[test]
+fn a_date_with_two_readings_is_asked_for_where_times_are_wanted() {
+    let text = "time,s1\n03/04/2026 10:00:00,1\n03/04/2026 10:00:01,2\n03/04/2026 10:00:02,3\n";
+    let log = open(text);
+    let times = Wanted { time: true, readings: true, ..Wanted::default() };
+    let error = log.read_whole(&times, &ReadOptions::default()).map(drop).unwrap_err();
+    assert!(error.to_string().contains("the date `03/04/2026 10:00:00` begins with"), "{error}");
+    let readings = Wanted { readings: true, ..Wanted::default() };
+    assert_eq!(log.read_whole(&readings, &ReadOptions::default()).unwrap().0.rows, 3);
+    for (order, first) in [("d/m/y", 1_775_210_400.0), ("m/d/y", 1_772_618_400.0)] {
+        let units = vec![("time".to_owned(), order.to_owned())];
+        let log = open_with(text, &Mapping { units, ..Mapping::default() }).unwrap();
+        assert_eq!(rows(&log).time_s, [first, first + 1.0, first + 2.0], "{order}");
+    }
 }

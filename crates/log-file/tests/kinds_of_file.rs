@@ -15,7 +15,10 @@ use shell_data::block::Block;
 use table_file::write::Cells;
 
 /// The folders with the files.
-const FOLDERS: [&str; 8] = ["text", "packed", "parquet", "matlab", "hdf5", "numpy", "xlsx", "mcap"];
+const FOLDERS: [&str; 11] = [
+    "text", "packed", "parquet", "matlab", "hdf5", "numpy", "xlsx", "mcap", "rosbag", "sqlite",
+    "tdms",
+];
 
 fn seeds() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/seeds")
@@ -144,4 +147,52 @@ fn a_companion_of_any_kind_gives_the_columns_beside_those_of_the_log() {
         let error = open(log, &format!("short_{companion}")).map(drop).unwrap_err().to_string();
         assert!(error.contains("is in one of them alone"), "{error}");
     }
+}
+
+/// Number of damaged files, unless `SHELLCAL_DAMAGED_CASES` says otherwise.
+const DAMAGED: u64 = 2_000;
+
+/// Each file is cut, or some of its bytes are replaced; the reader returns rows or an error.
+#[test]
+fn damaged_files_of_every_kind_do_not_panic() {
+    let cases = std::env::var("SHELLCAL_DAMAGED_CASES");
+    let cases = cases.map_or(DAMAGED, |cases| cases.parse().unwrap());
+    let files: Vec<(PathBuf, Vec<u8>)> =
+        files().into_iter().map(|path| (path.clone(), std::fs::read(path).unwrap())).collect();
+    // xorshift64 (Marsaglia, 2003).
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut below = |bound: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % bound.max(1) as u64) as usize
+    };
+    let mut read = 0;
+    for _ in 0..cases {
+        let (path, bytes) = &files[below(files.len())];
+        let mut bytes = bytes.clone();
+        for _ in 0..=below(4) {
+            let at = below(bytes.len());
+            match below(4) {
+                0 => bytes.truncate(at.max(1)),
+                1 => bytes[at] ^= 1 << below(8),
+                2 => bytes[at] = [0, 1, 0x7f, 0x80, 0xff][below(5)],
+                _ => {
+                    let end = (at + 1 + below(16)).min(bytes.len());
+                    bytes[at..end].fill(if below(2) == 0 { 0 } else { 0xff });
+                }
+            }
+        }
+        let Ok(log) = Log::in_memory(path, bytes.into(), &Mapping::default()) else { continue };
+        let wanted = Wanted {
+            time: log.has_time(),
+            readings: log.channels() > 0,
+            wrench: log.has_wrench(),
+            groups: log.has_groups(),
+            ..Wanted::default()
+        };
+        let options = ReadOptions { threads: 1, ..ReadOptions::default() };
+        read += u64::from(log.with_chunk_bytes(700).read_whole(&wanted, &options).is_ok());
+    }
+    assert!(read > cases / 20, "{read} of {cases} were read");
 }

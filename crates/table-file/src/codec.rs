@@ -10,6 +10,7 @@ pub(crate) enum Codec {
     None,
     Snappy,
     Gzip,
+    Bzip2,
     /// A raw block, without a frame.
     Lz4Block,
     Lz4Frame,
@@ -29,6 +30,7 @@ pub(crate) fn unpack(codec: Codec, packed: &[u8], size: usize) -> Result<Vec<u8>
         }
         Codec::Lz4Block => lz4_flex::block::decompress(packed, size)?,
         Codec::Gzip => read(flate2::bufread::MultiGzDecoder::new(packed), size)?,
+        Codec::Bzip2 => read(bzip2::bufread::BzDecoder::new(packed), size)?,
         Codec::Lz4Frame => read(lz4_flex::frame::FrameDecoder::new(packed), size)?,
         Codec::Zstd => read(StreamingDecoder::new(packed)?, size)?,
     };

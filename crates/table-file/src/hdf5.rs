@@ -83,6 +83,9 @@ impl DataSets {
             if !is_by_row {
                 size.reverse();
             }
+            if name == "block0_values" {
+                return Err(KIND.unsupported("a frame of pandas; `df.to_parquet(…)` is read"));
+            }
             let name = match (is_octave, name.as_str()) {
                 (true, "type") => continue,
                 (true, "value") => path.trim_end_matches('/').to_owned(),
@@ -99,8 +102,9 @@ impl DataSets {
         }
         for (name, inner) in group.iter_groups().map_err(unreadable)? {
             self.count()?;
-            // `#` groups hold the objects that MATLAB cells and objects refer to.
-            if !name.starts_with('#') {
+            // `#` groups hold the objects that MATLAB cells and objects refer to, `_i_` groups the indexes of
+            // PyTables.
+            if !name.starts_with('#') && !name.starts_with("_i_") {
                 self.add(&inner, &format!("{path}{name}/"), depth - 1)?;
             }
         }
@@ -128,7 +132,9 @@ impl DataSets {
                 ArrayValues::Unread
             }
             kind if element(kind).is_some() => ArrayValues::Unread,
-            Datatype::Compound { .. } => ArrayValues::Other("records of several fields"),
+            Datatype::Compound { .. } => ArrayValues::Other(
+                "records of several fields, as in tables of pandas; `df.to_parquet(…)` is read",
+            ),
             Datatype::Reference { .. } => ArrayValues::Other("references"),
             _ => ArrayValues::Other("values of an unusual type"),
         };

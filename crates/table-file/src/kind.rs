@@ -18,6 +18,12 @@ pub enum FileKind {
     /// A NumPy array.
     NumPy,
     Parquet,
+    /// A bag of ROS 1.
+    Rosbag,
+    /// A bag of ROS 2 in SQLite.
+    Sqlite,
+    /// A measurement file of LabVIEW.
+    Tdms,
     /// A recording of Lab Streaming Layer.
     Xdf,
     /// A workbook of Excel.
@@ -33,6 +39,9 @@ impl FileKind {
             Self::Mcap => ["mcap", "an MCAP file"],
             Self::NumPy => ["numpy", "a NumPy file"],
             Self::Parquet => ["parquet", "a Parquet file"],
+            Self::Rosbag => ["rosbag", "a ROS 1 bag"],
+            Self::Sqlite => ["sqlite", "an SQLite database"],
+            Self::Tdms => ["tdms", "a TDMS file"],
             Self::Xdf => ["xdf", "an XDF recording"],
             Self::Xlsx => ["xlsx", "an Excel workbook"],
         }

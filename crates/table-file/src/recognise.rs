@@ -29,6 +29,7 @@ const AS_PARQUET: &str = "write Parquet instead, in Python with `df.to_parquet(�
 const NETCDF: &str = "a netCDF-3 file";
 const AS_NETCDF_4: &str = "write netCDF-4, which is HDF5: `nccopy -k nc4 OLD NEW`";
 const R_DATA: &str = "an R data file";
+const AS_CSV_IN_R: &str = "write it as CSV: in R `write.csv(TABLE, 'log.csv', row.names = FALSE)`";
 const NO_TABLE: &str = "give the table that it was made of";
 
 /// The signature of HDF5, at position 0 or at a power of two from 512 ("HDF5 File Format Specification
@@ -36,36 +37,31 @@ const NO_TABLE: &str = "give the table that it was made of";
 const HDF5: &[u8] = b"\x89HDF\r\n\x1a\n";
 
 /// Kinds that are not read, by how they begin.
-const FOREIGN: [(&[u8], &str, &str); 28] = [
+const FOREIGN: [(&[u8], &str, &str); 27] = [
     (b"ARROW1", ARROW, AS_PARQUET),
     (b"FEA1", ARROW, AS_PARQUET),
     (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1", "an old Excel or Office file", AS_XLSX),
-    (
-        b"SQLite format 3\0",
-        "an SQLite database",
-        "convert a ROS 2 recording with `ros2 bag convert` to MCAP, or export the table",
-    ),
-    (b"#ROSBAG V", "a ROS 1 recording", "convert it to MCAP with `mcap convert`"),
-    (
-        b"TDSm",
-        "a LabVIEW TDMS file",
-        "write it as CSV: in Python `nptdms.TdmsFile.read(FILE).as_dataframe().to_csv(…)`",
-    ),
     (b"CDF\x01", NETCDF, AS_NETCDF_4),
     (b"CDF\x02", NETCDF, AS_NETCDF_4),
     (b"CDF\x05", NETCDF, AS_NETCDF_4),
-    (
-        b"X\n\0\0\0",
-        R_DATA,
-        "write it as CSV: in R `write.csv(TABLE, 'log.csv', row.names = FALSE)`",
-    ),
+    (b"X\n\0\0\0", R_DATA, AS_CSV_IN_R),
+    (b"RDX", R_DATA, AS_CSV_IN_R),
     (b"ULog\x01\x12\x35", "a PX4 ULog file", EXPORT),
-    (b"MDF ", "an MDF measurement file", EXPORT),
+    (
+        b"MDF ",
+        "an MDF measurement file",
+        "write it as CSV: in Python `asammdf.MDF(FILE).export('csv', single_time_base=True)`",
+    ),
+    (
+        b"LOGG\x90\0\0\0",
+        "a recording of a CAN bus (BLF)",
+        "write its signals as CSV: in Python `asammdf` or `cantools`, with the DBC of the sensor",
+    ),
+    (b"TDSh", "the index of a TDMS file", "give the file beside it that ends in `.tdms`"),
     (b"\x80\x02", "a Python pickle", EXPORT),
     (b"\x80\x03", "a Python pickle", EXPORT),
     (b"\x80\x04\x95", "a Python pickle", EXPORT),
     (b"\x80\x05\x95", "a Python pickle", EXPORT),
-    (b"RDX", R_DATA, "write it as CSV: in R `write.csv(TABLE, 'log.csv', row.names = FALSE)`"),
     (b"Obj\x01", "an Avro file", EXPORT),
     (b"ORC", "an ORC file", EXPORT),
     (b"\xfd7zXZ\0", "compressed with xz", UNPACK),
@@ -96,6 +92,9 @@ pub fn recognise(head: &[u8]) -> Recognised {
         [b'P', b'A', b'R', b'1', ..] => return Recognised::Table(FileKind::Parquet),
         [b'\x93', b'N', b'U', b'M', b'P', b'Y', ..] => return Recognised::Table(FileKind::NumPy),
         [b'\x89', b'M', b'C', b'A', b'P', b'0', ..] => return Recognised::Table(FileKind::Mcap),
+        [b'T', b'D', b'S', b'm', ..] => return Recognised::Table(FileKind::Tdms),
+        _ if head.starts_with(b"#ROSBAG V") => return Recognised::Table(FileKind::Rosbag),
+        _ if head.starts_with(b"SQLite format 3\0") => return Recognised::Table(FileKind::Sqlite),
         // Number of the parameter block, a key, and the byte order there ("The C3D File Format User Guide").
         [2..=9, 0x50, ..] => {
             let remedy = "write its force plates as CSV, with `ezc3d` in Python or Mokka";
@@ -111,8 +110,27 @@ pub fn recognise(head: &[u8]) -> Recognised {
         }
         _ => {}
     }
+    if let Some((what, remedy)) = text_document(head) {
+        return foreign(what, remedy);
+    }
     let found = FOREIGN.iter().find(|(start, ..)| head.starts_with(start));
     found.map_or(Recognised::Unknown, |&(_, what, remedy)| foreign(what, remedy))
+}
+
+/// Recognises texts that are not tables, with their remedy.
+fn text_document(head: &[u8]) -> Option<(&'static str, &'static str)> {
+    let rest = |text: &'static [u8]| head.trim_ascii_start().strip_prefix(text);
+    if rest(b"[").is_some_and(|rest| rest.trim_ascii_start().starts_with(b"{")) {
+        return Some((
+            "a list in JSON",
+            "write one object per line: `jq -c '.[]' FILE > log.jsonl`",
+        ));
+    }
+    let is_echo = rest(b"header:").is_some_and(|rest| rest.trim_ascii_start().starts_with(b"s"));
+    is_echo.then_some((
+        "YAML of messages as ROS prints them",
+        "print them as CSV: `ros2 topic echo --csv TOPIC`, or in ROS 1 `rostopic echo -p TOPIC`",
+    ))
 }
 
 /// Returns true if a file begins with a MATLAB level 4 matrix, which has no signature: five integers (type,
@@ -172,6 +190,9 @@ mod tests {
             (b"\x89HDF\r\n\x1a\n\0", Table(FileKind::Hdf5)),
             (&[&[b' '; 512][..], HDF5].concat(), Table(FileKind::Hdf5)),
             (b"MATLAB 5.0 MAT-file, ", Table(FileKind::Matlab)),
+            (b"SQLite format 3\0", Table(FileKind::Sqlite)),
+            (b"#ROSBAG V2.0\n", Table(FileKind::Rosbag)),
+            (b"TDSm\x0e\0\0\0", Table(FileKind::Tdms)),
             (&untitled, Table(FileKind::Matlab)),
             (b"PK\x03\x04....[Content_Types].xml", Table(FileKind::Xlsx)),
             (b"t_s,s1,s2\n", Unknown),
@@ -187,7 +208,6 @@ mod tests {
             (b"\xff\xff\xff\xff\x10\x02\0\0", "an Arrow or Feather file"),
             (b"PK\x03\x04....arr_0.npy", "an archive of NumPy arrays (.npz)"),
             (b"PK\x03\x04....notes.txt", "a zip archive"),
-            (b"SQLite format 3\0", "an SQLite database"),
             (b"CDF\x02\0\0", "a netCDF-3 file"),
             (b"\x02\x50\x06\0", "a C3D motion capture file"),
             // `scipy.io.savemat(…, {"xy": …}, format="4")` with 3 by 2 numbers, and the big-endian

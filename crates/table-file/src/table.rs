@@ -8,7 +8,7 @@ use crate::format::{
     ColumnPart, FileSource, FoundTable, RowSource, RowStream, TableColumn, TablePart, WantedColumn,
 };
 use crate::kind::{FileKind, TableError};
-use crate::{hdf5, mat5, mcap, npy, parquet, xdf, xlsx};
+use crate::{hdf5, mat5, npy, parquet, recording, tdms, xdf, xlsx};
 
 /// A table in a file.
 #[derive(Clone, Debug)]
@@ -33,9 +33,12 @@ impl Table {
         let FoundTable { columns, rows, mut notes, is_cut_off } = match kind {
             FileKind::Hdf5 => hdf5::open(file, part)?,
             FileKind::Matlab => mat5::open(file, part)?,
-            FileKind::Mcap => mcap::open(file, part)?,
+            FileKind::Mcap | FileKind::Rosbag | FileKind::Sqlite => {
+                recording::open(kind, file, part)?
+            }
             FileKind::NumPy => npy::open(file)?,
             FileKind::Parquet => parquet::open(file)?,
+            FileKind::Tdms => tdms::open(file, part)?,
             FileKind::Xdf => xdf::open(file, part)?,
             FileKind::Xlsx => xlsx::open(file, part)?,
         };

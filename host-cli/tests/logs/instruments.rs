@@ -99,6 +99,86 @@ fn write_files(dir: &Path) {
             table("", &|at| format!("14:24:42.{:03} -> {},{}", 20 * at, 1500 + at, 1600 - at)),
         ),
         (
+            "data.log",
+            table("", &|at| format!("{at} {:.2} {}", 1.4e9 + at as f64 / 100.0, six(at, " "))),
+        ),
+        (
+            "kistler.txt",
+            table(
+                "BioWare(R) Version 5.3.0.7\nSamples/channel:\t40\n\nabs time (s)\tFx\tFy\tFz\tMx\tMy\tMz\n\
+                 s\tN\tN\tN\tN·m\tN·m\tN·m\n",
+                &|at| format!("{:.2}\t{}", at as f64 / 100.0, six(at, "\t")),
+            ),
+        ),
+        (
+            "grf.mot",
+            table(
+                "grf\nversion=1\nendheader\ntime\tground_force_vx\tground_force_vy\tground_force_vz\t\
+                 ground_torque_x\tground_torque_y\tground_torque_z\n",
+                &|at| format!("{:.2}\t{}", at as f64 / 100.0, six(at, "\t")),
+            ),
+        ),
+        ("ft300.txt", table("", &|at| format!("( {} )", six(at, " , ")))),
+        (
+            "hx711.txt",
+            table("HX711 calibration sketch\nRemove all weight from scale\n", &|at| {
+                format!("Reading: {:.1} lbs calibration_factor: -7050.00", load(at))
+            }),
+        ),
+        (
+            "putty.log",
+            table(
+                &format!(
+                    "=~=~=~= PuTTY log 2026.03.01 10:22:33 =~=~=~=\n03,1987,2010\nt_ms,{channels}\n"
+                ),
+                &|at| format!("{},{}", 10 * at, eight(at, ",")),
+            ),
+        ),
+        (
+            "teraterm.log",
+            table("", &|at| {
+                format!("[2026-03-01 14:24:42.{:03}] {},{}", 20 * at, 1500 + at, 1600 - at)
+            }),
+        ),
+        (
+            "timetable.csv",
+            table("Time,Fx,Fy,Fz,Mx,My,Mz\n", &|at| {
+                format!("01-Mar-2026 14:24:42.{:03},{}", 20 * at, six(at, ","))
+            }),
+        ),
+        (
+            "plates.csv",
+            table(
+                "Devices\n1000\n,,Plate - Force,,,Plate - Moment,,\nFrame,Sub Frame,Fx,Fy,Fz,Mx,My,Mz\n\
+                 ,,N,N,N,N.mm,N.mm,N.mm\n",
+                &|at| match at {
+                    20 => "\nTrajectories\n100\n,,LASI,,,RASI,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z"
+                        .to_owned(),
+                    _ => format!("{at},0,{}", six(at, ",")),
+                },
+            ),
+        ),
+        (
+            "units.lvm",
+            table(
+                "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tNo\n\
+                 ***End_of_Header***\t\n\t\nChannels\t2\t\t\nY_Unit_Label\tlbf\tlbf-in\t\nDelta_X\t0.01\t0.01\t\n\
+                 ***End_of_Header***\t\t\t\nX_Value\tFx\tMx\tComment\n",
+                &|at| format!("\t{:.3}\t{:.3}\t", load(at), load(at + 1)),
+            ),
+        ),
+        (
+            "midnight.csv",
+            table(&format!("time,{channels}\n"), &|at| match at {
+                0..20 => format!("23:59:{:02},{}", 40 + at, eight(at, ",")),
+                _ => format!("00:00:{:02},{}", at - 20, eight(at, ",")),
+            }),
+        ),
+        (
+            "trailing.csv",
+            table(&format!("t_s,{channels}\n"), &|at| format!("{at},{},", eight(at, ","))),
+        ),
+        (
             "pounds.csv",
             table("t_s,Fx (lbf),Fy (lbf),Fz (lbf),Tx (lbf-in),Ty (lbf-in),Tz (lbf-in)\n", &|at| {
                 format!("{},{}", at as f64 / 100.0, six(at, ","))
@@ -131,6 +211,20 @@ fn write_files(dir: &Path) {
         ),
     ] {
         fs::write(dir.join(name), text).unwrap();
+    }
+    // A spreadsheet on Windows writes `µ` and `·` as single bytes.
+    let german = table("Datum;Fx [N];Mx [N·m]\r\n", &|at| {
+        format!("1.3.2026 14:24:{at:02};{};{}\r", load(at), load(at)).replace("-", "-0,")
+    });
+    let bytes: Vec<u8> = german.chars().map(|c| u8::try_from(c).unwrap()).collect();
+    fs::write(dir.join("german.csv"), bytes).unwrap();
+    let seeds = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates/log-file/fuzz/seeds");
+    for (seed, name) in [
+        ("tdms/waveform.tdms", "run.tdms"),
+        ("rosbag/lz4.bag", "run.bag"),
+        ("sqlite/bag.db3", "run.db3"),
+    ] {
+        fs::copy(seeds.join(seed), dir.join(name)).unwrap();
     }
 }
 
@@ -175,6 +269,38 @@ fn decisions_about_the_head_are_reported() {
             &["rows of several sensors alternate, by `name`: `A`, `B`", "--where 'name=A'"],
         ),
         ("info two.csv --where name=B", &["rows      20", "500.00 Hz"]),
+        ("info kistler.txt", &["units from line 5", "time (s)", "100.00 Hz"]),
+        ("info hx711.txt --wrench fz=1", &["lines of labels and values", "Fz (N, from lbf)"]),
+        ("info timetable.csv", &["1772375082.000000 s", "50.00 Hz"]),
+        ("info german.csv", &["1.00 Hz", "Mx (N·m)"]),
+        (
+            "info midnight.csv",
+            &["1.00 Hz", "midnight passed at 86400.000000 s", "86380.000000 s to 86419"],
+        ),
+        ("info trailing.csv", &["rows      40", "sensor 8"]),
+        (
+            "info plates.csv",
+            &[
+                "Vicon export",
+                "data from line 6 to the next blank line",
+                "rows      20",
+                "1000 Hz from line 2",
+            ],
+        ),
+        (
+            "info units.lvm",
+            &[
+                "LabVIEW measurement file",
+                "units from line 8",
+                "Fx (N, from lbf)",
+                "Mx (N·m, from lbf·in)",
+                "100 Hz",
+            ],
+        ),
+        ("info run.lvm", &["LabVIEW measurement file", "names from line 9", "100.00 Hz"]),
+        ("info stream.jsonl", &["JSON lines", "names from the keys of each line"]),
+        ("info run.tdms", &["TDMS file", "rows      24", "100.00 Hz", "Mx (N·m)"]),
+        ("info run.db3", &["rows      24", "sensor 8", "Mx (N·m)"]),
         ("info unnamed.csv --unit force=kN", &["Fx (N, from kN)", "taken as N·m: Mx, My, Mz"]),
     ] {
         let text = program::run(dir.path(), command, 0);
@@ -202,7 +328,7 @@ fn many_wrong_rows_are_skipped_only_on_request() {
     let text = format!("t_s,s1,s2\n{}", (1..80).map(row).collect::<String>());
     fs::write(dir.path().join("log.csv"), text).unwrap();
     let said = program::run(dir.path(), "info log.csv --skip-bad-rows", 2);
-    let expected = "19 of 79 rows are wrong, the first at line 5: column 2 (`s1`): expected a number, found `x`";
+    let expected = "19 of 79 rows are wrong, all in column `s1`; the first at line 5: column 2 (`s1`): expected a number, found `x`";
     assert!(said.replace("\n", " ").contains(expected), "{said}");
     let said = program::run(dir.path(), "info log.csv --skip-bad-rows=all", 0);
     assert!(said.contains("19 bad rows"), "{said}");

@@ -21,6 +21,7 @@ mod convert_formats;
 mod drift;
 mod foreign;
 mod foreign_tables;
+mod hints;
 mod hostile;
 mod instruments;
 mod kept_columns;

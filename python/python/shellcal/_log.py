@@ -13,7 +13,24 @@ from ._errors import OptionError
 from ._files import PathLike
 from ._native import read_log as _read_log
 
-_COLUMNS = ("format", "sensors", "wrench", "time", "group", "time_unit", "moment_unit")
+_COLUMNS = (
+    "format",
+    "table",
+    "header_line",
+    "skip_lines",
+    "sensors",
+    "wrench",
+    "time",
+    "group",
+    "time_unit",
+    "moment_unit",
+    "unit",
+    "where",
+    "exclude_group",
+)
+
+# Options of which several values are conditions of their own.
+_SEVERAL = ("where", "exclude_group")
 
 
 class Table(Mapping[str, npt.NDArray[Any]]):
@@ -99,11 +116,17 @@ def read_log(path: PathLike, **options: Any) -> Table:
     ----------
     path : path
         The log, also compressed with gzip.
-    format, sensors, wrench, time, group, time_unit, moment_unit : str, optional
+    format, table, sensors, wrench, time, group, time_unit, moment_unit, unit : str, optional
         Meanings of the columns, if their names do not tell, as for the options of ``shellcal fit``: ``wrench`` names
-        six columns, or some with their axes (``fx=a,fz=b``).
-    skip_bad_rows : bool
-        Leaves out invalid rows.
+        six columns, or some with their axes (``fx=a,fz=b``), ``unit`` the units (``force=kN,moment=N·mm``).
+    header_line, skip_lines : int, optional
+        The line that names the columns, from 1, or the number of lines to ignore at the start of a text.
+    where : str or list of str, optional
+        Reads only rows that meet all conditions: ``name=A``, ``load>2``.
+    exclude_group : str or list of str, optional
+        Groups whose rows are left out.
+    skip_bad_rows : bool or "all"
+        Leaves out invalid rows, up to a tenth of a log, or all.
     threads : int
         0 for one per core.
 
@@ -127,12 +150,14 @@ def read_log(path: PathLike, **options: Any) -> Table:
     return Table(found, about)
 
 
-def reading(options: dict[str, Any]) -> tuple[dict[str, str], bool, int]:
+def reading(options: dict[str, Any]) -> tuple[dict[str, str], str, int]:
     """Converts the options of reading a log to the core's."""
     options = dict(options)
     skip, threads = options.pop("skip_bad_rows", False), options.pop("threads", 0)
     if not isinstance(threads, int) or not 0 <= threads <= 1024:
         raise OptionError(f"threads is {threads!r}, expected an integer from 0 to 1024")
+    if skip not in (False, True, "all"):
+        raise OptionError(f"skip_bad_rows is {skip!r}, expected True, False or 'all'")
     columns = {}
     for name, value in options.items():
         if name not in _COLUMNS:
@@ -140,6 +165,7 @@ def reading(options: dict[str, Any]) -> tuple[dict[str, str], bool, int]:
         if value is None:
             continue
         if isinstance(value, (list, tuple)):
-            value = ",".join(str(part) for part in value)
+            separator = "\n" if name in _SEVERAL else ","
+            value = separator.join(str(part) for part in value)
         columns[name] = str(value)
-    return columns, bool(skip), threads
+    return columns, "all" if skip == "all" else "few" if skip else "", threads

@@ -17,7 +17,7 @@ _Rows = tuple[
 ]
 _Made = tuple[str, str]
 _What = tuple[str, bool, str | None, int]
-_Reading = tuple[dict[str, str], bool, int]
+_Reading = tuple[dict[str, str], str, int]
 
 __version__: str
 

@@ -6,6 +6,7 @@ use super::meaning::{
     unit_in_name, without_unit,
 };
 use crate::error::PlacedProblem;
+use crate::parse::date::DateOrder;
 use shell_data::unit::{Quantity, Scale, Unit};
 use shell_data::wrench::{Axis, PerAxis};
 
@@ -163,7 +164,9 @@ fn specify_units(columns: &mut [Column], mapping: &Mapping) -> Result<(), Placed
             is_axis || kind.eq_ignore_ascii_case(key) || column.name == key
         };
         let of_list = |list: &[(String, String)]| {
-            let last = list.iter().rev().find(|(key, _)| is_of(key));
+            // An order of day and month is not a unit.
+            let is_unit = |unit: &str| DateOrder::from_option(unit).is_none();
+            let last = list.iter().rev().find(|(key, unit)| is_of(key) && is_unit(unit));
             last.map(|(_, unit)| StatedUnit::new(unit, quantity))
         };
         let usual = || of_list(&mapping.usual_units).filter(|_| column.unit == StatedUnit::None);
@@ -195,7 +198,7 @@ fn apply_mapping(
         mapped.extend(channels.map(|(channel, column)| (Meaning::Sensor(channel), column)));
     }
     if let Some(wrench) = &mapping.wrench {
-        let loads = Axis::ALL.into_iter().zip(wrench.clone());
+        let loads = Axis::ALL.into_iter().zip(wrench_columns(names, wrench));
         mapped.extend(
             loads.filter_map(|(axis, column)| Some((Meaning::Load(axis, Scale::ONE), column?))),
         );
@@ -231,8 +234,35 @@ fn apply_mapping(
 
 /// Returns the existing column names of a matrix `name`.
 fn columns_of(names: &[String], name: &str) -> Vec<String> {
-    let numbered = (1..).map(|number| format!("{name}{number}"));
-    numbered.take_while(|column| names.contains(column)).collect()
+    let numbered = |first: usize, [before, after]: [&str; 2]| -> Vec<String> {
+        let columns = (first..).map(|number| format!("{name}{before}{number}{after}"));
+        columns.take_while(|column| names.contains(column)).collect()
+    };
+    let forms = [["", ""], ["_", ""], [".", ""], ["[", "]"]];
+    let all = forms.into_iter().flat_map(|form| [numbered(1, form), numbered(0, form)]);
+    all.max_by_key(Vec::len).unwrap_or_default()
+}
+
+/// Returns the columns of a wrench; those that the user names by a matrix may have other names in the log.
+fn wrench_columns(
+    names: &[String],
+    wrench: &PerAxis<Option<ColumnRef>>,
+) -> PerAxis<Option<ColumnRef>> {
+    let stem = || match wrench.first() {
+        Some(Some(ColumnRef::Name(first))) => first.strip_suffix('1'),
+        _ => None,
+    };
+    let is_there = |column: &Option<ColumnRef>| {
+        column.as_ref().is_none_or(|column| position(names, column).is_some())
+    };
+    if wrench.iter().all(is_there) {
+        return wrench.clone();
+    }
+    let columns = stem().map(|stem| columns_of(names, stem)).unwrap_or_default();
+    match <[String; 6]>::try_from(columns) {
+        Ok(six) => six.map(|name| Some(ColumnRef::Name(name))),
+        Err(_) => wrench.clone(),
+    }
 }
 
 /// Extends `mapping` for a file of matrices, if neither the mapping nor the names identify readings and
@@ -381,7 +411,7 @@ fn recognise_other_readings(names: &[String], meanings: &mut [Meaning]) {
 }
 
 /// Other names of a clock, in order of preference: used if no column has a usual name.
-const OTHER_TIMES: [&str; 12] = [
+const OTHER_TIMES: [&str; 25] = [
     "elapsedtime",
     "timeelapsed",
     "xvalue",
@@ -389,11 +419,24 @@ const OTHER_TIMES: [&str; 12] = [
     "micros",
     "millis",
     "datetime",
+    "rosbagtimestamp",
     "headerstamp",
     "fieldheaderstamp",
     "stamp",
     "hosttime",
     "systemtime",
+    "abstime",
+    "reltime",
+    "relativetime",
+    "elapsed",
+    "unixtime",
+    "epoch",
+    "rxdatetime",
+    "zeit",
+    "uhrzeit",
+    "datum",
+    "date",
+    "ts",
 ];
 
 /// Recognises the time by another name.

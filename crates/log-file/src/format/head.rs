@@ -10,8 +10,9 @@ use super::layout::{LayoutLine, fields, texts};
 use super::mapping::{LogFormat, Mapping};
 use super::meaning::{Meaning, meaning_of};
 use crate::error::FieldProblem;
-use crate::parse::form::{RowBody, RowForm, behind_arrow, labelled, object};
-use crate::parse::number::{parse_date, parse_field, with_points};
+use crate::parse::date::is_date;
+use crate::parse::form::{RowBody, RowForm, behind_arrow, labelled, object, without_brackets};
+use crate::parse::number::{parse_field, with_points};
 use memchr::memchr;
 use shell_data::unit::Unit;
 
@@ -34,6 +35,9 @@ pub(crate) struct Head {
 
 /// The largest number of lines between the names and the first row.
 const ABOVE: usize = 4;
+
+/// The largest number of lines that a board prints when it starts.
+const STARTING: usize = 40;
 
 /// Finds the rows of a text; `None` if no lines are similar.
 pub(crate) fn find(
@@ -63,9 +67,27 @@ pub(crate) fn find(
             body.filter(|_| has_arrow).map_or(line.text, |(_, rest)| rest.as_bytes())
         })
         .collect();
-    let mut found = of_objects(&lines, &texts)
+    let in_brackets = |text: &&[u8]| {
+        text.trim_ascii_end().ends_with(b")") || text.trim_ascii_end().ends_with(b"]")
+    };
+    let has_brackets = 2 * texts.iter().filter(|text| in_brackets(text)).count() > texts.len();
+    let bare: Vec<String> = match has_brackets {
+        true => texts.iter().map(|text| without_brackets(&String::from_utf8_lossy(text))).collect(),
+        false => Vec::new(),
+    };
+    let of_fields = || match has_brackets {
+        true => {
+            let bare: Vec<&[u8]> = bare.iter().map(String::as_bytes).collect();
+            let mut found = of_fields(&lines, &bare, declared, mapping)?;
+            found.form.has_brackets = true;
+            Some(found)
+        }
+        false => of_fields(&lines, &texts, declared, mapping),
+    };
+    let mut found = of_labview(&lines)
+        .or_else(|| of_objects(&lines, &texts))
         .or_else(|| of_labels(&lines, &texts))
-        .or_else(|| of_fields(&lines, &texts, declared, mapping))?;
+        .or_else(of_fields)?;
     if has_arrow {
         found.form.has_arrow = true;
         found.separator = found.form.separator(found.separator);
@@ -116,6 +138,43 @@ fn declared_separator(line: &[u8]) -> Option<u8> {
     }
 }
 
+/// The line that ends each of the two headers of a LabVIEW measurement file.
+const END_OF_HEADER: &[u8] = b"***End_of_Header***";
+
+/// Recognises a LabVIEW measurement file, whose second header describes the channels in the columns of the
+/// rows.
+fn of_labview(lines: &[LayoutLine<'_>]) -> Option<Head> {
+    if !lines.first()?.text.starts_with(b"LabVIEW Measurement") {
+        return None;
+    }
+    let end = lines.iter().take(STARTING).rposition(|line| line.text.starts_with(END_OF_HEADER))?;
+    let (names, first) = (lines.get(end + 1)?, lines.get(end + 2)?);
+    let is_comma = |line: &LayoutLine<'_>| line.text.starts_with(b"Separator,");
+    let separator = if lines[..end].iter().any(is_comma) { b',' } else { b'\t' };
+    let fields = |line: &LayoutLine<'_>| to_names(&split(line.text, separator));
+    let mut names = (names.number, fields(names));
+    let columns = split(first.text, separator).len().max(names.1.len());
+    names.1.resize(columns, String::new());
+    let units = lines[..end].iter().find(|line| line.text.starts_with(b"Y_Unit_Label"));
+    let units = units.map(|line| {
+        let mut units = fields(line);
+        // The key stands in the column of times.
+        units[0].clear();
+        (line.number, units)
+    });
+    let lines_of_keys = lines[..end].iter().map(|line| (line.number, line.text));
+    Some(Head {
+        separator,
+        names: Some(names),
+        units,
+        rows_start: first.start,
+        rows_line: first.number,
+        columns,
+        keys: Keys { is_labview: true, ..Keys::new(lines_of_keys) },
+        ..Head::default()
+    })
+}
+
 /// Recognises lines that are JSON objects.
 fn of_objects(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
     let fields = |text: &&[u8]| str::from_utf8(text).ok().and_then(object);
@@ -131,7 +190,7 @@ fn of_labels(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
         Some(pairs.into_iter().map(|(label, _)| label).collect())
     };
     // A board may print a few lines when it starts.
-    let at = (0..texts.len().min(2 * ABOVE)).find(|&at| {
+    let at = (0..texts.len().min(STARTING)).find(|&at| {
         let rows = texts[at..].iter().take(3);
         rows.len() > 1
             && rows.map(|text| labels(text)).all(|of| of.is_some() && of == labels(texts[at]))
@@ -143,7 +202,7 @@ fn of_labels(lines: &[LayoutLine<'_>], texts: &[&[u8]]) -> Option<Head> {
 fn of_form(body: RowBody, names: Vec<String>, first: LayoutLine<'_>) -> Head {
     Head {
         separator: b'\t',
-        form: RowForm { has_arrow: false, body },
+        form: RowForm { body, ..RowForm::default() },
         columns: names.len(),
         names: Some((first.number, names)),
         rows_start: first.start,
@@ -199,12 +258,17 @@ fn of_fields(
     let shape = &shapes[first];
     let (separator, columns) = shape.key();
     let above = (0..first).rev().take(ABOVE);
+    // Some boards write a separator behind the last value.
+    let ends_empty =
+        split(texts[first], separator).last().is_some_and(|it| it.trim_ascii().is_empty());
     let of_names = |at: usize| {
         let text = uncommented(texts[at]).unwrap_or(texts[at]);
         let names = split(text, separator);
         let named = names.iter().filter(|name| !name.trim_ascii().is_empty()).count();
         let is_text = !names.iter().any(|name| is_numeric(name, separator));
-        (names.len() == columns && 2 * named >= columns && is_text).then(|| (at, to_names(&names)))
+        let mut names = to_names(&names);
+        names.extend((names.len() + 1 == columns && ends_empty).then(String::new));
+        (names.len() == columns && 2 * named >= columns && is_text).then_some((at, names))
     };
     let candidates: Vec<(usize, Vec<String>)> = match mapping.header_line {
         Some(number) => {
@@ -222,7 +286,7 @@ fn of_fields(
     let units = candidates.first().filter(|(at, _)| names.is_some_and(|(names, _)| at > names));
     let keys_end = names.map_or(first, |(at, _)| *at);
     let body = if separator == BLANK { RowBody::Blanks } else { RowBody::Separated };
-    let form = RowForm { has_arrow: false, body };
+    let form = RowForm { body, ..RowForm::default() };
     // Lines between the names and the first good row are rows as well, although bad ones.
     let last_named = units.or(names).map(|(at, _)| *at);
     let is_text = |at: &usize| uncommented(texts[*at]).is_none();
@@ -319,9 +383,7 @@ fn split(text: &[u8], separator: u8) -> Vec<Vec<u8>> {
 pub(super) fn is_numeric(field: &[u8], separator: u8) -> bool {
     let is_number =
         |field: &[u8]| matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite));
-    is_number(field)
-        || (separator != b',' && is_number(&with_points(field)))
-        || parse_date(field).is_ok()
+    is_number(field) || (separator != b',' && is_number(&with_points(field))) || is_date(field)
 }
 
 /// Returns the most frequent separator of a line outside quotes; blanks if a line of numbers has no other,
@@ -344,6 +406,9 @@ pub(crate) fn line_separator(line: &[u8]) -> u8 {
         None => {}
     }
     let parts = split(line, BLANK);
+    if parts.iter().any(|part| part == b",") {
+        return b',';
+    }
     let are_numbers = parts.iter().filter(|part| is_numeric(part, BLANK)).count();
     match parts.len() > 1 && parts.len() + 1 > counts[0] && 2 * are_numbers > parts.len() {
         true => BLANK,

@@ -11,6 +11,10 @@ pub(crate) struct Keys {
     pub(crate) units: [Option<(String, u64)>; 2],
     /// Counts per unit of force and of moment.
     pub(crate) counts: [Option<(f64, u64)>; 2],
+    /// True for a LabVIEW measurement file.
+    pub(crate) is_labview: bool,
+    /// True for an export from Vicon, whose sections end at a blank line.
+    pub(crate) is_vicon: bool,
 }
 
 /// Endings of keys for the number of rows per second.
@@ -53,6 +57,7 @@ impl Keys {
                 && let Ok(rate) = line.parse()
             {
                 keys.set_rate(rate, number);
+                keys.is_vicon = true;
             }
             if let Some((key, value)) = line.split_once([':', '=', '\t', ',', ';']) {
                 keys.read(key, value.trim_matches(['"', ' ', '\t', ',', ';']), number);

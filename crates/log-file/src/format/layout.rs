@@ -3,6 +3,7 @@
 use memchr::memchr;
 
 use super::choice::{Comparison, Interleaving, PlacedCondition};
+use super::clock::{CLOCK_ROWS, ClockFields, DateColumn, is_since_1970};
 use super::columns::{Column, ColumnRoles, by_shape, positions, recognise};
 use super::head::{self, Head, line_separator, numbered};
 use super::keys::Keys;
@@ -11,12 +12,11 @@ use super::meaning::{Meaning, StatedUnit};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::parse::console;
 use crate::parse::form::{RowBody, RowForm};
-use crate::parse::number::{parse_date, parse_field, with_points};
+use crate::parse::number::{parse_field, with_points};
 use crate::parse::rows::{is_comment, quoted_fields};
 use crate::stream::chunk::line_ends;
 use crate::stream::clock_turns::{ClockTurns, TURN};
 use crate::stream::source::LogSource;
-use shell_data::statistics::upper_median;
 use shell_data::unit::{Quantity, Scale, Unit};
 use table_file::{FileKind, Table};
 
@@ -31,8 +31,8 @@ pub(crate) struct FileLayout {
     pub(crate) roles: ColumnRoles,
     /// The line number of the first row, from 1.
     pub(crate) rows_line: u64,
-    /// True if times are dates in ISO 8601, or times of day.
-    pub(crate) has_dates: bool,
+    /// The notation of times that are dates or times of day.
+    pub(crate) dates: Option<DateColumn>,
     /// Rows per second, if no column is a time but a line above the names states the rate.
     pub(crate) rate_hz: Option<f64>,
     /// True if the first time is an integer in ms, µs or ns that fits 32 bits.
@@ -46,21 +46,19 @@ pub(crate) struct FileLayout {
 }
 
 impl FileLayout {
-    /// Returns the clock if it has 32 bits and may wrap around: the robot's in µs, or integers in another
-    /// unit.
+    /// Returns the clock if it may wrap around: the robot's in µs, integers of 32 bits in another unit, or
+    /// the time of day.
     pub(crate) fn clock(&self) -> Option<ClockTurns> {
         let column = self.roles.time?;
         let per = self.columns[column].meaning.scale().per;
-        if self.header.format != LogFormat::Telemetry {
-            let clock = || {
-                let form = self.header.form.clone();
-                ClockTurns::new(form, self.header.separator, column).of_counter()
-            };
-            return self.counts_in_32_bits.then(clock);
+        let clock = ClockTurns::new(self.header.form.clone(), self.header.separator, column);
+        if self.header.format == LogFormat::Telemetry {
+            return (per == 1e6).then_some(clock);
         }
-        let in_us = per == 1e6;
-        let form = self.header.form.clone();
-        in_us.then(|| ClockTurns::new(form, self.header.separator, column))
+        match &self.dates {
+            Some(dates) => dates.is_of_day.then(|| clock.of_day()),
+            None => self.counts_in_32_bits.then(|| clock.of_counter()),
+        }
     }
 }
 
@@ -104,6 +102,24 @@ impl Header {
     }
 }
 
+impl Header {
+    /// Names the kind of text.
+    pub(crate) fn kind(&self) -> String {
+        match &self.form.body {
+            _ if self.keys.is_labview => "LabVIEW measurement file".to_owned(),
+            _ if self.keys.is_vicon => "Vicon export".to_owned(),
+            RowBody::Json(_) => "JSON lines".to_owned(),
+            RowBody::Labels(_) => "lines of labels and values".to_owned(),
+            RowBody::Blanks | RowBody::Separated => self.format.to_string(),
+        }
+    }
+
+    /// Returns true if the rows end at the first blank line.
+    pub(crate) fn ends_at_blank(&self) -> bool {
+        self.keys.is_vicon
+    }
+}
+
 /// Recognises the layout of the log that starts with `head`; `whole` if that is the whole log.
 pub(crate) fn recognise_layout(
     source: &LogSource,
@@ -135,47 +151,47 @@ pub(crate) fn recognise_layout(
     let rows = head.get(rows_start..).unwrap_or_default();
     let made = (!header.form.is_plain()).then(|| header.form.separated(rows, separator));
     let rows = made.as_deref().unwrap_or(rows);
-    let first = lines(rows, 0, 1).next().map(|line| fields(line.text, separator));
-    let is_time = |field: &Vec<u8>| {
-        parse_date(field).is_ok() || parse_field(field).is_ok() || is_number(&with_points(field))
+    let clock_at = |at: usize| ClockFields::new(rows, separator, at);
+    let order = mapping.for_columns(names).date_order();
+    let is_time = |clock: &ClockFields| {
+        let is_number = |field: &[u8]| parse_field(field).is_ok() || is_number(&with_points(field));
+        match clock.dates(order) {
+            // A clock that shows whole seconds, such as in ATI's demo, is less useful than the rate.
+            Some(_) => !clock.rests(),
+            None => clock.first().is_some_and(is_number),
+        }
     };
-    let mut time_of = |at: usize| first.as_ref().and_then(|fields| fields.get(at));
-    // A time in words, such as in ATI's demo, is less useful than the rate.
     let said_rate = header.keys.rate_hz.filter(|_| header.format == LogFormat::Csv);
     if said_rate.is_some()
         && let Some(at) = roles.time
-        && !time_of(at).is_some_and(is_time)
+        && !is_time(&clock_at(at))
     {
         columns[at] =
             Column { meaning: Meaning::Other, unit: StatedUnit::None, ..columns[at].clone() };
         roles.time = None;
     }
     let rate_hz = said_rate.filter(|_| roles.time.is_none()).map(|(rate, _)| rate);
-    let first_time = roles.time.and_then(&mut time_of);
-    let has_dates = first_time.is_some_and(|field| parse_date(field).is_ok());
-    if let (true, Some(at)) = (has_dates, roles.time) {
+    let clock = roles.time.map(clock_at);
+    let dates = clock.as_ref().and_then(|clock| clock.dates(order));
+    if let (Some(_), Some(at)) = (&dates, roles.time) {
         columns[at].set_unit(TimeUnit::Second.into());
     }
-    if let (Some(at), None) = (roles.time, mapping.time_unit)
+    if let (Some(at), Some(clock), None) = (roles.time, &clock, mapping.time_unit)
         && columns[at].meaning == Meaning::Time(Scale::ONE)
         && columns[at].unit == StatedUnit::None
     {
-        let step = || median_step(rows, 0, separator, at);
-        let unit = match first_time.and_then(|field| epoch_unit(field)) {
-            None => step().map(unit_by_step).transpose(),
-            epoch => Ok(epoch),
-        };
         let unclear = |step| PlacedProblem::UnclearTimeUnit { column: names[at].clone(), step };
-        if let Some(unit) = unit.map_err(|step| error(unclear(step)))? {
+        if let Some(unit) = clock.unit().map_err(|step| error(unclear(step)))? {
             columns[at].set_unit(unit.into());
         }
     }
     let rows_line = 1 + line_ends(&head[..rows_start]);
+    let first_time = clock.as_ref().and_then(ClockFields::first);
     let counts_in_32_bits = roles.time.is_some_and(|at| {
         let is_count = |time: f64| time.fract() == 0.0 && (0.0..TURN).contains(&time);
         let is_small = columns[at].meaning.scale().per >= 1e3;
         let first = first_time.and_then(|field| parse_field(field).ok());
-        source.as_table().is_none() && is_small && !has_dates && first.is_some_and(is_count)
+        is_small && dates.is_none() && first.is_some_and(is_count)
     });
     let conditions = conditions(names, roles.group, &header, mapping).map_err(error)?;
     let interleaving = interleaving(rows, separator, &columns)
@@ -186,7 +202,7 @@ pub(crate) fn recognise_layout(
         columns,
         roles,
         rows_line,
-        has_dates,
+        dates,
         rate_hz,
         counts_in_32_bits,
         conditions,
@@ -286,12 +302,13 @@ fn decisions(header: &Header, rows_line: u64, takes_rate: bool) -> Vec<String> {
         _ => said.push("no names".to_owned()),
     }
     said.extend(header.units_line.map(|line| format!("units from line {line}")));
-    said.push(format!("data from line {rows_line}"));
+    let to = if header.keys.is_vicon { " to the next blank line" } else { "" };
+    said.push(format!("data from line {rows_line}{to}"));
     if header.form.body == RowBody::Blanks {
         said.push("columns between blanks".to_owned());
     }
     if header.form.has_arrow {
-        said.push("time before `->`".to_owned());
+        said.push("time before the values of a line".to_owned());
     }
     if let (Some((rate, line)), true) = (header.keys.rate_hz, takes_rate) {
         said.push(format!("{rate} Hz from line {line}, as time"));
@@ -316,46 +333,6 @@ fn grouped(number: f64) -> String {
     format!("{}{rest}", groups.join(","))
 }
 
-/// Determines the unit of a clock that counts from 1970 by the number of digits: in the years 2001 to 2286 it
-/// has ten digits in s, thirteen in ms, and so on.
-fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
-    let time = parse_field(first).ok()?;
-    let has_digits = |digits: i32| (10_f64.powi(digits - 1)..10_f64.powi(digits)).contains(&time);
-    let mut units = TimeUnit::ALL.into_iter().zip([10, 13, 16, 19]);
-    units.find(|(_, digits)| has_digits(*digits)).map(|(unit, _)| unit)
-}
-
-/// Determines the unit of a clock with integer times from their step per row, assuming that it is between 100
-/// µs and 2 s. A step below one hundred is taken for seconds, the default for a time without a unit.
-///
-/// # Errors
-/// The step, if two units are possible.
-fn unit_by_step(step: f64) -> Result<TimeUnit, f64> {
-    match step {
-        ..100.0 => Ok(TimeUnit::Second),
-        2e3..5e5 => Ok(TimeUnit::Microsecond),
-        2e6.. => Ok(TimeUnit::Nanosecond),
-        _ => Err(step),
-    }
-}
-
-/// Number of rows that are examined for the unit of a clock.
-const CLOCK_ROWS: usize = 64;
-
-/// Returns the median step from row to row of times that are increasing integers.
-fn median_step(head: &[u8], rows_start: usize, separator: u8, at: usize) -> Option<f64> {
-    // The last line of the head may be cut off.
-    let lines = lines(head, rows_start, 1).filter(|line| line.next < head.len()).take(CLOCK_ROWS);
-    let time = |line: LayoutLine<'_>| parse_field(fields(line.text, separator).get(at)?).ok();
-    let times: Vec<f64> = lines.filter_map(time).collect();
-    if times.iter().any(|time| time.fract() != 0.0) {
-        return None;
-    }
-    let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
-    let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
-    upper_median(&mut steps)
-}
-
 const BYTE_ORDER_MARK: &[u8] = b"\xef\xbb\xbf";
 
 fn read_header(
@@ -370,7 +347,16 @@ fn read_header(
     if memchr(b'\r', first.text).is_some() {
         return Err(source.error_at(first.number, PlacedProblem::CarriageReturns));
     }
-    if !whole && first.next == head.len() && !head.ends_with(b"\n") {
+    let is_long = !whole && first.next == head.len() && !head.ends_with(b"\n");
+    if first.text.trim_ascii_start().starts_with(b"{")
+        && (is_long || first.text.trim_ascii() == b"{")
+    {
+        let what = "a JSON document";
+        let remedy = "write CSV, or one object per line: in Python \
+                      `pandas.read_json(FILE).to_csv('log.csv')`";
+        return Err(LogError::Foreign { path: source.path.clone(), what, remedy });
+    }
+    if is_long {
         return Err(source.error_at(first.number, PlacedProblem::LineTooLong(head.len())));
     }
     let format = match mapping.format {
@@ -467,7 +453,11 @@ fn separated_header(
     }
     // Columns in an unknown order are useful only if the user specifies some of them.
     if mapping.sensors.is_none() && mapping.wrench.is_none() && mapping.time.is_none() {
-        return Err(source.error_at(rows_line, PlacedProblem::UnknownLayout(columns)));
+        let rows = header.form.separated(&head[rows_start..], separator);
+        let first = lines(&rows, 0, 1).next().map(|line| fields(line.text, separator));
+        let time = first.iter().flatten().position(|field| is_since_1970(field));
+        let time = time.map_or(1, |at| at + 1);
+        return Err(source.error_at(rows_line, PlacedProblem::UnknownLayout { columns, time }));
     }
     Ok(Header { names: numbered(1, columns), ..header })
 }
@@ -489,6 +479,7 @@ fn usual_head(
     if is_asked
         || head::is_of_other_form(first.text)
         || first.text.starts_with(b"%")
+        || first.text.starts_with(b"LabVIEW Measurement")
         || fields(&second).len() != names.len()
         || head::roles(&texts(&names)) == 0
         || names.iter().any(|name| head::is_numeric(name, separator))
@@ -577,7 +568,12 @@ pub(super) fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
 }
 
 pub(super) fn texts(fields: &[Vec<u8>]) -> Vec<String> {
-    fields.iter().map(|field| String::from_utf8_lossy(field).trim().to_owned()).collect()
+    // Text that is not UTF-8 is mostly that of Windows in western languages: `µ`, `°`, `·`.
+    let text = |field: &Vec<u8>| match str::from_utf8(field) {
+        Ok(text) => text.trim().to_owned(),
+        Err(_) => field.iter().map(|&byte| char::from(byte)).collect::<String>().trim().to_owned(),
+    };
+    fields.iter().map(text).collect()
 }
 
 fn is_number(field: &[u8]) -> bool {
@@ -622,60 +618,38 @@ pub(super) struct LayoutLine<'a> {
     pub(super) number: u64,
 }
 
+/// Returns a text without blanks at its ends.
+fn trimmed(text: &[u8]) -> &[u8] {
+    let is_other = |byte: &u8| *byte != b' ';
+    let start = text.iter().position(is_other).unwrap_or(text.len());
+    let end = text.iter().rposition(is_other).map_or(start, |at| at + 1);
+    &text[start..end]
+}
+
 /// Iterates over the lines from `start` that are neither blank nor comments, numbered from `number`.
-fn lines(head: &[u8], start: usize, number: u64) -> impl Iterator<Item = LayoutLine<'_>> {
+pub(super) fn lines(
+    head: &[u8],
+    start: usize,
+    number: u64,
+) -> impl Iterator<Item = LayoutLine<'_>> {
     let mut next = start;
     let line = move |number| {
         let start = next;
         let rest = head.get(start..).filter(|rest| !rest.is_empty())?;
         let end = memchr(b'\n', rest).map_or(head.len(), |at| start + at);
         next = (end + 1).min(head.len());
-        Some(LayoutLine { text: head[start..end].trim_ascii(), start, next, number })
+        // A tab may separate an empty field.
+        let text = head[start..end].strip_suffix(b"\r").unwrap_or(&head[start..end]);
+        Some(LayoutLine { text: trimmed(text), start, next, number })
     };
-    let is_text = |line: &LayoutLine<'_>| !line.text.is_empty() && !is_comment(line.text);
+    let is_text =
+        |line: &LayoutLine<'_>| !line.text.trim_ascii().is_empty() && !is_comment(line.text);
     (number..).map_while(line).filter(is_text)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn clocks_from_1970_tell_their_unit_and_others_do_not() {
-        for (first, unit) in [
-            ("1762506123.5", Some(TimeUnit::Second)),
-            ("1762506123500", Some(TimeUnit::Millisecond)),
-            ("1762506123500123", Some(TimeUnit::Microsecond)),
-            ("1762506123500123456", Some(TimeUnit::Nanosecond)),
-            ("0.01", None),
-            ("10000", None),
-            ("x", None),
-        ] {
-            assert_eq!(epoch_unit(first.as_bytes()), unit, "{first}");
-        }
-    }
-
-    #[test]
-    fn whole_numbers_tell_their_unit_by_their_steps() {
-        let head = |step: u64| -> String {
-            (0..40)
-                .map(|row| format!("{},7\n", if row > 20 { row - 20 } else { row } * step))
-                .collect()
-        };
-        let unit = |text: &str| median_step(text.as_bytes(), 0, b',', 0).map(unit_by_step);
-        for (step, expected) in [
-            (1, Ok(TimeUnit::Second)),
-            (60, Ok(TimeUnit::Second)),
-            (500, Err(500.0)),
-            (10_000, Ok(TimeUnit::Microsecond)),
-            (1_000_000, Err(1e6)),
-            (10_000_000, Ok(TimeUnit::Nanosecond)),
-        ] {
-            assert_eq!(unit(&head(step)), Some(expected), "{step}");
-        }
-        assert_eq!(unit("1000.5,7\n12000.5,7\n24000.5,7\n"), None, "fractions are of seconds");
-        assert_eq!(unit("x,7\n"), None);
-    }
 
     #[test]
     fn the_separator_is_what_stands_between_the_fields() {
@@ -688,6 +662,7 @@ mod tests {
             ("alone and text", b','),
             (" 1.0   2.0 3e5", b' '),
             ("1, 2, 3", b','),
+            (" 1 , 2 , 3 ", b','),
             ("0,5 1,5 2", b' '),
             ("\"a;b;c;d\",e,f", b','),
         ] {

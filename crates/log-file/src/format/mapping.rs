@@ -1,6 +1,7 @@
 //! The user's specification of log properties that cannot be recognised.
 
 use super::choice::RowCondition;
+use crate::parse::date::DateOrder;
 use shell_data::ColumnNames;
 use shell_data::unit::{Quantity, Unit};
 use shell_data::wrench::{Axis, PerAxis};
@@ -200,7 +201,9 @@ pub fn parse_units(text: &str) -> Result<Vec<(String, String)>, String> {
             (_, Some(axis)) => vec![Quantity::of_axis(axis)],
             _ => vec![Quantity::Force, Quantity::Moment, Quantity::Time],
         };
-        match quantities.iter().any(|&quantity| Unit::parse(unit, quantity).is_some()) {
+        let is_order = || quantities == [Quantity::Time] && DateOrder::from_option(unit).is_some();
+        let is_unit = |&quantity: &Quantity| Unit::parse(unit, quantity).is_some();
+        match quantities.iter().any(is_unit) || is_order() {
             true => Ok((of.to_owned(), unit.to_owned())),
             false => {
                 let understood: Vec<_> = quantities.iter().map(|it| it.understood()).collect();
@@ -211,6 +214,12 @@ pub fn parse_units(text: &str) -> Result<Vec<(String, String)>, String> {
     text.split(',').map(unit).collect()
 }
 
+/// Returns the order of dates that units of the time state.
+fn date_order(units: &[(String, String)]) -> Option<DateOrder> {
+    let orders = units.iter().rev().filter(|(of, _)| of.eq_ignore_ascii_case("time"));
+    orders.filter_map(|(_, unit)| DateOrder::from_option(unit)).next()
+}
+
 /// Splits `fx=a` into the axis and its column.
 fn named_axis(item: &str) -> Option<(Axis, &str)> {
     let (name, column) = item.split_once('=')?;
@@ -219,6 +228,11 @@ fn named_axis(item: &str) -> Option<(Axis, &str)> {
 }
 
 impl Mapping {
+    /// Returns the user's order of day and month in dates, or the usual one.
+    pub(crate) fn date_order(&self) -> Option<DateOrder> {
+        date_order(&self.units).or_else(|| date_order(&self.usual_units))
+    }
+
     /// Returns the specification for a log with columns of these names, with the usual columns filled in. The
     /// usual unit of a quantity is used only together with its usual columns.
     pub(crate) fn for_columns(&self, names: &[String]) -> Self {

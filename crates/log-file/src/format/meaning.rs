@@ -192,10 +192,12 @@ fn quantity_named(name: &str, format: LogFormat) -> Option<Meaning> {
     let name = name.strip_prefix("field").unwrap_or(&name);
     let name = name.strip_prefix("wrench").unwrap_or(name);
     let name = name.strip_prefix("wrench").unwrap_or(name);
+    // OpenSim's `ground_force_vx` and `ground_torque_x`.
+    let name = name.strip_prefix("ground").unwrap_or(name);
     let is_named = |axis: &Axis| {
         let letter = axis.name().to_ascii_lowercase().split_off(1);
         let kinds: &[&str] = match axis.is_moment() {
-            false => &["f", "force"],
+            false => &["f", "force", "forcev"],
             true => &["m", "t", "moment", "torque"],
         };
         kinds.iter().any(|kind| name.strip_prefix(kind) == Some(&letter))

@@ -1,6 +1,7 @@
 //! Recognising a log: its format, its header, and the meaning of its columns.
 
 pub(crate) mod choice;
+pub(crate) mod clock;
 pub(crate) mod columns;
 pub(crate) mod head;
 mod keys;

@@ -1,10 +1,13 @@
 //! Conversion of table columns to parsed columns. Invalid values are found, and their rows are left out or
 //! reported.
 
+use std::collections::BTreeMap;
+
 use table_file::{Cell, ColumnPart, TablePart, WantedColumn};
 
-use super::number::{finite, parse_date, parse_field};
-use super::parsed_rows::ParsedRows;
+use super::date::parse_date;
+use super::number::{finite, parse_field};
+use super::parsed_rows::{ParsedRows, RowError};
 use super::rows::{ColumnUse, RowPlan};
 use crate::error::{FieldProblem, RowProblem};
 
@@ -13,14 +16,18 @@ use crate::error::{FieldProblem, RowProblem};
 struct WrongRows {
     rows: Vec<usize>,
     first: Option<(usize, RowProblem)>,
+    /// Numbers of invalid fields by column.
+    fields: BTreeMap<String, u64>,
 }
 
 impl WrongRows {
     /// Adds an invalid row. If several columns of a row are invalid, the first one is reported.
     fn add(&mut self, row: usize, problem: impl FnOnce() -> RowProblem) {
         self.rows.push(row);
+        let problem = problem();
+        *self.fields.entry(problem.class()).or_default() += 1;
         if self.first.as_ref().is_none_or(|(first, _)| row < *first) {
-            self.first = Some((row, problem()));
+            self.first = Some((row, problem));
         }
     }
 }
@@ -55,11 +62,11 @@ impl RowPlan {
         for ((at, column_use), (values, column)) in self.numbers().zip(columns) {
             self.numbers_of(at, column_use, column, &part.blank, values, &mut wrong);
         }
-        if let Some(first) = wrong.first
-            && !skip_bad_rows
-        {
+        if !skip_bad_rows && let Some(first) = wrong.first {
             return Err(first);
         }
+        (parsed.skipped_for, parsed.first_skipped) =
+            (wrong.fields, wrong.first.map(|(row, problem)| RowError { offset: row, problem }));
         parsed.skipped = {
             wrong.rows.sort_unstable();
             wrong.rows.dedup();
@@ -118,11 +125,13 @@ impl RowPlan {
                 for (row, cell) in cells.iter().enumerate() {
                     let value = match (cell, column_use) {
                         (Cell::Missing, _) => Err(FieldProblem::Empty),
-                        (Cell::Time { .. }, ColumnUse::Date) => {
+                        (Cell::Time { .. }, ColumnUse::Date(_)) => {
                             Ok(cell.number().unwrap_or(f64::NAN))
                         }
-                        (Cell::Text(text), ColumnUse::Date) => parse_date(text.as_bytes()),
-                        (_, ColumnUse::Date) => Err(FieldProblem::NotADate),
+                        (Cell::Text(text), ColumnUse::Date(order)) => {
+                            parse_date(text.as_bytes(), order)
+                        }
+                        (_, ColumnUse::Date(_)) => Err(FieldProblem::NotADate),
                         (Cell::Time { .. }, _) => Err(FieldProblem::NotANumber),
                         (Cell::Text(text), _) => parse_field(text.as_bytes()),
                         _ => cell.number().ok_or(FieldProblem::Empty).and_then(finite),

@@ -2,12 +2,17 @@
 //! length.
 
 use serde_json::Value;
+use shell_data::unit::Unit;
+
+use super::date::is_date;
 
 /// The notation of a row's values in its line.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct RowForm {
-    /// True if a time and an arrow precede the values, as in text from the Arduino serial monitor.
+    /// True if a time precedes the values, before an arrow or in brackets, as in text from serial monitors.
     pub(crate) has_arrow: bool,
+    /// True if brackets around values are passed over: `(1.0 2.0)`.
+    pub(crate) has_brackets: bool,
     /// The notation of the values after the arrow.
     pub(crate) body: RowBody,
 }
@@ -61,9 +66,11 @@ impl RowForm {
     fn row(&self, line: &str, separator: u8) -> Option<String> {
         let separator = char::from(self.separator(separator));
         let (time, line) = match self.has_arrow {
-            true => line.split_once(ARROW).map(|(time, rest)| (Some(time), rest))?,
+            true => behind_arrow(line).map(|(time, rest)| (Some(time), rest))?,
             false => (None, line),
         };
+        let bare = self.has_brackets.then(|| without_brackets(line));
+        let line = bare.as_deref().unwrap_or(line);
         let tab = |values: Vec<String>| values.join("\t");
         let row = match &self.body {
             RowBody::Separated => line.to_owned(),
@@ -95,22 +102,49 @@ impl RowForm {
     }
 }
 
-/// Splits a line at the arrow.
+/// Splits a line at the arrow, or behind a time in brackets.
 pub(crate) fn behind_arrow(line: &str) -> Option<(&str, &str)> {
-    line.split_once(ARROW)
+    match line.strip_prefix('[') {
+        Some(inner) => inner.split_once("] ").filter(|(time, _)| is_date(time.as_bytes())),
+        None => line
+            .split_once(ARROW)
+            .or_else(|| line.split_once(": ").filter(|(time, _)| is_date(time.as_bytes()))),
+    }
 }
 
-/// Returns labels and their values, if a line contains nothing else.
+/// Replaces brackets by blanks.
+pub(crate) fn without_brackets(line: &str) -> String {
+    line.replace(['(', ')', '[', ']', '{', '}'], " ")
+}
+
+/// Marks between a value and the next label.
+const MARKS: [char; 5] = [' ', '\t', ',', ';', '|'];
+
+/// Returns labels and their values, if a line contains nothing else. A unit after a value becomes part of its
+/// label: `Reading: 1.5 lbs` is the column `Reading (lbs)`.
 pub(crate) fn labelled(line: &str) -> Option<Vec<(String, String)>> {
-    let line = line.replace(": ", ":").replace("= ", "=");
-    let items = line.split([' ', '\t', ',', ';']).filter(|item| !item.is_empty());
-    let pair = |item: &str| {
-        let (label, value) = item.split_once([':', '='])?;
-        let is_label = label.starts_with(|first: char| first.is_alphabetic() || first == '_');
-        let is_value = value.parse::<f64>().is_ok();
-        (is_label && is_value).then(|| (label.to_owned(), value.to_owned()))
-    };
-    items.map(pair).collect::<Option<Vec<_>>>().filter(|pairs| !pairs.is_empty())
+    let (mut rest, mut pairs) = (line.trim_matches(MARKS), Vec::new());
+    while !rest.is_empty() {
+        let (label, after) = rest.split_once([':', '='])?;
+        let is_part = |c: char| c.is_alphanumeric() || " _.-/#()[]".contains(c);
+        let is_label = label.starts_with(|first: char| first.is_alphabetic() || first == '_')
+            && label.chars().all(is_part);
+        let after = after.trim_start_matches([' ', '\t']);
+        let (value, after) = after.split_at(after.find(MARKS).unwrap_or(after.len()));
+        if !is_label || value.parse::<f64>().is_err() {
+            return None;
+        }
+        rest = after.trim_start_matches(MARKS);
+        let mut label = label.trim().to_owned();
+        // A unit is a word that is not a label itself.
+        let (word, behind) = rest.split_at(rest.find(MARKS).unwrap_or(rest.len()));
+        if !word.is_empty() && !word.contains([':', '=']) && Unit::is_spelled(word) {
+            label = format!("{label} ({word})");
+            rest = behind.trim_start_matches(MARKS);
+        }
+        pairs.push((label, value.to_owned()));
+    }
+    Some(pairs).filter(|pairs| !pairs.is_empty())
 }
 
 /// Returns the fields of a JSON object, nested ones with joined names; `None` if the line is not an object.
@@ -122,8 +156,17 @@ pub(crate) fn object(line: &str) -> Option<Vec<(String, String)>> {
     Some(fields)
 }
 
+/// Returns the seconds of an object with seconds and nanoseconds.
+fn seconds(object: &serde_json::Map<String, Value>) -> Option<String> {
+    let number = |names: [&str; 2]| names.iter().find_map(|&name| object.get(name)?.as_u64());
+    let (whole, parts) = (number(["sec", "secs"])?, number(["nanosec", "nsecs"])?);
+    (object.len() == 2).then(|| format!("{whole}.{parts:09}"))
+}
+
 fn flatten(name: String, value: Value, fields: &mut Vec<(String, String)>) {
     let text = match value {
+        // A time of ROS.
+        Value::Object(object) if seconds(&object).is_some() => seconds(&object).unwrap_or_default(),
         Value::Object(object) => {
             let joined = |key: String| if name.is_empty() { key } else { format!("{name}.{key}") };
             return object.into_iter().for_each(|(key, of)| flatten(joined(key), of, fields));
@@ -144,7 +187,7 @@ mod tests {
     use super::*;
 
     fn made(body: RowBody, has_arrow: bool, lines: &str) -> String {
-        let form = RowForm { has_arrow, body };
+        let form = RowForm { has_arrow, body, ..RowForm::default() };
         String::from_utf8(form.separated(lines.as_bytes(), b',')).unwrap()
     }
 
@@ -158,6 +201,8 @@ mod tests {
             (labels.clone(), false, "A:1 B:2\nA: 3,B:4\nB:1 A:2\n", "1\t2\n3\t4\nB:1 A:2"),
             (labels, true, "10:00:01.5 -> A:1 B:2", "10:00:01.5\t1\t2"),
             (RowBody::Separated, true, "10:00:01 -> 1,2", "10:00:01,1,2"),
+            (RowBody::Separated, true, "10:00:01.5: 1,2", "10:00:01.5,1,2"),
+            (RowBody::Separated, true, "[2026-03-01 10:00:01.5] 1,2", "2026-03-01 10:00:01.5,1,2"),
             (
                 json,
                 false,
@@ -170,6 +215,44 @@ mod tests {
             assert_eq!(trimmed.join("\n"), expected);
             assert_eq!(made.len(), lines.len(), "{lines}");
         }
+    }
+
+    #[test]
+    fn labels_have_spaces_and_units() {
+        let pairs = |line: &str| {
+            let pairs = labelled(line)?.into_iter();
+            Some(
+                pairs
+                    .map(|(label, value)| format!("{label}={value}"))
+                    .collect::<Vec<_>>()
+                    .join("; "),
+            )
+        };
+        for (line, expected) in [
+            ("one reading:\t-0.1\t| average:\t0.25", Some("one reading=-0.1; average=0.25")),
+            (
+                "Reading: 1.5 lbs calibration_factor: -7050",
+                Some("Reading (lbs)=1.5; calibration_factor=-7050"),
+            ),
+            ("Weight: 12.5 g", Some("Weight (g)=12.5")),
+            ("A:1 B:2", Some("A=1; B=2")),
+            ("x=1,y= 2", Some("x=1; y=2")),
+            ("10:22:33,1", None),
+            ("Date: 3 May", None),
+            ("a,b", None),
+            ("", None),
+        ] {
+            assert_eq!(pairs(line).as_deref(), expected, "{line}");
+        }
+    }
+
+    #[test]
+    fn brackets_are_passed_over_and_stamps_are_seconds() {
+        let form = RowForm { has_brackets: true, body: RowBody::Blanks, has_arrow: false };
+        let made = form.separated(b"7 1400.5 (0.1 0.2)\n", b'\t');
+        assert_eq!(String::from_utf8(made).unwrap().trim_end(), "7\t1400.5\t0.1\t0.2");
+        let fields = object("{\"stamp\":{\"sec\":17,\"nanosec\":5000000},\"x\":1}").unwrap();
+        assert_eq!(fields[0], ("stamp".to_owned(), "17.005000000".to_owned()));
     }
 
     #[test]

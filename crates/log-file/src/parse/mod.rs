@@ -4,6 +4,7 @@
 mod avx2;
 mod columns;
 pub(crate) mod console;
+pub(crate) mod date;
 mod field_ends;
 pub(crate) mod form;
 mod instruction_set;

@@ -99,19 +99,6 @@ pub(crate) fn finite(value: f64) -> Result<f64, FieldProblem> {
     if value.is_finite() { Ok(value) } else { Err(FieldProblem::NotFinite) }
 }
 
-/// Parses `field` as a date and time, in seconds since 1970, or as a time of day, in seconds since midnight.
-pub(crate) fn parse_date(field: &[u8]) -> Result<f64, FieldProblem> {
-    let text = std::str::from_utf8(field).map_err(|_| FieldProblem::NotADate)?;
-    let of_day = || match *text.trim().as_bytes() {
-        // Prepends a date, for which the seconds are 0.
-        [_, _, b':', _, _, b':', _, _, ..] => {
-            table_file::seconds_of_iso(&format!("1970-01-01T{}", text.trim()))
-        }
-        _ => None,
-    };
-    table_file::seconds_of_iso(text).or_else(of_day).ok_or(FieldProblem::NotADate)
-}
-
 /// Replaces each comma between two digits by a point: it is a decimal comma, as used in many languages
 /// together with the separator `;`. The text keeps its length, so that positions stay valid.
 pub(crate) fn with_points(lines: &[u8]) -> Vec<u8> {

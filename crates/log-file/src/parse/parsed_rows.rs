@@ -1,5 +1,7 @@
 //! The result of parsing rows: numeric columns, and text columns in run-length encoding.
 
+use std::collections::BTreeMap;
+
 use super::field_ends::FieldEnds;
 use super::number::with_points;
 use crate::error::RowProblem;
@@ -11,6 +13,8 @@ pub(crate) struct ParsedRows {
     pub(crate) skipped: u64,
     /// The position and error of the first skipped row.
     pub(crate) first_skipped: Option<RowError>,
+    /// Numbers of skipped rows by what they have in common.
+    pub(crate) skipped_for: BTreeMap<String, u64>,
     /// Lines that are not rows: the row that they precede, and their number.
     pub(crate) passed: Vec<(usize, u64)>,
     pub(crate) columns: Vec<Vec<f64>>,
@@ -24,6 +28,7 @@ impl ParsedRows {
     /// Removes all rows and makes room for `capacity` rows of `columns` columns.
     pub(crate) fn clear(&mut self, columns: usize, capacity: usize) {
         (self.rows, self.skipped, self.first_skipped) = (0, 0, None);
+        self.skipped_for.clear();
         self.passed.clear();
         self.labels.iter_mut().for_each(Vec::clear);
         self.columns.resize_with(columns, Vec::new);
@@ -32,6 +37,13 @@ impl ParsedRows {
         for column in &mut self.columns {
             column.reserve(capacity.saturating_sub(column.len()));
         }
+    }
+
+    /// Counts a skipped row; `offset` is the position of its line.
+    pub(super) fn skip(&mut self, offset: usize, problem: RowProblem) {
+        self.skipped += 1;
+        *self.skipped_for.entry(problem.class()).or_default() += 1;
+        self.first_skipped.get_or_insert(RowError { offset, problem });
     }
 
     /// Stores a number in the row after the last.
@@ -73,7 +85,7 @@ impl ParsedRows {
 /// An error in a row.
 #[derive(Debug, PartialEq)]
 pub(crate) struct RowError {
-    /// Position of the row in the parsed lines.
+    /// Position of the row in the parsed lines, or the index of the row in a part of a table.
     pub(crate) offset: usize,
     pub(crate) problem: RowProblem,
 }

@@ -93,7 +93,7 @@ impl BlockBuffer {
             LogPiece::Rows(rows) => {
                 let placed = |(row, problem)| (rows.line + row as u64, problem);
                 plan.parse_part(&mut rows.part, skip_bad_rows, parsed).map_err(placed)?;
-                plan.fill(&mut self.block, parsed, 0);
+                plan.fill(&mut self.block, parsed, rows.turns);
                 self.block.readings_before = plan.last_readings_of(&mut rows.before);
                 (self.block.offset, self.block.lines.first) = (rows.row, rows.line);
             }
@@ -104,11 +104,14 @@ impl BlockBuffer {
 }
 
 impl BlockBuffer {
-    /// Returns the line number of the first skipped row of a chunk, and its error.
+    /// Returns the line number of the first skipped row of a piece, and its error.
     pub(crate) fn first_skipped(&mut self, piece: &LogPiece) -> Option<(u64, RowProblem)> {
-        let LogPiece::Text(chunk) = piece else { return None };
         let RowError { offset, problem } = self.parsed.first_skipped.take()?;
-        Some((chunk.line + line_ends(&chunk.lines()[..offset]), problem))
+        let line = match piece {
+            LogPiece::Text(chunk) => chunk.line + line_ends(&chunk.lines()[..offset]),
+            LogPiece::Rows(rows) => rows.line + offset as u64,
+        };
+        Some((line, problem))
     }
 }
 
@@ -137,8 +140,10 @@ impl ReadPlan {
         };
         let column_use = |at: usize| match at {
             _ if positions.binary_search(&at).is_err() => ColumnUse::Skip,
-            _ if layout.has_dates && roles.time == Some(at) => ColumnUse::Date,
-            _ => ColumnUse::Number(limit(at)),
+            _ => match &layout.dates {
+                Some(dates) if roles.time == Some(at) => ColumnUse::Date(dates.order),
+                _ => ColumnUse::Number(limit(at)),
+            },
         };
         let group = roles.group.filter(|_| wanted.groups);
         let decide = layout.conditions.iter().map(|of| of.column);

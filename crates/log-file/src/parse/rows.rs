@@ -13,11 +13,12 @@ use pulp::Arch;
 
 #[cfg(target_arch = "x86_64")]
 use super::avx2::Avx2;
+use super::date::{DateOrder, parse_date};
 use super::field_ends::FieldEnds;
 use super::instruction_set::{ColumnFields, InstructionSet, Portable};
 #[cfg(all(target_arch = "aarch64", target_endian = "little"))]
 use super::neon::Neon;
-use super::number::{finite, parse_date, parse_digits, parse_field, parse_long, signed};
+use super::number::{finite, parse_digits, parse_field, parse_long, signed};
 use super::parsed_rows::{ParsedRows, RowError};
 use crate::error::{FieldProblem, RowProblem};
 use crate::stream::chunk::line_ends;
@@ -44,7 +45,7 @@ pub(crate) enum ColumnUse {
     /// one.
     Number(Option<Limit>),
     /// Parse the field as a date and time into the next column of the result.
-    Date,
+    Date(DateOrder),
 }
 
 /// The largest plausible magnitude of a number, and a description of the expected value.
@@ -146,8 +147,7 @@ impl RowPlan {
                 // A writer that was killed or lost power leaves a cut-off last row. This is no error, and
                 // neither is a frame without a sample of the reference.
                 Some(Err(problem)) if skip_bad_rows || is_cut(&problem) => {
-                    parsed.skipped += 1;
-                    parsed.first_skipped.get_or_insert(RowError { offset: at, problem });
+                    parsed.skip(at, problem);
                     parsed.pass_lines(1);
                 }
                 Some(Err(problem)) => return Err(RowError { offset: at, problem }),
@@ -190,7 +190,7 @@ impl RowPlan {
             let values = &mut values[rows];
             let fields = ends.of_column(column, count);
             let wrong = match step {
-                ColumnUse::Date => parse_dates(lines, fields, values),
+                ColumnUse::Date(order) => parse_dates(lines, fields, *order, values),
                 _ => set.run(
                     #[inline(always)]
                     || parse_column(set, lines, fields, values),
@@ -246,7 +246,7 @@ impl RowPlan {
             found += 1;
             if let Some(step) = self.uses.get(column).filter(|step| **step != ColumnUse::Skip) {
                 let number = match step {
-                    ColumnUse::Date => parse_date(field),
+                    ColumnUse::Date(order) => parse_date(field, *order),
                     ColumnUse::Number(Some(limit)) => {
                         parse_field(field).and_then(|it| limit.check(it))
                     }
@@ -367,10 +367,15 @@ fn blank_lines(lines: &[u8]) -> usize {
 }
 
 /// Like [`parse_column`], for dates and times.
-fn parse_dates(lines: &[u8], fields: ColumnFields<'_>, values: &mut [f64]) -> Option<usize> {
+fn parse_dates(
+    lines: &[u8],
+    fields: ColumnFields<'_>,
+    order: DateOrder,
+    values: &mut [f64],
+) -> Option<usize> {
     values.iter_mut().enumerate().position(|(row, value)| {
         let (start, end) = fields.position(row);
-        let date = lines.get(start..end).and_then(|field| parse_date(field).ok());
+        let date = lines.get(start..end).and_then(|field| parse_date(field, order).ok());
         *value = date.unwrap_or(f64::NAN);
         date.is_none()
     })

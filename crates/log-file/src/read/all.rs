@@ -1,5 +1,6 @@
 //! Reading all rows of one or more logs in parallel: block by block, or into memory.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
@@ -30,6 +31,9 @@ pub struct ReadOptions<'a> {
 }
 
 impl ReadOptions<'_> {
+    /// The share of invalid rows above which skipping them has to be requested for all.
+    pub const FEW_BAD_ROWS: f64 = 0.1;
+
     /// Returns the number of threads for parsing.
     pub fn thread_count(&self) -> usize {
         match self.threads {
@@ -118,7 +122,7 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
         PiecesOfLogs { logs, plans: &plans, checksum, current: 0, pieces: None, meter, checksums };
     let bytes_read = Arc::clone(&pieces.meter.bytes);
     let mut found = vec![ReadSummary::default(); logs.len()];
-    let mut first_skipped = vec![None; logs.len()];
+    let mut skipped_rows = vec![SkippedRows::default(); logs.len()];
     // Number of logs that have been read and checked for rows.
     let mut checked = 0;
     let workers = pipeline::run(
@@ -135,14 +139,17 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
                     checksum: None,
                 };
                 let value = (summary.rows > 0).then(|| map(state, *log, &mut buffer.block));
-                (summary, value, buffer.first_skipped(piece))
+                let skipped_for = std::mem::take(&mut buffer.parsed.skipped_for);
+                (summary, value, buffer.first_skipped(piece), skipped_for)
             });
             (*log, parsed)
         },
         |(log, parsed)| {
             let bad_row = |(line, problem)| E::from(logs[log].source.error_at(line, problem));
-            let (of_chunk, value, skipped) = parsed.map_err(bad_row)?;
-            first_skipped[log] = first_skipped[log].take().or(skipped);
+            let (of_chunk, value, skipped, why) = parsed.map_err(bad_row)?;
+            let (first, all) = &mut skipped_rows[log];
+            *first = first.take().or(skipped);
+            why.into_iter().for_each(|(class, rows)| *all.entry(class).or_default() += rows);
             check_rows(&logs[checked..log], &found[checked..log])?;
             checked = log;
             let summary = &mut found[log];
@@ -157,7 +164,7 @@ pub fn read_all<S: Send, T: Send, E: From<LogError>>(
     )?;
     check_rows(&logs[checked..], &found[checked..])?;
     if let Some(share) = options.largest_bad_share {
-        check_skipped(logs, &found, first_skipped, share)?;
+        check_skipped(logs, &found, skipped_rows, share)?;
     }
     for (summary, checksum) in found.iter_mut().zip(pieces.checksums) {
         summary.checksum = checksum;
@@ -177,14 +184,18 @@ fn check_rows(logs: &[&Log], found: &[ReadSummary]) -> Result<(), LogError> {
     }
 }
 
-/// Checks that at most this share of each log's rows was skipped; `first` has the first invalid row of each.
+/// The line and error of the first skipped row of a log, and numbers of skipped rows by what they have in
+/// common.
+type SkippedRows = (Option<(u64, RowProblem)>, BTreeMap<String, u64>);
+
+/// Checks that at most this share of each log's rows was skipped.
 fn check_skipped(
     logs: &[&Log],
     found: &[ReadSummary],
-    first: Vec<Option<(u64, RowProblem)>>,
+    skipped_rows: Vec<SkippedRows>,
     share: f64,
 ) -> Result<(), LogError> {
-    for ((log, summary), first) in logs.iter().zip(found).zip(first) {
+    for ((log, summary), (first, classes)) in logs.iter().zip(found).zip(skipped_rows) {
         let (skipped, rows) = (summary.skipped_rows, summary.rows + summary.skipped_rows);
         if let Some((line, problem)) = first
             && skipped > 1
@@ -192,8 +203,13 @@ fn check_skipped(
         {
             let position = log.source.position(line);
             let path = log.path().to_owned();
+            let class = classes.into_iter().max_by_key(|(_, rows)| *rows);
+            let class = class.map_or_else(String::new, |(class, of)| match of >= skipped {
+                true => format!("all {class}"),
+                false => format!("{of} {class}"),
+            });
             let problem = Box::new(problem);
-            return Err(LogError::ManyBadRows { path, skipped, rows, position, problem });
+            return Err(LogError::ManyBadRows { path, skipped, rows, class, position, problem });
         }
     }
     Ok(())

@@ -30,7 +30,8 @@ impl Log {
         self.require(wanted)?;
         let plan = ReadPlan::new(&self.layout, wanted);
         let mut buffer = BlockBuffer::default();
-        if !self.source.is_plain() || self.bytes_of_rows() <= PIECES * PIECE_BYTES {
+        let is_whole = self.source.is_plain() && !self.layout.header.ends_at_blank();
+        if !is_whole || self.bytes_of_rows() <= PIECES * PIECE_BYTES {
             let bytes = (PIECES * PIECE_BYTES) as usize;
             let mut pieces = self.pieces(&plan.wanted_columns(), bytes, &ReadMeter::default())?;
             let mut piece = LogPiece::default();

@@ -62,6 +62,8 @@ pub(crate) struct ChunkStream<R> {
     context: Vec<u8>,
     /// Counts the wraparounds of a clock, if it may wrap.
     pub(crate) clock: Option<ClockTurns>,
+    /// True if the rows end at the first blank line.
+    pub(crate) ends_at_blank: bool,
     has_begun: bool,
     ended: bool,
 }
@@ -78,6 +80,7 @@ impl<R: Read> ChunkStream<R> {
             carry: Vec::new(),
             context: Vec::new(),
             clock: None,
+            ends_at_blank: false,
             has_begun: false,
             ended: false,
         }
@@ -133,8 +136,15 @@ impl<R: Read> ChunkStream<R> {
                 return Err(io::Error::other(LongLine(self.line)));
             }
         };
+        let blank = self.ends_at_blank.then(|| blank_line(&buffer[..length])).flatten();
+        if blank.is_some() {
+            // The rest is read for the checksum of the file.
+            self.ended = true;
+            io::copy(&mut self.stream, &mut io::sink())?;
+        }
         self.carry.clear();
         self.carry.extend_from_slice(&buffer[length..filled]);
+        let length = blank.unwrap_or(length);
         chunk.length = length;
         chunk.line = self.line;
         std::mem::swap(&mut chunk.context, &mut self.context);
@@ -156,6 +166,16 @@ impl<R: Read> ChunkStream<R> {
         };
         self.context.extend_from_slice(&lines[start..]);
     }
+}
+
+/// Returns the position of the first blank line.
+fn blank_line(lines: &[u8]) -> Option<usize> {
+    let mut at = 0;
+    lines.split_inclusive(|&byte| byte == b'\n').find_map(|line| {
+        let start = at;
+        at += line.len();
+        line.trim_ascii().is_empty().then_some(start)
+    })
 }
 
 /// Counts the line ends of a text.
@@ -208,6 +228,20 @@ mod tests {
                 prop_assert!(lines.ends_with(b"\n") || whole.len() == text.len());
             }
             prop_assert_eq!(whole, text.as_bytes());
+        }
+    }
+
+    #[test]
+    fn rows_end_at_a_blank_line_where_sections_do() {
+        let text = "1,2\r\n3,4\r\n\r\nTrajectories\r\n5,6\r\n".repeat(2);
+        for chunk_bytes in [4, 7, 64] {
+            let mut chunks = ChunkStream::new(text.as_bytes(), 0, 1, chunk_bytes);
+            chunks.ends_at_blank = true;
+            let (mut chunk, mut found) = (Chunk::default(), Vec::new());
+            while chunks.next(&mut chunk).unwrap() {
+                found.extend_from_slice(chunk.lines());
+            }
+            assert_eq!(found, b"1,2\r\n3,4\r\n", "{chunk_bytes}");
         }
     }
 

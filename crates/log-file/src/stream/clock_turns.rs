@@ -1,14 +1,19 @@
-//! Counts the wraparounds of a 32-bit clock before each chunk.
+//! Counts the wraparounds of a clock before each chunk: of a 32-bit counter, or of the time of day.
 //!
 //! The robot's clock counts µs in 32 bits, so it wraps around every 71.6 min; the clock of another logger may
-//! count ms or ns. Chunks are handed out in file order. A comparison of a chunk's first time with the first
-//! and last times of the previous chunk finds the wraparounds, as long as a chunk is shorter than half a
-//! turn.
+//! count ms or ns, or begin again at midnight. Chunks are handed out in file order. A comparison of a chunk's
+//! first time with the first and last times of the previous chunk finds the wraparounds, as long as a chunk is
+//! shorter than half a turn.
 
+use crate::parse::date::{DateOrder, parse_date};
 use crate::parse::form::RowForm;
+use crate::parse::number::parse_field;
 
-/// The number of units after which the clock wraps around.
+/// The number of units after which a 32-bit counter wraps around.
 pub(crate) const TURN: f64 = 4_294_967_296.0;
+
+/// The number of seconds after which the time of day begins again.
+const DAY: f64 = 86_400.0;
 
 /// Number of lines of a chunk that are searched for a time.
 const LINES: usize = 8;
@@ -19,6 +24,8 @@ pub(crate) struct ClockTurns {
     form: RowForm,
     separator: u8,
     column: usize,
+    /// The number of units after which the clock wraps around.
+    turn: f64,
     /// A wraparound is a step from at most this far below a turn to at most this far above 0.
     margin: f64,
     before: Option<f64>,
@@ -28,12 +35,22 @@ pub(crate) struct ClockTurns {
 impl ClockTurns {
     /// Makes a counter for the robot's clock in this column, which is known to wrap around.
     pub(crate) fn new(form: RowForm, separator: u8, column: usize) -> Self {
-        Self { form, separator, column, margin: TURN / 2.0, before: None, turns: 0 }
+        Self { form, separator, column, turn: TURN, margin: TURN / 2.0, before: None, turns: 0 }
     }
 
     /// Adapts it to a clock that may not wrap: only a jump from just below a turn to just above 0 counts.
     pub(crate) fn of_counter(self) -> Self {
         Self { margin: TURN / 8.0, ..self }
+    }
+
+    /// Adapts it to times of day.
+    pub(crate) fn of_day(self) -> Self {
+        Self { turn: DAY, margin: DAY / 8.0, ..self }
+    }
+
+    /// Returns the number of units after which the clock wraps around, and the event in words.
+    pub(crate) fn turn(&self) -> (f64, &'static str) {
+        (self.turn, if self.turn == DAY { "midnight passed" } else { "32 bits came round" })
     }
 
     /// Returns the turns before the first row of the next chunk.
@@ -42,20 +59,43 @@ impl ClockTurns {
             let made = (!self.form.is_plain()).then(|| self.form.separated(line, self.separator));
             let line = made.as_deref().unwrap_or(line);
             let field = line.split(|&byte| byte == self.separator).nth(self.column)?;
-            let field = str::from_utf8(field).ok()?.trim_matches([' ', '\t', '\r', '"']);
-            field.parse::<f64>().ok()
+            let field = field.trim_ascii();
+            let field =
+                field.strip_prefix(b"\"").and_then(|it| it.strip_suffix(b"\"")).unwrap_or(field);
+            match self.turn == DAY {
+                true => parse_date(field, DateOrder::DayFirst).ok(),
+                false => parse_field(field).ok(),
+            }
         };
         let is_end = |byte: &u8| *byte == b'\n';
         let first = lines.split(is_end).take(LINES).find_map(time);
         let last = lines.rsplit(is_end).take(LINES).find_map(time);
-        let Some((first, last)) = first.zip(last) else { return self.turns };
-        self.turns += u32::from(self.before.is_some_and(|before| self.has_turned(before, first)));
-        let turns = self.turns;
+        let Some(ends) = first.zip(last) else { return self.turns };
         // An increasing time has not wrapped, unless by more than half a turn; most chunks need no closer
         // look.
+        let times = if ends.1 < ends.0 {
+            lines.split(is_end).filter_map(time).collect()
+        } else {
+            Vec::new()
+        };
+        self.count(ends, &times)
+    }
+
+    /// Returns the turns before the first of some times, which are the next in the log.
+    pub(crate) fn before_times(&mut self, times: &[f64]) -> u32 {
+        match times {
+            [first, ..] => self.count((*first, times[times.len() - 1]), times),
+            [] => self.turns,
+        }
+    }
+
+    /// Counts the turns within some times, which begin and end with these; returns the turns before them.
+    fn count(&mut self, (first, last): (f64, f64), times: &[f64]) -> u32 {
+        self.turns += u32::from(self.before.is_some_and(|before| self.has_turned(before, first)));
+        let turns = self.turns;
         if last < first {
             let mut before = first;
-            for time in lines.split(is_end).filter_map(time) {
+            for &time in times {
                 if self.has_turned(before, time) {
                     self.turns += 1;
                 } else if self.turns > 0 && self.has_turned(time, before) {
@@ -69,20 +109,20 @@ impl ClockTurns {
     }
 
     fn has_turned(&self, before: f64, after: f64) -> bool {
-        let is_at_the_turn = before > TURN - self.margin && after < self.margin;
-        before < TURN && before - after > TURN / 2.0 && is_at_the_turn
+        let is_at_the_turn = before > self.turn - self.margin && after < self.margin;
+        before < self.turn && before - after > self.turn / 2.0 && is_at_the_turn
     }
 
     /// Adds turns to times; `turns` precede the first time.
     pub(crate) fn unwrap(&self, times: &mut [f64], turns: u32) {
-        let mut offset = f64::from(turns) * TURN;
+        let mut offset = f64::from(turns) * self.turn;
         let mut before = times.first().copied().unwrap_or(0.0);
         for time in times {
             if self.has_turned(before, *time) {
-                offset += TURN;
+                offset += self.turn;
             } else if offset > 0.0 && self.has_turned(*time, before) {
                 // A row out of order, from before the wraparound.
-                offset -= TURN;
+                offset -= self.turn;
             }
             before = *time;
             *time += offset;
@@ -110,6 +150,19 @@ mod tests {
             }
             assert_eq!(found, expected, "{rows} rows a chunk");
         }
+    }
+
+    #[test]
+    fn the_time_of_day_goes_on_after_midnight() {
+        let mut clock = ClockTurns::new(RowForm::default(), b',', 0).of_day();
+        assert_eq!(clock.before(b"23:59:59.0,1\n23:59:59.5,2\n"), 0);
+        assert_eq!(clock.before(b"00:00:00.0,3\n00:00:00.5,4\n"), 1);
+        let mut times = [86_399.5, 0.0, 0.5];
+        clock.unwrap(&mut times, 0);
+        assert_eq!(times, [86_399.5, 86_400.0, 86_400.5]);
+        let mut of_table = ClockTurns::new(RowForm::default(), b',', 0).of_day();
+        assert_eq!(of_table.before_times(&[86_399.0, 0.0]), 0);
+        assert_eq!(of_table.before_times(&[1.0, 2.0]), 1);
     }
 
     #[test]

@@ -37,11 +37,15 @@ impl Log {
         if !source.is_text() {
             source.read_for_checksum(meter)?;
             let meter = meter.clone();
-            return Ok(LogPieces::Rows(TableRows::new(source, wanted, line, piece_bytes, meter)?));
+            let mut rows = TableRows::new(source, wanted, line, piece_bytes, meter)?;
+            let is_time = |of: &WantedColumn| Some(of.at) == self.layout.roles.time && !of.is_text;
+            rows.clock = self.layout.clock().zip(wanted.iter().position(is_time));
+            return Ok(LogPieces::Rows(rows));
         }
         let start = self.layout.header.rows_start as u64;
         let mut chunks = ChunkStream::new(source.open_counting(meter)?, start, line, piece_bytes);
         chunks.clock = self.layout.clock();
+        chunks.ends_at_blank = self.layout.header.ends_at_blank();
         Ok(LogPieces::Text(chunks))
     }
 }

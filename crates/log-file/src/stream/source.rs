@@ -61,12 +61,16 @@ fn recording_in(folder: &Path) -> io::Result<PathBuf> {
     let mut recordings = Vec::new();
     for entry in std::fs::read_dir(folder)? {
         let path = entry?.path();
-        recordings
-            .extend(Some(path).filter(|path| path.extension().is_some_and(|it| it == "mcap")));
+        let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let endings = [".mcap", ".db3", ".mcap.zstd", ".db3.zstd"];
+        recordings.extend(endings.iter().any(|ending| name.ends_with(ending)).then_some(path));
     }
-    match recordings.pop() {
-        Some(recording) if recordings.is_empty() && folder.join("metadata.yaml").is_file() => {
-            Ok(recording)
+    let is_bag = folder.join("metadata.yaml").is_file();
+    match (recordings.pop(), recordings.len()) {
+        (Some(recording), 0) if is_bag => Ok(recording),
+        (Some(_), others) if is_bag => {
+            let files = others + 1;
+            Err(io::Error::other(format!("a recording in {files} files: read them one by one")))
         }
         _ => Err(io::ErrorKind::IsADirectory.into()),
     }

@@ -2,10 +2,13 @@
 
 use table_file::{Cell, ColumnPart, TablePart, TableStream, WantedColumn};
 
+use super::clock_turns::ClockTurns;
 use super::companion::RowMismatch;
 use super::source::{LogSource, ReadMeter};
 use super::text_rows::TextRows;
 use crate::error::LogError;
+use crate::parse::date::{DateOrder, parse_date};
+use crate::parse::number::parse_field;
 
 /// Number of preceding rows that accompany a part.
 const CONTEXT_ROWS: usize = 8;
@@ -16,6 +19,8 @@ pub(crate) struct RowPart {
     pub(crate) part: TablePart,
     /// The rows just before this part.
     pub(crate) before: TablePart,
+    /// Number of times that the clock has wrapped around before the part.
+    pub(crate) turns: u32,
     /// The index of the first row in the log, from 0.
     pub(crate) row: u64,
     /// The line number of the first row in an equivalent text.
@@ -33,6 +38,9 @@ pub(crate) struct TableRows<'a> {
     meter: ReadMeter,
     /// Number of bytes of the file that have not been counted.
     bytes_left: u64,
+    /// Counts the wraparounds of a clock, if it may wrap, with the position of its times among all requested
+    /// columns.
+    pub(crate) clock: Option<(ClockTurns, usize)>,
 }
 
 /// One of the files whose columns are joined.
@@ -124,6 +132,7 @@ impl<'a> TableRows<'a> {
             ended: false,
             meter,
             bytes_left: source.bytes,
+            clock: None,
         })
     }
 
@@ -157,6 +166,9 @@ impl<'a> TableRows<'a> {
             let line = self.first_line + self.next + first.min(second) as u64;
             return Err(self.sides[0].source.mismatch(RowMismatch::Lines(line)));
         }
+        rows.turns = self.clock.as_mut().map_or(0, |(clock, at)| {
+            clock.before_times(&part.columns.get(*at).map(times).unwrap_or_default())
+        });
         (rows.row, rows.line) = (self.next, self.first_line + self.next);
         self.next += part.rows as u64;
         self.ended = part.rows < self.part_rows;
@@ -166,6 +178,22 @@ impl<'a> TableRows<'a> {
         self.bytes_left -= counted;
         self.meter.count(counted);
         Ok(part.rows > 0)
+    }
+}
+
+/// Returns the times in a column that are numbers or times of day.
+fn times(column: &ColumnPart) -> Vec<f64> {
+    let of_cell = |cell: &Cell| match cell {
+        Cell::Text(text) => parse_date(text.as_bytes(), DateOrder::DayFirst)
+            .or_else(|_| parse_field(text.as_bytes()))
+            .ok(),
+        cell => cell.number(),
+    };
+    match column {
+        ColumnPart::Numbers { values, .. } => {
+            values.iter().copied().filter(|time| time.is_finite()).collect()
+        }
+        ColumnPart::Cells(cells) => cells.iter().filter_map(of_cell).collect(),
     }
 }
 

@@ -24,7 +24,7 @@ pub(super) struct ConvertedFrames {
     /// Three kinds of flags for the channels of a frame: outside the range of the training data; at an end of
     /// the converter's range or on a plateau of their curve; left out by the model (empty if it leaves none
     /// out). Bit `i` is channel `i` from 0; channels from 63 up share the last bit.
-    pub(super) flags: [Vec<u64>; 3],
+    pub(super) flags: [Vec<u64>; 4],
 }
 
 /// Consecutive rows of a log, and the frames to be written.
@@ -153,12 +153,12 @@ impl FrameConverter<'_> {
             options.frame.iter().for_each(|change| change.apply_to_errors(errors));
         }
         // Flagged frames are counted even if the flags are not written.
-        let mut saturated = match options.converter {
+        let saturated = match options.converter {
             Some(converter) => saturated_at(block.channels(), converter),
             None => vec![0; block.rows],
         };
-        saturated.iter_mut().zip(trust.saturated).for_each(|(flags, plateau)| *flags |= plateau);
-        frames.flags = [calibration.out_of_range(&block.readings), saturated, trust.left_out];
+        let out_of_range = calibration.out_of_range(&block.readings);
+        frames.flags = [out_of_range, saturated, trust.insensitive, trust.left_out];
         if self.keeps_readings {
             block.drop_memory();
             frames.readings = std::mem::take(&mut block.readings);

@@ -174,7 +174,8 @@ pub fn convert(
         let message = format!("`{}`: no row is left to convert", log.path().display());
         return Err(WorkflowError::refused(message, None));
     }
-    let [out_of_range_frames, saturated_frames, left_out_frames] = totals.flagged;
+    let [out_of_range_frames, saturated_frames, insensitive_frames, left_out_frames] =
+        totals.flagged;
     Ok(ConvertSummary {
         rows: summary.rows,
         repeated_rows: summary.repeated_rows,
@@ -187,6 +188,7 @@ pub fn convert(
         clock: clock(calibration, lag, moves_stamps),
         out_of_range_frames,
         saturated_frames,
+        insensitive_frames,
         left_out_frames,
         axes: calibration.axes.values(&totals.axes()),
         zero: zero_watch.finish(calibration),

@@ -72,8 +72,8 @@ pub struct TableColumns {
     /// centred on the wrench as written and has the width for the frame before filtering.
     pub interval: Option<f64>,
     /// Channels that cannot be trusted: `s3:range` outside the calibrated range, `s3:saturated` at an end of
-    /// the converter or on a plateau of its curve, `s3:left-out` not used by the model; empty if there are
-    /// none.
+    /// the converter's range, `s3:insensitive` on a plateau of its curve, `s3:left-out` not used by the
+    /// model; empty if there are none.
     pub flags: bool,
 }
 

@@ -35,6 +35,9 @@ pub struct ConvertSummary {
     /// Number of frames with a reading outside the range of the training data.
     pub out_of_range_frames: u64,
     pub saturated_frames: u64,
+    /// Number of frames with a channel on a plateau of its curve.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub insensitive_frames: u64,
     #[serde(skip_serializing_if = "is_zero")]
     pub left_out_frames: u64,
     /// Smallest, mean and largest value of each axis, N and N·m.
@@ -84,6 +87,7 @@ impl ConvertSummary {
         for (count, what) in [
             (self.out_of_range_frames, "outside the calibrated range"),
             (self.saturated_frames, "saturated"),
+            (self.insensitive_frames, "on a plateau of its curve, insensitive to the load"),
             (self.left_out_frames, "left out by the model"),
         ] {
             if count > 0 {
@@ -210,7 +214,7 @@ pub struct AxisSummary {
 pub(super) struct Totals {
     pub(super) frames: u64,
     /// Number of frames with flags of each kind.
-    pub(super) flagged: [u64; 3],
+    pub(super) flagged: [u64; 4],
     pub(super) axes: PerAxis<Option<(f64, f64, f64)>>,
     /// `Some` if a load was subtracted.
     pub(super) scatter: Option<PerAxis<RunningVariance>>,

@@ -106,16 +106,17 @@ impl WrenchTable {
         frames.texts.iter().cloned().chain(flags).collect()
     }
 
-    /// Appends the flags of a frame: channels out of range, saturated and left out.
+    /// Appends the flags of a frame: channels out of range, saturated, insensitive and left out.
     pub(super) fn write_flags(&self, frames: &ConvertedFrames, row: usize, text: &mut Vec<u8>) {
         let masks = frames.flags.each_ref().map(|flags| flags.get(row).copied().unwrap_or(0));
         let start = text.len();
-        let mut flagged = masks[0] | masks[1] | masks[2];
+        let mut flagged = masks.iter().fold(0, |all, mask| all | mask);
         while flagged != 0 {
             let channel = flagged.trailing_zeros() as usize;
             flagged &= flagged - 1;
             let name = self.channels.get(channel).map_or("", String::as_str);
-            for (mask, what) in masks.into_iter().zip(["range", "saturated", "left-out"]) {
+            let words = ["range", "saturated", "insensitive", "left-out"];
+            for (mask, what) in masks.into_iter().zip(words) {
                 if mask >> channel & 1 == 1 {
                     let space = if text.len() > start { " " } else { "" };
                     text.extend_from_slice(format!("{space}{name}:{what}").as_bytes());
@@ -175,7 +176,7 @@ mod tests {
             time_s: vec![0.001302, 1425168310.852012],
             wrench: std::array::from_fn(|axis| vec![axis as f64 / 10.0, -1.0 / 3.0]),
             standard_errors: std::array::from_fn(|_| vec![0.5, 1e-20]),
-            flags: [vec![0, 0b101], vec![0, 0b100], Vec::new()],
+            flags: [vec![0, 0b101], vec![0, 0b100], Vec::new(), Vec::new()],
             readings: Vec::new(),
             kept: Vec::new(),
             texts: Vec::new(),

@@ -57,7 +57,7 @@ pub(super) fn loads(labels: &[&str]) -> String {
 }
 
 /// Binary logs of other programs: nulls, lists and decimals in the first.
-const BINARY: [&str; 20] = [
+const BINARY: [&str; 26] = [
     "table-file/tests/nested.parquet",
     "log-file/fuzz/seeds/parquet/delta.parquet",
     "log-file/fuzz/seeds/parquet/groups.parquet",
@@ -77,6 +77,12 @@ const BINARY: [&str; 20] = [
     "log-file/fuzz/seeds/matlab/vectors.mat",
     "log-file/fuzz/seeds/mcap/lz4.mcap",
     "log-file/fuzz/seeds/packed/plain.csv.gz",
+    "log-file/fuzz/seeds/rosbag/bz2.bag",
+    "log-file/fuzz/seeds/rosbag/lz4.bag",
+    "log-file/fuzz/seeds/rosbag/none.bag",
+    "log-file/fuzz/seeds/sqlite/bag.db3",
+    "log-file/fuzz/seeds/tdms/times.tdms",
+    "log-file/fuzz/seeds/tdms/waveform.tdms",
     "log-file/fuzz/seeds/xlsx/workbook.xlsx",
 ];
 

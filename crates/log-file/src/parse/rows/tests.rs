@@ -35,8 +35,7 @@ fn parse_slowly(lines: &[u8], skip: bool) -> (Result<(), RowError>, ParsedRows) 
             match plan.parse_fields(fields, &mut parsed) {
                 Ok(()) => parsed.rows += 1,
                 Err(problem) if skip || (is_last && plan.is_short(&problem)) => {
-                    parsed.skipped += 1;
-                    parsed.first_skipped.get_or_insert(RowError { offset, problem });
+                    parsed.skip(offset, problem);
                     parsed.pass_lines(1);
                 }
                 Err(problem) => return (Err(RowError { offset, problem }), parsed),

@@ -147,7 +147,8 @@ impl MappingArgs {
         ReadOptions {
             threads: self.threads.map_or(0, usize::from),
             skip_bad_rows: self.skip_bad_rows.is_some(),
-            largest_bad_share: (self.skip_bad_rows.as_deref() != Some("all")).then_some(MOST_BAD),
+            largest_bad_share: (self.skip_bad_rows.as_deref() != Some("all"))
+                .then_some(ReadOptions::FEW_BAD_ROWS),
             ..ReadOptions::default()
         }
     }
@@ -224,9 +225,6 @@ pub(crate) fn open_logs(
         |(log, wrench): (&InputPath, &InputPath)| Log::open_with_companion(log, wrench, mapping);
     Ok(logs.iter().zip(wrenches).map(open).collect::<Result<_, _>>()?)
 }
-
-/// Share of invalid rows above which skipping them has to be requested for all.
-const MOST_BAD: f64 = 0.1;
 
 /// The columns of the wrench, by axis.
 type WrenchColumns = PerAxis<Option<ColumnRef>>;

@@ -263,10 +263,10 @@ impl<'a> ScannedLog<'a> {
         }
         lines.extend(lines_of_time(&self.summary.timing));
         let ends = self.summary.timing.start_s.zip(self.summary.timing.end_s);
-        if let (Some(turn), Some((start, end))) = (log.clock_turn_s(), ends)
+        if let (Some((turn, event)), Some((start, end))) = (log.clock_turn(), ends)
             && (start..=end).contains(&turn)
         {
-            lines.push(format!("  clock     unwrapped: 32 bits came round at {turn:.6} s"));
+            lines.push(format!("  clock     unwrapped: {event} at {turn:.6} s"));
         }
         if let (true, Some((_, Some(rate)))) = (log.repeats_are_stale(), self.repeats()) {
             lines.push(format!("  fresh     {rate:.2} frames per second (repeats are not new)"));
@@ -361,11 +361,9 @@ impl ColumnInfo<'_> {
     /// The output of `--json`.
     fn document(&self) -> impl Serialize + use<> {
         let limits = |of: &ColumnSummary| {
-            let [at_0, at_4095, at_65535] = of.rows_at_ends().map(|(_, rows)| rows);
+            let at_ends = of.rows_at_ends().into_iter();
             document! {
-                rows_at_0: at_0,
-                rows_at_4095: at_4095,
-                rows_at_65535: at_65535,
+                rows_at_ends: at_ends.map(|(end, rows)| document! { end, rows }).collect::<Vec<_>>(),
                 rows_at_max: of.rows_at_max,
                 pinned_at_max: of.is_pinned_at_max(),
                 // Number of distinct values, if the channel is almost constant.
@@ -411,9 +409,10 @@ impl ColumnInfo<'_> {
         if self.is_reading() {
             let few = values.quiet_values();
             notes.extend(few.map(|values| format!("almost constant: {values} values")));
-            let ends = values.rows_at_ends().into_iter().filter(|(_, rows)| *rows > 0);
-            notes.extend(ends.map(|(end, rows)| format!("saturated: {rows} rows at {end}")));
-            if values.is_pinned_at_max() && ![4095.0, 65535.0].contains(&values.max) {
+            let ends = values.rows_at_ends();
+            let is_end = ends.iter().any(|(end, _)| *end == values.max);
+            notes.extend(ends.iter().map(|(end, rows)| format!("saturated: {rows} rows at {end}")));
+            if values.is_pinned_at_max() && !is_end {
                 notes.push(format!("pinned: {} rows at its maximum", values.rows_at_max));
             }
         }

@@ -1,28 +1,30 @@
-//! The records of a recording in order, inside and outside chunks.
+//! MCAP ("MCAP File Format Specification"): records in order, inside and outside chunks.
 
+use std::collections::HashMap;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 
-use super::KIND;
+use super::message::FieldKind;
+use super::{MESSAGE, Record};
 use crate::budget::{self, Unpacked};
 use crate::bytes::ByteReader;
 use crate::codec::{Codec, unpack};
 use crate::format::{FileSource, OpenFile};
-use crate::kind::TableError;
+use crate::kind::{FileKind, TableError};
 
-/// A record that is needed to read messages.
-pub(super) enum McapRecord {
-    Schema { id: u16, name: String, definition: String },
-    Channel { id: u16, schema: u16, topic: String, encoding: String },
-    Message { channel: u16, log_time: u64, data: Vec<u8> },
-}
-
-/// Maximum size of a record outside chunks, bytes.
-const MESSAGE: u64 = 16 << 20;
+const KIND: FileKind = FileKind::Mcap;
 
 const MAGIC: [u8; 8] = *b"\x89MCAP0\r\n";
 
-pub(super) struct Records {
+/// Opens the records of a file.
+pub(super) fn records(file: &FileSource) -> Result<super::Records, TableError> {
+    let mut records = Records::open(file)?;
+    Ok(Box::new(move || records.next()))
+}
+
+struct Records {
     file: BufReader<OpenFile>,
+    /// Names and definitions of message types, by number.
+    schemas: HashMap<u16, (String, String)>,
     at: u64,
     length: u64,
     records: Vec<u8>,
@@ -31,16 +33,17 @@ pub(super) struct Records {
     unpacked: Unpacked,
     ended: bool,
     /// Position of the record in which the file ends, if it has no end of its own.
-    pub(super) cut_at: Option<u64>,
+    cut_at: Option<u64>,
 }
 
 impl Records {
-    pub(super) fn open(file: &FileSource) -> Result<Self, TableError> {
+    fn open(file: &FileSource) -> Result<Self, TableError> {
         let length = file.length()?;
         let file = BufReader::with_capacity(1 << 16, file.open()?);
-        let (records, unpacked) = (Vec::new(), Unpacked::default());
+        let (records, unpacked, schemas) = (Vec::new(), Unpacked::default(), HashMap::new());
         let (next, ended, cut_at) = (0, false, None);
-        let mut records = Self { file, at: 0, length, records, next, unpacked, ended, cut_at };
+        let mut records =
+            Self { file, schemas, at: 0, length, records, next, unpacked, ended, cut_at };
         let mut magic = [0; 8];
         records.read(&mut magic)?;
         match magic == MAGIC {
@@ -57,12 +60,12 @@ impl Records {
     }
 
     /// Returns the next relevant record; `None` at the end of the messages.
-    pub(super) fn next(&mut self) -> Result<Option<McapRecord>, TableError> {
+    fn next(&mut self) -> Result<Option<Record>, TableError> {
         loop {
             let rest = &self.records[self.next..];
             if rest.is_empty() {
                 if self.ended {
-                    return Ok(None);
+                    return Ok(self.cut_at.take().map(|at| Record::Cut { at }));
                 }
                 self.next_at_top()?;
                 continue;
@@ -72,8 +75,9 @@ impl Records {
             let kind = bytes.u8().ok_or_else(damaged)?;
             let length = bytes.u64().and_then(|length| usize::try_from(length).ok());
             let content = length.and_then(|length| bytes.take(length)).ok_or_else(damaged)?;
-            let record = record(kind, content).ok_or_else(damaged)?;
-            self.next = self.records.len() - bytes.rest.len();
+            let next = self.records.len() - bytes.rest.len();
+            let record = record(&mut self.schemas, kind, content).ok_or_else(damaged)?;
+            self.next = next;
             if record.is_some() {
                 return Ok(record);
             }
@@ -159,7 +163,11 @@ fn chunk(
 }
 
 /// Decodes a record: `Some(None)` if it is not relevant, `None` if it is damaged.
-fn record(kind: u8, content: &[u8]) -> Option<Option<McapRecord>> {
+fn record(
+    schemas: &mut HashMap<u16, (String, String)>,
+    kind: u8,
+    content: &[u8],
+) -> Option<Option<Record>> {
     let mut bytes = ByteReader::new(content);
     Some(match kind {
         0x03 => {
@@ -168,18 +176,20 @@ fn record(kind: u8, content: &[u8]) -> Option<Option<McapRecord>> {
             // Only ROS definitions are used, and these are text.
             let length = usize::try_from(bytes.u32()?).ok()?;
             let definition = String::from_utf8_lossy(bytes.take(length)?).into_owned();
-            Some(McapRecord::Schema { id, name, definition })
+            schemas.insert(id, (name, definition));
+            None
         }
-        0x04 => Some(McapRecord::Channel {
-            id: bytes.u16()?,
-            schema: bytes.u16()?,
-            topic: bytes.text()?.to_owned(),
-            encoding: bytes.text()?.to_owned(),
-        }),
+        0x04 => {
+            let (id, schema) = (u32::from(bytes.u16()?), bytes.u16()?);
+            let (topic, encoding) = (bytes.text()?.to_owned(), bytes.text()?);
+            let (name, definition) =
+                schemas.get(&schema).map_or(("", ""), |(name, text)| (name, text));
+            Some(Record::Channel { id, topic, kind: FieldKind::new(name, definition, encoding) })
+        }
         0x05 => {
-            let (channel, _sequence) = (bytes.u16()?, bytes.u32()?);
+            let (channel, _sequence) = (u32::from(bytes.u16()?), bytes.u32()?);
             let (log_time, _published) = (bytes.u64()?, bytes.u64()?);
-            Some(McapRecord::Message { channel, log_time, data: bytes.rest.to_vec() })
+            Some(Record::Message { channel, log_time, data: bytes.rest.to_vec() })
         }
         _ => None,
     })

@@ -16,11 +16,13 @@ pub(super) enum FieldKind {
     Record(Vec<(String, bool)>),
     /// JSON objects.
     Json,
+    /// JSON objects in `std_msgs/String`.
+    Text { is_ros1: bool },
 }
 
 pub(super) struct Message {
     /// Time of measurement in ns, if the message states it.
-    pub(super) stamp_ns: Option<u64>,
+    pub(super) stamp_ns: Option<i64>,
     pub(super) columns: Vec<(String, Cell)>,
 }
 
@@ -52,6 +54,7 @@ impl FieldKind {
         let is_stamped = match schema.replace("/msg/", "/").as_str() {
             "geometry_msgs/WrenchStamped" => true,
             "geometry_msgs/Wrench" => false,
+            "std_msgs/String" => return Some(Self::Text { is_ros1 }),
             _ => return None,
         };
         Some(Self::Wrench { is_stamped, is_ros1 })
@@ -62,6 +65,10 @@ impl FieldKind {
         let not_a = |kind: &str| Unread::Damaged(format!("no `{kind}`"));
         match self {
             Self::Json => json(data).map_err(Unread::Damaged),
+            Self::Text { is_ros1 } => {
+                let text = text(data, *is_ros1).ok_or_else(|| not_a("String"))?;
+                json(text).map_err(Unread::Damaged)
+            }
             Self::Record(fields) => record(data, fields).ok_or_else(|| not_a(RECORD_TYPE)),
             Self::Wrench { is_stamped, is_ros1: true } => {
                 ros1_wrench(data, *is_stamped).ok_or_else(|| not_a(wrench_type(*is_stamped)))
@@ -77,6 +84,15 @@ impl FieldKind {
 
     pub(super) fn is_wrench(&self) -> bool {
         matches!(self, Self::Wrench { .. })
+    }
+
+    /// Returns true for JSON objects.
+    pub(super) fn is_object(&self) -> bool {
+        matches!(self, Self::Json) || self.is_text()
+    }
+
+    pub(super) fn is_text(&self) -> bool {
+        matches!(self, Self::Text { .. })
     }
 }
 
@@ -121,8 +137,13 @@ fn record(data: &[u8], fields: &[(String, bool)]) -> Option<Message> {
         };
         columns.push((name.clone(), cell));
     }
-    let stamp_ns = Some(u64::from(seconds) * 1_000_000_000 + u64::from(nanoseconds));
-    Some(Message { stamp_ns, columns })
+    Some(Message { stamp_ns: Some(stamp(seconds, nanoseconds, false)), columns })
+}
+
+/// Returns a stamp in ns; its seconds are signed in ROS 2.
+fn stamp(seconds: u32, nanoseconds: u32, is_ros1: bool) -> i64 {
+    let seconds = if is_ros1 { i64::from(seconds) } else { i64::from(seconds as i32) };
+    seconds * 1_000_000_000 + i64::from(nanoseconds)
 }
 
 /// The layout of numbers in a message.
@@ -175,7 +196,8 @@ fn wrench(data: &[u8], layout: &Layout, is_stamped: bool) -> Option<Message> {
     let mut stamp_ns = None;
     if is_stamped {
         let (seconds, nanoseconds) = (word(&mut bytes)?, word(&mut bytes)?);
-        stamp_ns = Some(u64::from(seconds) * 1_000_000_000 + u64::from(nanoseconds));
+        // Only ROS 1 packs its numbers.
+        stamp_ns = Some(stamp(seconds, nanoseconds, step == 1));
         let length = usize::try_from(word(&mut bytes)?).ok()?;
         bytes.take(length)?;
         let read = data.len() - bytes.rest.len();
@@ -189,7 +211,17 @@ fn wrench(data: &[u8], layout: &Layout, is_stamped: bool) -> Option<Message> {
     Some(Message { stamp_ns, columns: columns.collect::<Option<_>>()? })
 }
 
-/// Decodes an object.
+/// Returns the content of a `std_msgs/String`: after the header of CDR, a length and the bytes.
+fn text(data: &[u8], is_ros1: bool) -> Option<&[u8]> {
+    let (order, data) = if is_ros1 { (&[0, 1][..], data) } else { data.split_at_checked(4)? };
+    let mut bytes = ByteReader::new(data);
+    let length = bytes.u32()?;
+    let length = if order.get(1)? & 1 == 1 { length } else { length.swap_bytes() };
+    let text = bytes.take(usize::try_from(length).ok()?)?;
+    Some(text.strip_suffix(&[0]).unwrap_or(text))
+}
+
+/// Decodes a JSON object.
 fn json(data: &[u8]) -> Result<Message, String> {
     let value: Value = serde_json::from_slice(data).map_err(|error| error.to_string())?;
     let Value::Object(_) = value else { return Err("expected an object".to_owned()) };

@@ -1,0 +1,164 @@
+//! The clock of a log: the unit of times that are numbers, and the notation of those that are dates.
+
+use super::layout::{fields, lines};
+use super::mapping::TimeUnit;
+use crate::parse::date::{DateOrder, is_date, is_time_of_day, order_of};
+use crate::parse::number::parse_field;
+use shell_data::statistics::upper_median;
+
+/// The notation of times that are dates or times of day.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct DateColumn {
+    pub(crate) order: DateOrder,
+    /// A date that has two readings, if no other date tells them apart.
+    pub(crate) unclear: Option<String>,
+    /// True for times without a date, which begin again at midnight.
+    pub(crate) is_of_day: bool,
+}
+
+/// The fields of the time column in the first rows.
+pub(super) struct ClockFields(Vec<Vec<u8>>);
+
+/// Number of rows that are examined for the unit of a clock.
+pub(super) const CLOCK_ROWS: usize = 64;
+
+impl ClockFields {
+    /// Takes the column at a position from rows, of which the last one may be cut off.
+    pub(super) fn new(rows: &[u8], separator: u8, at: usize) -> Self {
+        let whole = lines(rows, 0, 1)
+            .enumerate()
+            .filter(|(row, line)| *row == 0 || line.next < rows.len())
+            .map(|(_, line)| fields(line.text, separator));
+        Self(whole.filter_map(|mut fields| fields.get_mut(at).map(std::mem::take)).collect())
+    }
+
+    pub(super) fn first(&self) -> Option<&[u8]> {
+        self.0.first().map(Vec::as_slice)
+    }
+
+    /// Returns true if the clock shows the same time in two rows, one below the other.
+    pub(super) fn rests(&self) -> bool {
+        self.0.windows(2).any(|pair| pair[0] == pair[1])
+    }
+
+    /// Returns the notation of the times, if the first one is a date or a time of day; `order` is the user's.
+    pub(super) fn dates(&self, order: Option<DateOrder>) -> Option<DateColumn> {
+        let first = self.first().filter(|first| is_date(first))?;
+        let is_of_day = is_time_of_day(first);
+        let mut orders = self.0.iter().filter_map(|field| order_of(field));
+        let found = order.or_else(|| orders.find_map(|order| order));
+        let is_unclear = found.is_none() && order_of(first).is_some();
+        let unclear = is_unclear.then(|| String::from_utf8_lossy(first).trim().to_owned());
+        Some(DateColumn { order: found.unwrap_or(DateOrder::DayFirst), unclear, is_of_day })
+    }
+
+    /// Determines the unit of times that are numbers.
+    ///
+    /// # Errors
+    /// The median step from row to row, if two units are possible.
+    pub(super) fn unit(&self) -> Result<Option<TimeUnit>, f64> {
+        match self.first().and_then(epoch_unit) {
+            None => self.median_step().map(unit_by_step).transpose(),
+            epoch => Ok(epoch),
+        }
+    }
+
+    /// Returns the median step from row to row of times that are increasing integers.
+    fn median_step(&self) -> Option<f64> {
+        let times = self.0.iter().take(CLOCK_ROWS).filter_map(|field| parse_field(field).ok());
+        let times: Vec<f64> = times.collect();
+        if times.iter().any(|time| time.fract() != 0.0) {
+            return None;
+        }
+        let steps = times.windows(2).map(|pair| pair[1] - pair[0]);
+        let mut steps: Vec<f64> = steps.filter(|step| *step > 0.0).collect();
+        upper_median(&mut steps)
+    }
+}
+
+/// Returns true if a number is likely a time since 1970.
+pub(super) fn is_since_1970(field: &[u8]) -> bool {
+    epoch_unit(field).is_some()
+}
+
+/// Determines the unit of a clock that counts from 1970 by the number of digits: in the years 2001 to 2286 it
+/// has ten digits in s, thirteen in ms, and so on.
+fn epoch_unit(first: &[u8]) -> Option<TimeUnit> {
+    let time = parse_field(first).ok()?;
+    let has_digits = |digits: i32| (10_f64.powi(digits - 1)..10_f64.powi(digits)).contains(&time);
+    let mut units = TimeUnit::ALL.into_iter().zip([10, 13, 16, 19]);
+    units.find(|(_, digits)| has_digits(*digits)).map(|(unit, _)| unit)
+}
+
+/// Determines the unit of a clock with integer times from their step per row, assuming that it is between 100
+/// µs and 2 s. A step below one hundred is taken for seconds, the default for a time without a unit.
+///
+/// # Errors
+/// The step, if two units are possible.
+fn unit_by_step(step: f64) -> Result<TimeUnit, f64> {
+    match step {
+        ..100.0 => Ok(TimeUnit::Second),
+        2e3..5e5 => Ok(TimeUnit::Microsecond),
+        2e6.. => Ok(TimeUnit::Nanosecond),
+        _ => Err(step),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn clocks_from_1970_tell_their_unit_and_others_do_not() {
+        for (first, unit) in [
+            ("1762506123.5", Some(TimeUnit::Second)),
+            ("1762506123500", Some(TimeUnit::Millisecond)),
+            ("1762506123500123", Some(TimeUnit::Microsecond)),
+            ("1762506123500123456", Some(TimeUnit::Nanosecond)),
+            ("0.01", None),
+            ("10000", None),
+            ("x", None),
+        ] {
+            assert_eq!(epoch_unit(first.as_bytes()), unit, "{first}");
+        }
+    }
+
+    fn clock(text: &str) -> ClockFields {
+        ClockFields::new(text.as_bytes(), b',', 0)
+    }
+
+    #[test]
+    fn whole_numbers_tell_their_unit_by_their_steps() {
+        let head = |step: u64| -> String {
+            (0..40)
+                .map(|row| format!("{},7\n", if row > 20 { row - 20 } else { row } * step))
+                .collect()
+        };
+        let unit = |text: &str| clock(text).median_step().map(unit_by_step);
+        for (step, expected) in [
+            (1, Ok(TimeUnit::Second)),
+            (60, Ok(TimeUnit::Second)),
+            (500, Err(500.0)),
+            (10_000, Ok(TimeUnit::Microsecond)),
+            (1_000_000, Err(1e6)),
+            (10_000_000, Ok(TimeUnit::Nanosecond)),
+        ] {
+            assert_eq!(unit(&head(step)), Some(expected), "{step}");
+        }
+        assert_eq!(unit("1000.5,7\n12000.5,7\n24000.5,7\n"), None, "fractions are of seconds");
+        assert_eq!(unit("x,7\n"), None);
+    }
+
+    #[test]
+    fn dates_are_unclear_until_a_day_is_above_twelve() {
+        let dates = |text: &str, order| clock(text).dates(order).unwrap();
+        let unclear = dates("01/02/2026 10:00:00,7\n02/02/2026 10:00:00,8\n", None);
+        assert_eq!(unclear.unclear.as_deref(), Some("01/02/2026 10:00:00"));
+        let known = dates("01/02/2026,7\n02/13/2026,8\n02/14/2026,9\n", None);
+        assert_eq!((known.order, known.unclear), (DateOrder::MonthFirst, None));
+        let said = dates("01/02/2026,7\n", Some(DateOrder::DayFirst));
+        assert_eq!((said.order, said.unclear), (DateOrder::DayFirst, None));
+        assert!(dates("23:59:59.5,7\n", None).is_of_day);
+        assert_eq!(clock("7,8\n").dates(None), None);
+    }
+}
