@@ -95,7 +95,9 @@ struct TdmsTable {
 pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable, TableError> {
     let mut reader = Reader::new(source)?;
     while reader.segment()? {}
+    // The reader notes only a missing end.
     let Reader { channels, mut notes, .. } = reader;
+    let is_cut_off = !notes.is_empty();
     let channels: Vec<Channel> =
         channels.into_iter().filter(|channel| channel.name.contains('/')).collect();
     let arrays = channels.iter().map(Channel::array).collect();
@@ -113,7 +115,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
         columns.insert(0, TableColumn { name: "t_s".to_owned(), unit: None });
     }
     let table = TdmsTable { file: source.clone(), channels, arrays, clock };
-    Ok(FoundTable { columns: Some(columns), rows: Arc::new(table), notes })
+    Ok(FoundTable { columns: Some(columns), rows: Arc::new(table), notes, is_cut_off })
 }
 
 /// The objects and segments of a file.

@@ -1,7 +1,12 @@
 //! Files written by h5py 3.16, with damage that the HDF5 library refuses ("HDF5 File Format Specification
 //! Version 3.0", section III.A.1: nodes of a version 1 B-tree).
 
-#![allow(clippy::disallowed_methods, reason = "tests read files")]
+#![allow(
+    clippy::disallowed_methods,
+    clippy::disallowed_types,
+    clippy::unwrap_used,
+    reason = "tests read files, run themselves, and may panic"
+)]
 
 use std::path::Path;
 
@@ -48,7 +53,7 @@ fn lookup3(bytes: &[u8]) -> u32 {
     while let Some(block) = blocks.next() {
         let mut full = [0; 12];
         full[..block.len()].copy_from_slice(block);
-        let word = |at: usize| u32::from_le_bytes(full[at..at + 4].try_into().unwrap());
+        let word = |at: usize| u32::from_le_bytes(full[at..at + 4].try_into().expect("four bytes"));
         a = a.wrapping_add(word(0));
         b = b.wrapping_add(word(4));
         c = c.wrapping_add(word(8));
@@ -106,7 +111,7 @@ fn misstated(seed: &[u8], random: &mut RandomStream) -> Vec<u8> {
         bytes[at..at + width].copy_from_slice(&number.to_le_bytes()[..width]);
     }
     for header in headers {
-        let (content, checksum) = bytes[header].split_last_chunk_mut::<4>().unwrap();
+        let (content, checksum) = bytes[header].split_last_chunk_mut::<4>().expect("a checksum");
         *checksum = lookup3(content).to_le_bytes();
     }
     bytes
@@ -121,7 +126,7 @@ fn in_tiny_chunks(seed: &[u8]) -> Vec<u8> {
     const LAYOUT: [u8; 5] = [4, 2, 0, 2, 1];
     let mut bytes = seed.to_vec();
     for header in sealed(seed) {
-        let (content, checksum) = bytes[header].split_last_chunk_mut::<4>().unwrap();
+        let (content, checksum) = bytes[header].split_last_chunk_mut::<4>().expect("a checksum");
         let at = |wanted: &[u8]| content.windows(wanted.len()).position(|part| part == wanted);
         let places = (at(&24_u64.to_le_bytes()), at(&FLOATS), at(&LAYOUT));
         if let (Some(rows), Some(kind), Some(layout)) = places {

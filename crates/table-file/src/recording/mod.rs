@@ -117,7 +117,7 @@ pub(crate) fn open(
                 let is_wanted = |at: &usize| part.is_none_or(|part| topics[*at].name == part);
                 let Some(at) = at.filter(is_wanted) else { continue };
                 let topic = &mut topics[at];
-                if !(topic.fields.is_object() && !topic.columns.is_empty()) {
+                if !topic.fields.is_object() || topic.columns.is_empty() {
                     let message = match topic.fields.decode(&data) {
                         // Texts that are no objects: a topic of remarks.
                         Err(_) if topic.fields.is_text() => {
