@@ -46,7 +46,7 @@ def main(train: str, test: str) -> None:
     # Every axis counts the same.
     scale = wrench.std(axis=0)
     pipeline = make_pipeline(StandardScaler(), FAMILIES["linear"], StandardScaler(), Ridge())
-    # The ridge is that of columns with norm one.
+    # A ridge refers to columns with norm one.
     alphas = [ridge * len(rows) * (1 - 1 / FOLDS) for ridge in RIDGES]
     grid = {"polynomialfeatures": list(FAMILIES.values()), "ridge__alpha": alphas}
     groups = np.arange(len(rows)) * STRETCHES // len(rows)

@@ -129,8 +129,8 @@ pub enum Normal {
     /// The force that bends an inextensible beam, clamped at its base, so that its tip is at its position:
     /// Euler's elastica in place of bar and spring. Touches by its tip only.
     Elastica,
-    /// The same for a beam that is a plate: it touches with its face where it has bent so far that it lies
-    /// along the body.
+    /// [`Elastica`](Self::Elastica) for a plate, which also touches with its face where it lies along the
+    /// body.
     Plate,
 }
 

@@ -322,8 +322,8 @@ impl Reader {
     }
 }
 
-/// Reads the index of a measurement card's channel, which is skipped. Its bytes are those of all channels in
-/// a buffer.
+/// Reads the index of a measurement card's channel, which is skipped. A buffer holds the bytes of all
+/// channels.
 fn card_index(fields: &mut Fields<'_>) -> Option<Index> {
     let (_kind, _dimension, count) = (fields.u32()?, fields.u32()?, fields.u64()?);
     for _ in 0..fields.u32()? {

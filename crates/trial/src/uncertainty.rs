@@ -19,8 +19,8 @@
 //! out over trials, and cancel in a difference as far as loads agree. They are kept as a vector; means and
 //! differences are computed from the vector before its length.
 //!
-//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom. Those of the coefficients are
-//! far fewer than groups if few groups have large loads
+//! The interval is Student's t with the Welch-Satterthwaite degrees of freedom. The coefficients have far
+//! fewer than groups if few groups have large loads
 //! ([`Covariance::degrees_of_combination`]).
 
 use super::input::TrialInput;

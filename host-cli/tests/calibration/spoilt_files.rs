@@ -258,7 +258,11 @@ const OF_POSES: [(&str, Spoil, &str); 36] = [
         |s| s.test.readings.swap(1, 4),
         "exchanging the readings s2 and s5",
     ),
-    ("test: a channel unplugged", |s| s.test.readings[2].fill(0.0), "on the test: s3 stands at 0"),
+    (
+        "test: a channel unplugged",
+        |s| s.test.readings[2].fill(0.0),
+        "on the test: s3 is 0 in every frame",
+    ),
     (
         "test: the reference six rows late",
         |s| s.test.wrench.iter_mut().for_each(|column| column.rotate_right(6)),

@@ -27,7 +27,9 @@ fn columns(path: &Path) -> Vec<(String, Vec<f64>)> {
     let log = Log::open(path, &Mapping::default()).unwrap();
     let is_number = |name: &str| !name.starts_with("flags") && !name.starts_with('s');
     let names = log.columns().iter().map(|column| column.name.to_lowercase());
-    let wanted = names.enumerate().filter(|(_, name)| is_number(name) && name != "t_s");
+    let wanted = names
+        .enumerate()
+        .filter(|(_, name)| is_number(name) && !["t_s", "log"].contains(&name.as_str()));
     let wanted: Vec<(usize, String)> = wanted.collect();
     let others = wanted.iter().map(|(position, _)| *position).collect();
     let mut columns: Vec<(String, Vec<f64>)> =

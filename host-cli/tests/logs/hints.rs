@@ -98,18 +98,6 @@ fn cases() -> Vec<HintCase> {
         },
         HintCase {
             file: (
-                "words.csv",
-                rows("this is a log\nof two parts\n", |at| {
-                    format!("{at},{},{}", 1500 + at, six(at, ","))
-                }),
-            ),
-            command: "info words.csv",
-            hint: "`--time 1 --sensors 2-8`",
-            followed: "--time 1 --sensors 2",
-            right: &["rows      40", "1.00 Hz", "sensor 1"],
-        },
-        HintCase {
-            file: (
                 "bad.csv",
                 rows("t_s,s1,s2\n", |at| match at {
                     7 => "7,x,1".to_owned(),

@@ -29,7 +29,7 @@ _COLUMNS = (
     "exclude_group",
 )
 
-# Options of which several values are conditions of their own.
+# Options that take several conditions.
 _SEVERAL = ("where", "exclude_group")
 
 

@@ -23,7 +23,7 @@ pub(super) struct ClockFields(Vec<Vec<u8>>);
 pub(super) const CLOCK_ROWS: usize = 64;
 
 impl ClockFields {
-    /// Takes the column at a position from rows, of which the last one may be cut off.
+    /// Takes the column at a position from rows. The last row may be cut off.
     pub(super) fn new(rows: &[u8], separator: u8, at: usize) -> Self {
         let whole = lines(rows, 0, 1)
             .enumerate()

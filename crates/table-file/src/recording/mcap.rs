@@ -32,7 +32,7 @@ struct Records {
     next: usize,
     unpacked: Unpacked,
     ended: bool,
-    /// Position of the record in which the file ends, if it has no end of its own.
+    /// Position of the record in which the file ends, if its end is missing.
     cut_at: Option<u64>,
 }
 

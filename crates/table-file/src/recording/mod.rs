@@ -39,7 +39,7 @@ enum Record {
         log_time: u64,
         data: Vec<u8>,
     },
-    /// The byte at which the file ends without an end of its own, after all other records.
+    /// The byte at which a file without its end stops, after all other records.
     Cut {
         at: u64,
     },

@@ -241,7 +241,7 @@ fn sizes_are_refused_before_they_are_taken() {
     write(&dir, "wide.csv", wide);
     for solver in ["exact", "tsqr"] {
         let said = says(&dir, &format!("fit wide.csv --model poly3 --solver {solver}"), 2);
-        assert!(said.contains("`quadratic` would do, or `21` channels"), "{said}");
+        assert!(said.contains("`quadratic`, or at most `21` channels"), "{said}");
     }
     let said = says(&dir, "convert cal.json test.csv --lowpass 1e-6 -o out.csv", 2);
     assert!(said.contains("too low for 100 samples per second: at least `0.002` Hz"), "{said}");

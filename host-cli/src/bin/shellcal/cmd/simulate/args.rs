@@ -108,7 +108,7 @@ pub(super) enum BeamKind {
     Hinged,
     /// A beam clamped at its base that bends, of the same bending stiffness, and touches by its tip
     Clamped,
-    /// The same, which also touches with its face where it bends far enough
+    /// A clamped plate, which also touches with its face where it bends far enough
     Plate,
 }
 
