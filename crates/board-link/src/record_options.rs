@@ -6,7 +6,7 @@ use output_file::OutputError;
 use shared_proto::Protocol;
 use shell_data::block::FrameLabel;
 use shell_data::hint::Hint;
-use shell_data::wrench::AxisValues;
+use shell_data::wrench::{AxisValues, PerAxis};
 
 use super::{LinkError, LogSink, Uplink};
 use crate::recording::{BoardFrame, LiveForces, Losses, NoFrame, UnsuitableCalibration};
@@ -33,6 +33,9 @@ pub struct RecordOptions {
 pub trait Watcher: std::fmt::Debug + Send {
     /// Receives newly arrived frames in order of arrival; with several boards, those of the first.
     fn see(&mut self, frames: &[BoardFrame]);
+
+    /// Receives the newest wrench of the reference sensor, N and N·m, each time that one has arrived.
+    fn see_reference(&mut self, _wrench: PerAxis<f64>) {}
 
     /// Returns the next command for the log. Called about twice a second, until it returns `None`.
     fn next_command(&mut self) -> Option<RecordCommand> {

@@ -132,8 +132,9 @@ impl Recorder {
         arrival: Option<Duration>,
     ) -> Result<Option<RecordingProgress>, RecordError> {
         self.now = now;
-        if let Some(reference) = &mut self.reference {
-            reference.listen();
+        let wrench = self.reference.as_mut().and_then(ReferenceBeside::listen);
+        if let (Some(watcher), Some(wrench)) = (&mut self.sinks.watcher, wrench) {
+            watcher.see_reference(wrench);
         }
         let since = now.saturating_sub(self.flushed_at);
         if since < FLUSH {

@@ -73,8 +73,36 @@ pub enum GuidePhase {
     Done,
 }
 
+/// The error of a calibration on new poses, after a number of loads.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct ErrorPoint {
+    /// Number of loads.
+    pub loads: usize,
+    /// Largest error of a force, and of a moment, N and N·m.
+    pub error: [f64; 2],
+    /// Upper ends of their 95 % intervals.
+    pub upper: [f64; 2],
+}
+
+/// A sensor without a load.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rest {
+    /// Distance of the readings from those at the start, relative to the largest excursion of all channels so
+    /// far.
+    pub readings: [f64; CHANNELS],
+    /// The wrench, N and N·m.
+    pub wrench: PerAxis<f64>,
+}
+
+impl Rest {
+    /// Returns the distance of the readings from those of another rest.
+    pub fn distance(&self, other: &Self) -> f64 {
+        length(&std::array::from_fn(|c| self.readings[c] - other.readings[c]))
+    }
+}
+
 /// The displayed state of a guide.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct GuideView {
     /// The label of the next load; empty if all are recorded.
     pub group: String,
@@ -89,8 +117,32 @@ pub struct GuideView {
     pub phase: GuidePhase,
     /// Share of the required time of stillness that has passed, 0 to 1.
     pub held: f64,
-    /// The share of the whole plan's gain that is still to come, 0 to 1.
-    pub remaining_gain: f64,
+    /// The share of the whole plan's gain that is still to come, 0 to 1; `None` if errors are known instead.
+    pub remaining_gain: Option<f64>,
+    /// The error on new poses after each load, if a calibration is refitted.
+    pub errors: Vec<ErrorPoint>,
+    /// Error limits that end the loads, N and N·m.
+    pub limits: [Option<f64>; 2],
+    /// The newest finding on the loads, if any.
+    pub finding: String,
+}
+
+/// A guide of a live view: tells which load to hang, and finds the rows of loads that were held.
+pub trait LoadGuide {
+    /// Takes the next row; returns the label of the load that it completes, if any.
+    fn push(&mut self, row: &LiveRow) -> Option<FrameLabel>;
+
+    /// Returns the index of the first frame that may still become part of a held load.
+    fn first_unsettled(&self) -> Option<i64>;
+
+    /// Skips to the next load that is not recorded.
+    fn skip(&mut self);
+
+    /// Returns to the previous load, to record it again.
+    fn back(&mut self);
+
+    /// Returns the displayed state.
+    fn view(&self) -> GuideView;
 }
 
 /// Guides the user through loads.
@@ -124,102 +176,42 @@ impl Guide {
         }
     }
 
-    /// Takes the next row; returns the label of the load that it completes, if any.
-    pub fn push(&mut self, row: &LiveRow) -> Option<FrameLabel> {
-        let values = match (row.readings, row.wrench) {
-            (Some(readings), _) => readings,
-            (None, Some(wrench)) => std::array::from_fn(|at| wrench.get(at).map_or(0.0, |x| *x)),
-            (None, None) => return None,
-        };
-        let LiveRow { time_s, index, .. } = *row;
-        // A restarted board begins a new recording.
-        if self.stretch.back().is_some_and(|(last, _)| time_s < last.time_s) {
-            self.stretch.clear();
-            self.still_since = None;
+    /// Asks for this load next, or for none. If another `was_held`, that has to be taken off first.
+    pub fn choose(&mut self, load: Option<usize>, was_held: bool) {
+        self.next = load.unwrap_or(self.next);
+        self.await_load(load.is_none());
+        if was_held && self.phase == GuidePhase::Hang {
+            self.phase = GuidePhase::Release;
         }
-        self.stretch.push_back((*row, values));
-        while self.stretch.get(1).is_some_and(|(second, _)| time_s - second.time_s >= STRETCH_S) {
-            self.stretch.pop_front();
-        }
-        let (first, _) = *self.stretch.front()?;
-        if time_s - first.time_s < STRETCH_S {
+    }
+
+    /// Returns the event that the guide waits for.
+    pub fn phase(&self) -> GuidePhase {
+        self.phase
+    }
+
+    /// Returns the load that is asked for.
+    pub fn next(&self) -> usize {
+        self.next
+    }
+
+    /// Returns the newest readings and wrench if the sensor is at rest and its wrench is known.
+    pub fn at_rest(&self) -> Option<Rest> {
+        let (rest, noise) = self.rest?;
+        if !matches!(self.phase, GuidePhase::Hang | GuidePhase::Release) {
             return None;
         }
         let (means, scatter, step) = self.statistics();
-        let Some((rest, noise)) = self.rest else {
-            let least = if row.readings.is_some() { LEAST_NOISE } else { LEAST_FORCE_NOISE };
-            self.rest = Some((means, scatter.map(|noise| noise.max(least))));
-            self.phase = GuidePhase::Hang;
-            return None;
-        };
-        let is_still =
-            (0..CHANNELS).all(|c| scatter[c] <= QUIET * noise[c] && step[c] <= QUIET * noise[c]);
-        if !is_still {
-            self.still_since = None;
-            if self.phase != GuidePhase::Done {
-                self.phase = GuidePhase::Hang;
-            }
+        let readings: [f64; CHANNELS] =
+            std::array::from_fn(|c| (means[c] - rest[c]) / length(&self.excursion));
+        let is_still = |c: usize| scatter[c].max(step[c]) <= QUIET * noise[c];
+        let is_near = length(&readings) <= OFF_SHARE;
+        if !is_near || !(0..CHANNELS).all(is_still) {
             return None;
         }
-        let off: [f64; CHANNELS] = std::array::from_fn(|c| (means[c] - rest[c]).abs());
-        (0..CHANNELS).for_each(|c| self.excursion[c] = self.excursion[c].max(off[c]));
-        match self.phase {
-            GuidePhase::Hang if self.is_loaded(&off, &noise) => {
-                self.phase = GuidePhase::Hold;
-                // The stretch may begin with the end of the movement.
-                let (middle, _) = self.stretch[self.stretch.len() / 2];
-                self.still_since = Some((middle.time_s, middle.index));
-                None
-            }
-            GuidePhase::Hold => self.hold(time_s, index),
-            _ => None,
-        }
-    }
-
-    /// Returns the index of the first frame that may still become part of a held load.
-    pub fn first_unsettled(&self) -> Option<i64> {
-        let is_done = self.phase == GuidePhase::Done;
-        let first = if is_done { self.stretch.back() } else { self.stretch.front() };
-        self.still_since.map(|(_, index)| index).or(first.map(|(row, _)| row.index))
-    }
-
-    /// Skips to the next load that is not recorded.
-    pub fn skip(&mut self) {
-        let position = |steps: usize| (self.next + steps) % self.loads.len();
-        let mut others = (1..=self.loads.len()).map(position);
-        let left = others.find(|&at| !self.recorded[at]);
-        self.next = left.unwrap_or(self.next);
-        self.await_load(left.is_none());
-    }
-
-    /// Returns to the previous load, to record it again.
-    pub fn back(&mut self) {
-        let count = self.loads.len().max(1);
-        self.next = (self.next + count - 1) % count;
-        self.await_load(false);
-    }
-
-    pub fn view(&self) -> GuideView {
-        let next = self.loads.get(self.next).filter(|_| self.phase != GuidePhase::Done);
-        let newest_s = self.stretch.back().map_or(0.0, |(newest, _)| newest.time_s);
-        let held = self.still_since.map_or(0.0, |(since_s, _)| (newest_s - since_s) / HOLD_S);
-        let whole: f64 = self.loads.iter().map(|load| load.gain).sum();
-        let left = self.loads.iter().zip(&self.recorded).filter(|(_, is_recorded)| !**is_recorded);
-        let left: f64 = left.map(|(load, _)| load.gain).sum();
-        let recorded = self.recorded.iter().filter(|is_recorded| **is_recorded).count();
-        let unrecorded = 1.0 - recorded as f64 / self.loads.len().max(1) as f64;
-        GuideView {
-            group: next.map(|load| load.group.clone()).unwrap_or_default(),
-            text: next.map(|load| load.text.clone()).unwrap_or_default(),
-            wrench: next.map_or([0.0; 6], |load| load.wrench),
-            number: self.next + 1,
-            count: self.loads.len(),
-            recorded,
-            phase: self.phase,
-            held: if self.phase == GuidePhase::Hold { held.clamp(0.0, 1.0) } else { 0.0 },
-            // If the table has no gains, loads are counted instead.
-            remaining_gain: if whole > 0.0 { left / whole } else { unrecorded },
-        }
+        // The wrench may come later than the readings.
+        let wrench = self.mean_wrench(self.stretch.len() / 2)?;
+        Some(Rest { readings, wrench })
     }
 
     fn hold(&mut self, time_s: f64, index: i64) -> Option<FrameLabel> {
@@ -271,6 +263,15 @@ impl Guide {
         (means, scatter, std::array::from_fn(|c| (second[c] - first[c]).abs()))
     }
 
+    /// Returns the mean wrench of the stretch from this row on, if it has any.
+    fn mean_wrench(&self, from: usize) -> Option<PerAxis<f64>> {
+        let wrenches = self.stretch.range(from..).filter_map(|(row, _)| row.wrench);
+        let (sum, count) = wrenches.fold(([0.0; 6], 0.0), |(sum, count), wrench| {
+            (std::array::from_fn(|axis| sum[axis] + wrench[axis]), count + 1.0)
+        });
+        (count > 0.0).then(|| sum.map(|sum: f64| sum / count))
+    }
+
     /// Returns the size of a load, with axes scaled by the largest load of the plan.
     fn size(&self, load: usize) -> f64 {
         let largest =
@@ -285,17 +286,13 @@ impl Guide {
     /// Returns whether the still signal is likely to be the planned load.
     fn is_loaded(&self, off: &[f64; CHANNELS], noise: &[f64; CHANNELS]) -> bool {
         let planned = self.loads[self.next].wrench;
-        let wrenches = self.stretch.iter().filter_map(|(row, _)| row.wrench);
-        let (sum, count) = wrenches.fold(([0.0; 6], 0.0), |(sum, count), wrench| {
-            (std::array::from_fn(|axis| sum[axis] + wrench[axis]), count + 1.0)
-        });
         let is_wanted_empty = planned.iter().all(|value| *value == 0.0);
-        if count > 0.0 && !is_wanted_empty {
+        if let Some(wrench) = self.mean_wrench(0).filter(|_| !is_wanted_empty) {
             let loads = |axis: usize| self.loads.iter().map(move |load| load.wrench[axis].abs());
             let largest: PerAxis<f64> = std::array::from_fn(|axis| loads(axis).fold(0.0, f64::max));
             let distance = |from: &PerAxis<f64>| -> f64 {
                 let of = |axis: usize| match largest[axis] > 0.0 {
-                    true => ((sum[axis] / count - from[axis]) / largest[axis]).powi(2),
+                    true => ((wrench[axis] - from[axis]) / largest[axis]).powi(2),
                     false => 0.0,
                 };
                 (0..6).map(of).sum()
@@ -309,6 +306,103 @@ impl Guide {
         let least =
             self.response.map_or(0.0, |response| OFF_LOAD * response * self.size(self.next));
         is_off && length(off) > least || is_wanted_empty
+    }
+}
+
+impl LoadGuide for Guide {
+    fn push(&mut self, row: &LiveRow) -> Option<FrameLabel> {
+        let values = match (row.readings, row.wrench) {
+            (Some(readings), _) => readings,
+            (None, Some(wrench)) => std::array::from_fn(|at| wrench.get(at).map_or(0.0, |x| *x)),
+            (None, None) => return None,
+        };
+        let LiveRow { time_s, index, .. } = *row;
+        // A restarted board begins a new recording.
+        if self.stretch.back().is_some_and(|(last, _)| time_s < last.time_s) {
+            self.stretch.clear();
+            self.still_since = None;
+        }
+        self.stretch.push_back((*row, values));
+        while self.stretch.get(1).is_some_and(|(second, _)| time_s - second.time_s >= STRETCH_S) {
+            self.stretch.pop_front();
+        }
+        let (first, _) = *self.stretch.front()?;
+        if time_s - first.time_s < STRETCH_S {
+            return None;
+        }
+        let (means, scatter, step) = self.statistics();
+        let Some((rest, noise)) = self.rest else {
+            let least = if row.readings.is_some() { LEAST_NOISE } else { LEAST_FORCE_NOISE };
+            self.rest = Some((means, scatter.map(|noise| noise.max(least))));
+            self.phase = GuidePhase::Hang;
+            return None;
+        };
+        let is_still =
+            (0..CHANNELS).all(|c| scatter[c] <= QUIET * noise[c] && step[c] <= QUIET * noise[c]);
+        if !is_still {
+            self.still_since = None;
+            if self.phase != GuidePhase::Done {
+                self.phase = GuidePhase::Hang;
+            }
+            return None;
+        }
+        let off: [f64; CHANNELS] = std::array::from_fn(|c| (means[c] - rest[c]).abs());
+        (0..CHANNELS).for_each(|c| self.excursion[c] = self.excursion[c].max(off[c]));
+        match self.phase {
+            GuidePhase::Hang if self.is_loaded(&off, &noise) => {
+                self.phase = GuidePhase::Hold;
+                // The stretch may begin with the end of the movement.
+                let (middle, _) = self.stretch[self.stretch.len() / 2];
+                self.still_since = Some((middle.time_s, middle.index));
+                None
+            }
+            GuidePhase::Hold => self.hold(time_s, index),
+            _ => None,
+        }
+    }
+
+    fn first_unsettled(&self) -> Option<i64> {
+        let is_done = self.phase == GuidePhase::Done;
+        let first = if is_done { self.stretch.back() } else { self.stretch.front() };
+        self.still_since.map(|(_, index)| index).or(first.map(|(row, _)| row.index))
+    }
+
+    fn skip(&mut self) {
+        let position = |steps: usize| (self.next + steps) % self.loads.len();
+        let mut others = (1..=self.loads.len()).map(position);
+        let left = others.find(|&at| !self.recorded[at]);
+        self.next = left.unwrap_or(self.next);
+        self.await_load(left.is_none());
+    }
+
+    fn back(&mut self) {
+        let count = self.loads.len().max(1);
+        self.next = (self.next + count - 1) % count;
+        self.await_load(false);
+    }
+
+    fn view(&self) -> GuideView {
+        let next = self.loads.get(self.next).filter(|_| self.phase != GuidePhase::Done);
+        let newest_s = self.stretch.back().map_or(0.0, |(newest, _)| newest.time_s);
+        let held = self.still_since.map_or(0.0, |(since_s, _)| (newest_s - since_s) / HOLD_S);
+        let whole: f64 = self.loads.iter().map(|load| load.gain).sum();
+        let left = self.loads.iter().zip(&self.recorded).filter(|(_, is_recorded)| !**is_recorded);
+        let left: f64 = left.map(|(load, _)| load.gain).sum();
+        let recorded = self.recorded.iter().filter(|is_recorded| **is_recorded).count();
+        let unrecorded = 1.0 - recorded as f64 / self.loads.len().max(1) as f64;
+        GuideView {
+            group: next.map(|load| load.group.clone()).unwrap_or_default(),
+            text: next.map(|load| load.text.clone()).unwrap_or_default(),
+            wrench: next.map_or([0.0; 6], |load| load.wrench),
+            number: self.next + 1,
+            count: self.loads.len(),
+            recorded,
+            phase: self.phase,
+            held: if self.phase == GuidePhase::Hold { held.clamp(0.0, 1.0) } else { 0.0 },
+            // If the table has no gains, loads are counted instead.
+            remaining_gain: Some(if whole > 0.0 { left / whole } else { unrecorded }),
+            ..GuideView::default()
+        }
     }
 }
 
@@ -366,7 +460,7 @@ mod tests {
         bench.apply(&mut guide, 0.0, 3.0, true);
         let view = guide.view();
         assert_eq!((view.phase, view.number, view.count), (GuidePhase::Hang, 1, 3));
-        assert_eq!((view.group.as_str(), view.remaining_gain), ("a", 1.0));
+        assert_eq!((view.group.as_str(), view.remaining_gain), ("a", Some(1.0)));
         bench.apply(&mut guide, 1.02, 2.0, true);
         assert_eq!(guide.view().phase, GuidePhase::Hold);
         assert!(guide.view().held > 0.4, "{:?}", guide.view());
@@ -376,7 +470,7 @@ mod tests {
         // movement.
         assert_eq!(bench.found, [FrameLabel { from: 350, until: 550, group: "a".to_owned() }]);
         assert_eq!((view.phase, view.number, view.recorded), (GuidePhase::Release, 2, 1));
-        assert!((view.remaining_gain - 0.5).abs() < 1e-12);
+        assert!((view.remaining_gain.unwrap() - 0.5).abs() < 1e-12);
         // The load stays on, and is not recorded again. The second load is zero.
         bench.apply(&mut guide, 1.02, 3.0, true);
         assert_eq!(bench.found.len(), 1);
@@ -384,7 +478,7 @@ mod tests {
         assert_eq!(bench.found[1].group, "b");
         bench.apply(&mut guide, -1.9, 4.0, true);
         assert_eq!(guide.view().phase, GuidePhase::Done);
-        assert_eq!((bench.found.len(), guide.view().remaining_gain), (3, 0.0));
+        assert_eq!((bench.found.len(), guide.view().remaining_gain), (3, Some(0.0)));
         assert_eq!(guide.view().group, "");
     }
 
@@ -394,7 +488,7 @@ mod tests {
         bench.apply(&mut guide, 0.0, 2.0, false);
         bench.apply(&mut guide, 1.0, 4.0, false);
         assert_eq!(bench.found.len(), 1);
-        assert!((guide.view().remaining_gain - 2.0 / 3.0).abs() < 1e-12);
+        assert!((guide.view().remaining_gain.unwrap() - 2.0 / 3.0).abs() < 1e-12);
         guide.skip();
         assert_eq!(guide.view().group, "c");
         // Nearly back at rest, and with a large remainder in the springs: not loaded.

@@ -89,12 +89,8 @@ impl WrenchBox {
             };
             rows = rows.iter().flat_map(with).collect();
         }
-        let mut text = format!("group,{}\n", Axis::ALL.map(Axis::column).join(","));
-        for (number, row) in (1..).zip(rows) {
-            let row = row.map(|value| value.to_string()).join(",");
-            writeln!(text, "{number},{row}").expect("a string takes all");
-        }
-        HungLoads::parse(&text).expect("a table of finite numbers")
+        let labelled = (1..).zip(rows).map(|(number, row): (usize, _)| (number.to_string(), row));
+        HungLoads::from_wrenches(labelled).expect("a table of finite numbers")
     }
 }
 

@@ -6,6 +6,7 @@ use csv::{ReaderBuilder, StringRecord, Trim, WriterBuilder};
 
 use super::columns::{LoadColumn, errors, pull};
 use super::load::HungLoad;
+use shell_data::wrench::{Axis, PerAxis};
 
 /// Loads, one per line, with the cells that they were read from.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -84,6 +85,46 @@ impl HungLoads {
         }
     }
 
+    /// Creates a table of labelled wrenches, N and N·m.
+    ///
+    /// # Errors
+    /// [`HungLoadError`] if there are none, a number is not finite, or a label is given twice.
+    pub fn from_wrenches(
+        wrenches: impl IntoIterator<Item = (String, PerAxis<f64>)>,
+    ) -> Result<Self, HungLoadError> {
+        let mut writer = WriterBuilder::new().from_writer(Vec::new());
+        let header = ["group"].into_iter().chain(Axis::ALL.map(Axis::column));
+        writer.write_record(header).expect("memory takes what is written");
+        for (label, wrench) in wrenches {
+            let cells = [label].into_iter().chain(wrench.map(|value| value.to_string()));
+            writer.write_record(cells).expect("records of one length, into memory");
+        }
+        Self::parse(&text_of(writer))
+    }
+
+    /// Returns some of the lines with new labels.
+    ///
+    /// # Panics
+    /// If an index is not below the number of lines.
+    #[must_use]
+    pub fn relabelled(&self, lines: impl IntoIterator<Item = (usize, String)>) -> Self {
+        let group = self.header.iter().position(|name| is_group(name));
+        let mut table = Self { header: self.header.clone(), ..Self::default() };
+        if group.is_none() {
+            table.header.insert(0, "group".to_owned());
+        }
+        for (line, label) in lines {
+            let mut cells = self.cells[line].clone();
+            match group {
+                Some(at) => cells[at].clone_from(&label),
+                None => cells.insert(0, label.clone()),
+            }
+            table.cells.push(cells);
+            table.loads.push(HungLoad { group: label, ..self.loads[line].clone() });
+        }
+        table
+    }
+
     /// Returns the loads in the order of the lines.
     pub fn loads(&self) -> &[HungLoad] {
         &self.loads
@@ -102,24 +143,29 @@ impl HungLoads {
     /// # Panics
     /// If an index is not below the number of lines.
     pub fn to_csv(&self, lines: &[usize], more: &[(String, Vec<String>)]) -> String {
-        let is_group = |name: &String| LoadColumn::from_name(name) == Ok((LoadColumn::Group, 1.0));
-        let is_own = |at: &usize| !self.header[*at].to_lowercase().starts_with("plan_");
-        let kept: Vec<usize> = (0..self.header.len()).filter(is_own).collect();
-        let unlabelled = !self.header.iter().any(is_group);
+        let labelled = self.relabelled(lines.iter().map(|&at| (at, self.loads[at].group.clone())));
+        let is_own = |at: &usize| !labelled.header[*at].to_lowercase().starts_with("plan_");
+        let kept: Vec<usize> = (0..labelled.header.len()).filter(is_own).collect();
         let mut writer = WriterBuilder::new().from_writer(Vec::new());
-        let label = unlabelled.then_some("group").into_iter();
-        let header = label.chain(kept.iter().map(|&at| self.header[at].as_str()));
+        let header = kept.iter().map(|&at| labelled.header[at].as_str());
         let header = header.chain(more.iter().map(|(name, _)| name.as_str()));
         writer.write_record(header).expect("memory takes what is written");
-        for (row, &line) in lines.iter().enumerate() {
-            let label = unlabelled.then_some(self.loads[line].group.as_str()).into_iter();
-            let cells = label.chain(kept.iter().map(|&at| self.cells[line][at].as_str()));
+        for (row, own) in labelled.cells.iter().enumerate() {
+            let cells = kept.iter().map(|&at| own[at].as_str());
             let cells = cells.chain(more.iter().map(|(_, column)| column[row].as_str()));
             writer.write_record(cells).expect("records of one length, into memory");
         }
-        let bytes = writer.into_inner().expect("memory takes what is written");
-        String::from_utf8(bytes).expect("cells are text")
+        text_of(writer)
     }
+}
+
+fn is_group(name: &str) -> bool {
+    LoadColumn::from_name(name) == Ok((LoadColumn::Group, 1.0))
+}
+
+fn text_of(writer: csv::Writer<Vec<u8>>) -> String {
+    let bytes = writer.into_inner().expect("memory takes what is written");
+    String::from_utf8(bytes).expect("cells are text")
 }
 
 fn fields(line: &str, separator: u8) -> Result<Vec<String>, String> {

@@ -145,6 +145,11 @@ impl Choice {
         Ok(Self { model, factor_trials, fold_models, scales, fitted: of_tried, sample })
     }
 
+    /// The folds of groups that were held out for the choice.
+    pub fn folds(&self) -> Vec<Vec<u64>> {
+        self.fold_models.iter().map(|(fold, _)| fold.iter().copied().collect()).collect()
+    }
+
     /// Fits the chosen candidate to the observations outside `groups`.
     pub(super) fn without(&self, groups: &BTreeSet<u64>) -> PhysicsModel {
         if let Some((_, known)) = self.fold_models.iter().find(|(fold, _)| fold == groups) {

@@ -150,7 +150,11 @@ const liveView = (root, obey) => {
     const forces = traces.filter(({ unit }) => unit).filter((_, at) => guide.wrench[at] !== 0);
     put(byId("current"), forces.map(({ name, value, unit, range }) => `${name} ${signed(value, decimals(range[1] - range[0]))} ${unit}`).join(", "));
     const place = isDone ? "" : `load ${guide.number} of ${guide.count}, “${guide.group}”; `;
-    put(byId("done"), `${place}${guide.recorded} recorded; ${Math.round(100 * guide.remaining_gain)} % of the gain to come`);
+    const newest = guide.errors.at(-1), part = (at, unit) => `${short(newest.error[at])} ${unit} (95 %: ${short(newest.upper[at])})`;
+    const gain = guide.remaining_gain === null ? "" : `; ${Math.round(100 * guide.remaining_gain)} % of the gain to come`;
+    const error = newest ? `; error on new poses ${part(0, "N")}, ${part(1, "N·m")}` : "";
+    put(byId("done"), `${place}${guide.recorded} recorded${gain}${error}`);
+    put(byId("finding"), guide.finding);
   };
 
   let shown = null, isDue = false;

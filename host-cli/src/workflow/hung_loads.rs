@@ -68,19 +68,9 @@ impl HungReference {
         let is_read = |load: &HungLoad| by_label.contains_key(load.group.as_str());
         let (loads, unread): (Vec<HungLoad>, Vec<HungLoad>) =
             table.loads().iter().cloned().partition(is_read);
-        let mut mountings: Vec<String> =
-            loads.iter().filter_map(|of| of.mounting.clone()).collect();
-        mountings.sort_unstable();
-        mountings.dedup();
-        // An offset shared by all loads cannot be distinguished from the sensors.
-        if mountings.len() < 2 {
-            mountings.clear();
-        }
-        let stated: Vec<StatedLoad> = loads.iter().map(|load| stated(load, &mountings)).collect();
         let observed: Vec<Observation> =
             loads.iter().map(|load| by_label[load.group.as_str()].clone()).collect();
-        let corrected = correct_loads(&observed, &stated, (mountings.len(), MOUNTING_M))
-            .map_err(FitError::from)?;
+        let LoadCorrection { corrected, mountings } = LoadCorrection::new(&loads, &observed)?;
         let (mut judged_by, mut found) = (BTreeMap::new(), HashMap::new());
         for (load, corrected) in loads.iter().zip(&corrected.loads) {
             let is_wrong = corrected.suspicious.is_some();
@@ -100,6 +90,30 @@ impl HungReference {
     }
 }
 
+/// Loads corrected by the readings at them.
+pub(super) struct LoadCorrection {
+    pub(super) corrected: CorrectedLoads,
+    /// Labels of the mountings whose offsets were estimated.
+    pub(super) mountings: Vec<String>,
+}
+
+impl LoadCorrection {
+    /// Corrects loads by the observations at them, which are in the same order.
+    pub(super) fn new(loads: &[HungLoad], observed: &[Observation]) -> Result<Self, FitError> {
+        let mut mountings: Vec<String> =
+            loads.iter().filter_map(|of| of.mounting.clone()).collect();
+        mountings.sort_unstable();
+        mountings.dedup();
+        // An offset shared by all loads cannot be distinguished from the sensors.
+        if mountings.len() < 2 {
+            mountings.clear();
+        }
+        let stated: Vec<StatedLoad> = loads.iter().map(|load| stated(load, &mountings)).collect();
+        let corrected = correct_loads(observed, &stated, (mountings.len(), MOUNTING_M))?;
+        Ok(Self { corrected, mountings })
+    }
+}
+
 pub(super) fn wanted(logs: &[Log]) -> Wanted {
     Wanted {
         readings: true,
@@ -109,24 +123,33 @@ pub(super) fn wanted(logs: &[Log]) -> Wanted {
     }
 }
 
+/// The wanted columns of logs, labelled by load: the group column, or stretches of still readings in the order
+/// of the table.
+pub(super) fn labelled_rows(
+    logs: &[Log],
+    table: &HungLoads,
+    wanted: &Wanted,
+    read: &ReadOptions<'_>,
+) -> Result<Dataset, WorkflowError> {
+    super::check_logs(logs, &[], wanted)?;
+    let asked: Vec<(&Log, Wanted)> = logs.iter().map(|log| (log, wanted.clone())).collect();
+    let data = read_dataset(&asked, read)?;
+    if wanted.groups {
+        return Ok(data);
+    }
+    let labels: Vec<String> = table.loads().iter().map(|load| load.group.clone()).collect();
+    let hint = "give the log a group column with the labels of the table, as `calibrate` writes it";
+    label_holds(&data, &labels).map_err(|error| WorkflowError::refused(error, hint))
+}
+
 /// The rows of logs at the loads of a table, with the loads as their wrench, and the number of rows left out.
 pub(super) fn hung_rows(
     logs: &[Log],
     table: &HungLoads,
     read: &ReadOptions<'_>,
 ) -> Result<(Dataset, u64), WorkflowError> {
-    let wanted = wanted(logs);
-    super::check_logs(logs, &[], &wanted)?;
-    let asked: Vec<(&Log, Wanted)> = logs.iter().map(|log| (log, wanted.clone())).collect();
-    let mut data = read_dataset(&asked, read)?;
+    let mut data = labelled_rows(logs, table, &wanted(logs), read)?;
     let loads = table.loads();
-    if !wanted.groups {
-        let labels: Vec<String> = loads.iter().map(|load| load.group.clone()).collect();
-        let hint =
-            "give the log a group column with the labels of the table, as `live --plan` writes it";
-        let refused = |error| WorkflowError::refused(error, hint);
-        data = label_holds(&data, &labels).map_err(refused)?;
-    }
     let first = {
         let mut labels = data.blocks().flat_map(|(_, block)| block.labels.iter());
         labels.find(|(label, _)| !label.is_empty()).map(|(label, _)| label.clone())

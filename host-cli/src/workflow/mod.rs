@@ -22,6 +22,7 @@ pub mod remark;
 pub mod report;
 pub mod selection;
 pub mod simulate;
+pub mod sitting;
 pub mod synthetic_trials;
 pub mod trial;
 

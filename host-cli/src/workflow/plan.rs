@@ -21,7 +21,7 @@ pub struct RecordedSession {
 
 impl RecordedSession {
     /// Reads logs, and fits a physics model to them if they determine one. Logs without a wrench, as of
-    /// `live --plan`, have the loads of the `table` hung on the sensor.
+    /// `calibrate`, have the loads of the `table` hung on the sensor.
     ///
     /// # Errors
     /// [`WorkflowError`] if a log cannot be read, the logs differ in their channels or axes, or rows cannot

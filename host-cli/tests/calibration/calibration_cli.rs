@@ -270,8 +270,8 @@ fn an_edited_calibration_needs_an_option_and_an_impossible_one_is_refused() {
     write("before.json", &before);
     for command in [
         "convert before.json train.csv -o out.csv",
-        "compare before.json cal.json --test train.csv",
-        "compare cal.json before.json --test train.csv",
+        "eval before.json train.csv --against cal.json",
+        "eval cal.json train.csv --against before.json",
         "eval before.json train.csv",
         "info train.csv --noise --calibration before.json",
         "export before.json out.py",

@@ -39,6 +39,7 @@ mod refits;
 #[path = "../support/sealed.rs"]
 #[allow(dead_code, reason = "each test program uses a part of it")]
 mod sealed;
+mod sitting;
 mod solver_identities;
 mod solver_intervals;
 mod some_axes;

@@ -73,7 +73,7 @@ fn a_lag_is_made_up_for_alike_in_every_command() {
     let test = dir.join("test.csv");
     assert_same(&converted(dir, "lag.json", &test), &expected, "convert");
 
-    let compared = program::json(dir, "compare lag.json none.json --test test.csv --json");
+    let compared = program::json(dir, "eval lag.json test.csv --against none.json --json");
     let of = |axis: &Value| axis["rms"][0].as_f64().unwrap();
     let compared: Vec<f64> = compared["axes"].as_array().unwrap().iter().map(of).collect();
     assert_same(&compared, &expected, "compare");
@@ -111,7 +111,7 @@ fn calibrations_that_differ_by_rounding_are_alike() {
     // One least-squares answer by two solvers: its last bits differ.
     program::succeed(dir, "fit a.csv --model linear -o first.json");
     program::succeed(dir, "fit a.csv --model linear --solver tsqr -o second.json");
-    let found = program::json(dir, "compare first.json second.json --test a.csv --json");
+    let found = program::json(dir, "eval first.json a.csv --against second.json --json");
     for axis in found["axes"].as_array().unwrap() {
         assert!(axis["better"].is_null(), "{axis}");
     }

@@ -112,7 +112,7 @@ fn two_calibrations_are_compared_by_groups_and_eval_names_its_inputs() {
         (format!("{DATA}/synthetic-train.csv"), format!("{DATA}/synthetic-test.csv"));
     succeed(&dir, &format!("fit {train} --model cubic -o cubic.json"));
     succeed(&dir, &format!("fit {train} --model linear -o linear.json"));
-    let found = json(&dir, &format!("compare cubic.json linear.json --test {test} --json"));
+    let found = json(&dir, &format!("eval cubic.json {test} --against linear.json --json"));
     let evaluated =
         |cal: &str| json(&dir, &format!("eval {cal} {test} --json"))["all"]["errors"].clone();
     let errors = [evaluated("cubic.json"), evaluated("linear.json")];
@@ -129,10 +129,10 @@ fn two_calibrations_are_compared_by_groups_and_eval_names_its_inputs() {
         let better = better.into_iter().flatten().next();
         assert_eq!(of["better"].as_str(), better, "{of}");
     }
-    let text = succeed(&dir, &format!("compare cubic.json cubic.json --test {test}"));
+    let text = succeed(&dir, &format!("eval cubic.json {test} --against cubic.json"));
     assert!(text.contains("no significant difference") && !text.contains("errs less"), "{text}");
     let said = refused(&dir, &format!("eval cubic.json linear.json {test}"));
-    assert!(said.contains("shellcal compare cubic.json linear.json --test LOG"), "{said}");
+    assert!(said.contains("shellcal eval cubic.json LOG --against linear.json"), "{said}");
     let (_, said) = ended(&dir, &format!("eval cubic.json {train}"), 0);
     assert!(said.contains("was used for the fit"), "{said}");
     let (_, said) = ended(&dir, &format!("eval cubic.json {test}"), 0);

@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::Stdio;
+use std::sync::Arc;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use serde_json::Value;
@@ -178,79 +179,59 @@ fn the_page_follows_the_board() {
     assert_eq!(log.text("flags").iter().filter(|flags| flags.contains("mark1")).count(), 1);
 }
 
-/// A sensor at rest for 8 s, then three loads, each held for 4 s and removed for 1 s; repeated, so that a
-/// slow machine gets another chance.
-fn write_loads(dir: &Path) {
-    let mut log = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm\n0,0,0,0,0,0,0\n".to_owned();
-    for (at, fx) in [1.5, -1.5, 1.0].into_iter().enumerate() {
-        let from_s = 8.0 + 5.0 * at as f64;
-        for (time_s, fx) in [(0.0, 0.0), (0.1, fx), (4.0, fx), (4.1, 0.0)] {
-            log += &format!("{},{fx},0,0,0,0,0\n", from_s + time_s);
-        }
-    }
-    std::fs::write(dir.join("load.csv"), log + "23,0,0,0,0,0,0\n").unwrap();
-    let plan =
-        "group,force_n,direction,plan_gain_nats\nahead,1.5,+x,3\nastern,1.5,-x,2\nless,1,+x,1\n";
-    std::fs::write(dir.join("plan.csv"), plan).unwrap();
-}
-
 #[test]
 #[ignore = "needs Chromium"]
-fn a_plan_is_followed_load_by_load() {
+fn a_sitting_is_led_load_by_load() {
+    const LOADS: [(&str, f64, &str); 3] = [
+        ("ahead", 1.5, "1.5 N at (0, 0, 0) mm, towards +x"),
+        ("astern", -1.5, "1.5 N at (0, 0, 0) mm, towards −x"),
+        ("less", 1.0, "1 N at (0, 0, 0) mm, towards +x"),
+    ];
     let chromium = chromium::find().unwrap();
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    run(dir, "synth train --rows 5000 --output train.csv", 0);
-    run(dir, "fit train.csv --model cubic --output cal.json", 0);
-    write_loads(dir);
-    let board = system_tests::program::start(
-        dir,
-        "board --simulate --load load.csv --symlink board --seed 2",
-    );
-    let mut board = Running(board);
-    let deadline = SystemTime::now() + Duration::from_secs(60);
-    while !dir.join("board").exists() {
-        assert!(SystemTime::now() < deadline, "there is no board: {:?}", board.0.try_wait());
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    let rig = "group,force_n,direction\nahead,1.5,+x\nastern,1.5,-x\nless,1,+x\n";
+    std::fs::write(dir.join("rig.csv"), rig).unwrap();
+    let hung = Arc::default();
+    let board = Load::Commanded(Arc::clone(&hung));
+    let board = SimulatedBoard::start(BoardSettings::new(board, 2)).unwrap();
+    let hang = |fx| *hung.lock().unwrap() = [fx, 0.0, 0.0, 0.0, 0.0, 0.0];
     let arguments =
-        "live board --start --calibration cal.json --output log.csv --plan plan.csv --serve";
-    let server = Server::start(dir, arguments);
+        format!("calibrate {} --start --rig rig.csv --output sitting --serve", board.port());
+    let mut server = Server::start(dir, &arguments);
     let mut browser = Browser::start(&chromium, [1024, 800], false);
     browser.visit(&server.address);
+    let text = |id: &str| format!("document.getElementById('{id}').textContent");
     browser.wait_for("!document.getElementById('guide').hidden");
-    let load = "document.getElementById('load').textContent";
-    browser.wait_for(&format!("{load} === '1.5 N at (0, 0, 0) mm, towards +x'"));
+    browser.wait_for(&format!("{} === 'hang it'", text("what")));
     let size =
         browser.evaluate("parseFloat(getComputedStyle(document.getElementById('load')).fontSize)");
     assert!(size.as_f64().unwrap() > 40.0, "large type: {size}");
-    browser.click("document.querySelector('[data-order=skip]')");
-    browser.wait_for("document.getElementById('message').textContent === 'next: `astern`'");
-    browser.click("document.querySelector('[data-order=back]')");
-    browser.wait_for("document.getElementById('message').textContent === 'next: `ahead`'");
-    browser.wait_for("document.getElementById('what').textContent === 'hold still'");
-    browser.wait_for("document.getElementById('current').textContent.startsWith('Fx +1.')");
-    keep(&browser.screenshot(), "live-plan-1024.png.base64");
-    browser.wait_for("document.getElementById('message').textContent === 'recorded `ahead`'");
-    browser.wait_for(&format!("{load}.endsWith('towards −x')"));
-    browser.wait_for("document.getElementById('done').textContent.includes('1 recorded; 50 %')");
-    check_rules(&mut browser);
-    browser.wait_for(&format!("{load} === 'all 3 loads are recorded'"));
-    browser.click("document.querySelector('[data-order=record]')");
-    browser.wait_for("document.getElementById('message').textContent === 'recorded `log.csv`'");
+    for count in 1..=LOADS.len() {
+        let asked = browser.evaluate(&text("load"));
+        let (label, fx, _) = *LOADS.iter().find(|(.., said)| asked == *said).unwrap();
+        hang(fx);
+        browser.wait_for(&format!("{} === 'hold still'", text("what")));
+        browser.wait_for(&format!("{} === 'recorded `{label}`'", text("message")));
+        browser.wait_for(&format!("{}.includes('{count} recorded')", text("done")));
+        hang(0.0);
+        if count == 1 {
+            keep(&browser.screenshot(), "calibrate-1024.png.base64");
+            check_rules(&mut browser);
+        }
+        browser.wait_for(&format!("{} === 'hang it'", text("what")));
+    }
+    // Three loads are enough for a look at the page, not for a calibration.
+    browser.wait_for(&format!("{}.startsWith('check: ')", text("load")));
     assert_eq!(browser.complaints(), Vec::<String>::new());
     interrupt(&server.child.0);
-    server.wait();
-    let log = Recording::read(&dir.join("log.csv"));
+    assert_eq!(server.child.0.wait().unwrap().code(), Some(1));
+    let log = Recording::read(&dir.join("sitting/session.csv"));
     let index = log.numbers("index");
     assert!(index.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "a frame is lost");
-    for (group, fx) in [("ahead", 1.5), ("astern", -1.5), ("less", 1.0)] {
-        let labels = log.text("group");
-        let rows = labels.iter().zip(log.numbers("fx_n")).filter(|(label, _)| **label == group);
-        let forces: Vec<f64> = rows.map(|(_, fx)| fx).collect();
+    for (group, ..) in LOADS {
+        let rows = log.text("group").iter().filter(|label| **label == group).count();
         // Two seconds at the board's 100 Hz, minus frames that the view skipped on a busy machine.
-        assert!((150..=260).contains(&forces.len()), "{group}: {} rows", forces.len());
-        // The calibration's error, and creep.
-        assert!(forces.iter().all(|found| (found - fx).abs() < 0.5), "{group}: {forces:?}");
+        assert!((150..=260).contains(&rows), "{group}: {rows} rows");
     }
 }

@@ -193,9 +193,10 @@ impl ReferenceBeside {
         self.input.axes
     }
 
-    /// Takes the samples that have arrived.
-    pub(crate) fn listen(&mut self) {
+    /// Takes the samples that have arrived; returns the newest wrench among them.
+    pub(crate) fn listen(&mut self) -> Option<PerAxis<f64>> {
         let fresh: Vec<_> = self.input.samples.try_iter().collect();
+        let newest = fresh.iter().rev().find_map(|sample| sample.wrench);
         for sample in fresh {
             let since = sample.arrival.saturating_duration_since(self.epoch);
             let before = self.epoch.saturating_duration_since(sample.arrival);
@@ -220,6 +221,7 @@ impl ReferenceBeside {
             self.samples.pop_front();
         }
         self.period_s = self.period();
+        newest
     }
 
     /// Assigns times to the waiting samples if their clock is settled; otherwise drops them.

@@ -6,6 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard};
 use board_link::recording::BoardFrame;
 use board_link::{RecordCommand, RecordingProgress, Watcher};
 use shell_data::lock::lock;
+use shell_data::wrench::PerAxis;
 
 /// Capacity of the queue of frames: half a minute at 1 kHz.
 const WAITING: usize = 32_768;
@@ -19,6 +20,8 @@ pub struct Feed(Arc<Mutex<FeedState>>);
 pub struct FeedState {
     /// Frames that wait to be displayed.
     pub frames: VecDeque<BoardFrame>,
+    /// The newest wrench of the reference, N and N·m.
+    pub reference: Option<PerAxis<f64>>,
     /// Number of frames that were never displayed because the queue was full.
     pub left_out: u64,
     /// Progress of the recording.
@@ -49,6 +52,10 @@ impl Watcher for Feed {
         let over = state.frames.len().saturating_sub(WAITING);
         state.frames.drain(..over);
         state.left_out += over as u64;
+    }
+
+    fn see_reference(&mut self, wrench: PerAxis<f64>) {
+        self.state().reference = Some(wrench);
     }
 
     fn next_command(&mut self) -> Option<RecordCommand> {

@@ -15,4 +15,5 @@ mod session;
 
 pub use feed::Feed;
 pub use play::play;
+pub(super) use play::saturated;
 pub use session::{LiveAction, LiveSession, LogMaker, LogSeries, PERIOD, clock, guide_through};

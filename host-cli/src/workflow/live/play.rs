@@ -73,13 +73,17 @@ fn frame(block: &Block, row: usize, index: i64) -> BoardFrame {
         true => Measured::Wrench(std::array::from_fn(|axis| block.wrench[axis][row])),
     };
     let saturated = match &measured {
-        Measured::Readings(readings) => (0..CHANNELS)
-            .filter(|&channel| [0.0, 4095.0, 65_535.0].contains(&readings[channel]))
-            .fold(0, |mask, channel| mask | 1 << channel),
+        Measured::Readings(readings) => saturated(readings),
         Measured::Wrench(_) => 0,
     };
     let time_us = (block.time_s[row] * 1e6).round() as i64;
     BoardFrame { saturated, ..BoardFrame::new(time_us, index, measured) }
+}
+
+/// The channels at an end of a converter of 12 or 16 bits: bit i is set for channel i.
+pub(in crate::workflow) fn saturated(readings: &[f64; CHANNELS]) -> u8 {
+    let is_at_end = |channel: &usize| [0.0, 4095.0, 65_535.0].contains(&readings[*channel]);
+    (0..CHANNELS).filter(is_at_end).fold(0, |mask, channel| mask | 1 << channel)
 }
 
 /// Clock that decides which rows are due. If the log jumps, by a pause in the recording or backwards,

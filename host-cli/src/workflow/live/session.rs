@@ -5,7 +5,7 @@ use std::time::Duration;
 use board_link::recording::{BoardFrame, Measured, RunningForces, protocol_name};
 use board_link::{LogSink, RecordCommand, RecordingProgress};
 use forces::ForceError;
-use live_view::{Guide, GuidePhase, GuideView, GuidedLoad, LiveModel, LiveRow};
+use live_view::{Guide, GuidePhase, GuideView, GuidedLoad, LiveModel, LiveRow, LoadGuide};
 use load_table::{HungLoad, HungLoads};
 use output_file::OutputError;
 use serde_json::{Value, json};
@@ -91,11 +91,12 @@ impl LogSeries {
     }
 }
 
-/// A live view and its source.
-pub struct LiveSession {
+/// A live view and its source, with a guide through loads if there is one.
+pub struct LiveSession<G = Guide> {
     /// The content of the display, as lines and numbers.
     pub model: LiveModel,
-    guide: Option<Guide>,
+    /// Guides through loads.
+    pub guide: Option<G>,
     forces: Option<RunningForces>,
     feed: Feed,
     /// The logs that are written; `None` if recording is not possible.
@@ -113,12 +114,12 @@ pub struct LiveSession {
     pub message: String,
 }
 
-impl LiveSession {
+impl<G: LoadGuide> LiveSession<G> {
     /// A live view of the source `name`, with a guide if loads are planned, and forces if there is a
     /// calibration. `logs` is `None` if recording is not possible.
     pub fn new(
         model: LiveModel,
-        guide: Option<Guide>,
+        guide: Option<G>,
         forces: Option<RunningForces>,
         feed: Feed,
         logs: Option<LogSeries>,
@@ -155,7 +156,7 @@ impl LiveSession {
 
     /// The current view of the guide.
     pub fn guide(&self) -> Option<GuideView> {
-        self.guide.as_ref().map(Guide::view)
+        self.guide.as_ref().map(LoadGuide::view)
     }
 
     /// Labels the recorded rows of a load that was held.
@@ -180,8 +181,15 @@ impl LiveSession {
     /// # Errors
     /// [`ForceError`] if the requested low-pass is impossible at the rate of the frames.
     pub fn advance(&mut self, elapsed: Duration, is_source_over: bool) -> Result<bool, ForceError> {
-        let frames: Vec<BoardFrame> = self.feed.state().frames.drain(..).collect();
-        let news = self.rows(&frames)?;
+        let (frames, reference) = {
+            let mut state = self.feed.state();
+            (state.frames.drain(..).collect::<Vec<_>>(), state.reference)
+        };
+        let mut news = self.rows(&frames)?;
+        if reference.is_some() {
+            // Samples and frames that arrive together are of about the same time.
+            news.iter_mut().for_each(|row| row.wrench = reference);
+        }
         news.iter().for_each(|row| self.model.push(*row));
         if let Some(guide) = &mut self.guide {
             let held: Vec<FrameLabel> = news.iter().filter_map(|row| guide.push(row)).collect();

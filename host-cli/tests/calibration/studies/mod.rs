@@ -4,4 +4,5 @@ mod file_intervals;
 mod planned_orders;
 mod prediction_intervals;
 mod recalibration;
+mod sittings;
 mod stated_intervals;

@@ -76,7 +76,7 @@ const COMMANDS: [&str; 63] = [
     "stream G -o O.csv -o O.jsonl --speed 1000 --overwrite",
     "stream G --calibration C -o O.jsonl --rate ? --speed 1000 --overwrite",
     "check C L W --group group",
-    "compare C C --test E T",
+    "eval C E T --against C",
     "fit W --loads L --group group -o O.json",
     "fit W --loads L --from C --group group -o O.json",
     "report C --certificate --unloaded Z --weights L --weights-log W --group group -o O.html",

@@ -1,52 +1,36 @@
-//! `shellcal compare`: the errors of two calibrations on the same logs.
+//! `shellcal eval --against`: the errors of two calibrations on the same logs.
 
 use calibration::fit::{Better, PairedErrors, Workers, paired_errors};
 use calibration::quality::significant;
+use calibration_file::CalibrationFile;
 use log_file::{Log, Wanted, read_logs};
 use shell_data::wrench::{Axes, Axis};
 use shellcal::workflow::check_channels;
 use shellcal::workflow::gates::Gate;
 use shellcal::workflow::remark::found_groups;
 
-use super::eval::AxesArg;
-use super::mapping::{EditedArg, MappingArgs};
+use super::mapping::MappingArgs;
 use crate::files::InputPath;
 use crate::printer::{Outcome, Printer, TableColumn};
 
-#[derive(Debug, clap::Args)]
-#[command(after_help = "Examples:
-  shellcal compare monday.json tuesday.json --test poses.csv
-  shellcal compare cubic.json physics.json --test test-*.csv --json")]
-pub(crate) struct CompareArgs {
-    /// First calibration
-    #[arg(value_name = "A.json")]
-    first: InputPath,
-
-    /// Second calibration
-    #[arg(value_name = "B.json")]
-    second: InputPath,
-
-    /// Logs with readings and a measured wrench that neither calibration was fitted to
-    #[arg(long, required = true, num_args = 1.., value_name = "LOG")]
-    test: Vec<InputPath>,
-
-    #[command(flatten)]
-    axes: AxesArg,
-
-    #[command(flatten)]
-    edited: EditedArg,
-
-    #[command(flatten)]
-    mapping: MappingArgs,
+/// Two calibrations with their paths, and the axes to compare, if they are named.
+pub(super) struct ComparedCalibrations<'a> {
+    pub(super) first: (&'a InputPath, &'a CalibrationFile),
+    pub(super) second: (&'a InputPath, &'a CalibrationFile),
+    pub(super) named: Option<Axes>,
 }
 
-impl CompareArgs {
-    pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let [first, second] = [&self.first, &self.second].map(|path| self.edited.read(path));
-        let (first, second) = (first?, second?);
-        let mut logs = self.mapping.open(&self.test, &[], Some((&self.first, &first)), printer)?;
-        let of = [&first, &second].map(|of| of.calibration.axes);
-        let asked = self.axes.named().unwrap_or_else(|| of[0].iter().chain(of[1].iter()).collect());
+impl ComparedCalibrations<'_> {
+    /// Compares both on logs that neither was fitted to.
+    pub(super) fn run(
+        &self,
+        mut logs: Vec<Log>,
+        mapping: &MappingArgs,
+        printer: &Printer,
+    ) -> anyhow::Result<Outcome> {
+        let ((first_path, first), (second_path, second)) = (self.first, self.second);
+        let of = [first, second].map(|of| of.calibration.axes);
+        let asked = self.named.unwrap_or_else(|| of[0].iter().chain(of[1].iter()).collect());
         let axes = asked.and(of[0]).and(of[1]);
         anyhow::ensure!(!axes.is_empty(), "the calibrations have none of the axes in common");
         for log in &mut logs {
@@ -56,7 +40,7 @@ impl CompareArgs {
             log.keep_axes(axes)?;
         }
         let has_groups = logs.iter().all(Log::has_groups);
-        let calibrations = [&first, &second].map(|of| &of.calibration);
+        let calibrations = [first, second].map(|of| &of.calibration);
         let by_time = calibrations.iter().any(|of| of.needs_time())
             || calibrations.iter().any(|of| of.lag.is_some()) && logs.iter().all(Log::has_time);
         let wanted = Wanted {
@@ -66,13 +50,13 @@ impl CompareArgs {
             time: by_time || !has_groups && logs.len() == 1 && logs[0].has_time(),
             ..Wanted::default()
         };
-        let data = read_logs(&logs, &wanted, &self.mapping.read_options())?;
-        let workers = Workers::new(self.mapping.threads.map_or(0, usize::from));
+        let data = read_logs(&logs, &wanted, &mapping.read_options())?;
+        let workers = Workers::new(mapping.threads.map_or(0, usize::from));
         let mut gate = Gate::default();
         for log in &data.logs {
             let name = format!("`{}`", log.name.display());
             let subject = gate.ask(&name, asked);
-            for (path, given) in [&self.first, &self.second].into_iter().zip(of) {
+            for (path, given) in [first_path, second_path].into_iter().zip(of) {
                 let path = path.display();
                 subject.lacks(asked.without(given), |axes| {
                     format!("{axes}, which `{path}` does not give")
@@ -114,8 +98,8 @@ impl CompareArgs {
         }
         printer.line(format!(
             "A = `{}`, B = `{}`, on {} rows of {} {}",
-            self.first.display(),
-            self.second.display(),
+            self.first.0.display(),
+            self.second.0.display(),
             found.rows,
             found.groups,
             found.group_by.plural(),

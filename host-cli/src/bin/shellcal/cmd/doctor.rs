@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, ensure};
-use board_link::{HandshakeOptions, PortOptions, PortState, Uplink, handshake, ports};
+use board_link::{HandshakeOptions, PortInfo, PortOptions, PortState, Uplink, handshake, ports};
 use calibration_file::CalibrationFile;
 use console::Color;
 use doctor::{
@@ -59,7 +59,7 @@ pub(crate) struct DoctorArgs {
 
 /// Findings on one item.
 #[derive(Debug, Serialize)]
-struct Examination {
+pub(super) struct Examination {
     name: String,
     kind: &'static str,
     findings: Vec<Finding>,
@@ -74,11 +74,7 @@ impl DoctorArgs {
             let name = path.display().to_string();
             examined.push(if is_port(path) {
                 let port = path.to_str().context("the name of a port is text")?;
-                self.examine_port(port, |options| {
-                    let seconds = self.listen.as_secs_f64();
-                    printer.note(format!("asking `{port}`, then listening for {seconds} s"));
-                    self.ask_board(options, calibration.as_ref())
-                })?
+                examine_board(&self.serial, port, self.listen, calibration.as_ref(), printer)?
             } else if is_document(path)? {
                 Examination { name, kind: "calibration", findings: examine_calibration(path, &age) }
             } else {
@@ -116,49 +112,6 @@ impl DoctorArgs {
         Ok(outcome)
     }
 
-    /// Findings on a port and, if it can be opened, those that `ask` has on its board.
-    fn examine_port(
-        &self,
-        port: &str,
-        ask: impl FnOnce(PortOptions) -> anyhow::Result<Vec<Finding>>,
-    ) -> anyhow::Result<Examination> {
-        let options = self.serial.port(port);
-        let state = PortState::new(&options, Path::new("/"));
-        let mut findings = check_port(&state);
-        if state.refusal.is_none() {
-            findings.extend(ask(options)?);
-        }
-        Ok(Examination { name: port.to_owned(), kind: "port", findings })
-    }
-
-    fn ask_board(
-        &self,
-        port: PortOptions,
-        calibration: Option<&CalibrationFile>,
-    ) -> anyhow::Result<Vec<Finding>> {
-        let stop = signals::stop_flag()?;
-        let protocol = self.serial.framing.unwrap_or(Protocol::Packets(Framing::Cobs));
-        let baud = port.baud;
-        let options = HandshakeOptions {
-            port,
-            uplink: Uplink {
-                framing: protocol.framing().unwrap_or(Framing::Cobs),
-                to: self.serial.address(),
-            },
-            listen: self.listen,
-            number: first_number(),
-        };
-        let handshake = handshake(&options, &stop)?;
-        let label = calibration.and_then(|file| file.origin.sensor_serial.as_deref());
-        Ok(check_board(&BoardObservations {
-            handshake: &handshake,
-            baud,
-            protocol,
-            calibration: calibration.map(|file| (&file.calibration, label)),
-            firmware: firmware::VERSION,
-        }))
-    }
-
     /// The ports of this computer, which are opened, but not queried.
     fn examine_ports(&self) -> anyhow::Result<Vec<Examination>> {
         let found = ports()?;
@@ -168,12 +121,77 @@ impl DoctorArgs {
             let name = "ports".to_owned();
             return Ok(vec![Examination { name, kind: "port", findings: vec![finding] }]);
         }
-        found.iter().map(|port| self.examine_port(&port.port, |_| Ok(Vec::new()))).collect()
+        let examine = |port: &PortInfo| examine_port(&self.serial, &port.port, |_| Ok(Vec::new()));
+        found.iter().map(examine).collect()
     }
 }
 
+/// Findings on a port and, if it can be opened, those that `ask` has on its board.
+fn examine_port(
+    serial: &SerialArgs,
+    port: &str,
+    ask: impl FnOnce(PortOptions) -> anyhow::Result<Vec<Finding>>,
+) -> anyhow::Result<Examination> {
+    let options = serial.port(port);
+    let state = PortState::new(&options, Path::new("/"));
+    let mut findings = check_port(&state);
+    if state.refusal.is_none() {
+        findings.extend(ask(options)?);
+    }
+    Ok(Examination { name: port.to_owned(), kind: "port", findings })
+}
+
+/// Findings on a port and its board, which is asked and then listened to.
+pub(super) fn examine_board(
+    serial: &SerialArgs,
+    port: &str,
+    listen: Duration,
+    calibration: Option<&CalibrationFile>,
+    printer: &Printer,
+) -> anyhow::Result<Examination> {
+    examine_port(serial, port, |options| {
+        let seconds = listen.as_secs_f64();
+        printer.note(format!("asking `{port}`, then listening for {seconds} s"));
+        ask_board(serial, options, listen, calibration)
+    })
+}
+
+fn ask_board(
+    serial: &SerialArgs,
+    port: PortOptions,
+    listen: Duration,
+    calibration: Option<&CalibrationFile>,
+) -> anyhow::Result<Vec<Finding>> {
+    let stop = signals::stop_flag()?;
+    let protocol = serial.framing.unwrap_or(Protocol::Packets(Framing::Cobs));
+    let baud = port.baud;
+    let options = HandshakeOptions {
+        port,
+        uplink: Uplink {
+            framing: protocol.framing().unwrap_or(Framing::Cobs),
+            to: serial.address(),
+        },
+        listen,
+        number: first_number(),
+    };
+    let handshake = handshake(&options, &stop)?;
+    let label = calibration.and_then(|file| file.origin.sensor_serial.as_deref());
+    Ok(check_board(&BoardObservations {
+        handshake: &handshake,
+        baud,
+        protocol,
+        calibration: calibration.map(|file| (&file.calibration, label)),
+        firmware: firmware::VERSION,
+    }))
+}
+
 impl Examination {
-    fn print(&self, printer: &Printer) {
+    /// True if a finding makes results wrong or impossible.
+    pub(super) fn has_fault(&self) -> bool {
+        self.findings.iter().any(|finding| finding.severity == FindingSeverity::Fault)
+    }
+
+    pub(super) fn print(&self, printer: &Printer) {
         printer.line(&self.name);
         for finding in &self.findings {
             let (mark, color) = match finding.severity {

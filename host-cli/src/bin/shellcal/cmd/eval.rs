@@ -15,6 +15,7 @@ use shellcal::workflow::check_channels;
 use shellcal::workflow::gates::{ErrorLimits, Gate, GateFailure};
 
 use super::choices::{number_in, one_of};
+use super::compare::ComparedCalibrations;
 use super::mapping::{CompanionArgs, EditedArg, MappingArgs};
 use super::outputs::FigureArgs;
 use super::quality::table_row;
@@ -24,7 +25,8 @@ use crate::printer::{Outcome, Printer};
 #[derive(Debug, clap::Args)]
 #[command(after_help = "Examples:
   shellcal eval calibration.json test.csv
-  shellcal eval calibration.json test-*.csv --max-rms 0.15 || echo too far off")]
+  shellcal eval calibration.json test-*.csv --max-rms 0.15 || echo too far off
+  shellcal eval monday.json poses.csv --against tuesday.json")]
 pub(crate) struct EvalArgs {
     /// Calibration file
     #[arg(value_name = "CAL.json")]
@@ -36,6 +38,11 @@ pub(crate) struct EvalArgs {
     /// Logs with readings and a measured wrench
     #[arg(required = true, value_name = "LOG")]
     logs: Vec<InputPath>,
+
+    /// Compare with another calibration on the same logs, which neither was fitted to: the errors of both,
+    /// their paired difference with a 95 % interval over groups of rows, and which errs less on each axis
+    #[arg(long, value_name = "CAL.json", conflicts_with_all = ["plot", "fresh", "max_rms", "max_rms_moment"])]
+    against: Option<InputPath>,
 
     #[command(flatten)]
     companions: CompanionArgs,
@@ -91,6 +98,13 @@ impl EvalArgs {
         let from = Some((&self.calibration, &file));
         let mut logs =
             self.mapping.open(&self.logs, &self.companions.wrench_from, from, printer)?;
+        if let Some(path) = &self.against {
+            let other = self.edited.read(path)?;
+            let (first, second) = ((&self.calibration, &file), (path, &other));
+            let named = self.axes.named();
+            let compared = ComparedCalibrations { first, second, named };
+            return compared.run(logs, &self.mapping, printer);
+        }
         let (mut calibration, sources) = (file.calibration, file.origin.sources);
         let limits = self.limits.of(self.axes.named());
         let measured: Vec<Axes> = logs.iter().map(Log::axes).collect();
@@ -162,7 +176,7 @@ impl EvalArgs {
         if let Some(path) = self.logs.iter().find(is_calibration) {
             let (first, second) = (self.calibration.display(), path.display());
             anyhow::bail!(
-                "`{second}` is a calibration, not a log: `shellcal compare {first} {second} --test LOG` compares two"
+                "`{second}` is a calibration, not a log: `shellcal eval {first} LOG --against {second}` compares two"
             );
         }
         Ok(())

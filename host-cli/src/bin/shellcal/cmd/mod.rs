@@ -2,6 +2,8 @@
 
 mod align;
 mod board;
+#[cfg(feature = "live")]
+mod calibrate;
 mod check;
 mod choices;
 mod compare;
@@ -87,6 +89,15 @@ commands! {
     /// display.
     Live(live::LiveArgs) if "live",
 
+    /// Calibrate a sensor in one sitting: load by load, with the error on new poses after each
+    ///
+    /// Examines the board, asks for the most informative of the loads that the rig can do, records it once it
+    /// is held still for 2 s, and refits the model. Names a load that contradicts the others, a channel that
+    /// does not answer, and a reference that moved. Ends with the loads when the error is small enough, asks
+    /// for a check weight, and writes calibration, report and certificate. The exit code is 1 if there are
+    /// too few loads, or the check is off.
+    Calibrate(calibrate::CalibrateArgs) if "live",
+
     /// Pass frames on to other programs as they arrive: JSON lines or CSV, over a pipe, UDP or TCP
     ///
     /// Each row has t_s (the board's clock), index (sequence number), host_s (time of arrival), the readings
@@ -142,7 +153,7 @@ commands! {
     /// exact: the result equals the one fit over all their rows, bit for bit, in any order.
     Merge(merge::MergeArgs),
 
-    /// Compare a calibration with the wrench measured in logs
+    /// Compare a calibration with the wrench measured in logs, or with another calibration
     ///
     /// The exit code is 1 if the RMS error of an axis over all logs is above its limit. `--plot` draws
     /// predicted against measured, and the residuals, over all logs.
@@ -154,12 +165,6 @@ commands! {
     /// calibration's 95 % intervals and the errors of the weights. The exit code is 1 if a difference is
     /// larger than these explain.
     Check(check::CheckArgs),
-
-    /// Compare two calibrations on the same test logs
-    ///
-    /// Prints the errors of both, their paired difference with a 95 % interval over groups of rows (the group
-    /// column, files, poses that are found), and which has the smaller error on each axis.
-    Compare(compare::CompareArgs),
 
     /// Convert logs of readings to forces and moments
     ///
@@ -223,8 +228,9 @@ commands! {
 }
 
 /// Commands of earlier releases, and their replacements.
-pub(crate) const MOVED: [(&str, &str); 9] = [
+pub(crate) const MOVED: [(&str, &str); 10] = [
     ("bench", "`cargo bench -p shellcal --bench solvers` measures solvers"),
+    ("compare", "use `shellcal eval A.json LOG --against B.json`"),
     (
         "completions",
         "a release has the scripts of the shells; `cargo xtask manual DIR` writes them",

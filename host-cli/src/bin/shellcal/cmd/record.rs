@@ -52,17 +52,24 @@ pub(crate) struct RecordArgs {
     #[arg(long)]
     as_sampled: bool,
 
-    /// Record a reference sensor in the same log, on the same clock: `netft:HOST[:PORT][,bias]` (ATI Net F/T and boxes
-    /// like it), `ft300:PORT` (Robotiq), `lines:COMMAND` or `lines:tcp:HOST:PORT` (CSV or JSON lines of any program,
-    /// units in the names)
-    #[arg(long, value_name = "SOURCE", requires = "output", conflicts_with = "replay")]
-    reference: Option<ReferenceSource>,
+    #[command(flatten)]
+    reference: ReferenceSensorArg,
 
     #[command(flatten)]
     waiting: WaitingArgs,
 
     #[command(flatten)]
     source: SourceArgs,
+}
+
+/// The reference sensor of a recording.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct ReferenceSensorArg {
+    /// Record a reference sensor in the same log, on the same clock: `netft:HOST[:PORT][,bias]` (ATI Net F/T and boxes
+    /// like it), `ft300:PORT` (Robotiq), `lines:COMMAND` or `lines:tcp:HOST:PORT` (CSV or JSON lines of any program,
+    /// units in the names)
+    #[arg(long, value_name = "SOURCE", requires = "output")]
+    pub(super) reference: Option<ReferenceSource>,
 }
 
 impl RecordArgs {
@@ -72,8 +79,12 @@ impl RecordArgs {
             "`--calibration` is for a log or a stream: name `--output` or `--stream`"
         );
         anyhow::ensure!(
-            self.reference.is_none() || !self.forces.is_given() || self.stream.is_given(),
+            self.reference.reference.is_none() || !self.forces.is_given() || self.stream.is_given(),
             "with `--reference` the log has the forces of the reference: `--calibration` is for a `--stream` beside it"
+        );
+        anyhow::ensure!(
+            self.reference.reference.is_none() || self.replay.is_none(),
+            "`--reference` records now, and `--replay` reads bytes from before"
         );
         let options = RecordOptions {
             forces: self.forces.read(printer)?,
@@ -101,7 +112,7 @@ impl RecordArgs {
         };
         let (watcher, streamed) = self.stream.watch(printer, stream, None)?;
         // Its first sample is there before the first frame.
-        let reference = self.reference.as_ref().map(ReferenceSource::open).transpose()?;
+        let reference = self.reference.reference.as_ref().map(ReferenceSource::open).transpose()?;
         let options = match reference {
             Some(_) => RecordOptions { forces: None, ..options },
             None => options,

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use anyhow::ensure;
 use board_link::recording::{LiveForces, RunningForces};
@@ -19,17 +19,17 @@ use board_link::{
     AppendWriter, LogSink, RecordOptions, RecordingProgress, Sinks, Source, Watcher, record,
 };
 use frame_stream::StreamOptions;
-use live_view::LiveModel;
+use live_view::web::Server;
+use live_view::{Guide, LiveModel, LoadGuide};
 use log_file::Log;
 use output_file::OutputError;
 use serde_json::json;
 use shell_data::wrench::Axes;
-use shellcal::workflow::live::{Feed, LiveSession, LogSeries, guide_through, play};
+use shellcal::workflow::live::{Feed, LiveSession, LogSeries, play};
 
 use super::frames::LiveForceArgs;
 use super::mapping::MappingArgs;
 use super::outputs::ReplacingArgs;
-use super::plan::read_table;
 use super::ports::{SourceArgs, is_port};
 use super::stream::{self, PlayingArgs, StreamToArgs};
 use crate::files::{InputPath, OutputPath};
@@ -41,10 +41,10 @@ Examples:
   shellcal live /dev/ttyUSB0 --start --calibration calibration.json
   shellcal live run3.csv --calibration calibration.json --speed 4
   shellcal live /dev/ttyUSB0 --start --calibration calibration.json --serve
-  shellcal live /dev/ttyUSB0 --start --plan plan.csv -o session.csv
+  shellcal live /dev/ttyUSB0 --start -o session.csv
 
 Keys: t and T tare and untare what is shown, space pauses, + and - zoom in time, m marks a moment,
-r starts and ends a recording, n goes on to the next planned load, b goes back, q ends";
+r starts and ends a recording, q ends";
 
 #[derive(Debug, clap::Args)]
 #[command(after_help = EXAMPLES)]
@@ -66,12 +66,6 @@ pub(crate) struct LiveArgs {
     #[command(flatten)]
     replacing: ReplacingArgs,
 
-    /// Guide through the loads of a table written by `shellcal plan --output`: shows the next load in large
-    /// type, and whether it is held still; rows of a load that was held for 2 s get its label in a column
-    /// `group` of the log
-    #[arg(long, value_name = "PLAN.csv")]
-    plan: Option<InputPath>,
-
     /// Time span shown, s
     #[arg(long, value_name = "S", default_value_t = 10.0)]
     window: f64,
@@ -79,11 +73,8 @@ pub(crate) struct LiveArgs {
     #[command(flatten)]
     playing: PlayingArgs,
 
-    /// Show the view in a browser instead of the terminal, at the printed address [default: 127.0.0.1 and a
-    /// free port]; port 0 is a free one
-    #[arg(long, value_name = "IP:PORT", num_args = 0..=1)]
-    #[arg(require_equals = true, default_missing_value = view::LOOPBACK)]
-    serve: Option<SocketAddr>,
+    #[command(flatten)]
+    served: ServeArg,
 
     #[command(flatten)]
     source: SourceArgs,
@@ -92,6 +83,34 @@ pub(crate) struct LiveArgs {
     mapping: MappingArgs,
 }
 
+/// The place of a view.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct ServeArg {
+    /// Show the view in a browser instead of the terminal, at the printed address [default: 127.0.0.1 and a
+    /// free port]; port 0 is a free one
+    #[arg(long, value_name = "IP:PORT", num_args = 0..=1)]
+    #[arg(require_equals = true, default_missing_value = view::LOOPBACK)]
+    serve: Option<SocketAddr>,
+}
+
+impl ServeArg {
+    /// Starts the server for a browser if one is wanted.
+    ///
+    /// # Errors
+    /// It cannot listen, or there is neither a browser nor a terminal.
+    pub(super) fn open(self) -> anyhow::Result<Option<Browser>> {
+        let browser = self.serve.map(view::serve).transpose()?;
+        ensure!(
+            browser.is_some() || io::stdout().is_terminal() && io::stdin().is_terminal(),
+            "a live view needs a terminal; `--serve` shows it in a browser, `shellcal record` needs neither"
+        );
+        Ok(browser)
+    }
+}
+
+/// The server of a view, and the address to open.
+pub(super) type Browser = (Server, String);
+
 impl LiveArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         self.source.serial.expect_board()?;
@@ -99,31 +118,21 @@ impl LiveArgs {
         let ranges = forces.as_ref().and_then(|forces| forces.calibration.valid_range.clone());
         let running = forces.clone().map(RunningForces::new).transpose()?;
         let stop = signals::stop_flag()?;
-        let (feed, done) = (Feed::default(), Arc::new(AtomicBool::new(false)));
+        let (feed, done) = (Feed::default(), Arc::default());
         let name = self.name.display().to_string();
         let is_port = is_port(&self.name);
         ensure!(is_port || self.output.is_none(), "a log that is played is not recorded again");
-        ensure!(
-            !is_port || self.plan.is_none() || self.output.is_some(),
-            "`--plan` labels the rows of a log: name one with `--output`"
-        );
         let path = self.output.as_ref().map(|path| path.to_path_buf());
         let overwrite = self.replacing.overwrite;
         let next_log = move |made| next_log(path.as_deref(), overwrite, made);
         let mut logs = is_port.then(|| LogSeries::new(Box::new(next_log)));
-        let table = self.plan.as_ref().map(read_table).transpose()?;
-        let guide = table.as_ref().map(guide_through);
         // Report errors before taking the screen.
         let (forces_of_stream, from_log) = (forces.clone(), !is_port);
         let stream =
             StreamOptions { forces: forces_of_stream, from_log, ..StreamOptions::default() };
         let view = Box::new(feed.clone());
         let (watcher, streamed) = self.stream.watch(printer, stream, Some(view))?;
-        let browser = self.serve.map(view::serve).transpose()?;
-        ensure!(
-            browser.is_some() || io::stdout().is_terminal() && io::stdin().is_terminal(),
-            "a live view needs a terminal; `--serve` shows it in a browser, `shellcal record` needs neither"
-        );
+        let browser = self.served.open()?;
         let first =
             logs.as_mut().filter(|_| self.output.is_some()).map(LogSeries::begin).transpose()?;
         let calibrated = forces.as_ref().map(|forces| forces.calibration.axes);
@@ -131,35 +140,14 @@ impl LiveArgs {
             true => (self.record(&name, forces, first, watcher, feed.clone())?, Axes::ALL),
             false => self.play(watcher, feed.clone())?,
         };
-        let end = Arc::clone(&done);
-        let run = move || {
-            let ended = frames(&end);
-            // If the source fails, end the view: it would hide the error.
-            end.fetch_or(ended.is_err(), Ordering::Relaxed);
-            ended
-        };
-        let source = thread::Builder::new().name("source".to_owned()).spawn(run)?;
         // Without a calibration, the wrench comes from the board or the log itself.
         let axes = calibrated.unwrap_or(recorded);
         let model = LiveModel::new(ranges, self.window, axes);
-        let mut session = LiveSession::new(model, guide, running, feed, logs, name);
-        let started = Instant::now();
-        let advance = |session: &mut LiveSession| {
-            let elapsed = started.elapsed();
-            let is_gone = session.advance(elapsed, source.is_finished())?;
-            let is_stopped = stop.load(Ordering::Relaxed) || done.load(Ordering::Relaxed);
-            let is_out_of_time = self.source.duration.is_some_and(|end| elapsed >= end);
-            anyhow::Ok(!(is_stopped || is_out_of_time || is_gone))
+        let mut session = LiveSession::<Guide>::new(model, None, running, feed, logs, name);
+        let is_over = |_: &LiveSession, elapsed: Duration| {
+            stop.load(Ordering::Relaxed) || self.source.duration.is_some_and(|end| elapsed >= end)
         };
-        let shown = match browser {
-            Some((server, address)) => announce(printer, server.address(), &address)
-                .and_then(|()| view::run_in_browser(&mut session, server, &advance)),
-            None => view::run(&mut session, !view::is_utf8(), printer.is_colored(), &advance),
-        };
-        done.store(true, Ordering::Relaxed);
-        let ended =
-            source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
-        shown?;
+        let ended = show(printer, &mut session, (frames, done), browser, &is_over)?;
         let streamed = stream::finish(printer, streamed.as_ref());
         for line in session.report() {
             if printer.json() { printer.note(line) } else { printer.line(line) }
@@ -176,16 +164,10 @@ impl LiveArgs {
         watcher: Option<Box<dyn Watcher>>,
         feed: Feed,
     ) -> anyhow::Result<FrameSource> {
-        let labels = self.plan.is_some();
         // The view ends by itself, and ends the recording.
-        let options = RecordOptions { forces, labels, duration: None, ..self.source.options()? };
-        let mut source = Source::port(self.source.serial.port(port), true)?;
-        Ok(Box::new(move |done| {
-            let sinks = Sinks { log, watcher, ..Sinks::default() };
-            let mut tell = |it: &RecordingProgress| feed.state().progress = Some(it.clone());
-            record(&mut source, sinks, &options, done, &mut tell)?;
-            Ok(())
-        }))
+        let options = RecordOptions { forces, duration: None, ..self.source.options()? };
+        let source = Source::port(self.source.serial.port(port), true)?;
+        Ok(recording(source, Sinks { log, watcher, ..Sinks::default() }, options, feed))
     }
 
     /// Plays a log; also returns its axes.
@@ -221,7 +203,54 @@ fn announce(printer: &Printer, at: SocketAddr, address: &str) -> anyhow::Result<
 }
 
 /// Function that produces frames until the flag is set.
-type FrameSource = Box<dyn FnOnce(&AtomicBool) -> anyhow::Result<()> + Send>;
+pub(super) type FrameSource = Box<dyn FnOnce(&AtomicBool) -> anyhow::Result<()> + Send>;
+
+/// The recording of a port; its progress goes to the feed.
+pub(super) fn recording(
+    mut source: Source,
+    sinks: Sinks,
+    options: RecordOptions,
+    feed: Feed,
+) -> FrameSource {
+    Box::new(move |done| {
+        let mut tell = |it: &RecordingProgress| feed.state().progress = Some(it.clone());
+        record(&mut source, sinks, &options, done, &mut tell)?;
+        Ok(())
+    })
+}
+
+/// Shows a session while `frames` come on another thread, until these end, the user ends it, or `is_over`
+/// after this time. Returns how the frames ended.
+pub(super) fn show<G: LoadGuide>(
+    printer: &Printer,
+    session: &mut LiveSession<G>,
+    (frames, done): (FrameSource, Arc<AtomicBool>),
+    browser: Option<Browser>,
+    is_over: &dyn Fn(&LiveSession<G>, Duration) -> bool,
+) -> anyhow::Result<anyhow::Result<()>> {
+    let end = Arc::clone(&done);
+    let run = move || {
+        let ended = frames(&end);
+        // If the source fails, end the view: it would hide the error.
+        end.fetch_or(ended.is_err(), Ordering::Relaxed);
+        ended
+    };
+    let source = thread::Builder::new().name("source".to_owned()).spawn(run)?;
+    let started = Instant::now();
+    let advance = |session: &mut LiveSession<G>| {
+        let elapsed = started.elapsed();
+        let is_gone = session.advance(elapsed, source.is_finished())?;
+        anyhow::Ok(!(done.load(Ordering::Relaxed) || is_gone || is_over(session, elapsed)))
+    };
+    let shown = match browser {
+        Some((server, address)) => announce(printer, server.address(), &address)
+            .and_then(|()| view::run_in_browser(session, server, &advance)),
+        None => view::run(session, !view::is_utf8(), printer.is_colored(), &advance),
+    };
+    done.store(true, Ordering::Relaxed);
+    let ended = source.join().unwrap_or_else(|_| Err(anyhow::anyhow!("the recording panicked")));
+    shown.map(|()| ended)
+}
 
 /// Creates `log.csv`, then the first of `log-2.csv`, `log-3.csv`, … that does not exist; `path` is the first
 /// name, if there is one.
@@ -234,13 +263,18 @@ fn next_log(
     if let Some(path) = path.filter(|_| made == 0) {
         return Ok(Box::new(AppendWriter::create(path, overwrite)?));
     }
-    let base = path.unwrap_or(Path::new("live.csv"));
-    let mut names = (made + 1..).map(|number| numbered(base, number));
+    first_free(path.unwrap_or(Path::new("live.csv")), made + 1)
+}
+
+/// Creates the first log that does not exist, numbered from `number`.
+pub(super) fn first_free(base: &Path, number: usize) -> Result<Box<dyn LogSink>, OutputError> {
+    let mut names = (number..).map(|number| numbered(base, number));
     let free = names.find(|path| !path.exists()).expect("numbers do not end");
     Ok(Box::new(AppendWriter::create(&free, false)?))
 }
 
-fn numbered(base: &Path, number: usize) -> PathBuf {
+/// The name of a log: the base, then with numbers from 2.
+pub(super) fn numbered(base: &Path, number: usize) -> PathBuf {
     if number == 1 {
         return base.to_path_buf();
     }

@@ -35,8 +35,7 @@ const LEAST_NAME: usize = 8;
 const LABEL: u16 = 16;
 
 const KEYS: &str = "t tare  T untare  space pause  +/- zoom  m mark  r record  q quit";
-const KEYS_OF_GUIDE: &str =
-    "n next load  b back  t tare  space pause  +/- zoom  m mark  r record  q quit";
+const KEYS_OF_GUIDE: &str = "n next load  b undo  t tare  space pause  +/- zoom  m mark  q quit";
 
 impl LiveScreen<'_> {
     pub(super) fn draw(&self, grid: &mut CellGrid) {
@@ -340,7 +339,7 @@ fn short(value: f64) -> String {
 mod tests {
     use super::*;
     use calibration::reading_ranges::ReadingRange;
-    use live_view::{GuidePhase, LiveRow};
+    use live_view::{ErrorPoint, GuidePhase, LiveRow};
     use shell_data::wrench::Axes;
 
     /// A model with a push to the right and a stroke upwards, one channel out of range, one saturated, and a
@@ -425,7 +424,8 @@ mod tests {
             recorded: 2,
             phase: GuidePhase::Hold,
             held: 0.5,
-            remaining_gain: 0.72,
+            remaining_gain: Some(0.72),
+            ..GuideView::default()
         };
         let model = model(true);
         let draw = |guide, size, ascii| guided_screen((&model, Some(guide)), size, ascii, false);
@@ -440,6 +440,20 @@ mod tests {
         assert!(small.contains("0.5 kg at (30, 0, 40) mm, down"), "{small}");
         let done = GuideView { phase: GuidePhase::Done, recorded: 16, ..guide.clone() };
         assert!(draw(&done, (80, 15), false).contains("all 16 loads are recorded"));
+        let point = ErrorPoint { loads: 16, error: [0.08, 2e-3], upper: [0.1, 3e-3] };
+        let sitting = GuideView {
+            remaining_gain: None,
+            errors: vec![ErrorPoint { loads: 12, error: [0.2, 5e-3], upper: [0.3, 7e-3] }, point],
+            limits: [Some(0.1), None],
+            finding: "s3 does not answer".to_owned(),
+            ..guide.clone()
+        };
+        let shown = draw(&sitting, (80, 40), false);
+        let error = "0.080 N (95 %: 0.10, wanted 0.1 N), 0.0020 N·m (95 %: 0.0030)";
+        assert!(shown.contains(error) && shown.contains("s3 does not answer"), "{shown}");
+        for (width, height) in [(80, 15), (60, 14), (200, 60)] {
+            assert!(draw(&sitting, (width, height), true).is_ascii());
+        }
     }
 
     #[test]

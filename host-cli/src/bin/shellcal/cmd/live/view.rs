@@ -13,6 +13,7 @@ use crossterm::terminal::{
     enable_raw_mode,
 };
 use crossterm::{cursor, execute, queue};
+use live_view::LoadGuide;
 use live_view::web::{Server, Site};
 use shellcal::workflow::live::{LiveAction, LiveSession, PERIOD};
 
@@ -20,7 +21,7 @@ use super::cells::CellGrid;
 use super::screen::LiveScreen;
 
 /// Takes the frames that have arrived; returns true if the view goes on.
-pub(super) type Advance<'a> = &'a dyn Fn(&mut LiveSession) -> anyhow::Result<bool>;
+pub(super) type Advance<'a, G> = &'a dyn Fn(&mut LiveSession<G>) -> anyhow::Result<bool>;
 
 /// Size of the VT100, for a terminal that does not tell its size.
 const UNKNOWN_SIZE: (u16, u16) = (80, 24);
@@ -76,11 +77,11 @@ impl Drop for RawTerminal {
 }
 
 /// Runs the view until a key, a signal or the end of the source ends it.
-pub(super) fn run(
-    session: &mut LiveSession,
+pub(super) fn run<G: LoadGuide>(
+    session: &mut LiveSession<G>,
     ascii: bool,
     color: bool,
-    advance: Advance<'_>,
+    advance: Advance<'_, G>,
 ) -> anyhow::Result<()> {
     let mut stage = RawTerminal::enter()?;
     let mut due = Instant::now();
@@ -157,10 +158,10 @@ pub(super) fn serve(at: SocketAddr) -> anyhow::Result<(Server, String)> {
 }
 
 /// Runs the view in a browser until a signal or the end of the source ends it.
-pub(super) fn run_in_browser(
-    session: &mut LiveSession,
+pub(super) fn run_in_browser<G: LoadGuide>(
+    session: &mut LiveSession<G>,
     server: Server,
-    advance: Advance<'_>,
+    advance: Advance<'_, G>,
 ) -> anyhow::Result<()> {
     let mut due = Instant::now();
     while advance(session)? {

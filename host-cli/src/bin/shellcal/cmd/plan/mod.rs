@@ -34,11 +34,44 @@ const MOST_COUNT: usize = 200;
   shellcal plan --loads recorded.csv --rig loads.csv")]
 #[group(skip)]
 pub(crate) struct PlanArgs {
-    /// The session so far: logs with readings and a measured wrench, logs of `live --plan`, or a calibration
+    /// The session so far: logs with readings and a measured wrench, logs of `calibrate`, or a calibration
     /// of the physics model
     #[arg(value_name = "LOG|CAL.json")]
     recorded: Vec<InputPath>,
 
+    #[command(flatten)]
+    rig: RigArgs,
+
+    /// Take the wrench from a table of the hung loads, one line for each pose: mass or force, point and
+    /// direction, with their errors. Loads are matched by the group column, otherwise in order by stretches
+    /// of still readings
+    #[arg(long, value_name = "LOADS.csv")]
+    loads: Option<InputPath>,
+
+    /// Number of loads to plan [default: 16; with `--until` as many as necessary, at most 200]
+    #[arg(long, short = 'n', value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20_000))]
+    count: Option<u32>,
+
+    #[command(flatten)]
+    until: UntilArg,
+
+    /// Write the loads in their order (CSV)
+    #[arg(long, short, value_name = "PLAN.csv")]
+    output: Option<OutputPath>,
+
+    #[command(flatten)]
+    figure: FigureArgs,
+
+    #[command(flatten)]
+    edited: EditedArg,
+
+    #[command(flatten)]
+    mapping: MappingArgs,
+}
+
+/// The loads that a rig can do.
+#[derive(Debug, clap::Args)]
+pub(crate) struct RigArgs {
     /// Table with one line for each load that can be hung: mass or force, point, direction, or the wrench
     #[arg(long, value_name = "LOADS.csv", conflicts_with_all = ["masses", "points", "directions", "wrench_box"], help_heading = RIG)]
     rig: Option<InputPath>,
@@ -59,38 +92,19 @@ pub(crate) struct PlanArgs {
     /// Ranges of the axes, for a rig that can apply any wrench: fx=-5..5,fz=-10..0,my=-0.2..0.2 (N and N·m)
     #[arg(long = "box", value_name = "RANGES", value_parser = WrenchBox::parse, conflicts_with = "masses", help_heading = RIG)]
     wrench_box: Option<WrenchBox>,
+}
 
-    /// Take the wrench from a table of the hung loads, one line for each pose: mass or force, point and
-    /// direction, with their errors. Loads are matched by the group column, otherwise in order by stretches
-    /// of still readings
-    #[arg(long, value_name = "LOADS.csv")]
-    loads: Option<InputPath>,
-
-    /// Number of loads to plan [default: 16; with `--until` as many as necessary, at most 200]
-    #[arg(long, short = 'n', value_name = "N", value_parser = clap::value_parser!(u32).range(1..=20_000))]
-    count: Option<u32>,
-
-    /// Stop when the predicted error of every force, or of every moment, is this small: 0.5N, 0.02Nm, or both
-    /// with a comma
+/// The error that is good enough.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(crate) struct UntilArg {
+    /// Stop when the error of every force, or of every moment, is this small: 0.5N, 0.02Nm, or both with a
+    /// comma
     #[arg(long, value_name = "ERROR", value_parser = parse_limits)]
-    until: Option<PlanLimits>,
-
-    /// Write the loads in their order, for `live --plan` (CSV)
-    #[arg(long, short, value_name = "PLAN.csv")]
-    output: Option<OutputPath>,
-
-    #[command(flatten)]
-    figure: FigureArgs,
-
-    #[command(flatten)]
-    edited: EditedArg,
-
-    #[command(flatten)]
-    mapping: MappingArgs,
+    pub(crate) until: Option<PlanLimits>,
 }
 
 /// Error limits that end a plan: of forces in N and of moments in N·m.
-type PlanLimits = [Option<f64>; 2];
+pub(crate) type PlanLimits = [Option<f64>; 2];
 
 /// Loads in their order, and the knowledge before them.
 struct LoadPlan {
@@ -107,7 +121,7 @@ struct LoadPlan {
 impl PlanArgs {
     pub(crate) fn run(&self, printer: &Printer) -> anyhow::Result<()> {
         let figure = self.figure.create(printer)?;
-        let table = self.table()?;
+        let table = self.rig.table()?;
         let output = printer.create(self.output.as_ref())?;
         let plan = self.plan(table, printer)?;
         output.map(|output| output.commit_with(plan.csv().as_bytes())).transpose()?;
@@ -120,7 +134,7 @@ impl PlanArgs {
         let session = self.session(&table)?;
         let sensors = match session.sensors {
             Ok(sensors) => Some(sensors),
-            Err(reason) if self.until.is_some() => {
+            Err(reason) if self.until.until.is_some() => {
                 anyhow::bail!("`--until` takes a model of the sensors, and there is none: {reason}")
             }
             Err(reason) => {
@@ -136,14 +150,17 @@ impl PlanArgs {
             PredictedError::Wrench(_) => "information gain",
             PredictedError::Relative(_) => "D-optimal on 1, w and w·w",
         };
-        let count = match (self.count, self.until) {
+        let count = match (self.count, self.until.until) {
             (Some(count), _) => count as usize,
             (None, Some(_)) => MOST_COUNT,
             (None, None) => USUAL_COUNT,
         };
         let (mut order, mut error) = (Vec::new(), before);
         while order.len() < count
-            && !self.until.is_some_and(|[force_n, moment_nm]| error.is_within(force_n, moment_nm))
+            && !self
+                .until
+                .until
+                .is_some_and(|[force_n, moment_nm]| error.is_within(force_n, moment_nm))
         {
             let Some(next) = planner.next() else { break };
             error = next.error;
@@ -151,7 +168,7 @@ impl PlanArgs {
         }
         let loads = if session.loads.is_empty() { &candidates } else { &session.loads };
         let couplings = couplings(loads, &candidates);
-        let (recorded, limits) = (session.loads.len(), self.until);
+        let (recorded, limits) = (session.loads.len(), self.until.until);
         Ok(LoadPlan { table, recorded, criterion, before, order, limits, couplings })
     }
 
@@ -201,9 +218,12 @@ fn parse_limits(text: &str) -> Result<PlanLimits, String> {
     Ok([force_n, moment_nm])
 }
 
-impl PlanArgs {
+impl RigArgs {
     /// The loads that the rig can do.
-    fn table(&self) -> anyhow::Result<HungLoads> {
+    ///
+    /// # Errors
+    /// None are given, or too many, or the table cannot be read.
+    pub(crate) fn table(&self) -> anyhow::Result<HungLoads> {
         if let Some(path) = &self.rig {
             return read_table(path);
         }

@@ -1,0 +1,23 @@
+//! A calibration in one sitting, without port, files and display.
+//!
+//! ```text
+//! rows ─▶ Guide ─▶ load held ─▶ HeldLoad ─┬─▶ named fault, asked again
+//!          ▲                              └─▶ Take ─▶ refit, error on new poses ─▶ next load, or the check
+//!          └──────────────────────────── the most informative load ◀───────────────┘
+//! ```
+//!
+//! [`Sitting`] takes rows as they arrive and is at every moment determined by the loads recorded so far, so a
+//! sitting goes on from its log and its table of loads. A log that was recorded before takes the same way,
+//! load by load.
+
+mod estimate;
+mod fault;
+mod held;
+mod recorded;
+mod state;
+
+pub use estimate::Estimate;
+pub use fault::SittingFault;
+pub use held::HeldLoad;
+pub use recorded::{fit_sitting, held_loads};
+pub use state::{CHECK, ErrorLimits, Sitting, SittingStage};
