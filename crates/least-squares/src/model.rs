@@ -255,7 +255,7 @@ mod tests {
         assert!(error.contains("`47905` coefficients"), "{error}");
         // `quadratic` has 2145 coefficients and `cubic+products` 2209.
         assert!(
-            error.ends_with("`linear`, `cubic`, `quadratic` would do, or `21` channels"),
+            error.ends_with("use `linear`, `cubic`, `quadratic`, or at most `21` channels"),
             "{error}"
         );
         assert!(Model { channels: 21, ..model }.check_size().is_ok());

@@ -24,12 +24,21 @@ pub struct Workers<'a> {
     /// Called with the number of completed folds of the physics model, or splits of a replay, and their total
     /// number.
     pub folds: Option<&'a (dyn Fn(usize, usize) + Sync)>,
+    /// Called at the start of each stage of a fit, with its name.
+    pub stages: Option<&'a (dyn Fn(&'static str) + Sync)>,
 }
 
 impl Workers<'_> {
     /// `threads` threads without callbacks; 0 for one per core.
     pub fn new(threads: usize) -> Self {
         Self { threads, ..Self::default() }
+    }
+
+    /// Reports that a stage starts.
+    pub fn start(&self, stage: &'static str) {
+        if let Some(told) = self.stages {
+            told(stage);
+        }
     }
 
     /// Reduces the number of threads to one if the blocks are too small for more.
@@ -40,7 +49,7 @@ impl Workers<'_> {
     }
 
     /// One thread without callbacks.
-    pub const ONE: Self = Self { threads: 1, watch: None, folds: None };
+    pub const ONE: Self = Self { threads: 1, watch: None, folds: None, stages: None };
 }
 
 impl std::fmt::Debug for Workers<'_> {

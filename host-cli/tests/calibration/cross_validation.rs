@@ -297,6 +297,9 @@ fn the_warning_compares_models_on_new_poses() {
     assert!(text.contains("best on new groups: linear, squared error"), "{text}");
     let (text, talk) = ended(&dir, "fit many.csv --model cubic --cv=10 --verbose", 0);
     assert!(!talk.contains("new groups"), "{talk}");
+    for stage in ["reading the rows: ", "errors on held-out groups: ", "verdict and files: "] {
+        assert!(talk.contains(stage), "{talk}");
+    }
     assert!(text.contains("10-fold cross-validation (1440 groups"), "{text}");
     assert!(text.contains("best on new groups: cubic, squared error"), "{text}");
 }

@@ -91,9 +91,9 @@ fn readings_that_no_sum_takes_exactly_are_validated_too() {
             assert_eq!(found[what], expected[what], "{found} {expected}");
         }
         let score = |of: &serde_json::Value| of["errors"]["score"].as_f64().unwrap();
-        // Exact sums are about the mean rounded to a count, a 300th of a standard deviation: a ridge of 1e-2 feels
-        // that in the fourth digit.
-        assert_same(&[score(found)], &[score(expected)], 1e-3);
+        // Exact sums are about the mean rounded to a count, a 300th of a standard deviation: a ridge feels that
+        // in the third digit.
+        assert_same(&[score(found)], &[score(expected)], 2e-3);
     }
     // Without a group column they are found, and said.
     let text = fs::read_to_string(volts.path().join("train.csv")).unwrap();

@@ -1,111 +1,201 @@
-//! Normal equations of each fold, composed of products of features and of memory terms.
+//! Normal equations of each fold, composed of products of features, memory terms and loads.
+//!
+//! Products of columns are summed once. The features `X` are eliminated once from the equations of all rows
+//! outside a fold, `XᵀX = L·Lᵀ`. Memory terms `M` then need only small equations, with the matrix
+//! `MᵀM − VᵀV`, `V = L⁻¹·XᵀM`; another lag changes only their right side. Loads at a lag between two whole
+//! periods are interpolated, and so are their products.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatRef, Par};
+use faer::linalg::triangular_solve::{
+    solve_lower_triangular_in_place, solve_upper_triangular_in_place,
+};
+use faer::{Accum, Mat, MatRef, Par, Side};
 
+use super::errors::FoldErrors;
 use super::samples::SearchRows;
-use least_squares::validation::comparison::FoldMean;
-use least_squares::validation::normal_equations::NormalEquations;
+use least_squares::validation::normal_equations::sums_without_each;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// λ on columns of norm one, which the condition numbers of memory terms require.
 const RIDGE: f64 = 1e-10;
 
-/// `AᵀB` of the rows of each fold.
-fn products(samples: &SearchRows<'_>, a: &Mat<f64>, b: &Mat<f64>) -> Vec<Mat<f64>> {
-    let of = |rows: &std::ops::Range<usize>| {
-        let (a, b) = (a.subrows(rows.start, rows.len()), b.subrows(rows.start, rows.len()));
-        let mut product = Mat::zeros(a.ncols(), b.ncols());
-        matmul(product.as_mut(), Accum::Replace, a.transpose(), b, 1.0, Par::Seq);
-        product
-    };
-    samples.folds.iter().map(of).collect()
+/// Largest lag that is searched, in periods.
+const FARTHEST: usize = 64;
+
+/// Number of knots that loads at a lag and their slope are interpolated from: the one before the lag is the
+/// second.
+const KNOTS: usize = 4;
+
+/// Sums of products over the rows of each fold, and over the rows of every [fit](FoldEquations::fits).
+struct FoldSums {
+    folds: Vec<Mat<f64>>,
+    fits: Vec<Mat<f64>>,
 }
 
-/// Columns with their products with the features and with each other, fold by fold.
-pub(super) struct ProductColumns {
-    pub(super) columns: Mat<f64>,
-    with_features: Vec<Mat<f64>>,
-    with_each_other: Vec<Mat<f64>>,
-}
+impl FoldSums {
+    /// `AᵀB` of some columns.
+    fn new(samples: &SearchRows<'_>, a: &Mat<f64>, b: &Mat<f64>) -> Self {
+        let of = |rows: &std::ops::Range<usize>| {
+            let (a, b) = (a.subrows(rows.start, rows.len()), b.subrows(rows.start, rows.len()));
+            let mut product = Mat::zeros(a.ncols(), b.ncols());
+            matmul(product.as_mut(), Accum::Replace, a.transpose(), b, 1.0, Par::Seq);
+            product
+        };
+        Self::from_folds(samples.folds.iter().map(of).collect())
+    }
 
-impl ProductColumns {
-    pub(super) fn new(samples: &SearchRows<'_>, columns: Mat<f64>) -> Self {
-        Self {
-            with_features: products(samples, &samples.features, &columns),
-            with_each_other: products(samples, &columns, &columns),
-            columns,
-        }
+    fn from_folds(folds: Vec<Mat<f64>>) -> Self {
+        let mut all = Mat::zeros(folds[0].nrows(), folds[0].ncols());
+        folds.iter().for_each(|of| all += of);
+        let mut fits = sums_without_each(folds.iter());
+        fits.push(all);
+        Self { folds, fits }
+    }
+
+    /// Sums over the rows of a fold, or over all rows.
+    fn on(&self, fold: Option<usize>) -> MatRef<'_, f64> {
+        fold.map_or(self.fits[self.folds.len()].as_ref(), |fold| self.folds[fold].as_ref())
     }
 }
 
+/// A matrix `A` of products, scaled so that columns have norm one, with the ridge: its norms and `L`.
+struct ScaledFactor {
+    norms: Vec<f64>,
+    lower: Mat<f64>,
+}
+
+/// Norms of columns with these products; 1 for a column of zeros.
+fn norms(products: MatRef<'_, f64>) -> Vec<f64> {
+    let norm = |j: usize| Some(products[(j, j)].sqrt()).filter(|norm| *norm > 0.0);
+    (0..products.ncols()).map(|j| norm(j).unwrap_or(1.0)).collect()
+}
+
+fn divide_rows(of: &mut Mat<f64>, norms: &[f64]) {
+    for column in of.col_iter_mut() {
+        column.iter_mut().zip(norms).for_each(|(value, norm)| *value /= norm);
+    }
+}
+
+impl ScaledFactor {
+    /// Factors products; the column `free` has no ridge. `None` if rounding has made them indefinite.
+    fn new(products: MatRef<'_, f64>, free: Option<usize>) -> Option<Self> {
+        let norms = norms(products);
+        let n = norms.len();
+        let mut scaled = Mat::from_fn(n, n, |i, j| products[(i, j)] / norms[i] / norms[j]);
+        (0..n).filter(|&j| free != Some(j)).for_each(|j| scaled[(j, j)] += RIDGE);
+        let lower = scaled.llt(Side::Lower).ok()?.L().to_owned();
+        Some(Self { norms, lower })
+    }
+
+    /// `L⁻¹·D⁻¹·B`.
+    fn eliminate(&self, mut products: Mat<f64>) -> Mat<f64> {
+        divide_rows(&mut products, &self.norms);
+        solve_lower_triangular_in_place(self.lower.as_ref(), products.as_mut(), Par::Seq);
+        products
+    }
+
+    /// `D⁻¹·L⁻ᵀ·B`.
+    fn substitute(&self, mut eliminated: Mat<f64>) -> Mat<f64> {
+        let upper = self.lower.transpose();
+        solve_upper_triangular_in_place(upper, eliminated.as_mut(), Par::Seq);
+        divide_rows(&mut eliminated, &self.norms);
+        eliminated
+    }
+}
+
+/// Loads that are later by a whole number of periods, with their products.
+struct Knot {
+    columns: Mat<f64>,
+    with_features: FoldSums,
+    eliminated: Vec<Mat<f64>>,
+    /// Products with the loads of the same axis at this and the next knots, fold by fold.
+    with_next: [OnceLock<Vec<PerAxis<f64>>>; KNOTS],
+}
+
+/// The memory terms of a time constant, with their products.
 pub(super) struct MemoryColumns {
     pub(super) time_constant: f64,
-    pub(super) terms: ProductColumns,
+    columns: Mat<f64>,
+    with_features: FoldSums,
+    with_each_other: FoldSums,
+    /// Norms of the columns, and `V`, of each fit.
+    eliminated: Vec<(Vec<f64>, Mat<f64>)>,
+    with_loads: Vec<OnceLock<FoldSums>>,
+}
+
+/// Memory terms of some time constants, whose equations are factored for each fit.
+#[derive(Clone)]
+pub(super) struct TermSet {
+    pub(super) terms: Vec<Arc<MemoryColumns>>,
+    products: Arc<FoldSums>,
+    /// `L` of `MᵀM − VᵀV`, for each fit.
+    factors: Arc<Vec<Mat<f64>>>,
+}
+
+impl TermSet {
+    pub(super) fn time_constants(&self) -> Vec<f64> {
+        self.terms.iter().map(|of| of.time_constant).collect()
+    }
+}
+
+/// Loads at a lag, or their slope: a combination of the loads at a few knots.
+#[derive(Clone, Copy)]
+struct Blend {
+    first: usize,
+    weights: [f64; KNOTS],
+}
+
+impl Blend {
+    /// Knots with a weight.
+    fn knots(&self) -> impl Iterator<Item = (usize, f64)> {
+        let knots = (self.first..).zip(self.weights);
+        knots.filter(|(_, weight)| *weight != 0.0)
+    }
+
+    fn of<'m>(&self, part: impl Fn(usize) -> MatRef<'m, f64>) -> Mat<f64> {
+        let (rows, columns) = (part(self.first + 1).nrows(), Axis::ALL.len());
+        let mut sum = Mat::zeros(rows, columns);
+        self.knots().for_each(|(knot, weight)| sum += part(knot) * faer::Scale(weight));
+        sum
+    }
+}
+
+/// Coefficients of a fit, features × 6 and memory terms × 6.
+struct Coefficients {
+    features: Mat<f64>,
+    terms: Mat<f64>,
+}
+
+/// A blend and its coefficients.
+type Fitted<'a> = (Blend, &'a Coefficients);
+
+/// Sums of products of the residual of the loads at a lag, and of the part of their slope that the features
+/// leave unexplained.
+#[derive(Clone, Copy)]
+pub(super) struct LagSums {
+    pub(super) residual: PerAxis<f64>,
+    pub(super) both: PerAxis<f64>,
+    pub(super) slope: PerAxis<f64>,
 }
 
 /// Equations for features and some memory terms.
 pub(super) struct FoldEquations<'a> {
     pub(super) samples: &'a SearchRows<'a>,
-    /// `XᵀX` of the features of each fold.
-    features: Vec<Mat<f64>>,
+    /// Lag of the knot in the middle.
+    origin: f64,
+    features: FoldSums,
+    /// The features of all rows but those of each fold, then of all rows.
+    fits: Vec<ScaledFactor>,
+    knots: Vec<OnceLock<Knot>>,
     /// Variances of the axes; 0 for axes that do not vary.
     pub(super) variances: PerAxis<f64>,
 }
 
-/// Squared errors on each held-out fold, per axis.
-#[derive(Clone, Debug)]
-pub(super) struct FoldErrors {
-    rows: u64,
-    squares: PerAxis<f64>,
-    /// Rows of each fold, and its errors relative to the variance of each axis, averaged over those that
-    /// vary.
-    scores: Vec<(u64, f64)>,
-    /// Scores minus the part caused by noise of readings and loads.
-    systematic: Vec<(u64, f64)>,
-}
-
-impl FoldErrors {
-    pub(super) fn score(&self) -> f64 {
-        FoldMean::new(&self.scores).value
-    }
-
-    /// Score minus the part of noise, which a search minimises. Terms that only average noise raise it.
-    pub(super) fn systematic(&self) -> f64 {
-        FoldMean::new(&self.systematic).value
-    }
-
-    /// Returns true if the errors of `later` are lower by more than a standard error, and by this share.
-    pub(super) fn are_lowered_by(&self, later: &Self, share: f64) -> bool {
-        let gain = gain(&self.scores, &later.scores);
-        gain.value > gain.standard_error && gain.value > share * self.score()
-    }
-
-    /// Returns true if the errors are also lower by this share, both with and without the part of noise.
-    pub(super) fn are_explained_by(&self, later: &Self, share: f64) -> bool {
-        let least = share * self.score();
-        let of = [(&self.scores, &later.scores), (&self.systematic, &later.systematic)];
-        of.into_iter().all(|(before, after)| {
-            let gain = gain(before, after);
-            gain.value > gain.standard_error && gain.value > least
-        })
-    }
-
-    /// Root mean square errors, N and N·m.
-    pub(super) fn rms(&self) -> PerAxis<f64> {
-        self.squares.map(|squares| (squares / self.rows as f64).sqrt())
-    }
-}
-
-fn gain(before: &[(u64, f64)], after: &[(u64, f64)]) -> FoldMean {
-    let lower = |(&(rows, before), (_, after)): (&(u64, f64), &(u64, f64))| (rows, before - after);
-    FoldMean::new(&before.iter().zip(after).map(lower).collect::<Vec<_>>())
-}
-
 impl<'a> FoldEquations<'a> {
-    pub(super) fn new(samples: &'a SearchRows<'a>) -> Self {
+    /// Equations for lags about `origin`; `None` if rounding has made those of the features indefinite.
+    pub(super) fn new(samples: &'a SearchRows<'a>, origin: f64) -> Option<Self> {
         let loads = samples.loads(0.0);
         let variance = |axis: usize| {
             let column = loads.col(axis);
@@ -113,110 +203,283 @@ impl<'a> FoldEquations<'a> {
             column.iter().map(|load| (load - mean) * (load - mean)).sum::<f64>()
                 / samples.rows() as f64
         };
-        Self {
+        let features = FoldSums::new(samples, &samples.features, &samples.features);
+        let ones = samples.has_intercept.then(|| samples.features.ncols() - 1);
+        let fits = features.fits.iter().map(|of| ScaledFactor::new(of.as_ref(), ones));
+        Some(Self {
             samples,
-            features: products(samples, &samples.features, &samples.features),
+            origin,
+            fits: fits.collect::<Option<_>>()?,
+            features,
+            knots: (0..=2 * FARTHEST).map(|_| OnceLock::new()).collect(),
             variances: std::array::from_fn(variance),
-        }
+        })
     }
 
-    /// Index of the constant feature.
-    fn ones(&self) -> Option<usize> {
-        self.samples.has_intercept.then(|| self.samples.features.ncols() - 1)
+    /// Loads at a lag, and their slope over one period in each direction, so that noise of the loads in
+    /// between has no part in it. `None` for a lag too far from the origin.
+    fn blends(&self, lag: f64) -> Option<[Blend; 2]> {
+        let period = self.samples.clock.period;
+        let at = (lag - self.origin) / period + FARTHEST as f64;
+        let before = at.floor();
+        let is_known = before >= 1.0 && before + 2.0 <= (2 * FARTHEST) as f64;
+        let (first, share) = (is_known.then_some(before as usize - 1)?, at - before);
+        let (low, high) = (0.5 * (1.0 - share) / period, 0.5 * share / period);
+        let loads = Blend { first, weights: [0.0, 1.0 - share, share, 0.0] };
+        let slope = Blend { first, weights: [-low, -high, low, high] };
+        Some([loads, slope])
     }
 
-    fn of_folds(
-        &self,
-        terms: &[Arc<MemoryColumns>],
-        loads: &ProductColumns,
-    ) -> Vec<NormalEquations> {
-        let terms: Vec<&ProductColumns> = terms.iter().map(|of| &of.terms).collect();
-        let with = |of: &&ProductColumns| products(self.samples, &of.columns, &loads.columns);
-        let with_loads: Vec<_> = terms.iter().map(with).collect();
-        let mut between = Vec::new();
-        for (i, a) in terms.iter().enumerate() {
-            for (j, b) in terms.iter().enumerate().skip(i + 1) {
-                between.push((i, j, products(self.samples, &a.columns, &b.columns)));
-            }
-        }
-        let p = self.samples.features.ncols();
-        let width = terms.first().map_or(0, |of| of.columns.ncols());
-        let start = |term: usize| p + term * width;
-        let all = start(terms.len());
-        let of_fold = |fold: usize| {
-            let mut whole = Mat::zeros(all + Axis::ALL.len(), all + Axis::ALL.len());
-            let mut put = |row: usize, column: usize, part: MatRef<'_, f64>| {
-                whole.submatrix_mut(row, column, part.nrows(), part.ncols()).copy_from(part);
-                let mut other = whole.submatrix_mut(column, row, part.ncols(), part.nrows());
-                other.copy_from(part.transpose());
+    fn knot(&self, at: usize) -> &Knot {
+        self.knots[at].get_or_init(|| {
+            let by = self.origin + (at as f64 - FARTHEST as f64) * self.samples.clock.period;
+            let columns = self.samples.loads(by);
+            let with_features = FoldSums::new(self.samples, &self.samples.features, &columns);
+            let eliminated = self.eliminated(&with_features);
+            Knot { columns, with_features, eliminated, with_next: Default::default() }
+        })
+    }
+
+    fn eliminated(&self, with_features: &FoldSums) -> Vec<Mat<f64>> {
+        let products = with_features.fits.iter().cloned();
+        self.fits.iter().zip(products).map(|(fit, products)| fit.eliminate(products)).collect()
+    }
+
+    /// Products of the loads at two knots on each axis, over the rows of a fold or all rows.
+    fn load_products(&self, a: usize, b: usize, fold: Option<usize>) -> PerAxis<f64> {
+        let (low, high) = (self.knot(a.min(b)), self.knot(a.max(b)));
+        let of_folds = low.with_next[a.abs_diff(b)].get_or_init(|| {
+            let of = |rows: &std::ops::Range<usize>| {
+                std::array::from_fn(|axis| {
+                    let [low, high] =
+                        [low, high].map(|of| of.columns.col(axis).subrows(rows.start, rows.len()));
+                    low.transpose() * high
+                })
             };
-            put(0, 0, self.features[fold].as_ref());
-            put(0, all, loads.with_features[fold].as_ref());
-            put(all, all, loads.with_each_other[fold].as_ref());
-            for (term, of) in terms.iter().enumerate() {
-                put(0, start(term), of.with_features[fold].as_ref());
-                put(start(term), start(term), of.with_each_other[fold].as_ref());
-                put(start(term), all, with_loads[term][fold].as_ref());
-            }
-            for (a, b, product) in &between {
-                put(start(*a), start(*b), product[fold].as_ref());
-            }
-            let rows = self.samples.folds[fold].len() as u64;
-            NormalEquations { features: all, rows, products: whole }
-        };
-        (0..self.samples.folds.len()).map(of_fold).collect()
+            self.samples.folds.iter().map(of).collect()
+        });
+        let mut sum = [0.0; 6];
+        let folds = fold.map_or(0..of_folds.len(), |fold| fold..fold + 1);
+        for of in &of_folds[folds] {
+            sum.iter_mut().zip(of).for_each(|(sum, of)| *sum += of);
+        }
+        sum
     }
 
-    /// Errors on each fold of fits without it, at a lag; `None` if a fit fails.
-    pub(super) fn errors(&self, terms: &[Arc<MemoryColumns>], lag: f64) -> Option<FoldErrors> {
-        let loads = ProductColumns::new(self.samples, self.samples.loads(lag));
-        let folds = self.of_folds(terms, &loads);
+    /// No memory terms.
+    pub(super) fn no_terms(&self) -> TermSet {
+        let none = || Mat::zeros(0, 0);
+        let products = FoldSums::from_folds(self.samples.folds.iter().map(|_| none()).collect());
+        let factors = Arc::new(self.fits.iter().map(|_| none()).collect());
+        TermSet { terms: Vec::new(), products: Arc::new(products), factors }
+    }
+
+    pub(super) fn memory(&self, time_constant: f64) -> Arc<MemoryColumns> {
+        let columns = self.samples.memory_terms(time_constant);
+        let with_features = FoldSums::new(self.samples, &self.samples.features, &columns);
+        let with_each_other = FoldSums::new(self.samples, &columns, &columns);
+        let fits = self.fits.iter().zip(&with_features.fits).zip(&with_each_other.fits);
+        let eliminated = fits.map(|((fit, with_features), own)| {
+            let (norms, mut products) = (norms(own.as_ref()), with_features.clone());
+            for (column, norm) in products.col_iter_mut().zip(&norms) {
+                column.iter_mut().for_each(|value| *value /= norm);
+            }
+            (norms, fit.eliminate(products))
+        });
+        Arc::new(MemoryColumns {
+            time_constant,
+            eliminated: eliminated.collect(),
+            columns,
+            with_features,
+            with_each_other,
+            with_loads: (0..=2 * FARTHEST).map(|_| OnceLock::new()).collect(),
+        })
+    }
+
+    fn with_loads<'m>(&self, terms: &'m MemoryColumns, knot: usize) -> &'m FoldSums {
+        let loads = || FoldSums::new(self.samples, &terms.columns, &self.knot(knot).columns);
+        terms.with_loads[knot].get_or_init(loads)
+    }
+
+    /// The set with the terms of another time constant at a position, which may be behind the last. `None` if
+    /// rounding has made the equations indefinite.
+    pub(super) fn with(
+        &self,
+        set: &TermSet,
+        position: usize,
+        new: &Arc<MemoryColumns>,
+    ) -> Option<TermSet> {
+        let mut terms = set.terms.clone();
+        match terms.get_mut(position) {
+            Some(old) => *old = Arc::clone(new),
+            None => terms.push(Arc::clone(new)),
+        }
+        let width = new.columns.ncols();
+        let between: Vec<Option<FoldSums>> = (terms.iter().enumerate())
+            .map(|(at, other)| {
+                let product = || FoldSums::new(self.samples, &new.columns, &other.columns);
+                (at != position).then(product)
+            })
+            .collect();
+        let all = width * terms.len();
+        let of_fold = |fold: usize| {
+            let (mut products, known) = (Mat::zeros(all, all), set.products.on(Some(fold)));
+            let (rows, columns) = known.shape();
+            products.submatrix_mut(0, 0, rows, columns).copy_from(known);
+            for (at, between) in between.iter().enumerate() {
+                let block = between.as_ref().unwrap_or(&new.with_each_other).on(Some(fold));
+                let [own, other] = [position * width, at * width];
+                products.submatrix_mut(own, other, width, width).copy_from(block);
+                let mut mirrored = products.submatrix_mut(other, own, width, width);
+                mirrored.copy_from(block.transpose());
+            }
+            products
+        };
+        let products = FoldSums::from_folds((0..self.samples.folds.len()).map(of_fold).collect());
+        let factor = |(fit, mut left): (usize, Mat<f64>)| {
+            for (i, a) in terms.iter().enumerate() {
+                for (j, b) in terms.iter().enumerate().take(i + 1) {
+                    let ([a_norms, b_norms], [a, b]) = (
+                        [a, b].map(|of| &of.eliminated[fit].0),
+                        [a, b].map(|of| &of.eliminated[fit].1),
+                    );
+                    let mut block = left.submatrix_mut(i * width, j * width, width, width);
+                    for column in 0..width {
+                        for row in 0..width {
+                            block[(row, column)] /= a_norms[row] * b_norms[column];
+                        }
+                    }
+                    matmul(block, Accum::Add, a.transpose(), b, -1.0, Par::Seq);
+                }
+            }
+            (0..all).for_each(|j| left[(j, j)] += RIDGE);
+            Some(left.llt(Side::Lower).ok()?.L().to_owned())
+        };
+        let factors: Option<_> = products.fits.iter().cloned().enumerate().map(factor).collect();
+        Some(TermSet { terms, products: Arc::new(products), factors: Arc::new(factors?) })
+    }
+
+    /// The coefficients of one of the fits.
+    fn solve(&self, set: &TermSet, fit: usize, blend: Blend) -> Coefficients {
+        let mut left = blend.of(|knot| self.knot(knot).eliminated[fit].as_ref());
+        let width = set.terms.first().map_or(0, |of| of.columns.ncols());
+        let mut terms = Mat::zeros(width * set.terms.len(), Axis::ALL.len());
+        for (at, of) in set.terms.iter().enumerate() {
+            let (norms, eliminated) = &of.eliminated[fit];
+            let mut products = blend.of(|knot| self.with_loads(of, knot).fits[fit].as_ref());
+            divide_rows(&mut products, norms);
+            let own = eliminated.transpose();
+            matmul(products.as_mut(), Accum::Add, own, left.as_ref(), -1.0, Par::Seq);
+            terms.subrows_mut(at * width, width).copy_from(&products);
+        }
+        if !set.terms.is_empty() {
+            let lower = set.factors[fit].as_ref();
+            solve_lower_triangular_in_place(lower, terms.as_mut(), Par::Seq);
+            solve_upper_triangular_in_place(lower.transpose(), terms.as_mut(), Par::Seq);
+        }
+        for (at, of) in set.terms.iter().enumerate() {
+            let (norms, eliminated) = &of.eliminated[fit];
+            let mut own = terms.subrows_mut(at * width, width);
+            matmul(left.as_mut(), Accum::Add, eliminated, own.as_ref(), -1.0, Par::Seq);
+            for column in own.as_mut().col_iter_mut() {
+                column.iter_mut().zip(norms).for_each(|(value, norm)| *value /= norm);
+            }
+        }
+        Coefficients { features: self.fits[fit].substitute(left), terms }
+    }
+
+    /// `Σ r_a·r_b` of the residuals of two blends on each axis, over the rows of a fold or all rows.
+    fn residual_products(
+        &self,
+        set: &TermSet,
+        fold: Option<usize>,
+        (a, of_a): Fitted<'_>,
+        (b, of_b): Fitted<'_>,
+    ) -> PerAxis<f64> {
+        let mut sums = [0.0; 6];
+        for (knot_a, weight_a) in a.knots() {
+            for (knot_b, weight_b) in b.knots() {
+                let products = self.load_products(knot_a, knot_b, fold);
+                for (sum, product) in sums.iter_mut().zip(products) {
+                    *sum += weight_a * weight_b * product;
+                }
+            }
+        }
+        let mut add = |a: MatRef<'_, f64>, b: MatRef<'_, f64>, sign: f64| {
+            for (axis, sum) in sums.iter_mut().enumerate() {
+                *sum += sign * (a.col(axis).transpose() * b.col(axis));
+            }
+        };
+        let with_features = |blend: Blend| blend.of(|knot| self.knot(knot).with_features.on(fold));
+        let mut explained = self.features.on(fold) * &of_b.features;
+        let mut of_terms = set.products.on(fold) * &of_b.terms;
+        for (at, of) in set.terms.iter().enumerate() {
+            let width = of.columns.ncols();
+            let [own_a, own_b] = [of_a, of_b].map(|of| of.terms.subrows(at * width, width));
+            let products = of.with_features.on(fold);
+            matmul(explained.as_mut(), Accum::Add, products, own_b, 1.0, Par::Seq);
+            let own = of_terms.subrows_mut(at * width, width);
+            matmul(own, Accum::Add, products.transpose(), of_b.features.as_ref(), 1.0, Par::Seq);
+            let with_loads = |blend: Blend| blend.of(|knot| self.with_loads(of, knot).on(fold));
+            add(own_a, with_loads(b).as_ref(), -1.0);
+            add(own_b, with_loads(a).as_ref(), -1.0);
+        }
+        add(of_a.features.as_ref(), explained.as_ref(), 1.0);
+        add(of_a.terms.as_ref(), of_terms.as_ref(), 1.0);
+        add(of_a.features.as_ref(), with_features(b).as_ref(), -1.0);
+        add(of_b.features.as_ref(), with_features(a).as_ref(), -1.0);
+        sums
+    }
+
+    /// Errors on each fold of fits without it, at a lag; `None` for a lag too far from the origin.
+    pub(super) fn errors(&self, set: &TermSet, lag: f64) -> Option<FoldErrors> {
+        let [loads, _] = self.blends(lag)?;
         let load_noise = self.samples.noise_of_loads(lag);
-        let time_constants: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
+        let time_constants = set.time_constants();
         let mut errors =
             FoldErrors { rows: 0, squares: [0.0; 6], scores: Vec::new(), systematic: Vec::new() };
         let varying: Vec<usize> = (0..6).filter(|&axis| self.variances[axis] > 0.0).collect();
-        for (position, fold) in folds.iter().enumerate() {
-            let rest = NormalEquations::all_but(&folds, position)?.solve(RIDGE, self.ones())?;
-            let found = fold.errors(rest.as_ref(), self.ones());
-            let rows = self.samples.folds[position].len() as u64;
-            let noise = self.samples.noise.of_wrench(rest.as_ref(), &time_constants);
+        for (fold, of_fold) in self.samples.folds.iter().enumerate() {
+            let rest = self.solve(set, fold, loads);
+            let fitted = (loads, &rest);
+            // Cancellation may leave a negative number, which is impossible for a sum of squares.
+            let found = self
+                .residual_products(set, Some(fold), fitted, fitted)
+                .map(|squares| squares.max(0.0));
+            let rows = of_fold.len() as u64;
+            let noise = self.samples.noise.of_wrench(&rest.features, &rest.terms, &time_constants);
             let mean = |of: &dyn Fn(usize) -> f64| {
                 let relative = varying.iter().map(|&axis| of(axis) / self.variances[axis]);
                 relative.sum::<f64>() / varying.len().max(1) as f64
             };
-            let score = mean(&|axis| found[axis].squares / rows as f64);
+            let score = mean(&|axis| found[axis] / rows as f64);
             let noise = mean(&|axis| noise[axis] + load_noise[axis]);
             errors.rows += rows;
-            errors.squares.iter_mut().zip(&found).for_each(|(sum, of)| *sum += of.squares);
+            errors.squares.iter_mut().zip(found).for_each(|(sum, of)| *sum += of);
             errors.scores.push((rows, score));
             errors.systematic.push((rows, score - noise));
         }
         Some(errors)
     }
 
-    /// Residual of columns (rows × 6) after a fit of all features and memory terms.
-    pub(super) fn unexplained(
+    /// Sums for the fit to all rows at a lag: over all rows and, if `by_fold`, over the rows of each fold.
+    /// `None` for a lag too far from the origin.
+    pub(super) fn lag_sums(
         &self,
-        terms: &[Arc<MemoryColumns>],
-        columns: &ProductColumns,
-    ) -> Option<Mat<f64>> {
-        let folds = self.of_folds(terms, columns);
-        let (first, others) = folds.split_first()?;
-        let mut all = first.clone();
-        others.iter().for_each(|other| all.add(other));
-        let coefficients = all.solve(RIDGE, self.ones())?;
-        let p = self.samples.features.ncols();
-        let mut left = columns.columns.clone();
-        let mut take_off = |part: &Mat<f64>, start: usize| {
-            let own = coefficients.subrows(start, part.ncols());
-            matmul(left.as_mut(), Accum::Add, part, own, -1.0, Par::Seq);
+        set: &TermSet,
+        lag: f64,
+        by_fold: bool,
+    ) -> Option<(LagSums, Vec<PerAxis<f64>>)> {
+        let [loads, slope] = self.blends(lag)?;
+        let all = self.samples.folds.len();
+        let [residual, unexplained] = [loads, slope].map(|of| self.solve(set, all, of));
+        let (residual, unexplained) = ((loads, &residual), (slope, &unexplained));
+        let sums = LagSums {
+            residual: self.residual_products(set, None, residual, residual),
+            both: self.residual_products(set, None, residual, unexplained),
+            slope: self.residual_products(set, None, unexplained, unexplained),
         };
-        take_off(&self.samples.features, 0);
-        for (term, of) in terms.iter().enumerate() {
-            let part = &of.terms.columns;
-            take_off(part, p + term * part.ncols());
-        }
-        Some(left)
+        let of_fold = |fold| self.residual_products(set, Some(fold), residual, unexplained);
+        Some((sums, (0..all).filter(|_| by_fold).map(of_fold).collect()))
     }
 }

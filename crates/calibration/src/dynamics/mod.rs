@@ -12,6 +12,7 @@
 //! memory.
 
 mod equations;
+mod errors;
 mod prepared;
 mod samples;
 mod search;

@@ -14,7 +14,7 @@
 
 use std::ops::Range;
 
-use faer::{Mat, MatRef};
+use faer::Mat;
 
 use super::prepared::{BetweenRows, RowClock, segments};
 use crate::memory::TimeBase;
@@ -200,13 +200,6 @@ impl<'a> SearchRows<'a> {
         self.load_noise.map(|variance| variance * (share * share + (1.0 - share) * (1.0 - share)))
     }
 
-    /// Rate of change of these loads, over one period in each direction, so that noise of the loads in
-    /// between has no part in it.
-    pub(super) fn slopes(&self, by: f64) -> Mat<f64> {
-        let step = self.clock.period;
-        (self.loads(by + step) - self.loads(by - step)) * faer::Scale(0.5 / step)
-    }
-
     /// Memory terms of a time constant (rows × channels).
     pub(super) fn memory_terms(&self, time_constant: f64) -> Mat<f64> {
         let memory = self.clock.memory(&[time_constant]).expect("a positive time constant");
@@ -287,8 +280,11 @@ pub(super) struct ReadingNoise {
 
 struct ChannelNoise {
     variance: f64,
-    /// Gradient of each feature (rows × features).
-    gradients: Mat<f64>,
+    /// Features with a gradient.
+    features: Vec<usize>,
+    /// Their gradients: the means of products of two, and the mean of each.
+    products: Mat<f64>,
+    means: Vec<f64>,
 }
 
 impl ReadingNoise {
@@ -317,20 +313,29 @@ impl ReadingNoise {
             some[channel] = middle;
             let slope =
                 |i: usize, j: usize| (above[j * count + i] - below[j * count + i]) / (2.0 * step);
-            let gradients = match variance > 0.0 {
-                true => Mat::from_fn(count, features.len(), slope),
-                false => Mat::zeros(count, features.len()),
+            let has_gradient = |j: &usize| (0..count).any(|i| slope(i, *j) != 0.0);
+            let own: Vec<usize> = match variance > 0.0 {
+                true => (0..features.len()).filter(has_gradient).collect(),
+                false => Vec::new(),
             };
-            ChannelNoise { variance, gradients }
+            let gradients = Mat::from_fn(count, own.len(), |i, j| slope(i, own[j]));
+            let share = 1.0 / count.max(1) as f64;
+            ChannelNoise {
+                variance,
+                products: gradients.transpose() * &gradients * faer::Scale(share),
+                means: gradients.col_iter().map(|column| share * column.sum()).collect(),
+                features: own,
+            }
         });
         Self { period, channels: channels.collect() }
     }
 
-    /// Variance of each axis due to this noise, N² and (N·m)². `coefficients` are first those of the
-    /// features, then those of the memory terms, channel by channel for each time constant.
+    /// Variance of each axis due to this noise, N² and (N·m)². `features` are the coefficients of the
+    /// features; `terms` those of the memory terms, channel by channel for each time constant.
     pub(super) fn of_wrench(
         &self,
-        coefficients: MatRef<'_, f64>,
+        features: &Mat<f64>,
+        terms: &Mat<f64>,
         time_constants: &[f64],
     ) -> PerAxis<f64> {
         let shares: Vec<f64> =
@@ -338,17 +343,17 @@ impl ReadingNoise {
         let both = |a: f64, b: f64| 1.0 + a * b / (1.0 - (1.0 - a) * (1.0 - b));
         let mut variances = [0.0; 6];
         for (position, channel) in self.channels.iter().enumerate() {
-            let features = channel.gradients.ncols();
-            let gradients = &channel.gradients * coefficients.subrows(0, features);
-            let rows = gradients.nrows().max(1) as f64;
+            let own = Mat::from_fn(channel.features.len(), Axis::ALL.len(), |row, axis| {
+                features[(channel.features[row], axis)]
+            });
+            let products = &channel.products * &own;
             for (axis, sum) in variances.iter_mut().enumerate() {
-                let own = gradients.col(axis);
-                let memory = |term: usize| {
-                    coefficients[(features + term * self.channels.len() + position, axis)]
-                };
-                let mut power = own.squared_norm_l2() / rows;
+                let own = own.col(axis);
+                let mean: f64 = own.iter().zip(&channel.means).map(|(c, mean)| c * mean).sum();
+                let memory = |term: usize| terms[(term * self.channels.len() + position, axis)];
+                let mut power = own.transpose() * products.col(axis);
                 for (k, a) in shares.iter().enumerate() {
-                    power += 2.0 * own.sum() / rows * memory(k);
+                    power += 2.0 * mean * memory(k);
                     let pairs = shares.iter().enumerate();
                     power += pairs.map(|(l, b)| memory(k) * memory(l) * both(*a, *b)).sum::<f64>();
                 }

@@ -12,10 +12,11 @@
 
 use std::sync::Arc;
 
-use super::equations::{FoldEquations, MemoryColumns, ProductColumns};
+use super::equations::{FoldEquations, LagSums, MemoryColumns, TermSet};
 use super::samples::SearchRows;
 use super::{Dynamics, DynamicsRule, Gain, ReferenceLag};
 use least_squares::passes::{Workers, map};
+use shell_data::wrench::PerAxis;
 
 /// Most time constants.
 const MOST_TIMES: usize = 4;
@@ -60,11 +61,11 @@ pub(super) fn search(
     given: &Dynamics,
     workers: Workers<'_>,
 ) -> Dynamics {
-    let search = DynamicsSearch { equations: FoldEquations::new(samples), rule, workers };
-    search.run(given).unwrap_or_else(|| given.clone())
+    let origin = rule.lag.unwrap_or(0.0);
+    let found = FoldEquations::new(samples, origin)
+        .and_then(|equations| DynamicsSearch { equations, rule, workers }.run(given));
+    found.unwrap_or_else(|| given.clone())
 }
-
-type Terms = [Arc<MemoryColumns>];
 
 struct DynamicsSearch<'a> {
     equations: FoldEquations<'a>,
@@ -77,48 +78,41 @@ impl DynamicsSearch<'_> {
         self.equations.samples
     }
 
-    fn terms(&self, time_constant: f64) -> Arc<MemoryColumns> {
-        let columns = self.samples().memory_terms(time_constant);
-        let terms = ProductColumns::new(self.samples(), columns);
-        Arc::new(MemoryColumns { time_constant, terms })
-    }
-
     /// Returns `None` if nothing can be found.
     fn run(&self, given: &Dynamics) -> Option<Dynamics> {
-        let rule = self.rule;
-        let plain = self.equations.errors(&[], 0.0)?;
+        let (rule, equations) = (self.rule, &self.equations);
+        let none = equations.no_terms();
+        let plain = match rule.lag {
+            // The equations serve lags near the given one.
+            Some(lag) if lag != 0.0 => {
+                FoldEquations::new(self.samples(), 0.0)?.errors(&none, 0.0)?
+            }
+            _ => equations.errors(&none, 0.0)?,
+        };
         if plain.score() < NOTHING_LEFT {
             return None;
         }
         let mut lag = given.lag.map_or(0.0, |lag| lag.by);
         if rule.lag.is_none() {
-            lag = self.significant_lag(&[], self.start()).map_or(0.0, |(lag, _)| lag);
+            lag = self.significant_lag(&none, self.start()).map_or(0.0, |(lag, _)| lag);
         }
-        let with_lag = self.equations.errors(&[], lag)?;
-        let times = given.memory.iter().flat_map(|memory| &memory.time_constants);
-        let mut terms: Vec<_> = times.map(|&tau| self.terms(tau)).collect();
-        let mut best = self.equations.errors(&terms, lag)?;
+        let with_lag = equations.errors(&none, lag)?;
+        let mut set = none;
+        for &tau in given.memory.iter().flat_map(|memory| &memory.time_constants) {
+            set = equations.with(&set, set.terms.len(), &equations.memory(tau))?;
+        }
         if rule.memory.is_none() {
-            while terms.len() < MOST_TIMES {
-                let Some(more) = self.one_more(&terms, &mut lag) else { break };
-                let errors = self.equations.errors(&more, lag)?;
-                let is_first_of_groups = terms.is_empty() && self.samples().are_labelled();
-                let least = if is_first_of_groups { LEAST_GAIN_IN_GROUPS } else { LEAST_GAIN };
-                if !best.are_explained_by(&errors, least) {
-                    break;
-                }
-                (terms, best) = (more, errors);
-            }
-            terms.sort_by(|a, b| a.time_constant.total_cmp(&b.time_constant));
+            (set, lag) = self.time_constants(set, lag)?;
         }
         let mut standard_error = None;
         if rule.lag.is_none() {
-            let found = self.significant_lag(&terms, lag);
+            let found = self.significant_lag(&set, lag);
             lag = found.map_or(0.0, |(lag, _)| lag);
             standard_error = found.map(|(_, error)| error);
         }
-        let with_all = self.equations.errors(&terms, lag)?;
-        let times: Vec<f64> = terms.iter().map(|of| of.time_constant).collect();
+        let with_all = equations.errors(&set, lag)?;
+        let mut times = set.time_constants();
+        times.sort_by(f64::total_cmp);
         let memory = match rule.memory {
             Some(_) => given.memory.clone(),
             None if times.is_empty() => None,
@@ -141,152 +135,191 @@ impl DynamicsSearch<'_> {
 
     /// Lag of least error among a few.
     fn start(&self) -> f64 {
-        let period = self.samples().clock.period;
-        let score = |rows: f64| (rows * period, self.score(&[], rows * period));
+        let (period, none) = (self.samples().clock.period, self.equations.no_terms());
+        let score = |rows: f64| (rows * period, self.score(&none, rows * period));
         let scored = STARTS.into_iter().map(score);
         scored.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0.0, |(lag, _)| lag)
     }
 
     /// Returns a lag if it is more than two standard errors from zero, and lowers the errors by more than one
     /// standard error and, beside memory terms in groups, by [`LEAST_GAIN_IN_GROUPS`].
-    fn significant_lag(&self, terms: &Terms, start: f64) -> Option<LagEstimate> {
-        let (lag, error) = self.lag(terms, start, STEPS)?;
-        let without = self.equations.errors(terms, 0.0)?;
-        let may_be_creep = !terms.is_empty() && self.samples().are_labelled();
+    fn significant_lag(&self, set: &TermSet, start: f64) -> Option<LagEstimate> {
+        let (lag, steepness) = self.lag(set, start, STEPS)?;
+        let error = self.lag_error(set, lag, steepness)?;
+        let without = self.equations.errors(set, 0.0)?;
+        let may_be_creep = !set.terms.is_empty() && self.samples().are_labelled();
         let least = if may_be_creep { LEAST_GAIN_IN_GROUPS } else { 0.0 };
-        let pays = without.are_lowered_by(&self.equations.errors(terms, lag)?, least);
+        let pays = without.are_lowered_by(&self.equations.errors(set, lag)?, least);
         (pays && lag.abs() > 2.0 * error).then_some((lag, error))
     }
 
-    /// Finds the lag by the method of the module, from a first guess, in at most `steps` steps.
-    fn lag(&self, terms: &Terms, start: f64, steps: usize) -> Option<LagEstimate> {
-        let (samples, period) = (self.samples(), self.samples().clock.period);
-        let mut weights = None;
-        let unexplained =
-            |columns| self.equations.unexplained(terms, &ProductColumns::new(samples, columns));
-        // `Σ r·D⊥` of each fold, and `Σ D⊥²`; the weights of the axes are the inverse variances of their
-        // residuals.
-        let mut moments = |lag: f64| -> Option<(Vec<f64>, f64)> {
-            let residual = unexplained(samples.loads(lag))?;
-            let slope = unexplained(samples.slopes(lag))?;
-            let weights = weights.get_or_insert_with(|| {
-                std::array::from_fn::<f64, 6, _>(|axis| {
-                    let square = residual.col(axis).squared_norm_l2();
-                    let varies = self.equations.variances[axis] > 0.0 && square > 0.0;
-                    if varies { samples.rows() as f64 / square } else { 0.0 }
-                })
-            });
-            let of_fold = |rows: &std::ops::Range<usize>| {
-                let part = |axis: usize| {
-                    let r = residual.col(axis).subrows(rows.start, rows.len());
-                    let d = slope.col(axis).subrows(rows.start, rows.len());
-                    weights[axis] * (r.transpose() * d)
-                };
-                (0..6).map(part).sum::<f64>()
-            };
-            let folds: Vec<f64> = samples.folds.iter().map(of_fold).collect();
-            let squares = (0..6).map(|axis| weights[axis] * slope.col(axis).squared_norm_l2());
-            Some((folds, squares.sum()))
-        };
-        let (mut lag, mut at) = (start, moments(start)?);
-        let mut steepness = at.1;
+    /// Finds the lag by the method of the module, from a first guess, in at most `steps` steps. Also returns
+    /// the change of the sum with the lag.
+    fn lag(&self, set: &TermSet, start: f64, steps: usize) -> Option<(f64, f64)> {
+        let period = self.samples().clock.period;
+        let sums = |lag: f64| Some(self.equations.lag_sums(set, lag, false)?.0);
+        let (mut lag, mut at) = (start, sums(start)?);
+        let weights = self.weights(&at);
+        let weighted = |of: &PerAxis<f64>| of.iter().zip(weights).map(|(of, w)| w * of).sum();
+        let mut steepness: f64 = weighted(&at.slope);
         for _ in 0..steps {
             if steepness.is_nan() || steepness <= 0.0 {
                 return None;
             }
-            let step = (-at.0.iter().sum::<f64>() / steepness).clamp(-2.0 * period, 2.0 * period);
-            let next = moments(lag + step)?;
-            let change = next.0.iter().sum::<f64>() - at.0.iter().sum::<f64>();
+            let sum: f64 = weighted(&at.both);
+            let step = (-sum / steepness).clamp(-2.0 * period, 2.0 * period);
+            let next = sums(lag + step)?;
             if step.abs() > 1e-6 * period {
-                steepness = change / step;
+                let after: f64 = weighted(&next.both);
+                steepness = (after - sum) / step;
             }
             (lag, at) = (lag + step, next);
             if step.abs() < 1e-3 * period {
                 break;
             }
         }
-        let n = at.0.len() as f64;
-        let spread: f64 = at.0.iter().map(|of| of * of).sum::<f64>() * n / (n - 1.0);
-        let standard_error = spread.sqrt() / steepness;
-        (steepness > 0.0 && standard_error.is_finite()).then_some((lag, standard_error))
+        (steepness > 0.0).then_some((lag, steepness))
     }
 
-    /// Adds one time constant, and moves all of them and the lag to the least errors.
-    fn one_more(&self, terms: &Terms, lag: &mut f64) -> Option<Vec<Arc<MemoryColumns>>> {
-        let (least, most) = (self.samples().clock.period, self.samples().longest() / 4.0);
-        let with = |tau: f64| [terms, &[self.terms(tau)]].concat();
-        let score = |&tau: &f64| Ok(self.score_at_own_lag(&with(tau), *lag, FIRST_STEPS));
+    /// Weights of the axes: the inverse variances of their residuals.
+    fn weights(&self, sums: &LagSums) -> PerAxis<f64> {
+        std::array::from_fn(|axis| {
+            let square = sums.residual[axis];
+            let varies = self.equations.variances[axis] > 0.0 && square > 0.0;
+            if varies { self.samples().rows() as f64 / square } else { 0.0 }
+        })
+    }
+
+    /// The standard error of a lag, from the scatter between folds.
+    fn lag_error(&self, set: &TermSet, lag: f64, steepness: f64) -> Option<f64> {
+        let (sums, folds) = self.equations.lag_sums(set, lag, true)?;
+        let weights = self.weights(&sums);
+        let of_fold = |of: &PerAxis<f64>| of.iter().zip(weights).map(|(of, w)| w * of).sum::<f64>();
+        let n = folds.len() as f64;
+        let spread = folds.iter().map(|of| of_fold(of).powi(2)).sum::<f64>() * n / (n - 1.0);
+        Some(spread.sqrt() / steepness).filter(|error| error.is_finite())
+    }
+
+    /// Adds time constants to those of a set as long as they pay. Also returns the lag that they have moved.
+    fn time_constants(&self, mut set: TermSet, mut lag: f64) -> Option<(TermSet, f64)> {
+        let (least, most) = self.bounds();
         let grid = std::iter::successors(Some(least), |tau| Some(tau * GRID));
-        let grid: Vec<f64> = grid
-            .take_while(|tau| *tau <= most)
-            .filter(|tau| terms.iter().all(|of| is_apart(of.time_constant, *tau)))
-            .collect();
-        let scored = grid.iter().zip(map(&grid, self.workers, score).ok()?);
-        let (&new, (_, own)) = scored.min_by(|a, b| a.1.0.total_cmp(&b.1.0))?;
-        *lag = own;
-        let mut all = with(new);
+        let grid: Vec<f64> = grid.take_while(|tau| *tau <= most).collect();
+        let grid = map(&grid, self.workers, |&tau| Ok(self.equations.memory(tau))).ok()?;
+        let mut best = self.equations.errors(&set, lag)?;
+        while set.terms.len() < MOST_TIMES {
+            let Some((more, moved)) = self.one_more(&set, lag, &grid) else { break };
+            let errors = self.equations.errors(&more, moved)?;
+            let is_first_of_groups = set.terms.is_empty() && self.samples().are_labelled();
+            let least = if is_first_of_groups { LEAST_GAIN_IN_GROUPS } else { LEAST_GAIN };
+            lag = moved;
+            if !best.are_explained_by(&errors, least) {
+                break;
+            }
+            (set, best) = (more, errors);
+        }
+        Some((set, lag))
+    }
+
+    /// Least and largest time constant.
+    fn bounds(&self) -> (f64, f64) {
+        (self.samples().clock.period, self.samples().longest() / 4.0)
+    }
+
+    /// Adds one time constant of a grid, and moves all of them and the lag to the least errors.
+    fn one_more(
+        &self,
+        set: &TermSet,
+        lag: f64,
+        grid: &[Arc<MemoryColumns>],
+    ) -> Option<(TermSet, f64)> {
+        let is_new = |new: &&Arc<MemoryColumns>| {
+            set.terms.iter().all(|of| is_apart(of.time_constant, new.time_constant))
+        };
+        let new: Vec<_> = grid.iter().filter(is_new).collect();
+        let attempt = |new: &&Arc<MemoryColumns>| {
+            Ok(self.attempt(set, set.terms.len(), new, lag, FIRST_STEPS))
+        };
+        let tried = map(&new, self.workers, attempt).ok()?;
+        let Attempt { mut set, mut lag, .. } =
+            tried.into_iter().flatten().min_by(Attempt::order)?;
         for factor in ROUNDS {
-            for position in 0..all.len() {
-                (all, *lag) = self.move_one(&all, position, factor, (least, most), *lag)?;
+            for position in 0..set.terms.len() {
+                (set, lag) = self.move_one(set, position, factor, lag)?;
             }
         }
         if self.rule.lag.is_none() {
-            *lag = self.lag(&all, *lag, STEPS).map_or(*lag, |(lag, _)| lag);
+            lag = self.lag(&set, lag, STEPS).map_or(lag, |(lag, _)| lag);
         }
-        Some(all)
+        Some((set, lag))
     }
 
-    /// Score with these terms at their best lag, found in `steps` steps from another lag; returns that lag,
-    /// too.
-    fn score_at_own_lag(&self, terms: &Terms, lag: f64, steps: usize) -> (f64, f64) {
-        let own = match self.rule.lag {
-            None => self.lag(terms, lag, steps).map_or(lag, |(lag, _)| lag),
+    /// The set with other terms at a position, at their best lag, found in `steps` steps from another lag.
+    fn attempt(
+        &self,
+        set: &TermSet,
+        position: usize,
+        new: &Arc<MemoryColumns>,
+        lag: f64,
+        steps: usize,
+    ) -> Option<Attempt> {
+        let set = self.equations.with(set, position, new)?;
+        let lag = match self.rule.lag {
+            None => self.lag(&set, lag, steps).map_or(lag, |(lag, _)| lag),
             Some(_) => lag,
         };
-        (self.score(terms, own), own)
+        let score = self.score(&set, lag);
+        Some(Attempt { score, set, lag })
     }
 
     /// Score that the search minimises; infinite if there is no fit.
-    fn score(&self, terms: &Terms, lag: f64) -> f64 {
-        self.equations.errors(terms, lag).map_or(f64::INFINITY, |errors| errors.systematic())
+    fn score(&self, set: &TermSet, lag: f64) -> f64 {
+        self.equations.errors(set, lag).map_or(f64::INFINITY, |errors| errors.systematic())
     }
 
     /// Moves a time constant, by up to about a factor, to the least errors on a parabola through three
     /// points. Returns the terms and their lag.
     fn move_one(
         &self,
-        all: &Terms,
+        set: TermSet,
         position: usize,
         factor: f64,
-        (least, most): (f64, f64),
         lag: f64,
-    ) -> Option<(Vec<Arc<MemoryColumns>>, f64)> {
-        let centre = all[position].time_constant;
+    ) -> Option<(TermSet, f64)> {
+        let (centre, (least, most)) = (set.terms[position].time_constant, self.bounds());
         let is_allowed = |tau: f64| {
-            let mut others = all.iter().enumerate().filter(|(at, _)| *at != position);
+            let mut others = set.terms.iter().enumerate().filter(|(at, _)| *at != position);
             (least..=most).contains(&tau) && others.all(|(_, of)| is_apart(of.time_constant, tau))
         };
-        let attempt = |&tau: &f64| {
-            let mut terms = all.to_vec();
-            if tau != centre {
-                if !is_allowed(tau) {
-                    return Ok((f64::INFINITY, lag, terms));
-                }
-                terms[position] = self.terms(tau);
-            }
-            let (score, lag) = self.score_at_own_lag(&terms, lag, 1);
-            Ok((score, lag, terms))
+        let attempt = |&tau: &f64| match tau == centre {
+            true => Ok(self.attempt(&set, position, &set.terms[position], lag, 1)),
+            false if !is_allowed(tau) => Ok(None),
+            false => Ok(self.attempt(&set, position, &self.equations.memory(tau), lag, 1)),
         };
         let mut tried =
             map(&[centre, centre / factor, centre * factor], self.workers, attempt).ok()?;
-        let [at_centre, below, above] = [0, 1, 2].map(|at| tried[at].0);
+        let [at_centre, below, above] =
+            [0, 1, 2].map(|at| tried[at].as_ref().map_or(f64::INFINITY, |of| of.score));
         let (slope, curvature) = (below - above, below + above - 2.0 * at_centre);
         if curvature.is_finite() && curvature > 0.0 {
             let vertex = (0.5 * slope / curvature).clamp(-1.5, 1.5);
             tried.extend(attempt(&(centre * factor.powf(vertex))));
         }
-        let (_, lag, terms) = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0))?;
-        Some((terms, lag))
+        let best = tried.into_iter().flatten().min_by(Attempt::order);
+        Some(best.map_or((set, lag), |best| (best.set, best.lag)))
+    }
+}
+
+/// Terms and a lag that were tried.
+struct Attempt {
+    score: f64,
+    set: TermSet,
+    lag: f64,
+}
+
+impl Attempt {
+    fn order(a: &Self, b: &Self) -> std::cmp::Ordering {
+        a.score.total_cmp(&b.score)
     }
 }
 

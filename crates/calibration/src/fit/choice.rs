@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use super::options::{CovarianceRule, FitOptions, ModelRule};
 use super::refits::{
-    self, FOLDS, MOST_ALONE, MOST_COMPARED, few_by_fold, rows_in_one, select_by_normal_equations,
-    sum_groups, sum_groups_or_sets,
+    self, FOLDS, HeldOutFolds, MOST_ALONE, MOST_COMPARED, few_by_fold, rows_in_one,
+    select_by_normal_equations, sum_groups, sum_groups_or_sets,
 };
 use super::warning::{FewGroups, Warning};
 use crate::groups::{FoundGroups, GroupBy, HeldOut, label_groups, label_poses, stretches_of_files};
@@ -165,14 +165,16 @@ pub(super) fn choose(input: FitInput<'_>) -> Result<ModelChoice, FitError> {
         return Ok(choice);
     }
     let rows = choice.labelled.clone().ok_or(FitError::NoGroups)?;
-    if options.basis().is_none() {
-        options.choose_family(&mut choice, &rows)?;
-    }
+    let known = match options.basis() {
+        Some(_) => None,
+        None => options.choose_family(&mut choice, &rows)?,
+    };
     match options.sum(&choice, &rows) {
         Ok(Some(sums)) => choice = options.decide(choice, GroupedSums::Exact(sums))?,
         Ok(None) if validates => {
+            options.workers.start("errors on held-out groups");
             let model = (choice.basis, choice.ridge);
-            let found = refits::cross_validate(&rows, options.held_out(), model, options)?;
+            let found = refits::cross_validate(&rows, options.held_out(), model, known, options)?;
             choice.cross_validation = Some(found);
         }
         Ok(None) => {}
@@ -238,15 +240,25 @@ impl FitOptions<'_> {
     }
 
     /// Chooses the family of features by folds of groups, on some rows of each group. Uses exact sums if they
-    /// are possible, regardless of the solver for the fit.
-    fn choose_family(&self, choice: &mut ModelChoice, rows: &Dataset) -> Result<(), FitError> {
+    /// are possible, regardless of the solver for the fit. Otherwise it also returns the errors on each fold,
+    /// unless rows were left out.
+    fn choose_family(
+        &self,
+        choice: &mut ModelChoice,
+        rows: &Dataset,
+    ) -> Result<Option<HeldOutFolds>, FitError> {
+        self.workers.start("choice of the polynomial");
         let few = few_by_fold(&GroupedRows::from_labels(rows).0, MOST_COMPARED)?.to_dataset();
         let apart = (Apart::Groups, RandomSplit::default());
         match sum_groups(&few, choice.basis, apart, self.workers) {
-            Ok(sums) => self.select(choice, &GroupedSums::Exact(sums)),
+            Ok(sums) => {
+                self.select(choice, &GroupedSums::Exact(sums))?;
+                Ok(None)
+            }
             Err(FitError::NotExact(_)) => {
-                choice.take(select_by_normal_equations(rows, self)?);
-                Ok(())
+                let (selection, errors) = select_by_normal_equations(rows, self)?;
+                choice.take(selection);
+                Ok(errors)
             }
             Err(reason) => Err(reason),
         }
@@ -258,6 +270,7 @@ impl FitOptions<'_> {
         if self.basis().is_some() && self.solver != SolverKind::Exact {
             return Ok(None);
         }
+        self.workers.start("sums by group");
         match sum_groups_or_sets(rows, choice.basis, self) {
             Err(FitError::NotExact(_)) => Ok(None),
             sums => sums.map(Some),
@@ -273,6 +286,7 @@ impl FitOptions<'_> {
         let model = self.model_without_memory(choice.basis, sums.channels());
         self.test_group_count(&mut choice, &model, sums.groups());
         if self.validation().is_some() {
+            self.workers.start("errors on held-out groups");
             let folds = self.folds(sums.group_count());
             choice.cross_validation = Some(sums.cross_validate(&model, choice.ridge, folds)?);
             if choice.advice.is_none() {
@@ -316,6 +330,7 @@ impl FitOptions<'_> {
         choice: &mut ModelChoice,
         data: &Dataset,
     ) -> Result<Option<GroupedSums>, FitError> {
+        self.workers.start("R factors by group");
         let model = Model { intercept: true, ..self.model_of(data, choice.basis) };
         model.check_size()?;
         let sample = data.logs.first().map_or(&[][..], |log| &log.sample.readings);

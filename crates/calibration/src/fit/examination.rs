@@ -84,6 +84,7 @@ impl Fit {
     /// # Errors
     /// [`FitError::Interrupted`].
     pub fn examine(&mut self, workers: Workers<'_>) -> Result<(), FitError> {
+        workers.start("examination");
         let (limit, test) = self.test_ratio(workers)?;
         let mut faults = Vec::new();
         let fails = test.is_some_and(|of| of.fails(self.promise().1));

@@ -219,6 +219,7 @@ impl FitOptions<'_> {
         if rule.is_nothing() {
             return Ok(([train, test], Outcome::NotAsked));
         }
+        self.workers.start("lag and memory");
         let outcome = Outcome::from(find(&train, &rule, self.intercept, self.workers)?);
         let found = outcome.found();
         let memory = found.and_then(|found| found.memory.as_ref());

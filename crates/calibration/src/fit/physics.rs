@@ -80,6 +80,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     // The physics model has no memory terms.
     let [train, test] = &[input.train, input.test].map(Dataset::without_memory);
     let options = input.options;
+    options.workers.start("physics model");
     check_physics(train)?;
     let labelled = FitInput { train, test, ..input }.labelled(options.held_out());
     let (group_by, used) = labelled.ok_or(FitError::NoGroups)?;
@@ -100,6 +101,7 @@ pub(super) fn fit(input: FitInput<'_>, tried: Option<TriedPhysics>) -> Result<Fi
     };
     let mut calibration = Calibration::from_kind(Kind::Physics(Box::new(physics)));
     calibration.valid_range = Some(ReadingRanges::from_dataset(&used)?.channels);
+    options.workers.start("errors on the rows");
     let errors = RowErrors::of_fit(&calibration, [&used, test], (None, None), options.workers)?;
     let of_train = Evaluation::total(&errors[0].logs);
     // A polynomial finds the outliers, and their effect on it is not their effect on this model.
@@ -199,6 +201,7 @@ impl ModelComparison {
         if !is_worth_trying(sums, group_by, &model, choice)? {
             return Ok(None);
         }
+        options.workers.start("comparison with physics");
         let (rows, labels) = TrainingRows::from_dataset(&labelled);
         let sample = ObservationSample::from_rows(&rows)?;
         let held_out = options.validation().unwrap_or(HeldOut::Auto);

@@ -69,16 +69,19 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     };
     let total = choice.sums.as_ref().and_then(GroupedSums::exact).and_then(SumsByGroup::total);
     let sample = train.logs.first().map(|log| &log.sample);
+    options.workers.start("coefficients");
     let solved = solve(&problem, total, &Rows::new(&train, options.workers), sample)?;
     let Solved { solution, ranges, solver, not_exact, .. } = &solved;
     let mut calibration = Calibration::from_solution(solution, ranges);
     calibration.axes = train.logs[0].axes;
+    options.workers.start("standard errors");
     let (mut covariance, not_grouped) = covariance(solution, *solver, &choice, options);
     let unit = covariance.as_ref().map(|_| root_mean_square(solution));
     // The search for outliers needs a fit to rows of equal weight.
     let looks = options.looks_for_outliers() && !train.has_weights();
     let spread = looks.then(|| Spread::new(&train, options.workers)).transpose()?;
     let row_test = spread.as_ref().and_then(|spread| RowTest::new(solution, spread));
+    options.workers.start("errors on the rows");
     let look = (unit.as_ref(), row_test.as_ref());
     let [mut errors, of_tests] =
         RowErrors::of_fit(&calibration, [&train, test], look, options.workers)?;
@@ -102,6 +105,7 @@ pub(super) fn fit(input: FitInput<'_>, mut choice: ModelChoice) -> Result<Fit, F
     warnings.extend(choice.group_warnings(options.covariance, not_grouped)?);
     let has_outliers = errors.tested.iter().flatten().any(TestedRow::starts_search);
     let outliers = spread.filter(|_| has_outliers).map(|spread| {
+        options.workers.start("outliers");
         let judged_by = FitOptions { model: choice.basis.into(), ridge: choice.ridge, ..*options };
         let uses_all = !options.fresh && input.excluded.is_empty();
         let is_same_fit = uses_all && options.solver == SolverKind::Exact;

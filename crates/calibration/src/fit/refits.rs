@@ -44,6 +44,10 @@ const MOST_NUMBERS: usize = 25_000_000;
 pub(super) const MOST_COMPARED: usize = 16_384;
 const ROWS_PER_FEATURE: usize = 64;
 
+/// Least squared errors, relative to the variances of the loads, that normal equations give with six digits:
+/// they are differences of sums as large as the loads.
+const LEAST_SCORE: f64 = 1e-9;
+
 /// Number of folds of the random split that held-out errors are compared with, if no number is given.
 pub const RANDOM_FOLDS: usize = 10;
 
@@ -56,16 +60,23 @@ pub fn random_split(folds: usize, seed: u64) -> RandomSplit {
 }
 
 /// Chooses the family of features by folds of groups of labelled rows, and also the ridge if the options have
-/// none.
+/// none. Also returns the errors on each fold of groups, if no row was left out and they are far above
+/// rounding errors.
 pub(super) fn select_by_normal_equations(
     data: &Dataset,
     options: &FitOptions<'_>,
-) -> Result<Selection, FitError> {
+) -> Result<(Selection, Option<HeldOutFolds>), FitError> {
     let largest = options.model_of(data, Basis::Poly3).term_count();
     let most = MOST_COMPARED.max(ROWS_PER_FEATURE * largest);
-    let folds = few_by_fold(&GroupedRows::from_labels(data).0, most)?;
+    let rows = GroupedRows::from_labels(data).0;
+    let folds = few_by_fold(&rows, most)?;
     let model = options.model_of(data, Basis::Linear);
-    normal_equations::select(&folds, model, options.ridges())
+    let tried = normal_equations::select(&folds, model, options.ridges(), options.workers)?;
+    let are_all = folds.row_count() == rows.row_count();
+    let chosen = tried.selection.candidates[tried.selection.chosen].errors;
+    let are_exact = chosen.is_some_and(|errors| errors.score > LEAST_SCORE);
+    let errors = (are_all && are_exact).then(|| tried.chosen_errors().to_vec());
+    Ok((tried.selection, errors))
 }
 
 /// Every n-th row of each group, `most` rows at most, or more if there are many groups; groups are assigned
@@ -97,12 +108,18 @@ pub(super) fn rows_in_one(data: &Dataset) -> Block {
     all
 }
 
+/// Errors on each fold of groups, by fits without it.
+pub(super) type HeldOutFolds = Vec<PerAxis<HeldOutErrors>>;
+
 /// The errors of a model on groups of labelled rows, with each fold held out in turn, and on rows held out at
-/// random. The latter are missing for rows with memory terms, which depend on the rows before.
+/// random. The latter are missing for rows with memory terms, which depend on the rows before. `known` has
+/// the errors of the model on [`selection::FOLDS`] folds, or on each group of fewer, if the choice of the
+/// model has found them.
 pub(super) fn cross_validate(
     data: &Dataset,
     held_out: HeldOut,
     (basis, ridge): (Basis, f64),
+    known: Option<HeldOutFolds>,
     options: &FitOptions<'_>,
 ) -> Result<CrossValidation, FitError> {
     let (rows, labels) = GroupedRows::from_labels(data);
@@ -117,7 +134,11 @@ pub(super) fn cross_validate(
         _ => (FOLDS, RANDOM_FOLDS),
     };
     let fold_of = fold_of_groups(&rows, folds)?;
-    let errors = problem.errors_without_each(&rows.regrouped(&fold_of), folds, workers)?;
+    // The choice assigns groups to folds in the same way.
+    let errors = match known.filter(|known| known.len() == folds && solver == SolverKind::Exact) {
+        Some(known) => known.into_iter().map(Ok).collect(),
+        None => problem.errors_without_each(&rows.regrouped(&fold_of), folds, workers)?,
+    };
     let of_groups = labels.into_iter().zip(&fold_of);
     let undetermined = of_groups.filter(|(_, fold)| errors[**fold].is_err());
     let undetermined = undetermined.map(|(label, _)| label).collect();

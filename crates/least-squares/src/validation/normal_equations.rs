@@ -11,18 +11,20 @@
 //! A choice needs errors with three digits. With columns scaled to norm one, condition numbers up to 10⁶
 //! leave that many. The final fit never uses this method.
 
-use crate::error::FitError;
-use faer::linalg::matmul::matmul;
-use faer::linalg::solvers::Solve;
-use faer::{Accum, Mat, MatRef, Par, Side};
+use std::collections::HashMap;
 
-use super::selection::{ErrorsByRidge, Selection, choose};
+use crate::error::FitError;
+use faer::linalg::solvers::Solve;
+use faer::{Accum, Mat, MatRef, Side};
+
+use super::selection::{ErrorsByRidge, Tried, choose};
 use crate::features::Features;
 use crate::grouped_rows::{GroupedRows, Run, count};
 use crate::held_out_errors::HeldOutErrors;
 use crate::model::{Basis, Model};
-use crate::passes::Workers;
+use crate::passes::{Workers, map};
 use crate::solver::ReadingSums;
+use crate::vectors::lower_product;
 use shell_data::wrench::{Axis, PerAxis};
 
 /// Families with more features than this are excluded from a choice: the covariance over groups of rows, with
@@ -37,13 +39,12 @@ const LEAST_PIVOT: f64 = 1e-13;
 
 /// The matrix `[X | W]ᵀ[X | W]` of some rows.
 #[derive(Clone, Debug)]
-pub struct NormalEquations {
+struct NormalEquations {
     /// Number of columns of `X`.
-    pub features: usize,
-    /// Number of rows.
-    pub rows: u64,
+    features: usize,
+    rows: u64,
     /// The matrix.
-    pub products: Mat<f64>,
+    products: Mat<f64>,
 }
 
 impl NormalEquations {
@@ -60,23 +61,33 @@ impl NormalEquations {
             }
             let part =
                 MatRef::from_column_major_slice_with_stride(&flat, block.rows, columns, CHUNK);
-            matmul(products.as_mut(), Accum::Add, part.transpose(), part, 1.0, Par::Seq);
+            lower_product(products.as_mut(), Accum::Add, part.transpose());
+        }
+        for j in 0..columns {
+            (0..j).for_each(|i| products[(i, j)] = products[(j, i)]);
         }
         Self { features: features.len(), rows: count(runs) as u64, products }
     }
 
-    /// Adds the rows of `other`.
-    pub fn add(&mut self, other: &Self) {
-        self.products += &other.products;
-        self.rows += other.rows;
+    /// The equations of the features at some positions.
+    fn part(&self, positions: &[usize]) -> Self {
+        let axes = self.features..self.features + Axis::ALL.len();
+        let kept: Vec<usize> = positions.iter().copied().chain(axes).collect();
+        let products =
+            Mat::from_fn(kept.len(), kept.len(), |i, j| self.products[(kept[i], kept[j])]);
+        Self { features: positions.len(), rows: self.rows, products }
     }
 
-    /// The sum of all but one; `None` if there is only one.
-    pub fn all_but(all: &[Self], position: usize) -> Option<Self> {
-        let mut others = all.iter().enumerate().filter(|(at, _)| *at != position).map(|(_, of)| of);
-        let mut rest = others.next()?.clone();
-        others.for_each(|other| rest.add(other));
-        Some(rest)
+    /// All rows but those of each fold.
+    fn without_each(folds: &[Self]) -> Vec<Self> {
+        let rows: u64 = folds.iter().map(|of| of.rows).sum();
+        let products = sums_without_each(folds.iter().map(|of| &of.products));
+        let of_rest = |(fold, products): (&Self, Mat<f64>)| Self {
+            features: fold.features,
+            rows: rows - fold.rows,
+            products,
+        };
+        folds.iter().zip(products).map(of_rest).collect()
     }
 
     fn gram(&self) -> MatRef<'_, f64> {
@@ -89,7 +100,7 @@ impl NormalEquations {
 
     /// The coefficients, features × 6, with a ridge on columns of norm one, except the column `free`; `None`
     /// if the rows do not determine them.
-    pub fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
+    fn solve(&self, ridge: f64, free: Option<usize>) -> Option<Mat<f64>> {
         let p = self.features;
         if self.rows < p as u64 && ridge == 0.0 || !self.products.is_all_finite() {
             return None;
@@ -114,11 +125,7 @@ impl NormalEquations {
     }
 
     /// The errors of coefficients on these rows. `ones` is the constant feature.
-    pub fn errors(
-        &self,
-        coefficients: MatRef<'_, f64>,
-        ones: Option<usize>,
-    ) -> PerAxis<HeldOutErrors> {
+    fn errors(&self, coefficients: MatRef<'_, f64>, ones: Option<usize>) -> PerAxis<HeldOutErrors> {
         let (p, explained) = (self.features, self.gram() * coefficients);
         std::array::from_fn(|axis| {
             let (own, of) = (coefficients.col(axis), self.right().col(axis));
@@ -132,42 +139,87 @@ impl NormalEquations {
     }
 }
 
+/// The sums of all matrices but each one. Nothing is subtracted, so a large one leaves no rounding errors in
+/// the sum without it.
+pub fn sums_without_each<'a>(
+    parts: impl DoubleEndedIterator<Item = &'a Mat<f64>> + ExactSizeIterator + Clone,
+) -> Vec<Mat<f64>> {
+    let zeros = |of: &Mat<f64>| Mat::zeros(of.nrows(), of.ncols());
+    let mut sums: Vec<Mat<f64>> = Vec::with_capacity(parts.len());
+    let mut before: Option<Mat<f64>> = None;
+    for part in parts.clone() {
+        let sum = before.get_or_insert_with(|| zeros(part));
+        sums.push(sum.clone());
+        *sum += part;
+    }
+    let mut after: Option<Mat<f64>> = None;
+    for (sum, part) in sums.iter_mut().zip(parts).rev() {
+        let behind = after.get_or_insert_with(|| zeros(part));
+        *sum += &*behind;
+        *behind += part;
+    }
+    sums
+}
+
+/// The positions of the terms of a model among those of another; `None` if that lacks some.
+fn positions(part: &Model, whole: &Model) -> Option<Vec<usize>> {
+    let places: HashMap<_, _> = whole.terms().into_iter().zip(0..).collect();
+    part.terms().iter().map(|term| places.get(term).copied()).collect()
+}
+
 /// Compares the families of features by errors on each group of rows, held out in turn, each family with
 /// `ridges` (and larger ones, as [`select`](super::selection::select) does). `model` defines everything but
-/// the family.
+/// the family. The equations of a family are part of those of a larger one with the same terms.
 ///
 /// # Errors
 /// [`FitError`] if there are too few groups, a row is not finite, or no model can be fitted.
-pub fn select(rows: &GroupedRows, model: Model, ridges: &[f64]) -> Result<Selection, FitError> {
-    let found = rows.groups().count();
-    if found < 2 {
-        return Err(FitError::TooFewGroups { found });
+pub fn select(
+    rows: &GroupedRows,
+    model: Model,
+    ridges: &[f64],
+    workers: Workers<'_>,
+) -> Result<Tried, FitError> {
+    let groups: Vec<_> = rows.groups().collect();
+    if groups.len() < 2 {
+        return Err(FitError::TooFewGroups { found: groups.len() });
     }
-    let sums = rows.all(Workers::ONE).reduce(&ReadingSums::new(model.columns()))?;
+    let sums = rows.all(workers).reduce(&ReadingSums::new(model.columns()))?;
     let scaling = sums.scaling(model.intercept);
     let model = |basis| Model { basis, ..model };
+    let families = Basis::ALL.map(model).into_iter().filter(|of| of.term_count() <= MOST_FEATURES);
+    // From the largest on, each family that is not part of an earlier one.
+    let mut summed: Vec<(Model, Vec<NormalEquations>)> = Vec::new();
+    for family in families.rev() {
+        if summed.iter().all(|(larger, _)| positions(&family, larger).is_none()) {
+            let features = Features::new(family, scaling.clone());
+            let equations =
+                map(&groups, workers, |runs| Ok(NormalEquations::new(&features, rows, runs)))?;
+            summed.push((family, equations));
+        }
+    }
     let errors_of = |basis: Basis| -> Option<ErrorsByRidge<'_>> {
         let model = model(basis);
-        if model.term_count() > MOST_FEATURES {
-            return None;
-        }
-        let features = Features::new(model, scaling.clone());
-        let ones = model.intercept.then(|| features.len() - 1);
-        let products = |runs| NormalEquations::new(&features, rows, runs);
-        let folds: Vec<_> = rows.groups().map(products).collect();
+        let of_larger = |(larger, folds): &(Model, Vec<NormalEquations>)| {
+            let positions = positions(&model, larger)?;
+            Some(folds.iter().map(|of| of.part(&positions)).collect())
+        };
+        let folds: Vec<NormalEquations> = summed.iter().find_map(of_larger)?;
+        let rests = NormalEquations::without_each(&folds);
+        let pairs: Vec<_> = folds.into_iter().zip(rests).collect();
+        let ones = model.intercept.then(|| model.term_count() - 1);
         Some(Box::new(move |ridge| {
-            let errors = |position: usize| {
-                let rest = NormalEquations::all_but(&folds, position)?.solve(ridge, ones)?;
-                Some(folds[position].errors(rest.as_ref(), ones))
+            let errors = |(fold, rest): &(NormalEquations, NormalEquations)| {
+                let coefficients = rest.solve(ridge, ones);
+                Ok(coefficients.map(|of| fold.errors(of.as_ref(), ones)))
             };
-            (0..folds.len()).map(errors).collect()
+            map(&pairs, workers, errors).ok()?.into_iter().collect()
         }))
     };
     let variances = Axis::ALL.map(|axis| {
         let all = rows.spread(&rows.runs, axis.index());
         all.squares / all.count.max(1) as f64
     });
-    Ok(choose(model, ridges, variances, errors_of)?.selection)
+    choose(model, ridges, variances, errors_of)
 }
 
 #[cfg(test)]
@@ -186,6 +238,15 @@ mod tests {
     }
 
     /// Compares with exact sums of the same rows: seven groups, each of them a fold.
+    #[test]
+    fn sums_without_each_matrix_beside_a_large_one_are_exact() {
+        let parts = [1.0, 2f64.powi(80), 2.0, 4.0].map(|part| Mat::from_fn(1, 1, |_, _| part));
+        let sums: Vec<f64> =
+            sums_without_each(parts.iter()).iter().map(|sum| sum[(0, 0)]).collect();
+        // A sum less the large one would be 0. Beside the large one, the others are below half its last digit.
+        assert_eq!(sums, [2f64.powi(80), 7.0, 2f64.powi(80), 2f64.powi(80)]);
+    }
+
     #[test]
     fn errors_equal_those_of_exact_sums() {
         let fold = |group: usize| -> Block {
@@ -217,7 +278,10 @@ mod tests {
             GroupedRows::from_labels(&Dataset::from_blocks("folds", Axes::ALL, folds)).0
         };
         let one = of(folds[..1].to_vec());
-        let found = select(&of(folds), model, &ridges).unwrap();
+        let tried = select(&of(folds), model, &ridges, Workers::ONE).unwrap();
+        let total = HeldOutErrors::total(tried.chosen_errors());
+        let found = tried.selection;
+        assert_eq!(total.map(|of| of.rms()), found.candidates[found.chosen].errors.unwrap().rms);
         assert_eq!((found.folds, found.best, found.chosen), (7, exact.best, exact.chosen));
         assert_eq!(found.candidates.len(), exact.candidates.len());
         for (found, exact) in found.candidates.iter().zip(&exact.candidates) {
@@ -228,7 +292,7 @@ mod tests {
             let pairs = found.rms.iter().zip(exact.rms);
             assert!(pairs.clone().all(|(a, b)| (a / b - 1.0).abs() < 1e-9), "{found:?} {exact:?}");
         }
-        let few = select(&one, model, &ridges).unwrap_err();
+        let few = select(&one, model, &ridges, Workers::ONE).unwrap_err();
         assert_eq!(few, FitError::TooFewGroups { found: 1 });
     }
 }

@@ -87,6 +87,11 @@ pub struct Tried {
 }
 
 impl Tried {
+    /// The errors of the chosen candidate on each fold.
+    pub fn chosen_errors(&self) -> &[PerAxis<HeldOutErrors>] {
+        &self.errors[self.selection.chosen]
+    }
+
     /// Compares the errors of two candidates; `None` if they are the same.
     ///
     /// # Panics

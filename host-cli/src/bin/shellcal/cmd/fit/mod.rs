@@ -4,6 +4,7 @@ mod hung_loads;
 mod recalibration;
 mod report;
 mod run;
+mod stages;
 
 use calibration::Basis;
 use calibration::fit::{

@@ -24,13 +24,14 @@ use super::super::mapping::{cut_off, open_logs};
 use super::super::outputs;
 use super::super::plan::read_table;
 use super::report::report;
+use super::stages::StageTimes;
 use super::{FitArgs, SearchArg, hung_loads};
 use crate::printer::{Outcome, Printer};
 
 impl FitArgs {
     /// Fits, writes all files, and reports the results.
     pub(super) fn fit(&self, printer: &Printer) -> anyhow::Result<Outcome> {
-        let start = Instant::now();
+        let (start, stages) = (Instant::now(), StageTimes::new("opening the files"));
         self.check()?;
         let mapping = self.mapping.mapping();
         let train =
@@ -51,7 +52,9 @@ impl FitArgs {
         let plot = self.figure.create(printer)?;
         let report_file = printer.create(self.report.as_ref())?;
 
-        let (data, hung, fitted) = self.fit_logs((&train, &test), loads.as_ref(), printer)?;
+        let (data, hung, fitted) =
+            self.fit_logs((&train, &test), loads.as_ref(), &stages, printer)?;
+        stages.start("verdict and files");
         let mut gate = hung.as_ref().map_or_else(Gate::default, |hung| hung.gate.clone());
         self.ask_errors(&fitted, &mut gate);
         let mut outcome = printer.judge(&gate);
@@ -92,6 +95,7 @@ impl FitArgs {
         if printer.json() || printer.is_verbose() {
             report(printer, &fitted, hung.as_ref(), self.dropped.is_some(), seconds)?;
         }
+        stages.lines().into_iter().for_each(|line| printer.detail(line));
         hung.iter().for_each(|hung| hung_loads::tell(hung, printer));
         Ok(outcome)
     }
@@ -118,8 +122,10 @@ impl FitArgs {
         &self,
         (train, test): (&[Log], &[Log]),
         loads: Option<&HungLoads>,
+        stages: &StageTimes,
         printer: &Printer,
     ) -> anyhow::Result<(FitData, Option<HungReference>, Fit)> {
+        stages.start("reading the rows");
         let bytes = train.iter().chain(test).map(Log::bytes).sum();
         let bar = printer.progress("fit", bytes);
         let progress = |bytes| bar.set_position(bytes);
@@ -140,7 +146,6 @@ impl FitArgs {
         };
         bar.finish_and_clear();
         let status = printer.status();
-        status.set_message("choosing the model on rows that are held out");
         let folds = OnceLock::<ProgressBar>::new();
         let told = |done: usize, of: usize| {
             let bar = folds.get_or_init(|| {
@@ -149,7 +154,12 @@ impl FitArgs {
             });
             bar.set_position(done as u64);
         };
-        let workers = Workers { folds: Some(&told), ..options.workers };
+        let started = |stage: &'static str| {
+            status.set_message(stage);
+            stages.start(stage);
+        };
+        started("checks of the rows");
+        let workers = Workers { folds: Some(&told), stages: Some(&started), ..options.workers };
         let stated_loads = hung.as_ref().map(|hung| &hung.judged_by);
         let options = FitOptions { workers, stated_loads, ..options };
         let fitted = data.fit(&options).map_err(|error| {
