@@ -32,7 +32,7 @@ fn mean_drag_of_clamped_beams_equals_that_of_shooting_and_of_a_physics_engine() 
     }
 }
 
-/// The same with contact at the face: by shooting for the force and the length up to the contact, and from chains of
+/// Plates with contact at the face: by shooting for the force and the length up to the contact, and from chains of
 /// twelve hinges. At 1 cm only tips touch.
 #[test]
 fn mean_drag_of_plates_is_that_of_shooting_and_of_a_physics_engine() {
