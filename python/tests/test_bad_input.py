@@ -85,11 +85,11 @@ def test_weights_that_cannot_be_used_are_named() -> None:
         (np.zeros(120), {}, "zero in every row"),
         (np.full(120, "much"), {}, "expected numbers"),
         (np.full(120, 1e9), {}, "adds up to 120000000000 rows"),
-        (each, {"cv": True}, "cross-validation takes rows that all count the same"),
-        (each, {"model": "physics"}, "the physics model takes"),
-        (each, {"ridge": 0.1}, "a ridge takes"),
-        (each, {"covariance": "groups"}, "a covariance by group takes"),
-        (each, {"solver": "huber"}, "this solver takes.*\n.*integers as sample_weight"),
+        (each, {"cv": True}, "cross-validation needs rows of equal weight"),
+        (each, {"model": "physics"}, "the physics model needs"),
+        (each, {"ridge": 0.1}, "a ridge needs"),
+        (each, {"covariance": "groups"}, "a covariance by group needs"),
+        (each, {"solver": "huber"}, "this solver needs.*\n.*integers as sample_weight"),
     ]
     for weights, options, expected in cases:
         calibration = Calibration(**{"model": "linear", **options})

@@ -119,7 +119,7 @@ def test_a_log_of_any_name_is_named_in_every_output(text: str, logs: list[Path],
 
 
 # What is drawn has no levers that a shell could have.
-@pytest.mark.filterwarnings("ignore:moments over forces")
+@pytest.mark.filterwarnings("ignore:moments / forces")
 @pytest.mark.parametrize("seed", range(12))
 def test_exported_code_is_what_convert_writes(seed: int, tmp_path: Path) -> None:
     """Models, channels and units drawn from the seed."""

@@ -208,6 +208,8 @@ fn a_sitting_is_led_load_by_load() {
         browser.evaluate("parseFloat(getComputedStyle(document.getElementById('load')).fontSize)");
     assert!(size.as_f64().unwrap() > 40.0, "large type: {size}");
     for count in 1..=LOADS.len() {
+        // The load appears a little after the request to hang it.
+        browser.wait_for(&format!("{:?}.includes({})", LOADS.map(|(.., said)| said), text("load")));
         let asked = browser.evaluate(&text("load"));
         let (label, fx, _) = *LOADS.iter().find(|(.., said)| asked == *said).unwrap();
         hang(fx);

@@ -154,7 +154,8 @@ fn compare_forces(browser: &mut Browser, dir: &Path, files: &[PathBuf], model: &
         work(browser, "convert");
         saved(browser, &table)
     };
-    check_same(convert("0").lines(), expected.lines(), tolerance(model), last);
+    // The last bit of a standard error depends on the library of functions, which is another in a browser.
+    check_same(convert("0").lines(), expected.lines(), tolerance(model).max(1e-14), last);
     assert!(convert("1") == expected, "{last}: another table with the calibration of the program");
 }
 
