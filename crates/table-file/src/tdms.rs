@@ -551,7 +551,7 @@ impl Channel {
 /// Converts a time to seconds since 1970: fractions of 2⁻⁶⁴ s and seconds since 1904.
 fn seconds(time: [u8; 16], is_little: bool) -> f64 {
     let time = if is_little { i128::from_le_bytes(time) } else { i128::from_be_bytes(time) };
-    let since_1970 = time - (i128::from(TO_1970) << 64);
+    let since_1970 = time.saturating_sub(i128::from(TO_1970) << 64);
     since_1970 as f64 * 2_f64.powi(-64)
 }
 
