@@ -1,6 +1,6 @@
 //! The clock of a log: the unit of times that are numbers, and the notation of those that are dates.
 
-use super::layout::{fields, lines};
+use super::lines::{fields, lines};
 use super::mapping::TimeUnit;
 use crate::parse::date::{DateOrder, is_date, is_time_of_day, order_of};
 use crate::parse::number::parse_field;

@@ -6,14 +6,13 @@
 //! ([`keys`](super::keys)).
 
 use super::keys::Keys;
-use super::layout::{LayoutLine, fields, texts};
+use super::lines::{LayoutLine, all_lines, fields, texts};
 use super::mapping::{LogFormat, Mapping};
 use super::meaning::{Meaning, meaning_of};
 use crate::error::FieldProblem;
 use crate::parse::date::is_date;
 use crate::parse::form::{RowBody, RowForm, behind_arrow, labelled, object, without_brackets};
 use crate::parse::number::{parse_field, with_points};
-use memchr::memchr;
 use shell_data::unit::Unit;
 
 /// The layout of a text, found from its head.
@@ -48,7 +47,7 @@ pub(crate) fn find(
 ) -> Option<Head> {
     let skipped = mapping.skip_lines.unwrap_or(0);
     let mut lines: Vec<LayoutLine<'_>> =
-        all_lines(head, start).filter(|line| line.number > skipped).collect();
+        all_lines(head, start, 1).filter(|line| line.number > skipped).collect();
     let declared = lines.first().and_then(|line| declared_separator(line.text));
     if declared.is_some() {
         lines.remove(0);
@@ -110,21 +109,6 @@ pub(super) fn is_of_other_form(text: &[u8]) -> bool {
 /// Names columns without a name: `column 2` and so on.
 pub(crate) fn numbered(first: usize, count: usize) -> Vec<String> {
     (first..first + count).map(|number| format!("column {number}")).collect()
-}
-
-/// Iterates over all lines that are not blank, including comments.
-fn all_lines(head: &[u8], start: usize) -> impl Iterator<Item = LayoutLine<'_>> {
-    let (mut next, mut number) = (start, 0);
-    let line = move || {
-        let start = next;
-        let rest = head.get(start..).filter(|rest| !rest.is_empty())?;
-        let end = memchr(b'\n', rest).map_or(head.len(), |at| start + at);
-        next = (end + 1).min(head.len());
-        number += 1;
-        let text = head[start..end].strip_suffix(b"\r").unwrap_or(&head[start..end]);
-        Some(LayoutLine { text, start, next, number })
-    };
-    std::iter::from_fn(line).filter(|line| !line.text.trim_ascii().is_empty())
 }
 
 /// Parses a separator declared as spreadsheets do: `sep=;`.

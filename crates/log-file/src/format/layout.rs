@@ -7,13 +7,13 @@ use super::clock::{CLOCK_ROWS, ClockFields, DateColumn, is_since_1970};
 use super::columns::{Column, ColumnRoles, by_shape, positions, recognise};
 use super::head::{self, Head, line_separator, numbered};
 use super::keys::Keys;
+use super::lines::{LayoutLine, fields, lines, texts};
 use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::meaning::{Meaning, StatedUnit};
 use crate::error::{FieldProblem, LogError, PlacedProblem};
 use crate::parse::console;
 use crate::parse::form::{RowBody, RowForm};
 use crate::parse::number::{parse_field, with_points};
-use crate::parse::rows::{is_comment, quoted_fields};
 use crate::stream::chunk::line_ends;
 use crate::stream::clock_turns::{ClockTurns, TURN};
 use crate::stream::source::LogSource;
@@ -559,23 +559,6 @@ const NAMELESS: [(LogFormat, &[&str]); 2] =
     [(LogFormat::Training, &TRAINING), (LogFormat::Reference, &REFERENCE)];
 const CONSOLE: [&str; 9] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8", "time_us"];
 
-/// Splits a line into fields without quotes.
-pub(super) fn fields(line: &[u8], separator: u8) -> Vec<Vec<u8>> {
-    if !line.contains(&b'"') {
-        return line.split(|&b| b == separator).map(<[u8]>::to_vec).collect();
-    }
-    quoted_fields(line, separator).iter().map(<[u8]>::to_vec).collect()
-}
-
-pub(super) fn texts(fields: &[Vec<u8>]) -> Vec<String> {
-    // Text that is not UTF-8 is mostly that of Windows in western languages: `µ`, `°`, `·`.
-    let text = |field: &Vec<u8>| match str::from_utf8(field) {
-        Ok(text) => text.trim().to_owned(),
-        Err(_) => field.iter().map(|&byte| char::from(byte)).collect::<String>().trim().to_owned(),
-    };
-    fields.iter().map(text).collect()
-}
-
 fn is_number(field: &[u8]) -> bool {
     matches!(parse_field(field), Ok(_) | Err(FieldProblem::NotFinite))
 }
@@ -608,43 +591,6 @@ fn binary_byte(head: &[u8]) -> Option<(usize, u8)> {
     let start = PART * head.chunks(PART).position(has_control)?;
     let at = start + head[start..].iter().position(|&b| control(b))?;
     Some((at, head[at]))
-}
-
-#[derive(Clone, Copy)]
-pub(super) struct LayoutLine<'a> {
-    pub(super) text: &'a [u8],
-    pub(super) start: usize,
-    pub(super) next: usize,
-    pub(super) number: u64,
-}
-
-/// Returns a text without blanks at its ends.
-fn trimmed(text: &[u8]) -> &[u8] {
-    let is_other = |byte: &u8| *byte != b' ';
-    let start = text.iter().position(is_other).unwrap_or(text.len());
-    let end = text.iter().rposition(is_other).map_or(start, |at| at + 1);
-    &text[start..end]
-}
-
-/// Iterates over the lines from `start` that are neither blank nor comments, numbered from `number`.
-pub(super) fn lines(
-    head: &[u8],
-    start: usize,
-    number: u64,
-) -> impl Iterator<Item = LayoutLine<'_>> {
-    let mut next = start;
-    let line = move |number| {
-        let start = next;
-        let rest = head.get(start..).filter(|rest| !rest.is_empty())?;
-        let end = memchr(b'\n', rest).map_or(head.len(), |at| start + at);
-        next = (end + 1).min(head.len());
-        // A tab may separate an empty field.
-        let text = head[start..end].strip_suffix(b"\r").unwrap_or(&head[start..end]);
-        Some(LayoutLine { text: trimmed(text), start, next, number })
-    };
-    let is_text =
-        |line: &LayoutLine<'_>| !line.text.trim_ascii().is_empty() && !is_comment(line.text);
-    (number..).map_while(line).filter(is_text)
 }
 
 #[cfg(test)]

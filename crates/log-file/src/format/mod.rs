@@ -6,5 +6,6 @@ pub(crate) mod columns;
 pub(crate) mod head;
 mod keys;
 pub(crate) mod layout;
+mod lines;
 pub(crate) mod mapping;
 pub(crate) mod meaning;
