@@ -227,7 +227,7 @@ fn names(all: &[Array]) -> Option<Vec<TableColumn>> {
 #[derive(Clone, Debug)]
 pub(crate) struct ArrayRows {
     pub(crate) arrays: Vec<Array>,
-    rows: usize,
+    pub(crate) rows: usize,
 }
 
 impl ArrayRows {

@@ -88,7 +88,8 @@ struct TdmsTable {
     file: FileSource,
     channels: Vec<Channel>,
     arrays: ArrayRows,
-    /// Time of the first row and time from row to row, in s, if no channel is a time.
+    /// Time of the first row and time from row to row, in s, if no channel is a time. The first array then
+    /// holds the times.
     clock: Option<(f64, f64)>,
 }
 
@@ -101,7 +102,7 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     let channels: Vec<Channel> =
         channels.into_iter().filter(|channel| channel.name.contains('/')).collect();
     let arrays = channels.iter().map(Channel::array).collect();
-    let (columns, arrays, more) = columns_of_log(KIND, arrays, part)?;
+    let (columns, mut arrays, more) = columns_of_log(KIND, arrays, part)?;
     notes.extend(more);
     // A single channel is a vector, which has a name.
     let mut columns = columns.unwrap_or_default();
@@ -112,7 +113,10 @@ pub(crate) fn open(source: &FileSource, part: Option<&str>) -> Result<FoundTable
     let is_time = |column: &TableColumn| column.name.to_lowercase().contains("time");
     let clock = clock.filter(|_| !columns.iter().any(is_time));
     if clock.is_some() {
-        columns.insert(0, TableColumn { name: "t_s".to_owned(), unit: None });
+        let name = "t_s".to_owned();
+        columns.insert(0, TableColumn { name: name.clone(), unit: None });
+        let (size, values) = (vec![arrays.rows], ArrayValues::Unread);
+        arrays.arrays.insert(0, Array { name, size, unit: None, is_by_row: true, values });
     }
     let table = TdmsTable { file: source.clone(), channels, arrays, clock };
     Ok(FoundTable { columns: Some(columns), rows: Arc::new(table), notes, is_cut_off })
@@ -555,55 +559,38 @@ fn seconds(time: [u8; 16], is_little: bool) -> f64 {
     since_1970 as f64 * 2_f64.powi(-64)
 }
 
+/// The times of rows at equal distances, in s.
+fn times((start, step): (f64, f64), rows: usize) -> ArrayValues {
+    let times = (0..rows).flat_map(|row| (start + row as f64 * step).to_le_bytes());
+    let bytes = Arc::new(times.collect::<Vec<u8>>());
+    let (range, element) = (0..bytes.len(), Element::Double);
+    ArrayValues::Numbers(ArrayNumbers { bytes, range, element, is_little: true })
+}
+
 impl RowSource for TdmsTable {
     fn columns(&self) -> usize {
-        self.arrays.columns() + usize::from(self.clock.is_some())
+        self.arrays.columns()
     }
 
     fn rows(self: Arc<Self>, wanted: Vec<WantedColumn>) -> Result<RowStream, TableError> {
         let (mut file, mut arrays) = (self.file.open()?, self.arrays.clone());
-        let before = usize::from(self.clock.is_some());
-        let of_arrays = |wanted: &WantedColumn| wanted.at.checked_sub(before);
         let used: Vec<usize> =
-            wanted.iter().filter_map(|wanted| Some(arrays.place(of_arrays(wanted)?)?.0)).collect();
-        let mut total = 0_u64;
-        for (at, array) in arrays.arrays.iter_mut().enumerate() {
+            wanted.iter().filter_map(|wanted| Some(arrays.place(wanted.at)?.0)).collect();
+        let (rows, mut total) = (arrays.rows, 0_u64);
+        for (at, array) in arrays.arrays.iter_mut().enumerate().filter(|(at, _)| used.contains(at))
+        {
+            let clock = self.clock.filter(|_| at == 0);
             let channel = self.channels.iter().find(|channel| channel.name == array.name);
-            let Some(channel) = channel.filter(|_| used.contains(&at)) else { continue };
             // No value takes more than sixteen bytes, scaled or not.
-            total = total.saturating_add(channel.count.saturating_mul(16));
+            let count = channel.map_or(rows as u64, |channel| channel.count);
+            total = total.saturating_add(count.saturating_mul(16));
             budget::within(KIND, "its channels", total, budget::IN_MEMORY)?;
-            array.values = channel.values(&mut file)?;
+            array.values = match (clock, channel) {
+                (Some(clock), _) => times(clock, rows),
+                (None, Some(channel)) => channel.values(&mut file)?,
+                (None, None) => continue,
+            };
         }
-        let inner: Vec<WantedColumn> = wanted
-            .iter()
-            .filter_map(|wanted| Some(WantedColumn { at: of_arrays(wanted)?, ..*wanted }))
-            .collect();
-        let places: Vec<bool> = wanted.iter().map(|wanted| of_arrays(wanted).is_some()).collect();
-        let mut rows_of_arrays = Arc::new(arrays).rows(inner)?;
-        let (clock, mut row) = (self.clock, 0_u64);
-        Ok(Box::new(move |rows, part| {
-            // The clock's columns are set aside, because the arrays do not have them.
-            let mut clocks = Vec::new();
-            let mut at = 0;
-            part.columns.retain_mut(|column| {
-                let is_of_arrays = places[at];
-                if !is_of_arrays {
-                    clocks.push((at, std::mem::take(column)));
-                }
-                at += 1;
-                is_of_arrays
-            });
-            rows_of_arrays(rows, part)?;
-            let (start, step) = clock.unwrap_or_default();
-            for (at, mut column) in clocks {
-                for row in row..row + part.rows as u64 {
-                    column.push(crate::format::Cell::Real(start + row as f64 * step));
-                }
-                part.columns.insert(at, column);
-            }
-            row += part.rows as u64;
-            Ok(())
-        }))
+        Arc::new(arrays).rows(wanted)
     }
 }
