@@ -59,6 +59,6 @@ pub use sensor_physics as physics;
 
 /// Uncertainty of coefficients and converted samples.
 pub mod uncertainty {
-    pub use crate::prediction::{Tare, Trust};
+    pub use crate::prediction::{HALF_WIDTH, Tare, Trust};
     pub use least_squares::uncertainty::*;
 }

@@ -9,7 +9,7 @@ use shell_data::vectorised;
 use shell_data::wrench::PerAxis;
 
 /// Half-width of a 95 % interval of normal errors, in standard errors.
-const HALF_WIDTH: f64 = 1.96;
+pub const HALF_WIDTH: f64 = 1.96;
 
 /// The unloaded state that later samples are measured against.
 #[derive(Clone, Debug, PartialEq)]
@@ -129,7 +129,9 @@ impl Calibration {
         self.wrench(&within, &mut at_end);
         for (axis, errors) in errors.iter_mut().enumerate() {
             for ((&row, own), end) in outside.iter().zip(&at_reading[axis]).zip(&at_end[axis]) {
-                errors[row] = errors[row].hypot((own - end) / HALF_WIDTH);
+                let unconfirmed = (own - end) / HALF_WIDTH;
+                // Not `hypot`, whose last bit depends on the system.
+                errors[row] = (errors[row] * errors[row] + unconfirmed * unconfirmed).sqrt();
             }
         }
     }

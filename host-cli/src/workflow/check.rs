@@ -2,10 +2,11 @@
 
 use super::convert::interval_factors;
 use super::gates::{Gate, GateFailure};
-use super::hung_loads::{HALF_WIDTH, axes_to_compare, gate_of_loads, hung_rows, stated};
+use super::hung_loads::{axes_to_compare, gate_of_loads, hung_rows, stated};
 use super::recalibration::known_errors;
 use super::{WorkflowError, check_channels};
 use calibration::physics::COVERAGE_LEVEL;
+use calibration::uncertainty::HALF_WIDTH;
 use calibration_file::CalibrationFile;
 use forces::payload::{Vector, norm};
 use load_table::{HungLoad, HungLoads};

@@ -16,13 +16,11 @@ use calibration::physics::uncertain_loads::{
     CorrectedLoad, CorrectedLoads, StatedLoad, correct_loads,
 };
 use calibration::physics::{Observation, TrainingRows};
+use calibration::uncertainty::HALF_WIDTH;
 use load_table::{HungLoad, HungLoads, Pull};
 use log_file::{Log, ReadOptions, Wanted, read_dataset};
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, Axis, PerAxis};
-
-/// Half-width of a 95 % interval of normal errors, in standard errors.
-pub(super) const HALF_WIDTH: f64 = 1.96;
 
 /// Standard deviation of the lever offset of a mounting, m.
 const MOUNTING_M: f64 = 3e-3;
@@ -73,9 +71,7 @@ impl HungReference {
         let LoadCorrection { corrected, mountings } = LoadCorrection::new(&loads, &observed)?;
         let (mut judged_by, mut found) = (BTreeMap::new(), HashMap::new());
         for (load, corrected) in loads.iter().zip(&corrected.loads) {
-            let is_wrong = corrected.suspicious.is_some();
-            let wrench = if is_wrong { corrected.wrench } else { load.wrench() };
-            judged_by.insert(load.group.clone(), wrench);
+            judged_by.insert(load.group.clone(), judged(load, corrected));
             found.insert(load.group.as_str(), corrected.wrench);
         }
         hang(&mut data, &found);
@@ -88,6 +84,12 @@ impl HungReference {
     pub fn suspicious(&self) -> impl Iterator<Item = (&HungLoad, &CorrectedLoad)> {
         self.loads.iter().zip(&self.corrected.loads).filter(|(_, of)| of.suspicious.is_some())
     }
+}
+
+/// The wrench that held-out errors at a load refer to: as stated, or as found if the line of the table is
+/// wrong.
+pub(super) fn judged(load: &HungLoad, corrected: &CorrectedLoad) -> PerAxis<f64> {
+    if corrected.suspicious.is_some() { corrected.wrench } else { load.wrench() }
 }
 
 /// Loads corrected by the readings at them.

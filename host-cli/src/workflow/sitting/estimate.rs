@@ -5,12 +5,13 @@ use std::collections::BTreeMap;
 use calibration::FitError;
 use calibration::fit::Workers;
 use calibration::physics::{Observation, PhysicsCalibration, PhysicsValidation, TrainingRows};
+use calibration::uncertainty::HALF_WIDTH;
 use load_table::HungLoad;
 use shell_data::block::Block;
 use shell_data::dataset::Dataset;
 use shell_data::wrench::{Axes, PerAxis};
 
-use crate::workflow::hung_loads::{HALF_WIDTH, LoadCorrection};
+use crate::workflow::hung_loads::{LoadCorrection, judged};
 
 /// Growth of the squared error on the other loads that makes a load a contradiction: a good load at the edge
 /// of the range hardly changes it.
@@ -65,9 +66,7 @@ impl Estimate {
         let (mut rows, _) = TrainingRows::from_dataset(&data);
         rows.judged_by = (0..)
             .zip(loads.iter().zip(&corrected.loads))
-            .map(|(group, (load, found))| {
-                (group, if found.suspicious.is_some() { found.wrench } else { load.wrench() })
-            })
+            .map(|(group, (load, found))| (group, judged(load, found)))
             .collect::<BTreeMap<_, _>>();
         let (calibration, choice) = PhysicsCalibration::fit(&rows, workers)?;
         let validation = PhysicsValidation::new(&rows, &choice.folds(), &choice, workers)?;
@@ -105,8 +104,7 @@ impl Estimate {
 
     /// The wrench that readings mean, N and N·m, with its standard errors.
     pub(super) fn wrench(&self, readings: &[f64]) -> (PerAxis<f64>, PerAxis<f64>) {
-        let columns: Vec<Vec<f64>> = readings.iter().map(|reading| vec![*reading]).collect();
-        let estimate = self.calibration.estimates(&columns).row(0);
+        let estimate = self.calibration.estimates(&columns([readings].into_iter())).row(0);
         (estimate.wrench, estimate.standard_errors)
     }
 }
