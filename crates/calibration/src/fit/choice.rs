@@ -76,7 +76,7 @@ impl ModelChoice {
         self.group_by.as_ref().filter(|_| is_used)?.found()
     }
 
-    /// Holds out each block of time alone for the covariance, if the groups of `sums` are stretches that
+    /// Holds out each block of time alone for the covariance, if the groups of `sums` are such blocks and
     /// have, on average, at least half as many rows as the model has features. Each then adds little to the
     /// scatter of all.
     fn set_stretches(&mut self, sums: &GroupedSums, model: &Model) {
@@ -142,7 +142,7 @@ impl FitInput<'_> {
 /// | covariance by group | exact sums, if the solver is exact | R factors by group; Huber's estimator keeps the rows |
 ///
 /// Solvers other than the exact one use the last column for all rows, except to choose the family. If files
-/// of motion were held out, the covariance comes from R factors of stretches of these files.
+/// of motion were held out, the covariance comes from R factors of blocks of time in these files.
 ///
 /// # Errors
 /// [`FitError`] if rows cannot be summed, or there are no groups to hold out.
@@ -345,7 +345,7 @@ impl FitOptions<'_> {
         }
     }
 
-    /// Takes standard errors and intervals from stretches of the files, if files of motion were held out.
+    /// Takes standard errors and intervals from blocks of time in the files, if files of motion were held out.
     fn sum_stretches_of_files(&self, choice: &mut ModelChoice) -> Result<(), FitError> {
         let is_served = self.validates()
             && self.covariance == CovarianceRule::Auto
