@@ -4,8 +4,9 @@ use crate::error::FitError;
 use std::ops::Range;
 
 use super::group_intervals::GroupIntervals;
-use super::interval::{ErrorShape, NoIntervals, normal_quantile, student_quantile};
+use super::interval::{ErrorShape, NoIntervals};
 use super::new_groups::{MOST_GROUPS, each, of_scores, score_of, score_on, score_without};
+use super::quantile::{normal_quantile, student_quantile};
 use crate::factored::FactoredGroups;
 use crate::methods::Method;
 use crate::model::Model;

@@ -10,7 +10,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::interval::{normal_quantile, student_quantile};
+use super::quantile::{normal_quantile, student_quantile};
 use shell_data::wrench::PerAxis;
 use statrs::distribution::{ContinuousCDF, Normal};
 

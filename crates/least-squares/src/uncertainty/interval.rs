@@ -13,9 +13,8 @@
 //! with z and `t_ν` the two-sided quantiles of the normal distribution and of Student's t with ν degrees of
 //! freedom. For normal errors `q = z`, which gives the textbook formula.
 
-use statrs::distribution::{ContinuousCDF, Normal, StudentsT};
-
 use super::group_intervals::TooFewGroups;
+use super::quantile::normal_quantile;
 use crate::magnitudes::Magnitudes;
 use shell_data::wrench::PerAxis;
 
@@ -99,50 +98,10 @@ impl ErrorShape {
     }
 }
 
-/// The size below which a fraction `level` of standard normal magnitudes lies.
-pub(super) fn normal_quantile(level: f64) -> f64 {
-    Normal::standard().inverse_cdf(0.5 + level / 2.0)
-}
-
-/// The size below which a fraction `level` of magnitudes with Student's t distribution lies.
-pub fn student_quantile(level: f64, degrees_of_freedom: f64) -> f64 {
-    /// Above this number, the series is exact to 10⁻¹⁵. The search for the quantile, whose function is flat
-    /// at this scale, loses digits (three remain at 4·10⁶ degrees) and eventually does not terminate.
-    const MANY: f64 = 1e5;
-    if degrees_of_freedom > MANY {
-        // Abramowitz & Stegun, 26.7.5.
-        let (z, nu) = (normal_quantile(level), degrees_of_freedom);
-        let second = (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / (96.0 * nu * nu);
-        return z + (z.powi(3) + z) / (4.0 * nu) + second;
-    }
-    let t = StudentsT::new(0.0, 1.0, degrees_of_freedom.max(1.0)).expect("one degree or more");
-    t.inverse_cdf(0.5 + level / 2.0)
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::{CoefficientCovariance, Covariance};
     use super::*;
-
-    #[test]
-    fn quantiles_equal_those_of_the_tables() {
-        // Abramowitz & Stegun, tables 26.5 and 26.10.
-        for (level, expected) in [(0.5, 0.67449), (0.95, 1.95996), (0.99, 2.57583)] {
-            assert!((normal_quantile(level) - expected).abs() < 1e-5);
-        }
-        for (nu, expected) in [(1.0, 12.706), (4.0, 2.776), (10.0, 2.228), (120.0, 1.980)] {
-            assert!((student_quantile(0.95, nu) - expected).abs() < 6e-4, "{nu}");
-        }
-        // Both methods agree where one replaces the other.
-        let (below, above) = (student_quantile(0.95, 1e5), student_quantile(0.95, 1.00001e5));
-        assert!((below - above).abs() < 1e-5, "{below} {above}");
-        for nu in [2e5, 1e7, 1e12] {
-            assert!(
-                (student_quantile(0.95, nu) - 1.959_963_985 - 2.3723 / nu).abs() < 1e-9,
-                "{nu}"
-            );
-        }
-    }
 
     fn covariance(shape: Option<ErrorShape>) -> Covariance {
         Covariance {

@@ -31,8 +31,10 @@ mod covariance;
 mod group_intervals;
 mod interval;
 mod new_groups;
+mod quantile;
 
 pub use self::covariance::{CoefficientCovariance, Covariance};
 pub use self::group_intervals::{GroupIntervals, LEVELS, Scores, TooFewGroups};
-pub use self::interval::{ErrorShape, HIGHEST_LEVEL, NoIntervals, student_quantile};
+pub use self::interval::{ErrorShape, HIGHEST_LEVEL, NoIntervals};
+pub use self::quantile::student_quantile;
 pub use crate::symmetric::TriangularColumns;

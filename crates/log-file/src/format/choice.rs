@@ -1,7 +1,6 @@
 //! The selection of rows in a log, and detection of a column that distinguishes several sensors.
 
-use super::mapping::{ColumnRef, parse_column};
-use super::meaning::plain;
+use super::column_name::{ColumnRef, parse_column, plain};
 use crate::parse::number::parse_field;
 use shell_data::Block;
 

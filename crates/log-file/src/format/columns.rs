@@ -1,9 +1,10 @@
 //! The meanings of a log's columns, from their names and the user's mapping.
 
-use super::mapping::{ColumnRef, LogFormat, Mapping, TimeUnit};
+use super::column_name::{ColumnRef, plain};
+use super::mapping::{LogFormat, Mapping, TimeUnit};
 use super::meaning::{
-    GROUPS, Meaning, StatedUnit, default_time_unit, meaning_of, numbered, plain, split_unit,
-    unit_in_name, without_unit,
+    GROUPS, Meaning, StatedUnit, default_time_unit, meaning_of, numbered, split_unit, unit_in_name,
+    without_unit,
 };
 use crate::error::PlacedProblem;
 use crate::parse::date::DateOrder;

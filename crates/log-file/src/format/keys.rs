@@ -1,6 +1,6 @@
 //! Keys and values above the names: the rate, the units, and the counts per unit.
 
-use super::meaning::plain;
+use super::column_name::plain;
 use shell_data::unit::{Quantity, Unit};
 
 /// The values of known keys, each with its line number.

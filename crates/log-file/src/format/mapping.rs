@@ -1,6 +1,7 @@
 //! The user's specification of log properties that cannot be recognised.
 
 use super::choice::RowCondition;
+pub use super::column_name::{ColumnRef, parse_column};
 use crate::parse::date::DateOrder;
 use shell_data::ColumnNames;
 use shell_data::unit::{Quantity, Unit};
@@ -37,24 +38,6 @@ impl fmt::Display for LogFormat {
             LogFormat::Reference => "reference sensor CSV",
             LogFormat::Console => "base-station console log",
         })
-    }
-}
-
-/// A user's reference to a column.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum ColumnRef {
-    /// The name in the header.
-    Name(String),
-    /// The position in the row; the first column is 1.
-    Position(usize),
-}
-
-impl fmt::Display for ColumnRef {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            ColumnRef::Name(name) => f.write_str(name),
-            ColumnRef::Position(position) => write!(f, "column {position}"),
-        }
     }
 }
 
@@ -114,19 +97,6 @@ pub const TIME_UNITS: [(&str, &str, TimeUnit); 4] = [
 
 /// The largest column position in a range; guards against typing errors that would request 10⁹ columns.
 const MAX_POSITION: usize = 4096;
-
-/// Parses a reference to a column: a number is a position, anything else is a name.
-///
-/// # Errors
-/// A message about a text that is neither.
-pub fn parse_column(text: &str) -> Result<ColumnRef, String> {
-    match (text.trim(), text.trim().parse()) {
-        ("", _) => Err("expected the name or position of a column".to_owned()),
-        (_, Ok(0)) => Err("the first column is 1".to_owned()),
-        (_, Ok(position)) => Ok(ColumnRef::Position(position)),
-        (name, Err(_)) => Ok(ColumnRef::Name(name.to_owned())),
-    }
-}
 
 /// Parses names and positions separated by commas; `2-9` stands for the positions 2 to 9.
 ///

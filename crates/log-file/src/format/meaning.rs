@@ -3,6 +3,7 @@
 //! Names are compared without case, spaces and punctuation. A unit may follow the name, in brackets or after
 //! any separator: `fx_n`, `Mx (mN·m)`, `time_us`, `Fz-lbf`.
 
+use super::column_name::plain;
 use super::mapping::{LogFormat, TimeUnit};
 use shell_data::telemetry::Telemetry;
 use shell_data::unit::{Quantity, Scale, Unit};
@@ -224,9 +225,4 @@ pub(super) fn split_unit(name: &str) -> (String, String) {
 /// Returns the letters and digits of a name before the unit in brackets.
 pub(super) fn without_unit(name: &str) -> String {
     plain(name.split(['(', '[']).next().unwrap_or(name))
-}
-
-/// Returns the letters and digits of a name, in lower case.
-pub(super) fn plain(name: &str) -> String {
-    name.chars().filter(|c| c.is_alphanumeric()).flat_map(char::to_lowercase).collect()
 }

@@ -2,6 +2,7 @@
 
 pub(crate) mod choice;
 pub(crate) mod clock;
+mod column_name;
 pub(crate) mod columns;
 pub(crate) mod head;
 mod keys;

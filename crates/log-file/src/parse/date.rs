@@ -5,7 +5,7 @@
 
 use table_file::seconds_of_iso;
 
-use crate::error::FieldProblem;
+use super::field_problem::FieldProblem;
 use shell_data::unit::{Quantity, Unit};
 
 /// The order of a date in numbers whose year is last.

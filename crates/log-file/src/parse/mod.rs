@@ -6,6 +6,7 @@ mod columns;
 pub(crate) mod console;
 pub(crate) mod date;
 mod field_ends;
+pub(crate) mod field_problem;
 pub(crate) mod form;
 mod instruction_set;
 mod nearest;

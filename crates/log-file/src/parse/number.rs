@@ -8,8 +8,8 @@
 
 use memchr::memchr_iter;
 
+use super::field_problem::FieldProblem;
 use super::nearest::nearest;
-use crate::error::FieldProblem;
 
 /// Parses the number in `bytes[at..end]` if its digits fit 64 bits: a decimal with or without an exponent
 /// (`-0.30432148234712341`, `9.6e-05`).

@@ -11,8 +11,8 @@ use crate::format::mapping::LogFormat;
 use crate::log::Log;
 use crate::parse::number::parse_field;
 use crate::parse::plan::{BlockBuffer, ReadPlan};
+use crate::stream::bytes::ReadMeter;
 use crate::stream::piece::LogPiece;
-use crate::stream::source::ReadMeter;
 use shell_data::block::Block;
 
 /// Number of pieces that are read from a file.

@@ -1,5 +1,6 @@
 //! Streaming: from a file to chunks of whole lines, and from chunks to results on several threads.
 
+pub(crate) mod bytes;
 pub(crate) mod chunk;
 pub(crate) mod clock_turns;
 pub(crate) mod companion;

@@ -2,8 +2,8 @@
 
 use table_file::WantedColumn;
 
+use super::bytes::{ByteStream, ReadMeter};
 use super::chunk::{Chunk, ChunkStream};
-use super::source::{ByteStream, ReadMeter};
 use super::table_rows::{RowPart, TableRows};
 use crate::error::LogError;
 use crate::log::Log;

@@ -10,22 +10,19 @@
 
 use std::io::{self, BufReader, Read};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::Arc;
 
 use flate2::bufread::MultiGzDecoder;
 use table_file::{FileKind, FileSource, OpenFile, Recognised, Table, TableError};
 use tempfile::TempPath;
-use twox_hash::XxHash3_128;
 
+use super::bytes::{ByteStream, CountedStream, ReadMeter, UNPACKED_RATIO, Unpacked};
 use super::chunk::{LINE_LIMIT, LongLine};
 use super::companion::{RowMismatch, Sides, joined};
 use super::text_rows::TextRows;
 use super::utf16::as_utf8;
 use super::zstd::{self, Zstd};
-use crate::checksum;
 use crate::error::{LogError, LogPosition, PlacedProblem};
-use shell_data::lock::lock;
 
 /// A file that can be read from its start any number of times.
 #[derive(Clone, Debug)]
@@ -186,7 +183,10 @@ impl LogSource {
                 let head = table.head(None, HEAD_ROWS, usize::MAX);
                 head.map_err(|problem| source.table_error(problem))
             }
-            None => TextRows::new(source.open_alone()?).head(source, HEAD_ROWS + 1),
+            None => {
+                let head = TextRows::new(source.open_alone()?).head(HEAD_ROWS + 1);
+                head.map_err(|error| source.error(error))
+            }
         };
         let companion = self.companion.as_deref().map(head).transpose()?;
         Ok([head(self)?, companion.unwrap_or_default()])
@@ -262,8 +262,7 @@ impl LogSource {
 
     /// Reads the whole file for its checksum, if `meter` computes one: tables are not read from start to end.
     pub(crate) fn read_for_checksum(&self, meter: &ReadMeter) -> Result<(), LogError> {
-        if meter.checksum.is_some() {
-            let meter = ReadMeter { bytes: Arc::default(), ..meter.clone() };
+        if let Some(meter) = meter.of_checksum() {
             let mut whole = CountedStream { stream: self.open_file()?, meter, left: self.bytes };
             io::copy(&mut whole, &mut io::sink()).map_err(|error| self.error(error))?;
         }
@@ -354,80 +353,5 @@ impl LogSource {
             }
             _ => LogError::Io { path, source },
         }
-    }
-}
-
-/// Largest ratio of unpacked to compressed size, beyond 64 MB. A log of measured numbers compresses to
-/// between a third and a twentieth of its text; a file that unpacks to a thousand times its size takes time
-/// and is useless.
-const UNPACKED_RATIO: u64 = 128;
-
-/// A decoder that may return `left` more bytes.
-struct Unpacked<D> {
-    decoder: D,
-    left: u64,
-}
-
-impl<D: Read> Read for Unpacked<D> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.decoder.read(buffer)?;
-        self.left = self.left.checked_sub(read as u64).ok_or_else(|| {
-            let text = format!(
-                "it unpacks to more than {UNPACKED_RATIO} times its size and 64 MB; if it is a log, unpack it \
-                 first: a file as it is may be of any size"
-            );
-            io::Error::new(io::ErrorKind::FileTooLarge, text)
-        })?;
-        Ok(read)
-    }
-}
-
-/// The text of a log from its start.
-pub(crate) type ByteStream = Box<dyn Read + Send>;
-
-/// Counters of the bytes read from files on disk.
-#[derive(Clone, Default)]
-pub(crate) struct ReadMeter {
-    /// Number of bytes read.
-    pub(crate) bytes: Arc<AtomicU64>,
-    /// The checksum of the current file, if requested.
-    checksum: Option<Arc<Mutex<XxHash3_128>>>,
-}
-
-impl ReadMeter {
-    /// Starts another file.
-    pub(crate) fn begin(&mut self, checksum: bool) {
-        self.checksum = checksum.then(Arc::default);
-    }
-
-    /// Adds to the number of bytes read.
-    pub(crate) fn count(&self, bytes: u64) {
-        self.bytes.fetch_add(bytes, Ordering::Relaxed);
-    }
-
-    /// Returns the checksum of a file that has been read to its end.
-    pub(crate) fn checksum(&self) -> Option<String> {
-        self.checksum.as_ref().map(|checksum| checksum::text(&lock(checksum)))
-    }
-}
-
-/// A file whose bytes are counted.
-struct CountedStream<R> {
-    stream: R,
-    meter: ReadMeter,
-    /// Number of bytes of the file that have not been counted.
-    left: u64,
-}
-
-impl<R: Read> Read for CountedStream<R> {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        let read = self.stream.read(buffer)?;
-        let counted = if read == 0 { self.left } else { self.left.min(read as u64) };
-        self.left -= counted;
-        self.meter.count(counted);
-        if let Some(checksum) = &self.meter.checksum {
-            lock(checksum).write(&buffer[..read]);
-        }
-        Ok(read)
     }
 }

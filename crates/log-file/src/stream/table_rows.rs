@@ -2,9 +2,10 @@
 
 use table_file::{Cell, ColumnPart, TablePart, TableStream, WantedColumn};
 
+use super::bytes::ReadMeter;
 use super::clock_turns::ClockTurns;
 use super::companion::RowMismatch;
-use super::source::{LogSource, ReadMeter};
+use super::source::LogSource;
 use super::text_rows::TextRows;
 use crate::error::LogError;
 use crate::parse::date::{DateOrder, parse_date};
@@ -97,7 +98,10 @@ impl<'a> TableSide<'a> {
                 let next = table.next(rows, &mut self.part);
                 next.map_err(|problem| self.source.table_error(problem))
             }
-            SideRows::Text(text) => text.fill(self.source, rows, &self.wanted, &mut self.part),
+            SideRows::Text(text) => {
+                let next = text.fill(rows, &self.wanted, &mut self.part);
+                next.map_err(|error| self.source.error(error))
+            }
         }
     }
 }

@@ -1,14 +1,13 @@
 //! The rows of a text that is joined with a table, as columns of texts.
 
-use std::io::{BufRead, BufReader};
+use std::io::{self, BufRead, BufReader, Read};
 
 use shell_data::escape;
 use table_file::{Cell, ColumnPart, TablePart, WantedColumn};
 
-use super::chunk::LINE_LIMIT;
+use super::bytes::ByteStream;
+use super::chunk::{LINE_LIMIT, LongLine};
 use super::companion::separator;
-use super::source::{ByteStream, LogSource};
-use crate::error::{LogError, PlacedProblem};
 use crate::parse::number::with_points;
 use crate::parse::rows::{is_comment, quoted_fields};
 
@@ -30,17 +29,16 @@ impl TextRows {
     }
 
     /// Returns the fields of the next row; `None` if there are no more.
-    pub(crate) fn next(&mut self, source: &LogSource) -> Result<Option<Vec<String>>, LogError> {
+    pub(crate) fn next(&mut self) -> io::Result<Option<Vec<String>>> {
         loop {
             self.line.clear();
             self.number += 1;
-            let mut lines = std::io::Read::take(&mut self.lines, LINE_LIMIT as u64);
-            let read = lines.read_until(b'\n', &mut self.line);
-            if read.map_err(|error| source.error(error))? == 0 {
+            let mut lines = self.lines.by_ref().take(LINE_LIMIT as u64);
+            if lines.read_until(b'\n', &mut self.line)? == 0 {
                 return Ok(None);
             }
             if self.line.len() == LINE_LIMIT {
-                return Err(source.error_at(self.number, PlacedProblem::LineTooLong(LINE_LIMIT)));
+                return Err(io::Error::other(LongLine(self.number)));
             }
             let line = self.line.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&self.line).trim_ascii();
             if line.is_empty() || is_comment(line) {
@@ -57,15 +55,14 @@ impl TextRows {
     /// Appends at most `rows` of the next rows to an empty part.
     pub(crate) fn fill(
         &mut self,
-        source: &LogSource,
         rows: usize,
         wanted: &[WantedColumn],
         part: &mut TablePart,
-    ) -> Result<bool, LogError> {
+    ) -> io::Result<bool> {
         let mut columns = vec![Vec::new(); wanted.len()];
         part.rows = 0;
         while part.rows < rows
-            && let Some(fields) = self.next(source)?
+            && let Some(fields) = self.next()?
         {
             for (column, wanted) in columns.iter_mut().zip(wanted) {
                 let field = fields.get(wanted.at).filter(|field| !field.is_empty());
@@ -78,10 +75,10 @@ impl TextRows {
     }
 
     /// Returns the first lines with commas between the fields.
-    pub(crate) fn head(mut self, source: &LogSource, lines: usize) -> Result<Vec<u8>, LogError> {
+    pub(crate) fn head(mut self, lines: usize) -> io::Result<Vec<u8>> {
         let mut text = Vec::new();
         for _ in 0..lines {
-            let Some(fields) = self.next(source)? else { break };
+            let Some(fields) = self.next()? else { break };
             let fields: Vec<_> = fields.iter().map(|field| escape::csv_field(field)).collect();
             text.extend_from_slice(fields.join(",").as_bytes());
             text.push(b'\n');
