@@ -5,8 +5,7 @@
 //! returns them in memory. [`simulated_board`] runs the firmware's library over the sensor model on
 //! a pseudo-terminal or over TCP, behind a [`radio`] that loses and damages packets.
 
-/// Invalid settings, or a line that the system does not provide to a board. The message states the
-/// requested value and the supported range.
+/// Invalid settings, or no line for a board. States the requested value and the supported range.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("{0}")]
 pub struct SimulationError(String);

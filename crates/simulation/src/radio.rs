@@ -8,23 +8,17 @@ use std::collections::BTreeMap;
 use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 
-/// Failures of a link; none by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Share of packets that are lost singly.
     pub loss: f64,
     /// Share of packets that begin a burst, in which all packets are lost.
     pub bursts: f64,
-    /// Mean length of a burst, packets.
     pub burst_packets: f64,
     pub duplication: f64,
     /// Share of packets held back, which arrive after later ones.
     pub reordering: f64,
-    /// Maximum time that a packet is held back, µs.
     pub hold_us: u64,
-    /// Share of bytes that are changed.
     pub corruption: f64,
-    /// Delay of every packet, µs.
     pub delay_us: u64,
 }
 
@@ -49,7 +43,7 @@ pub struct Delivery {
 pub struct Radio {
     faults: Faults,
     random: RandomStream,
-    /// Ordered by time of arrival, then by order of queueing.
+    /// By time of arrival, then by order of queueing.
     on_the_way: BTreeMap<(u64, u64), Delivery>,
     queued: u64,
     in_burst: bool,
@@ -57,8 +51,7 @@ pub struct Radio {
 }
 
 impl Faults {
-    /// # Errors
-    /// [`SimulationError`] if a share is outside 0 to 1, or bursts have no length.
+    /// Fails if a share is outside 0 to 1, or bursts have no length.
     fn check(&self) -> Result<(), SimulationError> {
         let shares = [
             ("loss", self.loss),
@@ -79,7 +72,6 @@ impl Faults {
 }
 
 impl Radio {
-    /// Creates a link; `seed` determines the times of its faults.
     pub fn new(faults: Faults, seed: u64) -> Result<Self, SimulationError> {
         faults.check()?;
         Ok(Self {
@@ -120,12 +112,10 @@ impl Radio {
         }
     }
 
-    /// Returns the time of the next arrival, `None` if no packet is on its way.
     pub(crate) fn next_arrival_us(&self) -> Option<u64> {
         self.on_the_way.first_key_value().map(|(&(due_us, _), _)| due_us)
     }
 
-    /// Returns a packet that has arrived by a time, µs.
     pub fn receive(&mut self, now_us: u64) -> Option<Delivery> {
         match self.next_arrival_us()? <= now_us {
             true => self.on_the_way.pop_first().map(|(_, delivery)| delivery),
@@ -187,7 +177,6 @@ mod tests {
         (numbers, radio.books())
     }
 
-    /// Asserts that a binomial count is within five standard deviations.
     fn assert_share(count: u64, share: f64) {
         let expected = share * PACKETS as f64;
         let deviation = (expected * (1.0 - share)).sqrt();
@@ -217,8 +206,8 @@ mod tests {
         assert_share(books.held_back, 0.95 * 0.02);
         assert_share(books.corrupted, 0.95 * 1.01 * (1.0 - 0.999_f64.powi(8)));
         assert_eq!(numbers.len() as u64, PACKETS - books.lost + books.duplicated);
-        // One held packet in eight arrives before the next one, 1 ms later, and a few next packets
-        // are lost: some 0.83 of the held packets are late.
+        // One held packet in eight overtakes the next, 1 ms later, and a few of those are lost:
+        // some 0.83 are late.
         let mut newest = 0;
         let late = numbers.iter().filter(|&&number| {
             newest = newest.max(number);
@@ -234,8 +223,7 @@ mod tests {
         assert_eq!(numbers.len() as u64, PACKETS - books.lost_in_bursts);
         let gaps = numbers.windows(2).filter(|pair| pair[1] != pair[0] + 1).count();
         let mean = books.lost_in_bursts as f64 / gaps as f64;
-        // Geometric lengths of mean 5 have a standard deviation of 4.5; five standard errors over
-        // 950 bursts.
+        // Geometric lengths of mean 5 have an sd of 4.5; five standard errors over 950 bursts.
         assert!((mean - 5.0).abs() < 5.0 * 4.5 / 950.0_f64.sqrt(), "{mean}");
     }
 

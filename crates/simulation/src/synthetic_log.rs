@@ -1,5 +1,5 @@
-//! Writes recordings of the sensor model as CSV, and trials of the virtual robot in the format of
-//! the lab's tools; or returns rows in memory, as a log reader would.
+//! Writes recordings as CSV, and trials in the format of the lab's tools; or returns rows in
+//! memory.
 //!
 //! Decimals are exact: the reference sensor's steps, 1/160 N and 1/32 N·mm, need five and eight of
 //! them. The file thus holds exactly the values of the model, in the same bytes every time.
@@ -14,10 +14,8 @@ use crate::virtual_robot::{TelemetryRow, TrialSettings};
 use shell_data::block::Block;
 use shell_data::wrench::{Axis, PerAxis};
 
-/// Header of a board's log.
 pub const FRAME_HEADER: &str = "t_s,s1,s2,s3,s4,s5,s6,s7,s8";
 
-/// Header of a reference's recording.
 pub const WRENCH_HEADER: &str = "t_s,fx_n,fy_n,fz_n,mx_nm,my_nm,mz_nm";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,7 +39,6 @@ impl SyntheticLayout {
         }
     }
 
-    /// Writes one row.
     pub fn write_row(
         self,
         out: &mut impl Write,
@@ -64,7 +61,6 @@ impl SyntheticLayout {
     }
 }
 
-/// Writes a row of a reference's recording.
 pub fn write_wrench_row(
     out: &mut impl Write,
     time_s: f64,
@@ -75,7 +71,7 @@ pub fn write_wrench_row(
     writeln!(out)
 }
 
-/// Writes a row of a board's log; its clock counts µs.
+/// The clock counts µs.
 pub fn write_frame(out: &mut impl Write, time_s: f64, frame: &SimulatedFrame) -> io::Result<()> {
     write!(out, "{time_s:.6}")?;
     write_readings(out, frame)?;
@@ -91,7 +87,6 @@ fn write_wrench(out: &mut impl Write, wrench: &PerAxis<f64>) -> io::Result<()> {
     write!(out, ",{fx:.5},{fy:.5},{fz:.5},{mx:.8},{my:.8},{mz:.8}")
 }
 
-/// The columns of a trial's log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrialLayout {
     Full,
@@ -117,7 +112,6 @@ pub fn write_telemetry_header(
     writeln!(out, "% {robot}{}", if sensors { sensor } else { "" })
 }
 
-/// Writes a row of a telemetry text.
 pub fn write_telemetry_row(
     out: &mut impl Write,
     row: &TelemetryRow,

@@ -29,11 +29,10 @@ pub enum Dimension {
 }
 
 impl Parameter {
-    /// Distance between the tips of opposite beams.
     pub const WIDTH: Self = Self::new("width", Length, |setup| &mut setup.channel.width_m);
 
-    /// All parameters: semi-axes of the body along and across its path; channel and beam; the
-    /// body's offset from the middle and rotation of its nose, both to the left.
+    /// Semi-axes of the body along and across its path; channel and beam; the body's offset from
+    /// the middle and rotation of its nose, both to the left.
     pub const ALL: [Self; 11] = [
         Self::new("rx", Length, |setup| &mut setup.ellipse.semi_length_m),
         Self::new("ry", Length, |setup| &mut setup.ellipse.semi_width_m),
@@ -66,12 +65,11 @@ impl Parameter {
         self.name.replace('-', "_") + unit
     }
 
-    /// Returns the value, SI.
     pub fn get(self, setup: &Setup) -> f64 {
         *(self.position)(&mut setup.clone())
     }
 
-    /// Sets the value, SI. All others stay, so a wider body reaches further between the beams.
+    /// Other values stay, so a wider body reaches further between the beams.
     pub fn set(self, setup: &mut Setup, value: f64) {
         *(self.position)(setup) = value;
     }
@@ -80,7 +78,7 @@ impl Parameter {
 #[derive(Clone, Debug)]
 pub struct GridAxis {
     pub parameter: Parameter,
-    /// Values, SI.
+    /// SI.
     pub values: Vec<f64>,
 }
 
@@ -90,8 +88,7 @@ pub struct GridCell {
     pub outcome: Result<ChannelSummary, SetupError>,
 }
 
-/// Returns every combination of the values, the last axis changing fastest; other parameters are as
-/// in `setup`.
+/// Returns every combination of the values, the last axis changing fastest, around `setup`.
 pub fn grid<'a>(setup: &'a Setup, axes: &'a [GridAxis]) -> impl Iterator<Item = GridCell> + 'a {
     let count: usize = axes.iter().map(|axis| axis.values.len()).product();
     (0..count).map(move |mut number| {
@@ -127,7 +124,6 @@ mod tests {
             [(0.0, 0.001), (0.0, 0.027), (0.0, 0.05), (0.53, 0.001), (0.53, 0.027), (0.53, 0.05)];
         assert_eq!(values, expected);
         assert!(matches!(cells[3].outcome, Err(SetupError::Jams { .. })));
-        // The reference value of the crate's tests.
         let mean = cells[4].outcome.as_ref().unwrap().mean_drag_n.unwrap();
         assert!((mean / 0.108734173433852 - 1.0).abs() < 1e-12);
     }

@@ -6,35 +6,29 @@ use serde::Serialize;
 /// A channel in a few figures. Pairs are for the left and the right wall.
 #[derive(Clone, Debug, Serialize)]
 pub struct ChannelSummary {
-    /// Distance between the tips of opposite beams, m.
     pub width_m: f64,
     /// Maximum deflection of the tips by a body in the middle, m; negative without contact.
     pub deflection_m: f64,
     /// Position of the body's middle when it touches the first beam, m past that beam.
     pub first_contact_m: Option<f64>,
-    /// Position of the body's middle when the last beam slips off.
     pub last_contact_m: Option<f64>,
-    /// Range of positions in which the body is wholly among the beams, m.
+    /// Positions in which the body is wholly among the beams, m.
     pub plateau_m: Option<[f64; 2]>,
     /// Mean drag on the plateau, N; zero without contact, `None` without a plateau.
     pub mean_drag_n: Option<f64>,
-    /// Greatest drag on the plateau, N.
     pub peak_drag_n: Option<f64>,
     pub peak_x_m: Option<f64>,
-    /// Smallest drag on the plateau, N.
     pub minimum_drag_n: Option<f64>,
     pub minimum_x_m: Option<f64>,
     pub mean_contacts: Option<[f64; 2]>,
     pub min_contacts: Option<[u32; 2]>,
     pub max_contacts: Option<[u32; 2]>,
-    /// Work on all beams in one crossing, J.
     pub energy_j: f64,
     /// Mean drag from the first contact to the last, N: the window of a trial.
     pub crossing_drag_n: f64,
     pub remarks: Vec<ChannelDiagnostic>,
 }
 
-/// A reason to doubt a result.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, thiserror::Error)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -43,7 +37,6 @@ pub enum ChannelDiagnostic {
         "the body reaches past the line of the bases, and beams turn past 90°: the model is not valid there"
     )]
     PastRightAngle,
-    /// Tips snap across a part of the body.
     #[error("tips snap across a part of the body on which they cannot rest")]
     Snaps,
     /// A yawed body touches faces before tips.
@@ -63,10 +56,7 @@ pub enum ChannelDiagnostic {
     ShortPlateau,
 }
 
-/// Computes the summary of a channel.
-///
-/// # Errors
-/// [`SetupError`] if the set-up is invalid, or the body jams.
+/// Computes the summary; an error if the set-up is invalid, or the body jams.
 pub fn summarise(setup: &Setup) -> Result<ChannelSummary, SetupError> {
     Ok(ChannelSummary::new(&Model::new(setup)?))
 }

@@ -3,32 +3,27 @@
 use beam_channel::{Model, Total};
 use serde::Serialize;
 
-/// Equally spaced positions of a body's middle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Course {
-    /// First position, m past the first beam.
     pub from_m: f64,
     pub step_m: f64,
     pub count: usize,
 }
 
-/// The forces at one position.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SweepRow {
     /// Position of the body's middle, m past the first beam.
     pub x_m: f64,
     /// Drag, N: `−F_drag` of the paper.
     pub drag_n: f64,
-    /// Force to the left, N.
     pub fy_n: f64,
-    /// Moment about the body's middle, N·m.
     pub mz_nm: f64,
     pub contacts_left: u32,
     pub contacts_right: u32,
 }
 
 impl Course {
-    /// Creates the positions from `from_m` to `to_m`, both included, every `step_m`.
+    /// Includes both `from_m` and `to_m`.
     pub fn new(from_m: f64, to_m: f64, step_m: f64) -> Self {
         // Count a last step that fits except for rounding.
         let count = ((to_m - from_m) / step_m * (1.0 + 1e-12)).floor().max(0.0) as usize + 1;

@@ -12,9 +12,8 @@ use super::springs::Displacement;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Reflector {
-    /// Position on the board, m.
     pub position_m: [f64; 2],
-    /// Unloaded distance, m.
+    /// Unloaded distance.
     pub gap_m: f64,
     /// Rotation about x, rad: senses y (and z).
     pub tilt_x_rad: f64,
@@ -23,7 +22,6 @@ pub struct Reflector {
 }
 
 impl Reflector {
-    /// Unit normal without load: z rotated about x, then about y.
     pub(super) fn normal(&self) -> [f64; 3] {
         let (sin_x, cos_x) = libm::sincos(self.tilt_x_rad);
         let (sin_y, cos_y) = libm::sincos(self.tilt_y_rad);

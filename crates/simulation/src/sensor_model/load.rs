@@ -1,5 +1,4 @@
-//! Loads applied to a shell by hand, one contact after another, each a pose; and loads from a
-//! table.
+//! Loads applied to a shell by hand, each contact a pose; and loads from a table.
 //!
 //! The shell is half an ellipsoid of the robot's size (18 cm × 11 cm × 4.5 cm: Table I of the paper
 //! on the shell). In every pose a contact rises, dwells and falls, and sways a little, band-limited
@@ -7,8 +6,7 @@
 //! push, taps. Contact points follow a low-discrepancy sequence (Roberts' R₂), so that even short
 //! recordings load every axis in both directions. Moments follow from force and position.
 //!
-//! A load is a function of time alone, so several sensors with separate clocks can be under the
-//! same load.
+//! A load is a function of time alone, so sensors with separate clocks can share it.
 
 use std::f64::consts::{PI, TAU};
 
@@ -30,7 +28,6 @@ const TAP_S: f64 = 0.08;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordingKind {
-    /// Loads for a calibration.
     Training,
     /// Loads different from every training recording.
     Test,
@@ -45,7 +42,6 @@ pub struct LoadScript {
 }
 
 impl LoadScript {
-    /// Creates the loads; test loads never equal training loads.
     pub fn new(kind: RecordingKind, seed: u64) -> Self {
         let purpose = match kind {
             RecordingKind::Training => Purpose::TrainingPoses,
@@ -57,7 +53,6 @@ impl LoadScript {
         Self { poses: Some((purpose, seed)), first, current: None }
     }
 
-    /// Returns the number of the pose at `time_s` ≥ 0 since the start.
     pub(crate) fn pose_number(time_s: f64) -> u64 {
         (time_s / POSE_S) as u64
     }
@@ -81,7 +76,6 @@ impl LoadScript {
     }
 }
 
-/// One contact, from touch to release.
 #[derive(Clone, Copy, Debug)]
 struct ShellContact {
     point_m: [f64; 3],
@@ -155,7 +149,6 @@ fn contact(time_s: f64) -> f64 {
     smooth_step(time_s / RISE_S) * smooth_step((POSE_S - REST_S - time_s) / RISE_S)
 }
 
-/// Evenly spaced taps, each a squared half-sine.
 fn taps(time_s: f64) -> f64 {
     let period_s = POSE_S / f64::from(TAPS);
     let phase = (time_s % period_s - 0.5 * (period_s - TAP_S)) / TAP_S;
@@ -181,7 +174,6 @@ fn unit(v: [f64; 3]) -> [f64; 3] {
     v.map(|x| x / norm)
 }
 
-/// Wrenches at given times, interpolated linearly and repeated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadTable {
     times_s: Vec<f64>,
@@ -189,11 +181,11 @@ pub struct LoadTable {
 }
 
 impl LoadTable {
-    /// Creates a table with one row per time; the first time is the start.
+    /// Creates a table; its first time is the start.
     ///
     /// # Errors
-    /// [`SimulationError`] if there are no rows, a time is not later than the previous one, or a number is
-    /// not finite.
+    /// [`SimulationError`] without rows, if times do not ascend, or for a number that is not
+    /// finite.
     pub fn new(
         rows: impl IntoIterator<Item = (f64, PerAxis<f64>)>,
     ) -> Result<Self, SimulationError> {
@@ -213,8 +205,7 @@ impl LoadTable {
         Ok(Self { times_s, wrenches })
     }
 
-    /// Returns the wrench (N and N·m) at `time_s` ≥ 0 since the start. The first row follows the
-    /// last at once.
+    /// Returns the wrench (N and N·m) at `time_s` ≥ 0; the first row follows the last at once.
     pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
         let (first, last) = (self.times_s[0], self.times_s[self.times_s.len() - 1]);
         if last == first {

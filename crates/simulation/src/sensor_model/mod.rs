@@ -13,10 +13,9 @@
 //! Results depend only on parameters and seeds, to the last bit on every machine: random numbers
 //! come from ChaCha, elementary functions from `libm`, sums have a fixed order.
 //!
-//! Not modelled: the mass of the plate (its resonance, above 100 Hz, is far above what a hand can
-//! excite), light from one channel in another (one emitter is lit at a time), and, except on the
-//! simulated board, the time between the conversions of the eight channels (a frame is one
-//! instant).
+//! Not modelled: the mass of the plate (no hand excites its resonance above 100 Hz), light from one
+//! channel in another (one emitter is lit at a time), and, except on the simulated board, the time
+//! between the conversions of a frame.
 
 mod geometry;
 mod load;
@@ -41,7 +40,6 @@ use springs::{CREEP, HYSTERESIS, Suspension};
 
 use shell_data::wrench::PerAxis;
 
-/// Eight readings at one time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SimulatedFrame {
     /// Counts, with ambient light subtracted.
@@ -61,7 +59,6 @@ pub struct Exposure {
 /// Largest load, N or N·m: the instrument does not survive more.
 pub const LIMIT: f64 = 1e6;
 
-/// One instrument during one recording.
 #[derive(Clone, Debug)]
 pub struct SensorModel {
     unit: SensorParameters,
@@ -74,12 +71,10 @@ pub struct SensorModel {
 }
 
 impl SensorModel {
-    /// Creates the instrument `unit` ([`SensorParameters::unit`]) in the recording `seed`, not yet
-    /// loaded.
+    /// Creates the instrument `unit` ([`SensorParameters::unit`]) for the recording `seed`.
     ///
     /// # Errors
-    /// [`SimulationError`] if the springs leave the plate loose or the converter cannot be
-    /// modelled.
+    /// [`SimulationError`] if the plate is loose or the converter cannot be modelled.
     pub fn new(unit: &SensorParameters, seed: u64) -> Result<Self, SimulationError> {
         let (bits, is_known) = (unit.adc_bits, (8..=16).contains(&unit.adc_bits));
         ensure!(is_known, "a converter of {bits} bits, where 8 to 16 can be modelled");
@@ -102,8 +97,7 @@ impl SensorModel {
     /// Returns the frame at `time_s` since the start, under a `wrench` (N and N·m, shell frame)
     /// that has held since the previous frame. Times must ascend.
     ///
-    /// A load that is not finite, or above [`LIMIT`], tears the plate off: for that frame all
-    /// channels are saturated at zero.
+    /// A load that is not finite, or above [`LIMIT`], saturates all channels of the frame at zero.
     pub fn sample(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> SimulatedFrame {
         if !is_bearable(time_s, wrench) {
             return SimulatedFrame { readings: [0; 8], saturated: 0xFF };
@@ -117,8 +111,7 @@ impl SensorModel {
         frame
     }
 
-    /// Returns the light on the photointerrupters, as in [`sample`](Self::sample), for callers with
-    /// their own conversion. Without a plate there is no light.
+    /// Returns the light of a [`sample`](Self::sample) before its conversion; none without a plate.
     pub(crate) fn expose(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> [Exposure; 8] {
         if !is_bearable(time_s, wrench) {
             return [Exposure { light: 0.0, dark: 0.0 }; 8];
@@ -135,7 +128,7 @@ impl SensorModel {
         })
     }
 
-    /// Temperature at `time_s` relative to the lab that the instrument was designed for, K.
+    /// Temperature relative to the design's, K.
     pub fn warmth_k(&self, time_s: f64) -> f64 {
         let Surroundings { warm_up_k, warm_up_s, .. } = self.unit.surroundings;
         self.start_k - warm_up_k * libm::expm1(-time_s.max(0.0) / warm_up_s)

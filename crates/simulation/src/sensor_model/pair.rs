@@ -14,7 +14,6 @@ use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::PerAxis;
 
-/// Minimum update rate of the springs, Hz.
 const SPRINGS_HZ: f64 = 1000.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
@@ -23,18 +22,16 @@ pub struct PairSettings {
     pub unit_seed: u64,
     pub loaded: bool,
     pub duration_s: f64,
-    /// The reference starts this long before the board and stops as long after it, s; the reverse
-    /// if negative.
+    /// The reference starts this long before the board and stops as long after it; may be negative.
     pub margin_s: f64,
     pub reference_rate_hz: f64,
-    /// Frames per second of the board's own clock.
+    /// On the board's own clock.
     pub board_rate_hz: f64,
-    /// Reading of the reference's clock when the board's shows 0, s.
+    /// Reading of the reference's clock when the board's shows 0.
     pub offset_s: f64,
     /// Relative rate of the reference's clock to the board's, minus one.
     pub skew: f64,
     pub loss: f64,
-    /// Factor on all random noise.
     pub noise_scale: f64,
 }
 
@@ -47,11 +44,8 @@ pub struct Pair {
 }
 
 impl Pair {
-    /// Sets up a session.
-    ///
-    /// # Errors
-    /// [`SimulationError`] if a rate is not above 0, a time is not finite, the noise is negative,
-    /// or the loss is not a share.
+    /// Fails if a rate is not above 0, a time is not finite, the noise is negative, or the loss is
+    /// not a share.
     pub fn new(settings: PairSettings) -> Result<Self, SimulationError> {
         let PairSettings { board_rate_hz, skew, loss, .. } = settings;
         check_timing(settings.reference_rate_hz, settings.offset_s)?;
@@ -79,7 +73,6 @@ impl Pair {
         })
     }
 
-    /// The load starts with the first of the two recordings.
     fn load_time_s(&self, reference_time_s: f64) -> f64 {
         reference_time_s - self.settings.offset_s + self.settings.margin_s.max(0.0)
     }
@@ -97,7 +90,6 @@ impl Pair {
         })
     }
 
-    /// Returns times on the board's clock, s, and frames.
     pub fn board(&self) -> impl Iterator<Item = (f64, SimulatedFrame)> {
         let PairSettings { seed, duration_s, board_rate_hz, offset_s, skew, loss, .. } =
             self.settings;

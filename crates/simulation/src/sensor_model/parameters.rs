@@ -1,6 +1,4 @@
 //! All constants of the sensor model, with their sources.
-//!
-//! [`SensorParameters::nominal`] is the design; [`SensorParameters::unit`] is one instrument built from it.
 
 use super::geometry::Reflector;
 use super::springs::Spring;
@@ -12,7 +10,6 @@ pub struct SensorChannel {
     pub reflector: Reflector,
     /// Reading at the optimum distance, as a fraction of the full scale.
     pub gain: f64,
-    /// Relative change of the gain, per K.
     pub gain_drift_per_k: f64,
     /// Change of the dark reading, as a fraction of the full scale, per K.
     pub offset_drift_per_k: f64,
@@ -34,11 +31,9 @@ pub struct SensorNoise {
 pub struct Surroundings {
     /// Light left after the ambient reading is subtracted, as a fraction of the full scale.
     pub ambient: f64,
-    /// Board temperature at the start, relative to that of other recordings, K.
+    /// Start, relative to that of other recordings.
     pub start_k: f64,
-    /// Rise of the board temperature after switching on, K.
     pub warm_up_k: f64,
-    /// Time constant of that rise, s.
     pub warm_up_s: f64,
 }
 
@@ -60,10 +55,9 @@ pub struct Reference {
 pub struct SensorParameters {
     /// Springs of the reflector plate; the frame's origin is at their centre.
     pub springs: [Spring; 4],
-    /// True for springs without creep and hysteresis: readings then depend only on the current
-    /// load, and a calibration can be exact.
+    /// True for springs without creep and hysteresis, so that a calibration can be exact.
     pub elastic: bool,
-    /// Four flat channels, two tilted about y, two tilted about x.
+    /// Four flat, two tilted about y, two tilted about x.
     pub channels: [SensorChannel; 8],
     pub noise: SensorNoise,
     pub surroundings: Surroundings,
@@ -78,11 +72,10 @@ const MM: f64 = 1e-3;
 // Deviations of a unit from the design (standard deviations).
 
 const STIFFNESS_SPREAD: f64 = 0.05;
-/// Position of a photointerrupter and gap at rest, m.
+/// Position of a photointerrupter and unloaded gap, m.
 const POSITION_SPREAD_M: f64 = 0.05 * MM;
 const TILT_SPREAD_RAD: f64 = 0.01;
 const GAIN_SPREAD: f64 = 0.10;
-/// Temperature coefficient of the gain, per K.
 const GAIN_DRIFT_SPREAD: f64 = 5e-4;
 /// Temperature coefficient of the dark reading, fraction of the full scale per K.
 const OFFSET_DRIFT_SPREAD: f64 = 0.3 * LSB_12;
@@ -157,8 +150,7 @@ impl SensorParameters {
         }
     }
 
-    /// Returns the unit `unit_seed`: this design with normal deviations, cut off at three standard
-    /// deviations (units beyond fail inspection).
+    /// Returns a unit: this design with normal deviations, cut off at three standard deviations.
     pub fn unit(&self, unit_seed: u64) -> Self {
         let mut stream = RandomStream::new(unit_seed, Purpose::Unit, 0);
         let mut deviate = |scale: f64| scale * stream.normal().clamp(-3.0, 3.0);
@@ -183,8 +175,7 @@ impl SensorParameters {
         unit
     }
 
-    /// Returns the unit `unit_seed` of the nominal instrument with [scaled](Self::scale_noise)
-    /// noise.
+    /// Returns the nominal instrument's unit with [scaled](Self::scale_noise) noise.
     pub(crate) fn noisy_unit(unit_seed: u64, factor: f64) -> Result<Self, SimulationError> {
         let is_factor = factor.is_finite() && factor >= 0.0;
         ensure!(is_factor, "noise scaled by {factor}, where a factor of 0 or more is wanted");
@@ -193,8 +184,7 @@ impl SensorParameters {
         Ok(unit)
     }
 
-    /// Scales every random noise, of the readings and of the reference sensor. Quantisation, drift,
-    /// creep and hysteresis stay.
+    /// Scales random noise; quantisation, drift, creep and hysteresis stay.
     pub fn scale_noise(&mut self, factor: f64) {
         let SensorNoise { read, shot, emitter } = &mut self.noise;
         *read *= factor;

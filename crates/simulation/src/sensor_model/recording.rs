@@ -16,10 +16,8 @@ pub struct RecordingSettings {
     /// Determines loads, noise, light, temperature and mounting.
     pub seed: u64,
     pub unit_seed: u64,
-    /// Factor on all random noise.
     pub noise_scale: f64,
     pub adc_bits: u32,
-    /// Springs without creep and hysteresis.
     pub elastic: bool,
 }
 
@@ -42,12 +40,10 @@ impl RecordingSettings {
 pub struct SensorSample {
     pub time_s: f64,
     pub frame: SimulatedFrame,
-    /// The reference sensor's reading, N and N·m.
     pub wrench: PerAxis<f64>,
     pub pose: u64,
 }
 
-/// An endless recording, row by row.
 #[derive(Clone, Debug)]
 pub struct SensorRecording {
     settings: RecordingSettings,
@@ -58,13 +54,11 @@ pub struct SensorRecording {
 }
 
 impl SensorRecording {
-    /// Sets up the recording for the first row.
-    ///
-    /// Recordings of different kinds share only the instrument, even with equal seeds.
+    /// Sets up a recording. Those of different kinds share only the instrument, even with equal
+    /// seeds.
     ///
     /// # Errors
-    /// [`SimulationError`] if the rate is not above 0, a time is not finite, or the converter
-    /// cannot be modelled.
+    /// [`SimulationError`] if rate, time or converter are invalid.
     pub fn new(settings: RecordingSettings) -> Result<Self, SimulationError> {
         let RecordingSettings { kind, rate_hz, start_time_s, seed, .. } = settings;
         check_timing(rate_hz, start_time_s)?;
@@ -108,10 +102,8 @@ impl Iterator for SensorRecording {
     }
 }
 
-/// A reference sensor for calibration, mounted for one recording.
-///
-/// It measures the wrench in its own axes, which mounting rotates and shifts from the shell's. It
-/// also has a zero error, noise, and a finite resolution.
+/// A reference sensor for calibration, mounted for one recording: its axes are rotated and shifted
+/// from the shell's. It has a zero error, noise, and a finite resolution.
 #[derive(Clone, Debug)]
 pub struct ReferenceSensor {
     parameters: Reference,
@@ -122,7 +114,6 @@ pub struct ReferenceSensor {
 }
 
 impl ReferenceSensor {
-    /// Mounts the sensor for the recording `seed`.
     pub fn new(parameters: &Reference, seed: u64) -> Self {
         let mut mounting = RandomStream::new(seed, Purpose::Mounting, 0);
         let mut draw = |scale: f64| scale * mounting.normal();

@@ -1,5 +1,4 @@
-//! A rigid plate on springs: stiffness, compliance, and deviations of real springs from Hooke's
-//! law.
+//! A rigid plate on springs: stiffness, compliance, and deviations from Hooke's law.
 //!
 //! The plate hangs on springs at points pᵢ, each with a stiffness along x, y and z. A displacement
 //! u = (d, θ) moves the foot of a spring by d + θ × pᵢ. The energy is therefore ½ uᵀK u with K = Σ
@@ -19,18 +18,16 @@ pub type Displacement = [f64; 6];
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Spring {
-    /// The point at which it holds the plate, m.
     pub position_m: [f64; 3],
     pub stiffness_n_per_m: [f64; 3],
 }
 
-// Creep and hysteresis are chosen so that a cubic calibration with the paper's numbers of rows (77,522 and
-// 19,932) reproduces the paper's errors, 0.118, 0.122 and 0.126 N: a tenth of the travel is late, and a loop
-// is 2 · 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
+// Chosen so that a cubic calibration with the paper's numbers of rows (77,522 and 19,932)
+// reproduces its errors, 0.118, 0.122 and 0.126 N: a tenth of the travel is late, and a loop is 2 ·
+// 0.2 · 0.7 N = 0.28 N wide, a tenth of the largest push.
 
 /// Additional displacement under constant load, as a fraction of the immediate one.
 pub(super) const CREEP: f64 = 0.10;
-/// Time constant of the relaxation, s.
 const CREEP_S: f64 = 1.5;
 /// Fraction of the response that passes through the play.
 pub(super) const HYSTERESIS: f64 = 0.2;
@@ -58,8 +55,7 @@ pub fn stiffness(springs: &[Spring]) -> [[f64; 6]; 6] {
 /// Inverts a symmetric positive definite `stiffness`, by Gauss–Jordan elimination without pivoting
 /// (stable for such matrices); `None` if it is not positive definite.
 ///
-/// Written out, since kernels of a linear algebra library round differently on different
-/// processors.
+/// Written out, since a library's kernels round differently on different processors.
 pub(crate) fn compliance(stiffness: &[[f64; 6]; 6]) -> Option<[[f64; 6]; 6]> {
     let mut left = *stiffness;
     let mut right: [[f64; 6]; 6] =
@@ -100,8 +96,7 @@ impl Suspension {
         Self { compliance, creep, hysteresis, time_s: None, late: [0.0; 6], play: [0.0; 6] }
     }
 
-    /// Displacement of the plate at `time_s` under `wrench`, which has held since the previous
-    /// call.
+    /// Displacement of the plate under `wrench`, which has held since the previous call.
     pub(super) fn displacement(&mut self, time_s: f64, wrench: &PerAxis<f64>) -> Displacement {
         let elapsed_s = self.time_s.replace(time_s).map_or(0.0, |before| time_s - before);
         let relaxed = -libm::expm1(-elapsed_s.max(0.0) / CREEP_S);

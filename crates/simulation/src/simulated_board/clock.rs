@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 use embassy_futures::yield_now;
 use firmware::{Clock, SeenEdge};
 
-/// Margin by which a waiting process is woken late. The forty waits of a frame thus become a few,
-/// as each would take the system some tens of µs of processor time.
+/// A waiting process is woken this late, so that the forty waits of a frame, each tens of µs of
+/// processor time, become a few.
 const LATE: Duration = Duration::from_micros(250);
 
 /// A clock that stops while the firmware computes, and shows exactly the awaited time.
@@ -40,8 +40,7 @@ impl PacedClock {
         Self { start: Instant::now(), time: Rc::default() }
     }
 
-    /// Runs the firmware to its end. Between its steps the thread sleeps until the first awaited
-    /// time, or until it is woken.
+    /// Runs the firmware to its end; sleeps until the first awaited time, or until it is woken.
     pub(super) fn run<F: Future>(&self, firmware: F) -> F::Output {
         let waker = Waker::from(Arc::new(WakeThread(thread::current())));
         let mut firmware = pin!(firmware);
@@ -118,15 +117,14 @@ pub(super) struct SyncScript {
 }
 
 impl SyncScript {
-    /// Creates edges at these times of the board, s.
     pub(super) fn new(clock: PacedClock, times_s: &[f64]) -> Self {
         let mut times_us: Vec<u64> = times_s.iter().map(|time_s| (time_s * 1e6) as u64).collect();
         times_us.sort_unstable();
         Self { clock, times_us: times_us.into() }
     }
 
-    /// Waits for the next edge. It is polled whenever the board is awake, and sets no alarm, which
-    /// would stop the clock for tasks that wait for an earlier time.
+    /// Waits for the next edge. It is polled whenever the board is awake: an alarm would stop the
+    /// clock for tasks that wait for an earlier time.
     pub(super) async fn next_edge(&mut self) -> SeenEdge {
         poll_fn(|_| match self.times_us.front() {
             Some(&at_us) if at_us <= self.clock.now_us() => {
@@ -145,8 +143,7 @@ mod tests {
 
     use super::*;
 
-    /// One task waits long and is polled first. However late the process wakes, the clock does not
-    /// pass a time that the other task waits for.
+    /// One task waits long and is polled first; the clock must not pass the other's time.
     #[test]
     fn time_stops_for_each_waiting_task() {
         let clock = PacedClock::start();

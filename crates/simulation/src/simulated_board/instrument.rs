@@ -10,14 +10,13 @@ use crate::sensor_model::{Exposure, LoadScript, LoadTable, RecordingKind, Sensor
 use shell_data::lock::lock;
 use shell_data::wrench::PerAxis;
 
-/// Light under the shell in a lit room, as a fraction of the full scale. The firmware subtracts it.
+/// Light under the shell in a lit room, as a fraction of full scale; the firmware subtracts it.
 const AMBIENT: f64 = 0.03;
 
-/// Room temperature at switching on, °C.
 const ROOM_C: f64 = 23.0;
 
-/// Supply of the converter, and the voltage reference of an STM32L432 (DS11451, table "Embedded internal
-/// voltage reference", typical), V.
+/// Supply and voltage reference of an STM32L432 (DS11451, "Embedded internal voltage reference",
+/// typical), V.
 const SUPPLY_V: f64 = 3.3;
 const REFERENCE_V: f64 = 1.212;
 
@@ -38,7 +37,6 @@ impl Load {
         Self::Hands(LoadScript::new(RecordingKind::Test, seed))
     }
 
-    /// Returns the wrench (N and N·m) at a time since the start.
     pub fn wrench_at(&mut self, time_s: f64) -> PerAxis<f64> {
         match self {
             Self::Hands(_) if time_s < REST_S => PerAxis::default(),
@@ -58,13 +56,12 @@ pub struct SimulatedInstrument {
 }
 
 impl SimulatedInstrument {
-    /// Creates an instrument whose conversions take time on `clock`.
     pub fn new(sensor: SensorModel, load: Load, clock: PacedClock) -> Self {
         Self { sensor, load, clock, lit: None }
     }
 }
 
-/// Duration of a conversion, ns, as on the SkinProc board.
+/// As on the SkinProc board.
 pub(super) const CONVERSION_NS: u32 = 3_250;
 
 impl FrontEnd for SimulatedInstrument {

@@ -30,7 +30,7 @@ const TICK: Duration = Duration::from_millis(10);
 pub(super) type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
 
 pub(super) struct SerialLine {
-    /// The name of the host's end.
+    /// Name of the host's end.
     pub(super) port: String,
     pub(super) packets: SyncSender<Vec<u8>>,
     pub(super) receiver: &'static InputPipe,
@@ -130,7 +130,6 @@ fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &InputPip
         match host.read(&mut buffer) {
             Ok(count) => lock(radio).send(now_us(), &buffer[..count]),
             Err(error) if error.kind() == ErrorKind::TimedOut => {}
-            // The other end is not open.
             Err(_) => thread::sleep(TICK),
         }
         loop {
@@ -146,14 +145,13 @@ fn give_to_board(mut host: impl io::Read, radio: &Mutex<Radio>, input: &InputPip
     }
 }
 
-/// The serial line over TCP, for systems without ptys or a remote host. It holds one host at a
-/// time, like a serial port, and loses output without a host, like a wire.
+/// The serial line over TCP, for systems without ptys or a remote host. Like a serial port, it
+/// holds one host at a time and loses output without a host.
 #[derive(Clone, Debug, Default)]
 struct Socket(Arc<Mutex<Option<TcpStream>>>);
 
 impl Socket {
-    /// Listens; returns the address, with the chosen port if 0 was requested. A read or write waits
-    /// for at most [`TICK`].
+    /// Listens; returns the address with the chosen port. Reads and writes wait at most [`TICK`].
     fn listen(at: SocketAddr) -> io::Result<(Self, SocketAddr)> {
         let listener = TcpListener::bind(at)?;
         let at = listener.local_addr()?;
@@ -183,13 +181,11 @@ impl Socket {
         }
     }
 
-    /// The last host, which may have gone.
     fn host(&self) -> Option<TcpStream> {
         lock(&self.0).as_ref()?.try_clone().ok()
     }
 }
 
-/// Returns true if the host has closed its end.
 fn is_gone(host: &TcpStream) -> bool {
     match host.peek(&mut [0]) {
         Ok(count) => count == 0,

@@ -39,9 +39,8 @@ pub struct BoardSettings {
     /// Determines noise, light, temperature and faults.
     pub seed: u64,
     pub unit_seed: u64,
-    /// Factor on all random noise.
     pub noise_scale: f64,
-    /// The faults of the radio in both directions.
+    /// In both directions.
     pub faults: Faults,
     /// Rising edges at the sync input, s after the board's start.
     pub sync_s: Vec<f64>,
@@ -63,10 +62,6 @@ pub struct SimulatedBoard {
 }
 
 impl SimulatedBoard {
-    /// Starts a board on a pty.
-    ///
-    /// # Errors
-    /// [`SimulationError`].
     #[cfg(unix)]
     pub fn start(settings: BoardSettings) -> Result<Self, SimulationError> {
         let no_pty = |error| SimulationError(format!("cannot make a pty: {error}"));
@@ -74,9 +69,6 @@ impl SimulatedBoard {
     }
 
     /// Starts a board on TCP, for one host at a time.
-    ///
-    /// # Errors
-    /// [`SimulationError`].
     pub fn listen(settings: BoardSettings, at: SocketAddr) -> Result<Self, SimulationError> {
         let no_socket = |error| SimulationError(format!("cannot listen at {at}: {error}"));
         Self::on(settings, |radios| SerialLine::listen(at, radios).map_err(no_socket))
@@ -112,13 +104,13 @@ impl SimulatedBoard {
         &self.port
     }
 
-    /// Counts of packets to the host, and to the board.
+    /// To the host, and to the board.
     pub fn books(&self) -> [Books; 2] {
         self.radios.each_ref().map(|radio| lock(radio).books())
     }
 }
 
-/// The serial number of an instrument; 1 for the shipped data.
+/// The shipped data has 1.
 fn serial(unit_seed: u64) -> [u8; 12] {
     let mut serial = *b"simulated   ";
     if unit_seed != 1 {

@@ -6,12 +6,11 @@ use super::gait::smooth_step;
 use shell_data::random::RandomStream;
 use shell_data::wrench::{PerAxis, cross};
 
-/// A channel of beams and the size of its forces.
 #[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 pub struct ChannelForces {
     /// Name in manifests: the largest deflection of the beams.
     pub name: &'static str,
-    /// Mean drag while the robot is in the channel, N.
+    /// Mean in the channel.
     pub drag_n: f64,
     /// Mean lift, N; negative presses the robot down.
     pub lift_n: f64,
@@ -67,8 +66,8 @@ impl Wave {
 
 /// Distance between beams along the channel, m (paper, §IV-A).
 const BEAM_PITCH_M: f64 = 0.025;
-/// Amplitude of the oscillation that the legs excite, N, at once and twice the stride frequency:
-/// the order of the real recordings.
+/// Amplitude that the legs excite, N, at once and twice the stride frequency, as in real
+/// recordings.
 const SHAKING_N: [[f64; 2]; 3] = [[0.10, 0.05], [0.12, 0.06], [0.15, 0.08]];
 /// Point of pressure relative to the sensor's origin: ahead and above, m.
 const CONTACT_M: [f64; 3] = [0.02, 0.0, 0.02];
@@ -107,8 +106,7 @@ impl BeamContact {
         Self { condition, window_s, entering, beams, legs }
     }
 
-    /// Returns the wrench, N and N·m, with the right leg at `leg_rad`, running at a share `running`
-    /// of full speed.
+    /// Returns the wrench, N and N·m; `running` is the share of full speed.
     pub(super) fn wrench_at(&self, time_s: f64, leg_rad: f64, running: f64) -> PerAxis<f64> {
         let sway: f64 = self.beams.iter().map(|wave| wave.at(time_s)).sum();
         let level = self.profile(time_s) * (1.0 + sway);

@@ -14,7 +14,7 @@ use std::f64::consts::{PI, TAU};
 
 use shell_data::random::RandomStream;
 
-/// Time from standstill to full speed, s.
+/// From standstill to full speed.
 const SPIN_UP_S: f64 = 0.06;
 /// Amplitude of a leg's deviation twice a turn, rad.
 const AHEAD_RAD: f64 = 0.06;
@@ -50,7 +50,6 @@ impl LegSide {
 }
 
 impl Gait {
-    /// Creates legs that start at `start_s` and may stall; `random` determines their deviations.
     pub(super) fn new(
         stride_hz: f64,
         start_s: f64,
@@ -90,8 +89,8 @@ impl Gait {
         self.stall_s.is_some_and(|[from, to]| (from..to).contains(&time_s))
     }
 
-    /// Returns the time at which a leg first reaches `angle_rad`, s, to a nanosecond; `None` if it
-    /// does so after `end_s` or before the start.
+    /// Returns the time of reaching `angle_rad`, to a nanosecond, if it is between start and
+    /// `end_s`.
     pub(crate) fn time_of(&self, side: LegSide, angle_rad: f64, end_s: f64) -> Option<f64> {
         let (mut low, mut high) = (self.start_s, end_s);
         let reached = |time_s: f64| self.angle_rad(side, time_s) >= angle_rad;

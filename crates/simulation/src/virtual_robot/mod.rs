@@ -1,5 +1,4 @@
-//! A robot with the shell on its back runs through a channel: its telemetry, and the truth of every
-//! result.
+//! A robot with the shell runs through a channel: its telemetry, and the truth of every result.
 //!
 //! ```text
 //! Gait ── leg angles ──► encoder counts          Truth: integrals of the same functions,
@@ -44,17 +43,16 @@ use shell_data::wrench::PerAxis;
 const ROW_S: f64 = 1001e-6;
 const FIRST_S: f64 = 302e-6;
 const FRAME_S: f64 = 0.01;
-/// Time from the start of the legs to the channel, and from the channel to the end of the log, s.
+/// From the start of the legs to the channel, and from the channel to the end of the log.
 const APPROACH_S: [f64; 2] = [1.0, 1.3];
 const AFTERWARDS_S: f64 = 0.8;
 const STALL_S: f64 = 0.4;
 
-// The constants of the VelociRoACH and of the lab's telemetry are repeated here, so that an error
-// in the robot profile that processes the trials shows as a difference.
+// Constants of the VelociRoACH and of the lab's telemetry, repeated so that an error in the robot
+// profile that processes the trials shows.
 
 /// Standard gravity, m/s² (3rd CGPM, 1901).
 const GRAVITY: f64 = 9.806_65;
-/// Encoder counts per turn.
 const TURN: i64 = 1 << 16;
 const RAD_PER_COUNT: f64 = TAU / TURN as f64;
 
@@ -79,13 +77,11 @@ pub struct TrialSettings {
     pub unit_seed: u64,
     pub condition: ChannelForces,
     pub stride_hz: f64,
-    /// Time that the robot stands before it starts, s.
     pub lead_in_s: f64,
     pub noise_scale: f64,
     /// Noise of the encoders, counts (standard deviation).
     pub encoder_noise: f64,
     pub counter: Counter,
-    /// Share of missing rows.
     pub missing: f64,
     pub stall: bool,
     pub reversed: bool,
@@ -135,20 +131,15 @@ pub struct VirtualTrial {
     contact: BeamContact,
     drive: Drive,
     sensor: SensorModel,
-    /// First and last contact with the beams, s on the robot's clock.
+    /// Contact with the beams, on the robot's clock.
     pub window_s: [f64; 2],
-    /// Times of the rows, s, including missing ones.
+    /// Includes missing rows.
     pub times_s: Vec<f64>,
     first_count: i64,
-    /// Time of the sensor's first frame, s.
     frame_delay_s: f64,
 }
 
 impl VirtualTrial {
-    /// Sets up a trial.
-    ///
-    /// # Errors
-    /// [`SimulationError`] if the settings are invalid.
     pub fn new(settings: TrialSettings) -> Result<Self, SimulationError> {
         check(&settings)?;
         let mut unit = SensorParameters::noisy_unit(settings.unit_seed, settings.noise_scale)?;
@@ -174,8 +165,7 @@ impl VirtualTrial {
         let times_s: Vec<f64> = (0..rows).map(|row| to_us(FIRST_S + row as f64 * ROW_S)).collect();
         let mut controller = RandomStream::new(seed, Purpose::Controller, 0);
         let drive = Drive::new(&gait, lead_in_s, &times_s, &mut controller);
-        // Whole turns, as the encoder's zero is a position of the leg: about two seconds of
-        // running.
+        // Whole turns, as the encoder's zero is a position of the leg: about two seconds.
         let span = TURN * (2.0 * stride_hz) as i64;
         let first_count = match settings.counter {
             Counter::Long => 762 * TURN,
@@ -196,13 +186,12 @@ impl VirtualTrial {
         })
     }
 
-    /// The wrench on the shell, N and N·m.
     pub fn wrench_at(&self, time_s: f64) -> PerAxis<f64> {
         let leg_rad = self.gait.angle_rad(LegSide::Right, time_s);
         self.contact.wrench_at(time_s, leg_rad, self.gait.share(time_s))
     }
 
-    /// The sensor's frames with their times, s on the robot's clock.
+    /// Returns the sensor's frames with times on the robot's clock, s.
     pub fn frames(&self) -> impl Iterator<Item = (f64, SimulatedFrame)> {
         let mut sensor = self.sensor.clone();
         let end_s = self.times_s[self.times_s.len() - 1];

@@ -21,8 +21,7 @@ const ENCODER_STEP: f64 = 4.0;
 /// Noise of back EMF and battery, counts (standard deviations), as in the real log.
 const BACK_EMF_NOISE: f64 = 12.0;
 const BATTERY_NOISE: f64 = 3.0;
-/// Angular rate, °/s, and acceleration, m/s²: amplitude at stride frequency and noise, of the order
-/// of the real log.
+/// Gyro, °/s, and acceleration, m/s²: amplitude at stride frequency and noise, as in the real log.
 const GYRO_DEG_S: [f64; 2] = [100.0, 60.0];
 const ACCELERATION_M_S2: [f64; 2] = [4.0, 5.0];
 
@@ -33,8 +32,7 @@ impl VirtualTrial {
         let mut noise = RandomStream::new(seed, Purpose::Telemetry, 0);
         let mut losses = RandomStream::new(seed, Purpose::Losses, 0);
         let mut frames = self.frames().peekable();
-        // Before its first frame the sensor repeats its previous reading, which differs only by
-        // noise.
+        // Before its first frame the sensor repeats its previous reading, equal but for noise.
         let mut readings = frames.peek().map(|(_, frame)| frame.readings).unwrap_or_default();
         self.times_s.iter().enumerate().filter_map(move |(row, &time_s)| {
             while let Some((_, frame)) = frames.next_if(|&(at_s, _)| at_s <= time_s) {
@@ -48,7 +46,7 @@ impl VirtualTrial {
         })
     }
 
-    /// The columns of the robot; those of the sensor are zero.
+    /// Fills the robot's columns; the sensor's stay zero.
     fn telemetry(&self, row: usize, time_s: f64, noise: &mut RandomStream) -> TelemetryRow {
         let mut values = TelemetryRow::default();
         let scale = self.settings.noise_scale;
@@ -91,8 +89,7 @@ impl VirtualTrial {
         }
     }
 
-    /// Returns the times at which the right encoder's count, without noise, passes whole turns, s,
-    /// in order.
+    /// Returns the times at which the right encoder's noiseless count passes whole turns, in order.
     pub fn turns_s(&self) -> Vec<f64> {
         let end_s = self.times_s[self.times_s.len() - 1];
         let first = self.first_count;
