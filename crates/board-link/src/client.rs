@@ -64,7 +64,7 @@ impl<P: Read + Write> Client<P> {
         Self { port, name, uplink, downlink, number, board: None, serials: Vec::new() }
     }
 
-    /// Sends a command repeatedly until its response arrives.
+    /// Sends a command repeatedly until its answer arrives.
     ///
     /// A command that must name its board goes to the board that answers [`Command::Identify`],
     /// unless a board was chosen.
@@ -98,7 +98,7 @@ impl<P: Read + Write> Client<P> {
     fn wait(&mut self, time: Duration, silent: &mut bool) -> Result<Option<Answer>, LinkError> {
         let deadline = Instant::now() + time;
         let mut buffer = [0; 1024];
-        // Read at least once: the response may have arrived while this process was suspended.
+        // Read at least once: the answer may have arrived while this process was suspended.
         loop {
             let count =
                 read_port(&mut self.port, &mut buffer).map_err(|error| self.lost(&error))?;
@@ -135,7 +135,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Sends a command whose response carries no data; fails like [`ask`](Self::ask).
+    /// Sends a command whose answer carries no data; fails like [`ask`](Self::ask).
     pub fn order(&mut self, command: Command) -> Result<(), LinkError> {
         match self.ask(command)? {
             Answer::Done => Ok(()),
@@ -146,12 +146,12 @@ impl<P: Read + Write> Client<P> {
     /// Returns the board's identity.
     ///
     /// # Errors
-    /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one board responds.
+    /// As [`ask`](Self::ask); [`LinkError::SeveralBoards`] if more than one board answers.
     pub fn identify(&mut self) -> Result<Identity, LinkError> {
         let Answer::Identity(identity) = self.ask(Command::Identify)? else {
             return Err(LinkError::WrongAnswer(Command::Identify));
         };
-        // Other boards may respond a little later.
+        // Other boards may answer a little later.
         let heard = std::mem::take(&mut self.serials);
         let deadline = Instant::now() + OTHERS;
         while let Some(rest) = deadline.checked_duration_since(Instant::now()) {
@@ -221,7 +221,7 @@ impl<P: Read + Write> Client<P> {
             let offset = (i * MAX_PIECE) as u16;
             self.order(Command::CalibrationPiece { offset, data })?;
         }
-        // A commit whose response was lost can be repeated; the status shows the result.
+        // A commit whose answer was lost can be repeated; the status shows the result.
         self.order(Command::CommitCalibration)?;
         let found = self.status()?.calibration_crc32;
         match found == sent {

@@ -54,7 +54,7 @@ pub struct Handshake {
     /// State of the board before its stream was started.
     pub status: Option<Status>,
     pub last_words: Option<String>,
-    /// The error of a query without a response.
+    /// The error of a query without an answer.
     pub trouble: Option<LinkError>,
     /// A recorded part of the stream; `None` if the handshake ended before it.
     pub stream: Option<Result<Stretch, RecordError>>,
@@ -136,7 +136,7 @@ fn listen(options: &HandshakeOptions) -> Result<Heard, LinkError> {
         let others = Framing::ALL.into_iter().filter(|&framing| framing != asked_in);
         for framing in [asked_in].into_iter().chain(others) {
             let uplink = Uplink { framing, ..options.uplink };
-            // A failed write shows below, as a missing response.
+            // A failed write shows below, as a missing answer.
             let _ = port.write_all(&uplink.encode(options.number, None, Command::Identify));
             collect(&mut *port, &mut bytes)
                 .map_err(|error| LinkError::lost(&options.port.port, &error))?;
@@ -160,7 +160,7 @@ fn collect(port: &mut dyn Connection, bytes: &mut Vec<u8>) -> std::io::Result<()
     while Instant::now() < until && bytes.len() < ENOUGH {
         let count = read_port(port, &mut buffer)?;
         bytes.extend_from_slice(&buffer[..count]);
-        // A response usually arrives at once.
+        // An answer usually arrives at once.
         if count > 0 && bytes.len() > 64 && detect(bytes).is_some() {
             break;
         }

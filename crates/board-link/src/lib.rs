@@ -2,7 +2,7 @@
 //!
 //! [`record()`] reads bytes from a [`Source`] (a port, or a file of raw bytes) into a log, through
 //! a [`Recorder`], which needs neither port nor clock, and [`crate::recording`]. [`Client`] sends
-//! commands and waits for the board's responses. Ports are opened for exclusive use, so only one of
+//! commands and waits for the board's answers. Ports are opened for exclusive use, so only one of
 //! the two can have a port at a time.
 
 #![allow(clippy::disallowed_methods, clippy::disallowed_types, reason = "opens ports, keeps time")]
@@ -53,7 +53,7 @@ pub enum LinkError {
     Lost { port: String, reason: String },
     #[error("cannot read `{path}`: {reason}")]
     Replay { path: String, reason: String },
-    /// A command had no response in all attempts; if `silent`, not a single byte arrived.
+    /// A command had no answer in all attempts; if `silent`, not a single byte arrived.
     #[error(
         "no answer to `{}` on `{port}` ({} attempts, {} ms each{})",
         client::name_of(command), client::ATTEMPTS, client::WAIT.as_millis(), if *silent { ", not a byte" } else { "" }

@@ -104,7 +104,7 @@ impl PortOptions {
     }
 }
 
-/// Connects to the first of a host's addresses that responds.
+/// Connects to the first of a host's addresses that answers.
 fn connect(address: &str) -> Result<TcpStream, String> {
     let named = |error: std::io::Error| format!("{error}; a board over TCP is `tcp://HOST:PORT`");
     let mut reason = "the host has no address".to_owned();
