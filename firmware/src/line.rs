@@ -42,6 +42,7 @@ impl LineState {
     pub(crate) fn take(&mut self) -> Option<Change> {
         let change = self.wanted.take()?;
         if let (Change::Rate(rate), Some(old)) = (change, self.rate) {
+            // Restoring the previous rate needs no trial.
             let is_back = self.trial.take().is_some_and(|trial| trial.back_to == rate);
             let is_new = rate != old && !is_back;
             self.trial = is_new.then_some(RateTrial { back_to: old, end_us: None });
