@@ -1,5 +1,5 @@
-//! Rows in memory: however they are packed and however many threads work on them, a fit is the same, and it takes
-//! no more memory than its rows.
+//! A fit is the same for any packing of rows and any number of threads, and takes no more memory
+//! than its rows.
 
 use std::fs;
 use std::io::Write;
@@ -16,7 +16,7 @@ use system_tests::program;
 
 const NO_GROUPS: &str = "--layout peer";
 
-/// The calibration and the messages of a fit.
+/// Returns calibration and messages of a fit.
 fn fitted(dir: &Path, arguments: &str) -> (String, String) {
     let said = program::run(dir, &format!("fit --model cubic {arguments} --output cal.json"), 0);
     (fs::read_to_string(dir.join("cal.json")).unwrap(), said)

@@ -1,4 +1,4 @@
-//! The readers on the real recordings, where this machine has them.
+//! The readers on the real recordings.
 
 use log_file::{Log, LogError, LogFormat, Mapping, ReadOptions, ReadSummary, Wanted};
 use shell_data::block::Block;

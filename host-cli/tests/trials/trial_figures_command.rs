@@ -1,4 +1,4 @@
-//! `synth trial`, `trial --find-window`, `plot`, `report` and `batch --figures` as a user runs them.
+//! `synth trial`, `trial --find-window`, `plot`, `report` and `batch --figures`.
 use std::fs;
 use std::path::Path;
 use std::process::Output;
@@ -12,7 +12,6 @@ fn shellcal(folder: &Path, arguments: &[&str]) -> Output {
     program::command(folder).args(arguments).output().unwrap()
 }
 
-/// Runs a command that must end with this exit code; returns its output and messages.
 fn run(folder: &Path, arguments: &[&str], code: i32) -> (String, String) {
     let output = shellcal(folder, arguments);
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -26,7 +25,7 @@ fn json(folder: &Path, arguments: &[&str]) -> Value {
     serde_json::from_str(&printed).unwrap()
 }
 
-/// A calibration of the unit that trials are made with, and two trials of each condition.
+/// A calibration of the trials' unit, and two trials of each condition.
 fn set() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path();
@@ -126,7 +125,6 @@ fn a_window_is_proposed_drawn_or_refused() {
     for time in [enter, exit] {
         assert!(svg.contains(&format!(">{:.3} s<", time.as_f64().unwrap())), "{time}");
     }
-    // `auto` in a manifest is the same.
     fs::write(
         path.join("auto.csv"),
         "file,condition,t_enter_s,t_exit_s\nset/3cm-1.txt,3 cm,auto,auto\n",
@@ -199,7 +197,6 @@ fn every_kind_of_figure_is_drawn_as_svg_and_png() {
 fn a_batch_draws_all_of_its_figures() {
     let folder = set();
     let path = folder.path();
-    // One bad trial more: the others are drawn.
     let manifest = fs::read_to_string(path.join("set/manifest.csv")).unwrap();
     fs::write(path.join("set/manifest.csv"), manifest + "gone.txt,free,1,2\n").unwrap();
     let with = |more: &[&'static str]| {
@@ -215,8 +212,8 @@ fn a_batch_draws_all_of_its_figures() {
     for name in ["boxes.svg", "phase.svg", "3cm-2.11.drag.svg", "3cm-2.11.telemetry.svg"] {
         assert!(names.iter().any(|found| found == name), "{name} in {names:?}");
     }
-    // Traces cover the windows, though figures show the whole log. They differ by the rounding of a filter
-    // that starts elsewhere, some 1e-15 N.
+    // Traces cover the windows, though figures show the whole log. They differ by the rounding of a
+    // filter that starts elsewhere, some 1e-15 N.
     run(path, &with(&["--traces", "alone"]), 1);
     for name in ["free-1.2.csv", "3cm-2.11.csv"] {
         let read = |folder: &str| -> Vec<Vec<f64>> {
@@ -292,11 +289,10 @@ fn a_real_trial_is_drawn_and_its_unclear_window_refused() {
     fs::write(path.join("manifest.csv"), manifest).unwrap();
     run(path, &[&["report", "manifest.csv"], &with[..]].concat(), 0);
     let html = fs::read_to_string(path.join("report.html")).unwrap();
-    // Rows are missing, and repeated rows are reported.
     assert!(html.contains("rows are missing") && html.contains("duplicates of the previous frame"));
 }
 
-/// 89 and 183 mm, in each format by what that says of its size.
+/// 89 and 183 mm, by each format's statement of its size.
 #[test]
 fn figures_are_as_wide_as_the_columns_of_a_paper() {
     let dir = tempfile::tempdir().unwrap();
@@ -327,7 +323,7 @@ fn figures_are_as_wide_as_the_columns_of_a_paper() {
             let svg = fs::read_to_string(dir.join(format!("{name}.svg"))).unwrap();
             let head = svg.lines().next().unwrap();
             assert!(head.contains(&format!(" width=\"{width_mm}mm\"")), "{name}: {head}");
-            // Letters are text, in letters as large as they are drawn.
+            // Letters are text, as large as they are drawn.
             assert!(svg.contains("<text "), "{name}");
         }
         // 72 points to the inch; written to a hundredth.

@@ -1,4 +1,4 @@
-//! Trials of robots that are not the paper's: their profiles, and where their power comes from.
+//! Trials of other robots: their profiles, and the sources of their power.
 
 use std::fs;
 use std::path::Path;

@@ -1,6 +1,5 @@
-//! Least-squares problems whose exact answers are known, put to every method.
-//!
-//! See `README.md` for where the problems come from and how the answers are had.
+//! Least-squares problems with known exact answers, solved by every method. See `README.md` for
+//! their origin and the answers.
 
 mod exact;
 mod families;
