@@ -1,5 +1,4 @@
-//! A part of a tip's path on which all functions are smooth and the body only moves forward, and
-//! the root of `s(z) = s` on it.
+//! A smooth part of a tip's path on which the body moves forward, and the root of `s(z) = s` on it.
 //!
 //! As a function of the travel `s`, `z` has two branch points: at a release, where `ds/dz` is zero,
 //! and a little before the first touch, at `s = −α²/4β`, the zero of the derivative of `s ≈ α·z +
@@ -113,8 +112,7 @@ impl Arc {
         contact
     }
 
-    /// Computes [`Self::locate`] for several contacts, whose steps run in parallel, with the same
-    /// bits.
+    /// Computes [`Self::locate`] for several contacts, with steps in parallel and the same bits.
     #[inline]
     pub(crate) fn locate_all<const N: usize>(
         arcs: [&Self; N],

@@ -17,8 +17,7 @@ pub(crate) struct Bending {
     pub(crate) landmarks: [f64; 3],
     /// In the order of `z`; the last one may be repeated.
     pub(crate) pieces: [Piece; PIECES],
-    /// True if the beam's face comes to lie against the body, and only contact at the tip is
-    /// modelled.
+    /// True if the beam's face comes to lie against the body, but only the tip is modelled.
     pub(crate) lies_against_body: bool,
 }
 
@@ -28,8 +27,7 @@ pub(crate) struct Piece {
     pub(crate) end: f64,
     /// Forward reach of the contact over `z`, m.
     pub(crate) reach: Series,
-    /// Factor of normal and tangent (of the length in a [`Contact`](crate::Contact)) over `z`, in
-    /// `EI/L²`.
+    /// Factor of normal and tangent, as long as in a [`Contact`](crate::Contact), in `EI/L²`.
     pub(crate) push: Series,
 }
 

@@ -1,5 +1,4 @@
-//! A beam that is clamped at its base and bends along its length: Euler's elastica, pushed at tip
-//! or face.
+//! A beam clamped at its base that bends along its length: Euler's elastica, pushed at tip or face.
 //!
 //! The force `P` acts at the friction angle to the body's normal. With the angle `χ` from the
 //! reversed force to the beam and the length `s` along it, `EI·χ'' = −P·sin χ`, a pendulum: from
@@ -19,8 +18,7 @@
 //! L` along it, and is straight beyond. Its turn is then known, `x` and `y` follow in units of `σ`,
 //! and `σ` from `y`: no root is searched for.
 //!
-//! A table holds forward reach and force as functions of `z`, smooth between the changes from tip
-//! to face and back.
+//! A table holds reach and force as functions of `z`, smooth between changes of tip and face.
 
 use core::f64::consts::PI;
 
@@ -53,8 +51,7 @@ pub(crate) enum Failure {
 }
 
 impl Bending {
-    /// Computes the table of a path, with contact at the face if `with_face`, or why it locks or
-    /// flattens.
+    /// Computes the table of a path, with contact at the face if `with_face`; may lock or flatten.
     pub(crate) fn new(path: &Path, friction: f64, with_face: bool) -> Result<Self, Failure> {
         let place = |i: usize| path.last() * i as f64 / PLACES as f64;
         let at = |z: f64| bent(path, friction, with_face, z);
@@ -183,7 +180,7 @@ struct Tip {
     root_of_force: f64,
 }
 
-/// Returns the tip of a beam turned by `χ_L − χ₀`, twice `half_turn`, under a force at `χ₀` to the
+/// Returns the tip of a beam turned by `χ_L − χ₀`, twice `half_turn`; the force is at `χ₀` to the
 /// clamp.
 fn tip(clamp: f64, half_turn: f64) -> Tip {
     let (low, low_cos) = (sin(0.5 * clamp), cos(0.5 * clamp));

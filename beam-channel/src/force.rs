@@ -70,10 +70,8 @@ impl Law {
             }
     }
 
-    /// Returns a value with the sign of `d drag/d travel` and its size, N/m, on the arc of
-    /// `contact`.
-    ///
-    /// With `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, and `dΔθ/dτ = ±out/r`, `ds/dτ =
+    /// Returns a value with the sign and size of `d drag/d travel`, N/m, on the arc of `contact`,
+    /// from `drag = (k_t/L)·Δθ·n/N`, `n = out + μ·back`, `dΔθ/dτ = ±out/r` and `ds/dτ =
     /// steepness/r`.
     pub(crate) fn drag_slope(&self, path: &Path, contact: &Contact) -> f64 {
         let Contact { rise, reach_m: reach, sin, cos, back, out, steepness, .. } = *contact;
@@ -130,8 +128,7 @@ impl Law {
         }
     }
 
-    /// Returns true if the tip slides: friction locks it without a component of normal and tangent
-    /// across the bar.
+    /// Returns true if the tip slides; without a force across the bar, friction locks it.
     pub(crate) fn slides(&self, path: &Path, contact: &Contact) -> bool {
         self.across(path, contact) > 0.5 * LEAST_FRICTION * sqrt(self.square(contact))
     }

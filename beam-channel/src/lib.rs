@@ -25,11 +25,10 @@
 //!
 //! Let `φ` be the position of a beam's tip on the ellipse, and `φ_e` the position of the first
 //! touch. With `sin((φ − φ_e)/2) = z²` all functions are algebraic in `z`, free of cancellation,
-//! and smooth at the first touch, where they are not smooth in `φ`. The body's travel since it
-//! touched the beam, `s(z)`, rises with `z` until the beam slips off. A contact is therefore one
-//! root of `s(z) = s`, found by a bracketed Newton iteration ([`Side`]). The beams in contact are a
-//! known range of indices. Integrals over the body's path are integrals over `z`
-//! ([`Model::energy`]).
+//! and smooth at the first touch, unlike in `φ`. The body's travel since it touched the beam,
+//! `s(z)`, rises with `z` until the beam slips off. A contact is therefore one root of `s(z) = s`,
+//! found by a bracketed Newton iteration ([`Side`]). The beams in contact are a known range of
+//! indices. Integrals over the body's path are integrals over `z` ([`Model::energy`]).
 //!
 //! The crate allocates no memory and needs no standard library. With the functions of `libm`,
 //! results have the same bits on every machine.

@@ -94,8 +94,7 @@ impl Model {
         self.side(wall).map_or(0..0, |side| side.touching(x_m, channel.beams, channel.pitch_m))
     }
 
-    /// Returns index, contact and force of a wall's beams that touch a body whose middle is at
-    /// `x_m`.
+    /// Returns index, contact and force of beams that touch a body whose middle is at `x_m`.
     pub fn beams(
         &self,
         wall: Wall,
@@ -111,8 +110,7 @@ impl Model {
 
     /// Returns the total force on a body whose middle is at `x_m`, m past the first beam.
     ///
-    /// The cost is proportional to the number of beams in contact, of one wall if the body runs in
-    /// the middle.
+    /// The cost is that of the beams in contact, of one wall if the body runs in the middle.
     pub fn total(&self, x_m: f64) -> Total {
         let mut total = Total::default();
         self.add_wall(&mut total, Wall::Left, x_m);
@@ -144,8 +142,7 @@ impl Model {
         }
     }
 
-    /// Returns the position of the body's middle at the first touch and at the last release, m;
-    /// `None` without a touch.
+    /// Returns the position of the body's middle at the first touch and at the last release, m.
     pub fn extent_m(&self) -> Option<[f64; 2]> {
         let last = self.base_m(self.setup.channel.beams - 1);
         let ends = self.solved().map(|side| [-side.engagement_m, last - side.release_m()]);
@@ -180,8 +177,7 @@ mod tests {
                 let deflection = model.law.force(&side.path, &end, Wall::Left).deflection_rad;
                 let energy = 0.5 * setup.beam.torsional_stiffness() * deflection * deflection;
                 let work = model.passage(side);
-                // The travel is stationary at the release, so the angle is known to half the
-                // digits.
+                // The travel is stationary at the release: the angle has half the digits.
                 assert!((work / energy - 1.0).abs() < 1e-7, "{width_m} {yaw_rad}: {work} {energy}");
             }
         }

@@ -48,8 +48,7 @@ const BREAKS: usize = 12;
 const SAMPLES: u32 = 16;
 
 impl Model {
-    /// Returns the plateau of the drag; `None` without a touch, or if the channel is shorter than
-    /// the body.
+    /// Returns the plateau of the drag; `None` without a touch or in a channel that is too short.
     pub fn plateau(&self) -> Option<BeamPlateau> {
         let channel = &self.setup().channel;
         let last = self.base_m(channel.beams - 1);
@@ -116,7 +115,7 @@ impl Smooth<'_> {
         0.5 * (self.from + self.to)
     }
 
-    /// Sums `of` over the beams in contact in the middle, in an endless channel, each on its arc
+    /// Sums `of` over the beams in contact in the middle of an endless channel, on their arcs
     /// there.
     fn sum(&self, x: f64, of: impl Fn(&Law, &Path, &Contact) -> f64) -> f64 {
         let (law, pitch) = (&self.model.law, self.model.setup().channel.pitch_m);
@@ -133,8 +132,7 @@ impl Smooth<'_> {
         self.model.solved().map(of_side).sum()
     }
 
-    /// Returns the first beam in contact in the middle, which may be negative, and the number of
-    /// them.
+    /// Returns the first beam in contact in the middle, possibly negative, and their number.
     fn touching(&self, side: &Side) -> (f64, u32) {
         let pitch = self.model.setup().channel.pitch_m;
         let nose = self.middle() + side.engagement_m;

@@ -6,8 +6,7 @@
 use crate::arc::Arc;
 use crate::{Model, Side};
 
-/// Positive half of the Gauss–Legendre nodes and weights of order 20 on [−1, 1] (Abramowitz and
-/// Stegun, table 25.4).
+/// Gauss–Legendre nodes and weights of order 20, positive half (Abramowitz and Stegun, table 25.4).
 #[expect(clippy::excessive_precision, reason = "as the table has them")]
 const NODES: [(f64, f64); 10] = [
     (0.076_526_521_133_497_333_75, 0.152_753_387_130_725_850_70),
@@ -112,8 +111,8 @@ mod tests {
 
     #[test]
     fn the_rule_is_exact_for_polynomials_up_to_degree_39() {
-        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x. Twenty-one rounded terms
-        // of the same sign.
+        // ∫ (1 + x)ⁿ dx over [−1, 1] = 2ⁿ⁺¹/(n + 1), with all powers of x: 21 rounded terms of a
+        // sign.
         let rule = |n: i32| {
             let term = |x: f64| libm::pow(1.0 + x, f64::from(n));
             NODES.iter().map(|&(x, weight)| weight * (term(x) + term(-x))).sum::<f64>()

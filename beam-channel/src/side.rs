@@ -15,9 +15,9 @@ use crate::{Normal, Setup, SetupError, Wall};
 ///
 /// A beam touches from the moment the body reaches its tip until the ellipse, seen from the beam's
 /// base, falls away, at the maximum of the body's travel `s(z)`. On the way in, `s` may fall on one
-/// interval of `z` if the body reaches farther beyond the tips than the length of a beam (`d > L`)
-/// or is yawed. A tip cannot stay there and snaps across ([`snaps`](Self#structfield.snaps)). On
-/// the remaining arcs `s` rises.
+/// interval of `z` if the body reaches farther beyond the tips than a beam's length (`d > L`) or is
+/// yawed. A tip cannot stay there and snaps across ([`snaps`](Self#structfield.snaps)). Elsewhere
+/// `s` rises.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Side {
     pub(crate) path: Path,
@@ -26,8 +26,7 @@ pub struct Side {
     count: usize,
     /// True if tips snap across a part of the body where they cannot rest.
     pub snaps: bool,
-    /// Forward distance of a beam's base from the body's middle at the first touch, `u_e = x(τ_e)`,
-    /// m.
+    /// Distance of a beam's base ahead of the body's middle at the first touch, `u_e = x(τ_e)`, m.
     pub engagement_m: f64,
     /// Position of the first touch on the ellipse, `φ_e`, rad from the nose towards the wall.
     pub first_touch_rad: f64,
@@ -156,8 +155,7 @@ impl Side {
         self.arcs[self.count - 1].travel[1]
     }
 
-    /// Returns the forward distance of a beam's base from the body's middle at the release, `u_f`,
-    /// m; negative.
+    /// Distance of a beam's base ahead of the body's middle at the release, `u_f`, m; negative.
     pub fn release_m(&self) -> f64 {
         self.engagement_m - self.travel_m()
     }
@@ -184,8 +182,7 @@ impl Side {
         self.first_touch_rad + contact.turn()
     }
 
-    /// Returns the contact with a beam first touched `travel_m` ago; `None` outside touch and
-    /// release.
+    /// Returns the contact with a beam touched `travel_m` ago, between touch and release.
     pub fn contact_after(&self, travel_m: f64) -> Option<Contact> {
         let touches = travel_m >= 0.0 && travel_m <= self.travel_m();
         touches.then(|| self.arc_at(travel_m).locate(&self.path, travel_m))

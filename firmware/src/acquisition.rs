@@ -21,8 +21,8 @@ pub const FULL_SCALE: u16 = (1 << 12) - 1;
 
 /// Distance to full scale, in steps, within which a mean counts as clipped: some of its conversions
 /// may have been. With noise of 1.5 steps (an effective 9.6 bits; the data sheet promises more than
-/// ten), clipping makes any lower mean less than a tenth of a step too small: E max(0, x − 4095)
-/// for x normal about 4093.
+/// ten), any lower mean is less than a tenth of a step too small: E max(0, x − 4095) for x normal
+/// about 4093.
 const CLIPPED_STEPS: u16 = 2;
 
 /// Switching, starting and waking up, per channel.
@@ -42,8 +42,8 @@ pub struct Settings {
 impl Settings {
     /// Settings after a reset: 100 Hz, means of 8 conversions (one burst of the converter), 100 µs
     /// to settle. That is the longest response time in Sharp's data sheets of such
-    /// photointerrupters into 1 kΩ (GP1S560: 90 and 100 µs). A longer one lets more flicker through
-    /// (docs/board.md).
+    /// photointerrupters into 1 kΩ (GP1S560: 90 and 100 µs). A longer one lets more flicker
+    /// through.
     pub const DEFAULT: Self =
         Self { stream: Stream::Raw, period_us: 10_000, conversions: 8, settling_us: 100 };
 }
@@ -100,8 +100,8 @@ fn timing(start_us: u64, first_us: u64, last_us: u64) -> Timing {
     }
 }
 
-/// Returns mean lit code minus mean dark code in counts, rounded, or zero if negative; each sum has
-/// twice `conversions` codes.
+/// Returns mean lit minus mean dark code in counts, at least 0; sums have twice `conversions`
+/// codes.
 fn difference(dark: u32, lit: u32, conversions: u8) -> u16 {
     let conversions = 2 * u32::from(conversions);
     let counts = lit.saturating_sub(dark) * u32::from(COUNTS_PER_LSB);
@@ -114,8 +114,8 @@ fn is_saturated(dark: u32, lit: u32, conversions: u8) -> bool {
     dark.max(lit) >= u32::from(FULL_SCALE - CLIPPED_STEPS) * u32::from(conversions) || lit == 0
 }
 
-/// Lights one emitter and measures how much each channel rises, in converter steps. The emitters
-/// are off before and after.
+/// Lights one emitter and measures each channel's rise, in steps. Emitters are off before and
+/// after.
 pub async fn illuminate<F: FrontEnd>(
     front_end: &mut F,
     settings: &Settings,

@@ -1,5 +1,4 @@
-//! Baud rates of the serial line: the nominal rate in commands, and the rate that a divider
-//! produces.
+//! Baud rates of the serial line: the nominal rate in commands, and that of a divider.
 //!
 //! ```text
 //! rate = clock / divider    (RM0394, section 38.5.4, oversampling by 16)

@@ -9,16 +9,14 @@ pub trait FrontEnd {
     /// Lights the emitter of one channel and no other, or none.
     fn light(&mut self, channel: Option<usize>);
 
-    /// Returns the sum of `conversions` 12-bit conversions of a channel, at least one and at most
-    /// [`MAX_CONVERSIONS`](crate::acquisition::MAX_CONVERSIONS), back to back, the first
-    /// `settling_us` from now.
+    /// Returns the sum of back-to-back 12-bit conversions of a channel, from 1 to
+    /// [`MAX_CONVERSIONS`](crate::acquisition::MAX_CONVERSIONS), after `settling_us`.
     ///
     /// The sum is exact, so that converters that sum in hardware give the same readings.
     async fn sum(&mut self, settling_us: u16, channel: usize, conversions: u8) -> u32;
 
     /// Returns three sums of a channel: emitter off, on after `settling_us`, and off again after
-    /// the same time. No emitter is lit before and after. The default is for boards without
-    /// hardware for it.
+    /// the same time. No emitter is lit before and after. The default needs no hardware for it.
     async fn expose(&mut self, settling_us: u16, channel: usize, conversions: u8) -> [u32; 3] {
         let before = self.sum(0, channel, conversions).await;
         self.light(Some(channel));
@@ -58,8 +56,7 @@ pub trait Storage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StorageError;
 
-/// A rising edge at the sync input, by which another recorder's clock can be related to the
-/// board's.
+/// A rising edge at the sync input, which relates another recorder's clock to the board's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SeenEdge {
     /// In µs since the reset.
@@ -68,8 +65,7 @@ pub struct SeenEdge {
     pub missed: u16,
 }
 
-/// The rate of the serial line, and the bootloader in ROM; by default a fixed rate and no
-/// bootloader.
+/// Rate of the serial line, and bootloader in ROM; by default a fixed rate and none.
 pub trait Chip<W> {
     /// Sets the line's rate, after the last byte written has left.
     async fn set_baud(&mut self, _sender: &mut W, _rate: Baud) {}

@@ -4,8 +4,7 @@
 //! The core turns the frame into a sample, on request through the [`Converter`], executes commands,
 //! and puts samples and answers into the outbox. [`Station`] has the tasks.
 //!
-//! A board is a binary that implements the traits of [`board`]. There is no heap, and every queue
-//! is bounded.
+//! A board is a binary with the traits of [`board`]. There is no heap, and every queue is bounded.
 #![no_std]
 #![forbid(unsafe_code)]
 #![expect(async_fn_in_trait, reason = "one executor on one core: no future has to be Send")]

@@ -12,8 +12,7 @@ pub(crate) enum Change {
     Bootloader,
 }
 
-/// The rate of the line. A new rate at which nothing valid is heard is reverted: it must not cut
-/// off a board.
+/// The line's rate. A new one at which nothing valid is heard is reverted, lest it cut off a board.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct LineState {
     wanted: Option<Change>,

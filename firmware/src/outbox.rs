@@ -57,8 +57,7 @@ impl Outbox {
         self.push_now(Packet::Answer { number, answer });
     }
 
-    /// Queues a packet ahead of all samples, or loses it if the queue is full; the host then
-    /// repeats its request.
+    /// Queues a packet ahead of all samples. If it is full, the host will repeat its request.
     pub(crate) fn push_now(&mut self, packet: Packet) {
         _ = self.answers.push_back(packet.encode_from(self.origin));
     }

@@ -19,8 +19,7 @@ pub struct BoardSetup {
     pub has_bootloader: bool,
 }
 
-/// Share of the line for samples: answers need room, and the ends' clocks differ by up to about 2
-/// %.
+/// Share of the line for samples: answers need room, and the ends' clocks differ by some 2 %.
 const SHARE_PERCENT: u64 = 95;
 
 const MAX_PERIOD_US: u32 = 10_000_000;

@@ -6,8 +6,7 @@
 //! receive ── commands ─────────▶ └──────┘ ── changed ───▶ acquire ── alive ──▶ watch
 //! ```
 //!
-//! On a board, each is a task. They share the core, never borrowed across an await, and wake each
-//! other by signals.
+//! On a board, each is a task. They share the core, never borrowed across an await, and signals.
 
 use crate::acquisition::{acquire, illuminate};
 use crate::board::{Chip, Clock, FrontEnd, SeenEdge, Storage};
@@ -77,8 +76,7 @@ impl<'a, C: Clock> Station<'a, C> {
         let slot_us = self.core.borrow_mut().next_slot(now_us);
         let until_us = slot_us.unwrap_or(u64::MAX).min(now_us + ALIVE_US);
         if until_us > now_us {
-            // Pending changes come before the clock is read again, so that a first frame is at its
-            // slot.
+            // Changes come before the clock is read again, so that a first frame is at its slot.
             select(self.changed.wait(), self.clock.wait_until_us(until_us)).await;
         }
         // The slot may have moved during the wait, or be late by now.

@@ -50,8 +50,7 @@ impl Upload {
     /// Adds the next piece, or accepts one again whose answer may have been lost.
     ///
     /// # Errors
-    /// [`Refusal::WrongOffset`] if an earlier piece is missing; [`Refusal::WrongSize`] beyond the
-    /// size.
+    /// [`Refusal::WrongOffset`] without an earlier piece; [`Refusal::WrongSize`] beyond the size.
     pub(crate) fn piece(
         &mut self,
         offset: u16,

@@ -41,8 +41,7 @@ coded! {
         Zero { frames: u16 } = 0x0C,
         /// Requests the words before the last reset, from a byte on: [`Answer::LastWords`].
         LastWords { offset: u16 } = 0x0D,
-        /// Lights one emitter, from 0, and requests its effect on every channel:
-        /// [`Answer::SelfTest`].
+        /// Lights one emitter, from 0, and requests its effect on channels: [`Answer::SelfTest`].
         SelfTest { emitter: u8 } = 0x10,
         /// Sets a nominal baud rate after the answer. The board returns to the previous rate if it
         /// hears nothing valid at the new one.
@@ -54,8 +53,7 @@ coded! {
 }
 
 impl Command {
-    /// Returns true for commands that may be sent to all boards in range: queries, and starting or
-    /// stopping all streams.
+    /// Returns true for commands to all boards in range: queries, and starting or stopping streams.
     pub const fn is_for_all(&self) -> bool {
         matches!(
             self,
@@ -82,8 +80,7 @@ coded! {
         Status(status: Status) = 0x02,
         /// Refused; the state is unchanged.
         Refused(refusal: Refusal) = 0x03,
-        /// Length of the whole text, 0 if there is none, and its bytes from the offset on; no bytes
-        /// at the end.
+        /// Length of the whole text, perhaps 0, and its bytes from the offset on; none at the end.
         LastWords { len: u16, text: Piece } = 0x04,
         /// Rise of each channel under the emitter, in converter steps.
         SelfTest { emitter: u8, rise: [i16; CHANNELS] } = 0x06,

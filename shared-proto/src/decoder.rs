@@ -97,8 +97,7 @@ impl Decoder {
         self.keep(bytes);
     }
 
-    /// Appends to the partial frame. Only the end of one that is too long is kept: it may hold
-    /// another frame.
+    /// Appends to the partial frame. Too long, only its end is kept: it may hold another frame.
     fn keep(&mut self, bytes: &[u8]) {
         if !self.partial.try_extend(bytes) {
             let tail = &bytes[bytes.len().saturating_sub(MAX_FRAME)..];

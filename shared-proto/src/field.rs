@@ -1,5 +1,4 @@
-//! Fields of a packet in wire format (little-endian, without padding), and byte strings of bounded
-//! length.
+//! Fields of a packet in wire format (little-endian, no padding), and bounded byte strings.
 
 use core::ops::Deref;
 

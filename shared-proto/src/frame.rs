@@ -1,8 +1,7 @@
 //! Framing of packets: a mask that avoids certain bytes, and COBS with a zero delimiter.
 //!
 //! COBS (Cheshire and Baker, "Consistent Overhead Byte Stuffing", IEEE/ACM Transactions on
-//! Networking 7(2), 1999) removes a packet's zeros at the cost of one byte, so that a zero always
-//! ends a frame.
+//! Networking 7(2), 1999) removes a packet's zeros for one byte, so that a zero ends a frame.
 //!
 //! Escaped XBee API mode spends a second byte on each of four values. The first byte of a packet is
 //! a mask that is XORed into all other bytes except the CRC, so that the frame contains none of the
@@ -81,8 +80,7 @@ fn last_code(packet: &[u8], mask: u8) -> Option<u8> {
 
 fn cobs(packet: &[u8]) -> Frame {
     let mut frame = Frame::new();
-    // One block per zero, as if another followed. No block reaches the 254 bytes that would need
-    // one without a zero.
+    // One block per zero, as if another followed; none reaches the 254 bytes that need no zero.
     for block in packet.split(|&byte| byte == 0) {
         frame.push(block.len() as u8 + 1);
         frame.extend(block);

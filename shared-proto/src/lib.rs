@@ -2,7 +2,7 @@
 //!
 //! A [`Packet`] travels as a [`Frame`]: COBS with a zero delimiter. Over a transparent XBee the
 //! frames are the byte stream; in API mode they are the data of [`xbee`] frames. A [`Decoder`]
-//! turns bytes back into packets and counts damage. The README describes the layout byte by byte;
+//! turns bytes back into packets and counts damage. The README has the layout byte by byte;
 //! `tests/it/golden.rs` pins it.
 //!
 //! ```

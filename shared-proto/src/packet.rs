@@ -18,9 +18,9 @@ const VERSION_2: u8 = 2;
 /// that a calibration is valid for every oversampling.
 pub const COUNTS_PER_LSB: u16 = 16;
 
-/// CRC-16/M17, polynomial 0x5935: detects every error of up to four bits in up to 241 bits of content (P.
-/// Koopman, "Best CRC Polynomials", 16 bits, HD=5); a packet of readings has 240. The common 0x1021 detects
-/// up to three.
+/// CRC-16/M17, polynomial 0x5935: detects every error of up to four bits in up to 241 bits of
+/// content (P. Koopman, "Best CRC Polynomials", 16 bits, HD=5); a packet of readings has 240.
+/// 0x1021 detects three.
 static CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_M17);
 
 /// Kinds of packet, the lower four bits of the header. Unused values would make the header an
@@ -240,8 +240,7 @@ impl Sample {
 
 /// Times of a frame's readings, relative to the time of its sample.
 ///
-/// The converter reads one channel after the other. The time of a reading is the middle of its lit
-/// conversions.
+/// Channels are read one after the other, at the middle of their lit conversions.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Timing {
     /// From the start of the frame to the first channel's reading, in µs.

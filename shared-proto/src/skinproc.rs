@@ -3,8 +3,7 @@
 //! An answer is the letter of its mode, a payload length (255: more follows) and the payload. A
 //! scan is `E`, 20, eight little-endian 16-bit readings of a 12-bit converter and the time in µs,
 //! 32 bits, little-endian. Without delimiter, sequence number and checksum, a decoder can only
-//! check the letter and the length, that readings have twelve bits, and that another answer
-//! follows.
+//! check letter and length, the twelve bits of readings, and that another answer follows.
 
 use crate::CHANNELS;
 use crate::field::{Bytes, Reader};
@@ -184,8 +183,7 @@ mod tests {
             cut.remove(lost);
             let (scans, _) = decoded(&cut, 7);
             let expected: Vec<_> = [0, 1, 3, 4].map(scan).into();
-            // A byte lost next to an equal one leaves no trace within the scan; the neighbours are
-            // intact.
+            // A byte lost next to an equal one leaves no trace; the neighbours are intact.
             assert!(expected.iter().all(|scan| scans.contains(scan)), "{lost}");
         }
     }

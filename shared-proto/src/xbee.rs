@@ -47,8 +47,7 @@ pub enum ApiFrame<'a> {
     /// Data to the other side, at most [`MAX_PAYLOAD`] bytes: 0x00, 0x01 or 0x10, by address. The
     /// status repeats the id; 0 requests none.
     Transmit { id: u8, to: Address, payload: &'a [u8] },
-    /// Data from the other side: 0x80, 0x81 or 0x90, by address. `rssi` in −dBm is not known to
-    /// Zigbee.
+    /// Data from the other side: 0x80, 0x81 or 0x90, by address. Zigbee lacks `rssi`, in −dBm.
     Receive { from: Address, rssi: Option<u8>, payload: &'a [u8] },
 }
 
@@ -150,8 +149,7 @@ impl Address {
     }
 }
 
-/// Maximum bytes between length and checksum: a header of 14 bytes and a payload, with room for
-/// other kinds.
+/// Maximum bytes between length and checksum: 14 of header, a payload, and room for other kinds.
 const MAX_DATA: usize = 128;
 
 const MAX_RAW: usize = MAX_DATA + 4;

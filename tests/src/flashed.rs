@@ -1,8 +1,7 @@
 //! The flashed image on its microcontroller's model.
 //!
 //! The model is a Python program (`firmware/emulation`) that executes orders, one JSON object per
-//! line, and reports after each the bytes sent and the board's state. The same orders always give
-//! the same reports.
+//! line, and reports after each the bytes sent and the board's state, always the same.
 #![expect(clippy::unwrap_used, reason = "a test may panic and say why")]
 
 use std::collections::BTreeMap;
@@ -48,8 +47,7 @@ impl Model {
         Self { board, image: image.with_file_name(board), python }
     }
 
-    /// Returns the command without the destination of the serial line. A file in `dir` holds the
-    /// converter's codes.
+    /// Returns the command without the serial line's destination. A file in `dir` holds the codes.
     pub fn command(&self, played: &[PlayedFrame], dir: &Path) -> Command {
         let mut command = Command::new(&self.python);
         let program = Path::new(env!("CARGO_MANIFEST_DIR")).join("../firmware/emulation");
@@ -191,8 +189,7 @@ impl FlashedBoard {
         self.order(&json!({ "converter": false }));
     }
 
-    /// Cuts the power at a flash operation from now, whose effect is `nothing`, `some bits`,
-    /// `unreadable` or `complete`.
+    /// Cuts the power at a flash operation: `nothing`, `some bits`, `unreadable` or `complete`.
     pub fn cut_power(&mut self, operation: u64, outcome: &str) {
         self.order(&json!({ "cut": [operation, outcome] }));
     }

@@ -15,8 +15,7 @@ use shared_proto::{Framing, Packet};
 /// The reference solution of the beam channel, perhaps in a folder next to the real recordings.
 pub const REFERENCE_VALUES: &str = "../oracles/beam.json";
 
-/// Returns the file `name` of the real recordings in `SHELLCAL_REAL_DATA`, which the repository
-/// does not contain.
+/// Returns the file `name` of the real recordings in `SHELLCAL_REAL_DATA`.
 ///
 /// # Panics
 /// If the variable is not set, or the file does not exist.

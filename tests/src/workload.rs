@@ -63,8 +63,7 @@ pub fn everywhere() -> Vec<PlayedFrame> {
     (0..500).map(|frame| std::array::from_fn(|channel| codes(frame, channel as u32))).collect()
 }
 
-/// Readings of [`physics`] under loads up to twice the training loads, with errors of its reading
-/// variance.
+/// Readings of [`physics`] under up to twice the training loads, with errors of its variance.
 pub fn poses() -> Vec<PlayedFrame> {
     let Calibration::Physics(model) = physics() else { return Vec::new() };
     let mut random = Random(1);

@@ -115,8 +115,7 @@ impl Taken {
         Ok(taken)
     }
 
-    /// Prints the measurements; returns those that do not fit, and frames that cost far more than
-    /// before.
+    /// Prints the measurements; returns those that do not fit or cost far more than before.
     fn report(&self, board: Board, before: &Self, compiler: &str) -> Vec<String> {
         let [flash, ram, stack] = board.memory();
         let kib = |bytes: u64| format!("{:8.1} KiB", bytes as f64 / 1024.0);

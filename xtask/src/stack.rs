@@ -14,8 +14,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use anyhow::{Result, bail};
 use object::{Object, ObjectSection, ObjectSymbol, SectionKind};
 
-/// Depth of calls through pointers below a task: a waker (1), or formatting a panic's message into
-/// its sink (3).
+/// Calls through pointers below a task: a waker (1), or formatting a panic's message (3).
 const INDIRECT: usize = 3;
 
 /// Registers that the core saves for an interrupt, with the floating-point unit's and alignment.

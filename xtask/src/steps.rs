@@ -115,8 +115,7 @@ pub(crate) struct EndedJob {
     pub(crate) output: String,
 }
 
-/// Runs all jobs, `at_once` at a time, and those that `next` returns for one that ended. Prints the
-/// output of failed jobs.
+/// Runs all jobs, `at_once` at a time, and those from `next`. Prints the output of failed ones.
 pub(crate) fn run_side_by_side(
     jobs: Vec<Job>,
     at_once: usize,

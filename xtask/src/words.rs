@@ -112,8 +112,7 @@ fn code(text: &str) -> Findings {
     findings
 }
 
-/// Reads the string literal at the start of `code`, with continued lines; returns it and its
-/// length.
+/// Reads the string literal at the start of `code`, with continued lines, and its length.
 fn literal(code: &str) -> Option<(String, usize)> {
     let mut rest = code.strip_prefix('"')?;
     let mut text = String::new();

@@ -38,8 +38,7 @@ fn mean_drag_of_plates_is_that_of_shooting_and_of_a_physics_engine() {
         let plateau = Model::new(&plates(width_m, 0.53)).unwrap().plateau().unwrap();
         // The quadrature over 300 positions is good to 1e-4.
         assert!((plateau.mean_drag_n / shooting_n - 1.0).abs() < 5e-4, "{width_m}: {plateau:?}");
-        // Chains of 6 and 12 hinges give 0.813 and 0.869 N: with an error of the squared links,
-        // 0.888 N.
+        // With 6 and 12 hinges 0.813 and 0.869 N: an error by their square, and 0.888 N at last.
         assert!((plateau.mean_drag_n / engine_n - 1.0).abs() < 0.03, "{width_m}: {plateau:?}");
     }
     // The body reaches 3 cm past the tips of plates of 2.7 cm.
@@ -64,8 +63,7 @@ fn drag_of_plates_is_continuous_between_tip_and_face() {
     }
 }
 
-/// A beam that a frictionless body hardly touches is a cantilever: a force `P` moves its tip by
-/// `P·L³/3EI`.
+/// A beam that a frictionless body hardly touches is a cantilever: `P` moves its tip by `P·L³/3EI`.
 #[test]
 fn force_at_the_first_touch_equals_that_of_a_cantilever() {
     let setup = setup(0.06, 0.0);

@@ -14,8 +14,7 @@ const GEOMETRIES: u64 = 100_000;
 /// path; no position is that close.
 const TOLERANCE: f64 = 1e-12;
 
-/// A fixed number, each with its own random numbers, so that geometries do not depend on the
-/// machine.
+/// Each has its own random numbers, so that geometries do not depend on the machine.
 const THREADS: u64 = 4;
 
 struct Random(ChaCha8Rng);
@@ -66,9 +65,8 @@ fn tip(setup: &Setup, ahead_m: f64) -> Tip {
     }
 }
 
-/// Picks the intersection at which the tip lies: for an upright ellipse the one furthest forward,
-/// as in the paper. For a yawed one, which may come round to the tip from behind, the first beyond
-/// the first touch.
+/// Picks the tip's intersection: of an upright ellipse the one furthest forward, as in the paper;
+/// of a yawed one, which may come round from behind, the first beyond the first touch.
 fn pick(setup: &Setup, side: &Side, found: Vec<Intersection>) -> Option<f64> {
     let found = found.into_iter();
     let beyond = |at: &Intersection| (at.phi - side.first_touch_rad).rem_euclid(TAU);

@@ -100,8 +100,7 @@ impl LogSink for AppendWriter {
         &self.path
     }
 
-    /// Creates `log-2052.csv` next to `log.csv`, or `log-2052-2.csv` and so on if that exists: a
-    /// running recording cannot ask.
+    /// Creates `log-2052.csv` next to `log.csv`, or else `log-2052-2.csv`: a recording cannot ask.
     fn beside(&self, board: &str) -> Result<Box<dyn LogSink>, OutputError> {
         let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
         let dot = self.path.extension().map(|it| format!(".{}", it.to_string_lossy()));
@@ -115,8 +114,8 @@ impl LogSink for AppendWriter {
     }
 }
 
-/// Opens a file for appending, unless it exists and `overwrite` is not set; returns true for a
-/// regular file.
+/// Opens a file for appending, but keeps an existing one unless `overwrite` is set; returns true
+/// for a regular file.
 ///
 /// # Errors
 /// [`OutputError`] if the file cannot be created or its name has the extension of a binary table;

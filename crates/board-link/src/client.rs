@@ -66,8 +66,8 @@ impl<P: Read + Write> Client<P> {
 
     /// Sends a command repeatedly until its answer arrives.
     ///
-    /// A command that must name its board goes to the board that answers [`Command::Identify`],
-    /// unless a board was chosen.
+    /// Unless a board was chosen, a command for one goes to that which answers
+    /// [`Command::Identify`].
     ///
     /// # Errors
     /// [`LinkError`]: no answer, a refusal, another protocol version, or a lost port.
@@ -166,8 +166,7 @@ impl<P: Read + Write> Client<P> {
         }
     }
 
-    /// Returns the board's words before its last reset, or an empty string; fails like
-    /// [`ask`](Self::ask).
+    /// Returns the board's words before its last reset, or ""; fails like [`ask`](Self::ask).
     pub fn last_words(&mut self) -> Result<String, LinkError> {
         let mut words = Vec::new();
         loop {
@@ -183,8 +182,7 @@ impl<P: Read + Write> Client<P> {
         Ok(String::from_utf8_lossy(&words).into_owned())
     }
 
-    /// Returns the rise of each channel under an emitter, in converter steps; fails like
-    /// [`ask`](Self::ask).
+    /// Returns each channel's rise under an emitter, in steps; fails like [`ask`](Self::ask).
     pub fn self_test(&mut self, emitter: u8) -> Result<[i16; CHANNELS], LinkError> {
         let command = Command::SelfTest { emitter };
         match self.ask(command)? {

@@ -36,8 +36,7 @@ use shell_data::hint::Hint;
 
 /// Errors between a board and the host.
 ///
-/// System errors are stored as text: a lost board must not look like a closed output pipe, a normal
-/// end.
+/// System errors are text: a lost board must not look like a closed output pipe, a normal end.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum LinkError {
     #[error("there is no port `{0}`")]

@@ -13,8 +13,7 @@ use super::{Connection, LinkError, PortOptions};
 
 const RETRY: Duration = Duration::from_millis(500);
 
-/// Minimum interval between reads of a busy port. Waking for each frame at 1 kHz takes three times
-/// the processor time.
+/// Minimum interval between reads: waking for each frame at 1 kHz triples the processor time.
 const PACE: Duration = Duration::from_millis(3);
 
 #[derive(Debug)]
@@ -119,8 +118,7 @@ impl Source {
         }
     }
 
-    /// Sends bytes to the board, if there is one. The caller repeats commands, so errors do not
-    /// matter.
+    /// Sends bytes to the board, if any. The caller repeats commands, so errors do not matter.
     fn send(&mut self, bytes: &[u8]) {
         if let Input::Port(OpenPort { connection: Some(connection), .. }) = &mut self.input {
             let _ = connection.write_all(bytes);
@@ -156,8 +154,7 @@ impl OpenPort {
     }
 }
 
-/// Records until the source ends, the time is over or `stop` is set, and calls `observe` about
-/// twice a second.
+/// Records until the end, the duration or `stop`, and calls `observe` about twice a second.
 ///
 /// When this returns, even with an error, every frame that arrived is in the log.
 pub fn record(

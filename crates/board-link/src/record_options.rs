@@ -22,9 +22,8 @@ pub struct RecordOptions {
     pub start: Option<Uplink>,
     /// Keeps the channels at their sampling times.
     pub as_sampled: bool,
-    /// Enables [`RecordCommand::Label`]: adds a label column, and delays rows of the first board
-    /// until they are [settled](RecordCommand::Settled), so that a block of time may begin before
-    /// it is found.
+    /// Enables [`RecordCommand::Label`]: adds a column, and delays rows of the first board until
+    /// they are [settled](RecordCommand::Settled), since a block of time is found after its start.
     pub labels: bool,
 }
 

@@ -1,5 +1,5 @@
-//! The core of a recording, without port and clock: [`record`](super::record()) feeds it the bytes
-//! of a port, a web page its own.
+//! The core of a recording, without port and clock: [`record`](super::record()) or a web page feeds
+//! it.
 
 use std::time::{Duration, Instant};
 
@@ -47,8 +47,7 @@ pub struct Recorded {
     pub elapsed_s: f64,
     #[serde(flatten)]
     pub losses: Losses,
-    /// Frames left out of the log because they hold wrenches and the first held readings, or vice
-    /// versa.
+    /// Frames left out because they hold wrenches and the first held readings, or vice versa.
     pub other_content: u64,
     pub reconnections: u64,
     #[serde(skip)]
@@ -92,8 +91,7 @@ impl Recorder {
         self.reference = input.map(|input| ReferenceBeside::new(input, epoch));
     }
 
-    /// Returns the bytes to send so that every board streams; none without
-    /// [`RecordOptions::start`].
+    /// Returns the bytes that let every board stream; none without [`RecordOptions::start`].
     pub fn commands(&mut self, arrival: Option<Duration>) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         let heard = self.receiving.as_mut().map_or(&mut [][..], |(_, boards)| &mut boards.heard);
@@ -112,8 +110,7 @@ impl Recorder {
         heard(&self.receiving).iter().filter_map(|board| board.reception.identity)
     }
 
-    /// Writes the data due at `now`, a time since the start; returns the progress about twice a
-    /// second.
+    /// Writes the data due at `now`, since the start; returns the progress about twice a second.
     pub fn tend(
         &mut self,
         now: Duration,
@@ -480,8 +477,7 @@ mod tests {
         assert_eq!(std::fs::read_to_string(log).unwrap().lines().count(), 501);
     }
 
-    /// A killed recording loses at most its last second, after 1.2 s in which it waits for the
-    /// board's timing.
+    /// A kill loses at most the last second, after 1.2 s of waiting for the board's timing.
     #[test]
     fn frames_are_written_within_a_second() {
         let dir = tempfile::tempdir().unwrap();

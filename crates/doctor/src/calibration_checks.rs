@@ -32,8 +32,7 @@ const OLD_DAYS: f64 = 365.0;
 /// Limit of training rows skipped as invalid.
 const SKIPPED: f64 = 0.01;
 
-/// Reads and checks a calibration file. `age` returns the days since a date, `None` for another
-/// text.
+/// Reads and checks a calibration file. `age` returns the days since a date.
 pub fn examine_calibration(path: &Path, age: &dyn Fn(&str) -> Option<f64>) -> Vec<Finding> {
     let file = match CalibrationFile::read(path) {
         Ok(file) => file,
@@ -212,8 +211,7 @@ fn check_ranges(calibration: &Calibration, names: &[String], findings: &mut Vec<
     }
 }
 
-/// Returns true for a converter's readings at an end of its range. Volts and fractions have no such
-/// ends.
+/// Returns true for a converter's readings at an end; volts and fractions have no such ends.
 fn is_at_an_end(range: &ReadingRange) -> bool {
     let converter = Converter::of_extremes(range.min, range.max);
     converter.is_some_and(|of| of.is_at_end(range.min) || of.is_at_end(range.max))

@@ -7,8 +7,7 @@ use log_file::summary::LogSummary;
 
 pub(crate) const ENOUGH_FRAMES: u64 = 20;
 
-/// Minimum gain in certainty of forces from an exchange of two channels: noise and creep make some
-/// exchange slightly better.
+/// Minimum gain in certainty of forces from an exchange of two channels, above noise and creep.
 const UNLIKELY: f64 = 2.0;
 
 /// Shares of frames outside the calibrated range: warning and fault.
@@ -83,8 +82,7 @@ pub(crate) fn channel_name(names: &[String], channel: usize) -> String {
     name.cloned().unwrap_or_else(|| format!("s{}", channel + 1))
 }
 
-/// Removes side effects of swapped channels, which trigger several checks and move readings out of
-/// their ranges.
+/// Removes side effects of swapped channels: other checks fail, and readings leave their ranges.
 pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
     const SWAPPED: &str = "channels-swapped";
     if findings.iter().any(|finding| finding.check == SWAPPED) {
@@ -99,9 +97,8 @@ pub(crate) fn without_consequences(findings: &mut Vec<Finding>) {
 
 /// Finds two channels with exchanged readings.
 ///
-/// Readings of eight channels that none of the six loads can cause lie far from all training data,
-/// which shows in the standard errors of their forces. If an exchange brings them back, the
-/// channels are swapped.
+/// Readings that no load can cause lie far from all training data, which shows in the standard
+/// errors of their forces. If an exchange brings them back, the channels are swapped.
 fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) -> Option<Finding> {
     if summary.readings.len() != calibration.channels() {
         return None;

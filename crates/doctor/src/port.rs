@@ -3,8 +3,7 @@
 use crate::Finding;
 use board_link::{LinkError, PortState};
 
-/// Maximum latency. With 16 ms, an adapter delivers the bytes of a slow stream in bursts, 62 times
-/// a second.
+/// Maximum latency. With 16 ms, an adapter delivers a slow stream in bursts, 62 times a second.
 const LATENCY_MS: u32 = 2;
 
 /// Checks a port's state, as the system reports it.

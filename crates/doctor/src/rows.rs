@@ -11,7 +11,7 @@ use shell_data::statistics::extremes;
 use crate::channels::{channel_name, check_channels, identical_in};
 use crate::{Finding, FindingSeverity};
 
-/// A channel has stopped if it is constant for this share of a log, while two others move over this
+/// A channel that is constant for this share of a log has stopped, if two others move over this
 /// share of their ranges.
 const STOPPED: f64 = 0.1;
 const MOVED: f64 = 0.5;
@@ -23,8 +23,7 @@ const PINNED: f64 = 0.01;
 const FEWEST_PINNED: usize = 20;
 const ENTRIES: usize = 3;
 
-/// Consecutive rows that must equal earlier ones to count as a copy, and how many of them must
-/// differ from the previous row.
+/// Consecutive rows of a copy, and how many of them must differ from the previous row.
 const WINDOW: usize = 16;
 const DISTINCT: usize = 8;
 

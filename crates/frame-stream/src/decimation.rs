@@ -59,8 +59,7 @@ impl Decimator {
         Self { rate_hz, stage, flags: String::new(), lost: false }
     }
 
-    /// Takes the next rows; returns the rows to pass on. The first rows wait until their rate is
-    /// known.
+    /// Takes rows; returns those to pass on. The first wait until their rate is known.
     ///
     /// # Errors
     /// [`FilterError`] if the new rate is too low for the rate of the rows.

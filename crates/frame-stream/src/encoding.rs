@@ -1,9 +1,8 @@
 //! Rows as text: a JSON object per line, or CSV.
 //!
 //! The names are as in `record` and `convert`: `t_s`, `index`, `host_s`, `s1` … `s8`, `fx_n` …
-//! `mz_nm`, `fx_se_n` … `mz_se_nm`, `flags`; then `row`, the row's number in this stream, and
-//! `lost`, the rows that this reader has lost so far. Numbers have the fewest digits that read back
-//! to the same bits.
+//! `mz_nm`, `fx_se_n` … `mz_se_nm`, `flags`; then `row`, the row's number, and `lost`, the rows
+//! that this reader has lost. Numbers have the fewest digits that read back to the same bits.
 
 use board_link::recording::write_time;
 use shared_proto::CHANNELS;

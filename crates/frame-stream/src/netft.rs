@@ -1,5 +1,4 @@
-//! A stream in the format of an ATI Net F/T box: records over UDP to the client with the latest
-//! request.
+//! A stream in the format of an ATI Net F/T box: UDP records to the client with the latest request.
 //!
 //! ```text
 //! request ─ a thread ─▶ client, mode ──────┐

@@ -312,8 +312,8 @@ impl StreamReader {
         let end = encoder.end(number, self.lost);
         let is_taken = match &mut self.way {
             Transport::Pipe(pipe) => pipe.send([&names, row, &end].concat())?,
-            // A datagram is one line. Errors are temporary: no program listens yet, or the network
-            // is down.
+            // A datagram is a line. Errors are temporary: no program listens, or the network is
+            // down.
             Transport::Udp(socket) => {
                 if !names.is_empty() {
                     _ = socket.send(&names);
@@ -361,8 +361,7 @@ const WAITING: usize = 4096;
 
 const PIECE: usize = 1 << 16;
 
-/// The sending end of a queue to a reader with its own thread, since a pipe, disk or network may
-/// block.
+/// Queue to a reader with its own thread, since a pipe, disk or network may block.
 #[derive(Debug)]
 struct PipeReader {
     rows: Option<SyncSender<Vec<u8>>>,
@@ -393,8 +392,7 @@ impl PipeReader {
         }
     }
 
-    /// Waits until pending rows are written, or none was for `patience`; returns the number
-    /// written.
+    /// Waits until rows are written, or none was for `patience`; returns the number written.
     fn finish(&mut self, patience: Duration) -> (u64, io::Result<()>) {
         self.rows = None;
         let (mut written, mut since) = (self.written.load(Ordering::Acquire), Instant::now());

@@ -82,8 +82,7 @@ pub struct StreamOptions {
     pub forces: Option<LiveForces>,
     /// True for frames from a log, which need no alignment.
     pub from_log: bool,
-    /// True to align channels to a common time, as in `record`: every frame then waits for three
-    /// more.
+    /// True to align channels to a common time, as in `record`: frames wait for three more.
     pub one_time: bool,
     pub rate_hz: Option<f64>,
     pub commands: Option<Receiver<StreamCommand>>,
@@ -147,8 +146,7 @@ impl FrameStream {
         Ok(())
     }
 
-    /// Returns the rows that are complete when these frames arrive at `host_us`: with alignment,
-    /// those of earlier frames.
+    /// Returns the rows that are complete at `host_us`: with alignment, those of earlier frames.
     fn rows(
         &mut self,
         frames: &[BoardFrame],
@@ -274,8 +272,7 @@ type StreamState = Option<Result<Box<FrameStream>, RecordError>>;
 pub struct StreamHandle(Arc<Mutex<StreamState>>);
 
 impl StreamWatcher {
-    /// Creates a watcher. If the stream fails or has no readers left, it sets `stop` to end the
-    /// recording.
+    /// Creates a watcher; it sets `stop` if the stream fails or has no readers left.
     pub fn new(
         stream: FrameStream,
         beside: Option<Box<dyn Watcher>>,

@@ -10,8 +10,8 @@
 //! and the means of its halves differ by no more. *Loaded*, with known forces: the wrench is nearer
 //! to the planned one than to zero, with axes scaled by the largest load of the plan. Without
 //! forces: the readings differ from the unloaded ones by a multiple of their noise and by a tenth
-//! of the largest excursion so far, and all together by a quarter of the excursion that the
-//! recorded loads predict.
+//! of the largest excursion so far, and together by a quarter of that predicted from the recorded
+//! loads.
 
 use std::collections::VecDeque;
 
@@ -31,13 +31,11 @@ pub const HOLD_S: f64 = 2.0;
 /// Maximum noise of a pose, relative to the noise at the start.
 const QUIET: f64 = 3.0;
 
-/// Minimum noise, counts and N: converters of few bits, and boards that send wrenches, seem
-/// noiseless.
+/// Minimum noise, counts and N: few bits, and wrenches from a board, seem noiseless.
 const LEAST_NOISE: f64 = 0.5;
 const LEAST_FORCE_NOISE: f64 = 1e-3;
 
-/// Distance of a loaded channel from its unloaded reading: a multiple of its noise, and a share of
-/// the largest excursion.
+/// Minimum distance from the unloaded reading: a multiple of the noise, a share of the excursion.
 const OFF_REST: f64 = 8.0;
 const OFF_SHARE: f64 = 0.1;
 
@@ -440,8 +438,7 @@ mod tests {
         assert!(guide.view().held > 0.4, "{:?}", guide.view());
         bench.apply(&mut guide, 1.02, 1.2, true);
         let view = guide.view();
-        // 2 s of stillness from the middle of the first still second, which may begin with the end
-        // of a movement.
+        // 2 s from the middle of the first still second, which may begin with a movement's end.
         assert_eq!(bench.found, [FrameLabel { from: 350, until: 550, group: "a".to_owned() }]);
         assert_eq!((view.phase, view.number, view.recorded), (GuidePhase::Release, 2, 1));
         assert!((view.remaining_gain.unwrap() - 0.5).abs() < 1e-12);

@@ -31,8 +31,7 @@ pub struct History {
 }
 
 impl History {
-    /// Adds a row. A row far before the newest clears the history: the clock or log has started
-    /// again.
+    /// Adds a row. One far before the newest clears the history: clock or log has started again.
     pub fn push(&mut self, row: LiveRow) {
         if self.rows.back().is_some_and(|newest| row.time_s < newest.time_s - LONGEST_S) {
             self.rows.clear();
@@ -60,8 +59,7 @@ impl History {
         self.rows.range(first..)
     }
 
-    /// Returns minimum and maximum in each column over `span_s`, the newest on the right; `None`
-    /// for a column without rows.
+    /// Returns minimum and maximum in each column over `span_s`, the newest on the right.
     pub fn columns(
         &self,
         span_s: f64,

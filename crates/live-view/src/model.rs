@@ -231,8 +231,7 @@ impl LiveModel {
         readings.into_iter().enumerate().map(view).collect()
     }
 
-    /// Returns the newest force, and the length of an arrow that reaches the edge, N, if known
-    /// along all three axes.
+    /// Returns the newest force, and the length of an arrow to the edge, N, if all three are known.
     pub fn force(&self) -> Option<([f64; 3], f64)> {
         let forces = [Axis::Fx, Axis::Fy, Axis::Fz].into_iter().collect();
         if !self.axes.contain(forces) {

@@ -125,8 +125,7 @@ pub(crate) fn pull(
         three(LoadColumn::Along),
         angles(LoadColumn::Azimuth, LoadColumn::Elevation)
             .map(|[azimuth, up]| [up.cos() * azimuth.cos(), up.cos() * azimuth.sin(), up.sin()]),
-        // −Rᵀ·z with R = Rz(yaw)·Ry(pitch)·Rx(roll), the sensor's axes in the room; yaw turns about
-        // the load.
+        // −Rᵀ·z with R = Rz(yaw)·Ry(pitch)·Rx(roll), the sensor's axes; yaw turns about the load.
         turned.map(|[roll, pitch]| {
             [pitch.sin(), -pitch.cos() * roll.sin(), -pitch.cos() * roll.cos()]
         }),

@@ -39,8 +39,7 @@ pub enum Pull {
 }
 
 impl HungLoad {
-    /// Returns the wrench about the sensor's origin, N and N·m: `F = force·direction`, `M = point ×
-    /// F`.
+    /// Returns the wrench about the origin, N and N·m: `F = force·direction`, `M = point × F`.
     pub fn wrench(&self) -> PerAxis<f64> {
         match self.pull {
             Pull::Wrench(wrench) => wrench,

@@ -7,9 +7,8 @@ use shell_data::wrench::{Axis, PerAxis};
 
 const MOST: usize = 20_000;
 
-/// Combines every mass (kg), point (mm from the sensor's origin) and direction into a table with
-/// labels from 1. A direction is a word as in the column `direction`, or azimuth and elevation in
-/// degrees: `30:-45`.
+/// Combines every mass (kg), point (mm from the origin) and direction into a table. A direction is
+/// a word as in the column `direction`, or azimuth and elevation in degrees: `30:-45`.
 ///
 /// # Errors
 /// A message about a wrong direction, or too many loads.
@@ -70,9 +69,9 @@ impl WrenchBox {
         Ok(Self(ranges))
     }
 
-    /// Returns all combinations of both ends and the middle of each axis, with labels from 1: the
-    /// candidates of an optimal second-order design (a 3ᵏ factorial; Box & Draper, Response
-    /// Surfaces, 2nd ed., §11.3).
+    /// Returns all combinations of both ends and the middle of each axis: the candidates of an
+    /// optimal second-order design (a 3ᵏ factorial; Box & Draper, Response Surfaces, 2nd ed.,
+    /// §11.3).
     pub fn table(&self) -> HungLoads {
         let Self(ranges) = self;
         let mut rows = vec![[0.0; 6]];

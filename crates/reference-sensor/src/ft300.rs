@@ -1,5 +1,4 @@
-//! Frames of the Robotiq FT 300: the header 20 4E, six little-endian 16-bit values, and their
-//! Modbus CRC-16.
+//! Frames of the Robotiq FT 300: the header 20 4E, six little-endian 16-bit values, Modbus CRC-16.
 //!
 //! Forces are in hundredths of N, moments in thousandths of N·m. The header also occurs inside
 //! frames: 200.00 N is 20000, which is 20 4E. So the CRC over these 14 bytes decides where a frame

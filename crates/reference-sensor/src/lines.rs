@@ -2,8 +2,7 @@
 //!
 //! A column's name gives its meaning and unit, by default SI, as in a log: `fx_n`, `Mz [N·mm]`,
 //! `force_x_lbf`, `time_ms`. Dots join names in nested JSON objects (`wrench.force.x`). A time is
-//! on the program's clock; a column `index`, `seq`, `sequence` or `sample` numbers the samples, so
-//! that losses are counted.
+//! on the program's clock; a column `index`, `seq`, `sequence` or `sample` numbers the samples.
 
 use log_file::{LogFormat, Meaning, StatedUnit, meaning_of};
 use serde_json::Value;

@@ -101,8 +101,7 @@ impl BoxSettings {
         })
     }
 
-    /// Converts a wrench in N and N·m to counts; also returns true if a value is NaN or out of
-    /// range.
+    /// Converts N and N·m to counts; also returns true if a value is NaN or out of range.
     pub fn counts(&self, wrench: &PerAxis<f64>) -> ([i32; 6], bool) {
         let mut beyond = false;
         let counts = Axis::ALL.map(|axis| {

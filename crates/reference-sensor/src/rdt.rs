@@ -129,8 +129,7 @@ const WINDOW: usize = 128;
 /// Numbers records without wraps, and determines how each arrived.
 ///
 /// A record whose number does not increase is late if its place is empty and it was measured before
-/// the newest record; a duplicate if its place holds the same record; otherwise the box has
-/// restarted.
+/// the newest; a duplicate if its place holds the same; otherwise the box has restarted.
 #[derive(Clone, Debug)]
 pub struct RdtTracker {
     newest: Option<(RdtRecord, i64)>,
@@ -147,8 +146,7 @@ impl Default for RdtTracker {
 }
 
 impl RdtTracker {
-    /// Returns the number of a record, which continues across wraps and restarts, and how it
-    /// arrived.
+    /// Returns a record's number, which continues across wraps and restarts, and its arrival.
     pub fn place(&mut self, record: RdtRecord) -> (i64, RdtArrival) {
         let Some((newest, last)) = self.newest else {
             self.first = i64::from(record.rdt_sequence);

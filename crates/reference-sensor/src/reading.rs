@@ -31,8 +31,7 @@ const WAIT: Duration = Duration::from_millis(100);
 /// Silence after which the start request is sent again.
 const SILENCE: Duration = Duration::from_secs(1);
 
-/// Pause after each read: waking for each record at 1 kHz would take three times the processor
-/// time.
+/// Pause after each read: waking for each record at 1 kHz triples the processor time.
 const PACE: Duration = Duration::from_millis(3);
 
 /// Maximum size of a box's page, and of a line, bytes.
@@ -177,8 +176,7 @@ impl ReferenceSource {
         let socket = UdpSocket::bind(own).map_err(refused)?;
         socket.connect(address).map_err(refused)?;
         socket.set_read_timeout(Some(WAIT)).map_err(refused)?;
-        // A box serves its page at port 80, `shellcal stream` perhaps at the TCP port with the
-        // number of its RDT port.
+        // A box serves its page at port 80, `shellcal stream` perhaps at its RDT port's number.
         let ports = [port.filter(|port| *port != rdt::PORT), Some(80), Some(rdt_port)];
         let mut reasons = Vec::new();
         for port in ports.into_iter().flatten() {
@@ -317,8 +315,7 @@ fn take_record(
         arrival,
         wrench: is_usable.then(|| settings.wrench(record.counts)),
         status: record.status,
-        // Negative after a late record from before the first of a run, which never counted as
-        // missing.
+        // Negative after a late record from before a run, which never counted as missing.
         missing: u64::try_from(*missing).unwrap_or(0),
     });
 }
@@ -345,8 +342,7 @@ fn read_ft300(mut connection: Box<dyn Connection>, teller: &Teller) {
         let arrival = Instant::now();
         for frame in frames.feed(&buffer[..count]) {
             heard = arrival;
-            // Bytes before the first frame are the end of another, or the answer to the start
-            // request.
+            // Bytes before the first frame are the end of another, or the answer to the start.
             let lost = (frame.skipped + FRAME_SIZE / 2) / FRAME_SIZE;
             if number > 0 && frame.skipped > 0 {
                 lock(&teller.state).counts.damaged += 1;
@@ -382,8 +378,7 @@ fn shell(command: &str) -> Command {
     shell
 }
 
-/// Reads a program's output on a second thread, which blocks in the read, while this one waits and
-/// kills it.
+/// Reads output on a second thread, which blocks in the read, while this one waits and kills.
 fn read_program(mut child: Child, teller: &Teller) {
     let Some(output) = child.stdout.take() else { return teller.end("it has no output") };
     let of_thread = teller.clone();
@@ -396,8 +391,7 @@ fn read_program(mut child: Child, teller: &Teller) {
     }
     let _ = child.kill();
     let status = child.wait();
-    // Children of a killed program may hold its output open: a thread that still reads is not
-    // joined.
+    // Children of a killed program may hold its output open: do not join a thread that reads.
     let read = if reading.is_finished() { reading.join() } else { Ok(Ok(())) };
     match (read, status) {
         (Ok(Err(problem)), _) => teller.end(problem),
@@ -480,8 +474,7 @@ struct LineOrder {
 }
 
 impl LineOrder {
-    /// Returns the number of a sample, and true if the program has restarted; `None` if the sample
-    /// repeats the previous one.
+    /// Returns a sample's number, and true after a restart; `None` if it repeats the previous one.
     fn place(&mut self, own: Option<i64>, tick: Option<f64>) -> Option<(i64, bool)> {
         let last = self.last.replace((own, tick));
         let step = match (last.and_then(|(own, _)| own), own) {

@@ -206,8 +206,7 @@ mod tests {
         assert_share(books.held_back, 0.95 * 0.02);
         assert_share(books.corrupted, 0.95 * 1.01 * (1.0 - 0.999_f64.powi(8)));
         assert_eq!(numbers.len() as u64, PACKETS - books.lost + books.duplicated);
-        // One held packet in eight overtakes the next, 1 ms later, and a few of those are lost:
-        // some 0.83 are late.
+        // One held packet in eight overtakes the next, 1 ms later; with losses, some 0.83 are late.
         let mut newest = 0;
         let late = numbers.iter().filter(|&&number| {
             newest = newest.max(number);

@@ -24,8 +24,7 @@ const PIECE: usize = 128;
 
 static CRC32: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
-/// Calibrations in a memory that is erased in sectors; the slots, in whole sectors, are at its
-/// start.
+/// Calibrations in a memory that is erased in sectors; the slots are the first whole ones.
 #[derive(Clone, Debug)]
 pub struct Slots<F> {
     pub(crate) flash: F,

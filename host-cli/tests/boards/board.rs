@@ -15,8 +15,7 @@ pub(crate) fn pty() -> (TTYPort, String) {
     (board, host.name().unwrap())
 }
 
-/// Records from the port `adapter` once it exists. A program that starts after the pty inherits the
-/// board's end and keeps it open.
+/// Records from the port `adapter` once it exists: a later program inherits the board's end.
 pub(crate) fn start_before_the_port(dir: &Path, arguments: &str) -> Child {
     Command::new("sh")
         .arg("-c")

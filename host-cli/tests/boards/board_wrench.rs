@@ -56,8 +56,7 @@ fn worst(calibration: &Calibration, frames: &[[u16; CHANNELS]]) -> f64 {
 }
 
 /// The host stops a thousandth of a standard error from the minimum, the board a small part of a
-/// hundredth, with variances of an earlier step. Rounding is far below: a reading's 2⁻²⁴ are 10⁻⁵
-/// of its noise.
+/// hundredth, with variances of an earlier step. Rounding, 2⁻²⁴ of a reading, is 10⁻⁵ of its noise.
 const TOLERANCE: f64 = 0.01;
 
 #[test]

@@ -381,8 +381,7 @@ fn a_port_in_use_names_the_other_program() {
     let _ = other.wait();
 }
 
-/// Like [`examine`], repeated without an answer: a busy machine or a lossy radio may lose every
-/// attempt.
+/// Repeats [`examine`] without an answer: a busy machine or lossy radio may lose every attempt.
 fn examine_patiently(dir: &Path, arguments: &str) -> (Vec<(String, String)>, String) {
     let is_deaf = |found: &[(String, String)]| found.iter().any(|(check, _)| check == "deaf");
     let mut attempts = (0..20).map(|_| examine(dir, arguments));

@@ -309,8 +309,8 @@ fn malformed_requests_are_refused_and_harmless() {
         bytes.truncate(random.below(bytes.len() as u64 + 1) as usize);
         view.connect().write_all(&bytes).unwrap();
     }
-    // Clients that left have freed their seats. Without a seat, one more client is refused, and
-    // tries again later.
+    // Clients that left have freed their seats. Without a seat, a client is refused, and tries
+    // again.
     let is_served =
         || view.try_to_ask(with("GET", "/", "")).is_ok_and(|answer| status(&answer) == "200");
     let wait_for_a_seat = || {

@@ -139,8 +139,8 @@ fn a_recording_killed_at_any_moment_keeps_all_that_was_written() {
     });
 }
 
-/// Kills a recording some time after its first row. A test of the recorder shows on its own clock
-/// how soon frames are written.
+/// Kills a recording some time after its first row; a test of the recorder shows how soon rows
+/// come.
 fn kill_after(moment: Duration) {
     let dir = tempfile::tempdir().unwrap();
     let (board, port) = pty();

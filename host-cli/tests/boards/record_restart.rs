@@ -20,8 +20,7 @@ use crate::recording::column;
 
 const SERIAL: [u8; 12] = *b"restart-test";
 
-/// Programs of other tests inherit the board's end of the pty: a pulled cable shows only when the
-/// last has ended.
+/// Programs of other tests inherit the board's end: a pulled cable shows when the last has ended.
 const PATIENCE: Duration = Duration::from_secs(600);
 
 /// After a reset.

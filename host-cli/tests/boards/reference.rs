@@ -85,8 +85,8 @@ struct Done {
     restarts: u64,
 }
 
-/// Plays a box at 1 kHz that loses a record in 500, sends one late and one twice, sets status
-/// words, and counts anew once.
+/// A box at 1 kHz that loses one record in 500, delays and repeats one, and restarts its count
+/// once.
 fn play_box(socket: &UdpSocket, listener: &TcpListener, stop: &AtomicBool) -> Done {
     serve_page(listener);
     let mut request = [0; 64];

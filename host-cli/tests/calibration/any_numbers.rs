@@ -1,5 +1,4 @@
-//! Readings with all the digits of a double, which have no exact sums: standard errors by group,
-//! partial fits, fits to means.
+//! Readings without exact sums: standard errors by group, partial fits, fits to means.
 
 use std::fs;
 use std::path::Path;
@@ -13,8 +12,8 @@ const DATA: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../calibration-data/syn
 /// No fraction of a power of two or ten.
 const VOLT: f64 = 0.1 + 1e-9;
 
-/// Writes `train.csv`; `volts.csv`, the same with readings in other units; and its rows in turn in
-/// `a.csv`, `b.csv` and `c.csv`.
+/// Writes `train.csv`, `volts.csv` in other units, and its rows in turn in `a.csv`, `b.csv`,
+/// `c.csv`.
 fn folder() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     let text = fs::read_to_string(DATA).unwrap();
@@ -77,8 +76,7 @@ fn standard_errors_by_group_equal_those_of_exact_sums() {
             assert_eq!(exact.is_null(), volts.is_null(), "{field}");
         }
         assert_eq!(volts["covariance"]["degrees_of_freedom"], 124);
-        // The unit is rounded in every reading, 2⁻⁵³, times conditions of some 1e4 without a
-        // constant.
+        // The unit is rounded in every reading, 2⁻⁵³, times conditions of some 1e4.
         let exact = converted(dir, "exact.json", "train.csv");
         assert_close(&converted(dir, "volts.json", "volts.csv"), &exact, 1e-11);
     }

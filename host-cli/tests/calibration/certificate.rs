@@ -99,8 +99,7 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     assert!(html.contains("xxh128:"), "{html}");
 }
 
-/// `dof` and `reporting.k_factor` of GTC 1.5.1 for the sum of `ureal(0, u, df)` with these u and
-/// df.
+/// `dof` and `reporting.k_factor` of GTC 1.5.1 for the sum of `ureal(0, u, df)`.
 #[test]
 fn effective_degrees_of_freedom_and_coverage_are_those_of_gtc() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,5 +1,4 @@
-//! Held-out errors from sums against fits that never saw the rows; the choice of a model; the
-//! warning.
+//! Held-out errors from sums against fits without the rows; the choice of a model; the warning.
 
 use std::fs;
 
@@ -286,8 +285,7 @@ fn the_warning_compares_models_on_new_poses() {
     let many = poses(13, 1440, 1, 60.0, 0.002, curved);
     fs::write(dir.path().join("few.csv"), log(&few)).unwrap();
     fs::write(dir.path().join("many.csv"), log(&many)).unwrap();
-    // Twelve poses determine twelve features of each fold's eleven only by chance: the linear model
-    // predicts new ones better.
+    // Twelve poses determine twelve features of each fold's eleven by chance: linear is better.
     let (text, talk) = ended(&dir, "fit few.csv --model cubic --cv --verbose", 0);
     assert!(talk.contains("linear predicts new groups better than cubic"), "{talk}");
     assert!(text.contains("leave-one-group-out cross-validation (12 groups"), "{text}");
@@ -304,8 +302,7 @@ fn the_warning_compares_models_on_new_poses() {
 #[test]
 fn a_model_that_is_best_on_new_poses_earns_no_warning_for_any_ratio() {
     let dir = tempfile::tempdir().unwrap();
-    // Little noise, and a large error per pose: twice the error of a random split, and still the
-    // best model.
+    // Little noise and a large error per pose: twice the error of a random split, still the best.
     let block =
         poses(14, 24, 100, 60.0, 0.002, |z, axis| curved(z, axis) + 0.05 * (9.0 * z[0]).sin());
     fs::write(dir.path().join("poses.csv"), log(&block)).unwrap();

@@ -1,7 +1,6 @@
 //! The fit against the exact least-squares optimum, found in rational arithmetic.
 //!
-//! Readings and wrenches are dyadic rationals once they are `f64`, so the normal equations can be
-//! solved without rounding.
+//! Every `f64` is a dyadic rational, so the normal equations can be solved without rounding.
 
 use calibration::Calibration;
 use calibration::model::{Basis, Model};

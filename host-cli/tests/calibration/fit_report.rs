@@ -1,5 +1,4 @@
-//! `shellcal fit --report`: the page contains the results of the fit. The browser tests check its
-//! appearance.
+//! `shellcal fit --report`: the content of the page. Browser tests check its appearance.
 
 use std::fs;
 use std::path::Path;

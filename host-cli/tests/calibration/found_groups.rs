@@ -12,8 +12,7 @@ use tempfile::TempDir;
 /// Time, four readings, the wrench, the pose.
 type Row = (f64, [f64; 4], [f64; 6], usize);
 
-/// Poses of constant load and different lengths, with noise of the reference. A repeated load has
-/// different readings.
+/// Poses of different lengths, with noise of the reference; a repeated load has other readings.
 fn poses(seed: u64, poses: usize, noise: f64) -> Vec<Row> {
     let mut random = Random(seed);
     let (mut rows, mut time): (Vec<Row>, f64) = (Vec::new(), 0.0);
@@ -79,8 +78,7 @@ fn a_log_of_plateaus_gets_the_figures_of_its_group_column_to_the_last_digit() {
             {
                 assert_eq!(named[figures], plain[figures], "noise {noise}, {options}: {figures}");
             }
-            // From errors on training rows, whose sums depend on the file's blocks in the last
-            // digits.
+            // From errors on training rows, whose sums depend on blocks in the last digits.
             assert_eq!(named["covariance"]["groups"], plain["covariance"]["groups"]);
         }
     }

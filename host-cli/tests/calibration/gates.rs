@@ -1,5 +1,4 @@
-//! `shellcal eval` with limits: exit 0 only if everything asked for was compared and is below its
-//! limit.
+//! `shellcal eval` with limits: exit 0 only if all axes asked for are compared and below them.
 
 use std::fmt::Write as _;
 use std::fs;
@@ -169,8 +168,8 @@ pub(crate) fn hung(mass_kg: f64, point_mm: [f64; 3]) -> String {
     text
 }
 
-/// Makes `cal.json`, `morning.csv` with 200 rows `zero` and 200 `weight`, and `lever.csv` with the
-/// weight beside the axis.
+/// Makes `cal.json`, `morning.csv` with 200 rows `zero` and 200 `weight`, and `lever.csv`, off
+/// axis.
 fn morning() -> TempDir {
     let (dir, train, _) = folder();
     fs::write(dir.path().join("forces.csv"), cut(&train, |name| !name.ends_with("_nm"))).unwrap();

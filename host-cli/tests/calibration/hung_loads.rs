@@ -185,8 +185,7 @@ fn a_correct_weight_passes_and_a_wrong_one_fails() {
     assert!(said.contains("no weight hangs in any line"), "{said}");
 }
 
-/// Regression test: a typing error gave a turn of 1675° and exit code 0; loads in another order
-/// "unchanged".
+/// Regression test: a typing error turned a load by 1675° with exit code 0; order was ignored.
 #[test]
 fn loads_that_no_mounting_explains_are_refused() {
     let dir = tempfile::tempdir().unwrap();

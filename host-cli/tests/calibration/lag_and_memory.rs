@@ -225,8 +225,7 @@ fn another_labs_sensor_is_fitted_better_than_by_its_network() {
     train.sort();
     let files = format!("{} --test {}", train.join(" "), test.join(" "));
     let found = program::json(dir.path(), &format!("fit {files} --model auto --json"));
-    // 2 % above poly3 with lag and memory terms; `cubic+products`, the next best, errs 14 to 58 %
-    // more.
+    // 2 % above poly3 with lag and memory terms; `cubic+products`, next, errs 14 to 58 % more.
     let limits = [0.047, 0.126, 0.215, 1.40e-3, 1.33e-3, 0.47e-3];
     for (rms, limit) in rms(&found, "test").iter().zip(limits) {
         assert!(*rms <= limit, "{found}");

@@ -1,5 +1,4 @@
-//! A fit is the same for any packing of rows and any number of threads, and takes no more memory
-//! than its rows.
+//! A fit does not depend on packing or threads, and takes no more memory than its rows.
 
 use std::fs;
 use std::io::Write;

@@ -28,8 +28,7 @@ impl Rows {
         Self { readings: columns[1..9].to_vec(), wrench: columns[9..15].to_vec() }
     }
 
-    /// Correlated readings that fill a share `spread` of `bits` bits, and a wrench that is a cubic
-    /// function of them with noise.
+    /// Correlated readings over a share `spread` of `bits` bits, and a noisy cubic wrench of them.
     pub(crate) fn synthetic(
         seed: u64,
         rows: usize,

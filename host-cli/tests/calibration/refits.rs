@@ -86,9 +86,8 @@ fn readings_that_no_sum_takes_exactly_are_validated_too() {
             |at: &serde_json::Value| selection["candidates"][at.as_u64().unwrap() as usize].clone();
         [candidate(&selection["best"]), candidate(&selection["chosen"])]
     };
-    // A ridge is about a mean, which in counts is rounded to a 300th of a standard deviation:
-    // measured 8e-5, and 1.02e-3 with memory terms, which leave a third of the errors and resemble
-    // each other.
+    // In counts, the ridge's mean is rounded to a 300th of a standard deviation: measured 8e-5, and
+    // 1.02e-3 with memory terms, which leave a third of the errors and resemble each other.
     for (options, tolerance) in [("--lag 0 --memory-terms none", 1e-3), ("", 2e-3)] {
         let candidates = [&counts, &volts].map(|dir| chosen(dir, options));
         for (expected, found) in candidates[0].iter().zip(&candidates[1]) {
@@ -114,8 +113,7 @@ fn every_solver_is_validated_as_it_is_fitted() {
     let dir = folder(1.0);
     let (plain, _) = fit(dir.path(), "--cv --model poly3 --ridge 1e-9 --solver svd");
     let (cut, _) = fit(dir.path(), "--cv --model poly3 --solver svd --truncate 1e-2");
-    // Thirty poses determine few directions of 164: leaving out the others reduces errors on new
-    // poses.
+    // Thirty poses determine few of 164 directions: leaving out the others reduces errors.
     assert!(held_out(&cut)[0] < held_out(&plain)[0], "{plain} {cut}");
     let (huber, _) = fit(dir.path(), "--cv --model linear --solver huber");
     let (squares, _) = fit(dir.path(), "--cv --model linear");

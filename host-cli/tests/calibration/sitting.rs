@@ -1,5 +1,4 @@
-//! Sittings on the sensor model: order of loads, errors, and faults that are named within their
-//! load.
+//! Sittings on the sensor model: order of loads, errors, and faults named within their load.
 
 use std::collections::VecDeque;
 use std::ops::RangeInclusive;

@@ -1,5 +1,4 @@
-//! A reference with some axes of the wrench: results equal those of a fit to all six, and other
-//! axes are not mentioned.
+//! A reference with some axes: results equal those of six, and other axes are not mentioned.
 
 use std::fs;
 use std::path::Path;
@@ -12,8 +11,7 @@ use system_tests::program::{self, document, json};
 const PLACES: [usize; 2] = [0, 2];
 const COLUMNS: [&str; 2] = ["fx_n", "fz_n"];
 
-/// Writes `six.csv` with six axes, and `two.csv` with two of them; twenty poses, enough for an
-/// interval.
+/// Writes `six.csv` with six axes and `two.csv` with two; twenty poses are enough for an interval.
 fn logs(dir: &Path, seed: u32) -> [String; 2] {
     let [six, two] = ["six", "two"].map(|name| format!("{name}{seed}.csv"));
     program::run(dir, &format!("synth train --rows 4000 --seed {seed} -o {six}"), 0);

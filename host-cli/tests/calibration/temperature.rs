@@ -84,15 +84,14 @@ fn a_temperature_among_the_channels_takes_its_effect_out_of_the_forces() {
     let quadratic = errors("quadratic", ",temperature_c");
     for axis in 0..3 {
         // The change of the zeros is a seventh unknown beside six axes, which the seventh channel
-        // determines. The gain remains, up to 2 % over 3 degrees, which products with the
-        // temperature model.
+        // determines. Products with the temperature model the gain, up to 2 % over 3 degrees.
         assert!(without[axis] > 2.0 * linear[axis], "{axis}: {without:?} {linear:?}");
         assert!(linear[axis] > 1.2 * quadratic[axis], "{axis}: {linear:?} {quadratic:?}");
         // The noise remains, 3 counts at most over gains of 300.
         assert!(quadratic[axis] < 0.02, "{quadratic:?}");
     }
-    // The calibration remembers its channels, and reports readings outside their range, including
-    // the temperature.
+    // The calibration remembers its channels, and flags readings out of range, also the
+    // temperature.
     fs::write(dir.path().join("warm.csv"), log(20, 31.0, 32.0, 3)).unwrap();
     program::run(dir.path(), "convert linear,temperature_c.json warm.csv -o warm-out.csv", 0);
     let flags = column(&dir.path().join("warm-out.csv"), "flags");

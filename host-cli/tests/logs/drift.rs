@@ -15,8 +15,7 @@ use crate::recording::column;
 
 const RATE_HZ: f64 = 100.0;
 
-/// The shipped unit with this rise of temperature, without ambient light, its own warm-up and
-/// hysteresis.
+/// The shipped unit with this rise of temperature, without ambient light, warm-up and hysteresis.
 fn sensor(warm_up_k: f64, warm_up_s: f64, seed: u64) -> SensorModel {
     let mut unit = SensorParameters::nominal().unit(1);
     unit.elastic = true;
@@ -94,8 +93,7 @@ fn alarms_have_the_stated_rate_and_a_drift_raises_them() {
     let false_alarms = alarms(0.0, 1000);
     // Three standard deviations of a share of 1000 above the promised maximum.
     assert!(false_alarms <= FALSE_ALARMS + 0.0095, "{false_alarms}");
-    // A rise of 3 K is 12 counts in 2000 at a noise of 4 counts, with a time constant of three
-    // seconds.
+    // A rise of 3 K is 12 counts in 2000 at a noise of 4 counts, with a time constant of 3 s.
     let power = alarms(3.0, 200);
     assert!(power >= 0.99, "{power}");
     println!(
@@ -110,8 +108,7 @@ fn slopes_equal_those_of_the_warm_up() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     calibration(folder);
-    // A rise of 10 K with a time constant of half a minute. The board reports its temperature every
-    // second, as `record` writes it.
+    // A rise of 10 K with a time constant of half a minute, reported every second.
     let model = sensor(10.0, 30.0, 5);
     let warmth: Vec<f64> = (0..6000).map(|i| model.warmth_k(f64::from(i) / RATE_HZ)).collect();
     let recorded = recorded(model, 60.0, |t| (20.0..30.0).contains(&t));
@@ -125,8 +122,7 @@ fn slopes_equal_those_of_the_warm_up() {
     let channels = found["channels"].as_array().unwrap();
     assert_eq!(channels.len(), 8);
     for (channel, drift) in channels.iter().enumerate() {
-        // Truth: the mean over the last second minus the first, from the model without noise, per
-        // K.
+        // Truth: the last second minus the first, from the model without noise, per K.
         let mut quiet = SensorParameters::nominal().unit(1);
         quiet.elastic = true;
         quiet.scale_noise(0.0);
@@ -182,8 +178,7 @@ fn a_still_zero_holds() {
         (&Value::Null, &serde_json::json!([21.5, 21.5]))
     );
     for drift in found["channels"].as_array().unwrap() {
-        // Noise of 4 counts: the mean of a stationary interval has 0.6 counts, and so has its
-        // wander at most.
+        // At a noise of 4 counts, the mean of a stationary interval has 0.6 counts.
         assert!(drift["wander"].as_f64().unwrap() < 0.6, "{drift}");
         assert_eq!(drift["per_degree"], Value::Null);
     }

@@ -70,8 +70,7 @@ fn texts_are_copied_into_every_kind_of_file() {
     let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
     assert!(header.contains(&"knob") && header.contains(&"log_fx_n"), "{header:?}");
     assert_eq!(header[header.len() - 3..], ["surface", "supply_v", "flags"]);
-    // MATLAB's files have a row of characters a row, records of NumPy a field, a recording a
-    // property.
+    // MATLAB has a row of characters a row, records of NumPy a field, a recording a property.
     for extension in ["mat", "npy", "mcap"] {
         let out = format!("out.{extension}");
         program::run(dir, &format!("convert cal.json log.csv --keep surface,knob -o {out}"), 0);

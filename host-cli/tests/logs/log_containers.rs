@@ -83,8 +83,7 @@ fn fits_of_the_same_recording_have_the_same_coefficients() {
     }
 }
 
-/// RMS on the training rows, Fx to Mz in N and N·mm, of plain least squares on standardised columns
-/// (numpy).
+/// RMS of the training, Fx to Mz in N and N·mm, by least squares on standardised columns (numpy).
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn a_matrix_of_another_lab_is_fitted_as_it_is() {
@@ -187,8 +186,7 @@ fn damaged_hdf5_files_are_refused_without_a_panic() {
     assert!((100..1000).contains(&refused), "{refused}");
 }
 
-/// Ends of the variables of a MATLAB 5 file: a header of 128 bytes, then a kind, a length and that
-/// many bytes each.
+/// Ends of a MATLAB 5 file's variables: 128 bytes of header, then a kind, a length, and the bytes.
 fn ends_of_variables(bytes: &[u8]) -> Vec<usize> {
     let mut ends = vec![128];
     while let Some(tag) = bytes.get(ends[ends.len() - 1]..).and_then(|rest| rest.get(4..8)) {
@@ -208,8 +206,7 @@ fn files_cut_anywhere_are_errors_that_name_them() {
             let bytes = std::fs::read(&path).unwrap();
             // A cut recording holds all rows until then; a note says so for LabVIEW's.
             let ends_early = ["mcap", "rosbag", "tdms"].contains(&folder);
-            // A MATLAB file does not state its number of variables: a cut between two looks
-            // complete.
+            // MATLAB does not state the number of variables: a cut between two looks complete.
             let ends = if folder == "matlab" { ends_of_variables(&bytes) } else { Vec::new() };
             let lengths = (16..bytes.len()).step_by(bytes.len() / 60 + 1);
             for length in lengths.chain((!ends_early).then_some(bytes.len() - 1)) {
@@ -231,13 +228,11 @@ fn files_cut_anywhere_are_errors_that_name_them() {
     }
 }
 
-/// Every chunk of a long recording lists its channels again: two topics without forces, three
-/// thousand times.
+/// Every chunk lists its channels again: two topics without forces, three thousand times.
 #[test]
 fn topics_that_are_not_read_are_counted_once() {
     let bytes = std::fs::read(seeds().join("mcap/none.mcap")).unwrap();
-    // An opcode, a length, and content; texts with their length before them (the specification of
-    // MCAP).
+    // An opcode, a length, and content; texts follow their length (MCAP's specification).
     let channel = |id: u16| {
         let topic = if id.is_multiple_of(2) { "/tf" } else { "/image" };
         let mut body = [id.to_le_bytes(), [0; 2]].concat();

@@ -1,7 +1,6 @@
 //! Tests of reading, converting and aligning logs.
 //!
-//! Tests on real recordings are ignored unless `SHELLCAL_REAL_DATA` names their directory at build
-//! time; see `build.rs`.
+//! Without `SHELLCAL_REAL_DATA` at build time, tests on real recordings are ignored (`build.rs`).
 
 #![allow(
     clippy::unwrap_used,

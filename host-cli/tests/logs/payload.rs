@@ -37,8 +37,7 @@ fn join(values: &[f64]) -> String {
     values.iter().map(f64::to_string).collect::<Vec<_>>().join(",")
 }
 
-/// Least squares of numpy on the same 24 poses, `shared/data/others/README.md`: every printed
-/// digit.
+/// Least squares of numpy on the same 24 poses: every printed digit.
 #[test]
 #[cfg_attr(not(real_data), ignore = "SHELLCAL_REAL_DATA does not name the recordings")]
 fn a_tool_on_a_commercial_sensor_is_found_to_all_digits() {
@@ -192,8 +191,7 @@ fn labelled_poses_are_averaged_and_set_the_standard_errors() {
     }
 }
 
-/// A shell with six sensors, in counts, on a bouncing robot: after subtracting the payload, the
-/// contact remains.
+/// Six sensors, in counts, on a bouncing robot: without the payload, the contact remains.
 #[test]
 fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     let dir = tempfile::tempdir().unwrap();
@@ -256,8 +254,7 @@ fn convert_takes_off_a_payload_before_tare_and_low_pass() {
     }
     let (rows, _) = left("--no-lowpass");
     assert!(worst(&rows) > 0.5, "the swing would be there");
-    // The low-pass is linear: the payload is subtracted first, and the corners of contact are
-    // rounded.
+    // The low-pass is linear: the payload goes first, and the corners of contact are rounded.
     let (rows, _) = left("--payload payload.json --lowpass 10");
     let quiet: Vec<Vec<f64>> =
         rows.into_iter().filter(|row| row[0] < 2.5 || row[0] > 4.5).collect();

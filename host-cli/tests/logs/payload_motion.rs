@@ -155,8 +155,7 @@ fn place(t: f64, point: Vector) -> Vector {
     std::array::from_fn(|i| at[i] + turned[i])
 }
 
-/// Acceleration of such a point in the sensor's frame, less gravity, by second differences of its
-/// position: good to 1e-6 m/s².
+/// Acceleration of such a point, less gravity, by second differences: good to 1e-6 m/s².
 fn felt(t: f64, point: Vector) -> Vector {
     const STEP_S: f64 = 1e-4;
     let [before, now, after] = [-STEP_S, 0.0, STEP_S].map(|step| place(t + step, point));

@@ -101,8 +101,7 @@ fn the_example_set_goes_through_a_batch_to_its_truth() {
         assert_eq!(trial["condition"], truth["settings"]["condition"]["name"]);
         let ratio =
             |name: &str| trial[name].as_f64().unwrap() / truth[name].as_f64().unwrap() - 1.0;
-        // Noise of the motors' telemetry averages out over 6,000 rows; g is 9.81 in the one and
-        // 9.80665 m/s² in the other.
+        // Noise of the telemetry averages out over 6,000 rows; g is 9.81 against 9.80665 m/s².
         assert!(ratio("specific_resistance").abs() < 0.005);
         assert!(ratio("electrical_energy_j").abs() < 0.005);
         let strides = truth["strides"].as_array().unwrap().len();

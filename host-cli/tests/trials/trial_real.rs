@@ -126,8 +126,7 @@ fn evaluate(log: &Path, calibration: &Path, options: &TrialOptions) -> TrialResu
 
 fn assert_near(found: Option<f64>, expected: f64, what: &str) {
     let found = found.unwrap();
-    // Nine digits, as both sides round differently: the cubic terms reach some 10 N before they
-    // cancel.
+    // Nine digits: the cubic terms reach some 10 N before they cancel, with other rounding.
     assert!(
         (found - expected).abs() < 1e-9 * expected.abs().max(1.0),
         "{what}: {found} {expected}"

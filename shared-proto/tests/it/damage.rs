@@ -37,8 +37,7 @@ fn syndromes(content: usize) -> Vec<u16> {
     syndromes
 }
 
-// An error of up to four bits is undetected only if the syndromes of two sets of at most two bits
-// are equal; all of them differ.
+// Up to four bits are undetected only if the syndromes of two sets of at most two are equal.
 #[test]
 fn every_error_of_up_to_four_bits_in_a_sample_of_readings_is_found() {
     let packet = sample(&mut Random(1)).encode();
@@ -56,8 +55,7 @@ fn every_error_of_up_to_four_bits_in_a_sample_of_readings_is_found() {
     }
 }
 
-// The first byte is the COBS code, and a flipped bit can turn version 3 into version 2, which has a
-// different CRC.
+// The first byte is the COBS code; a bit can turn version 3 into version 2, with another CRC.
 #[test]
 fn no_error_of_up_to_three_bits_of_a_frame_passes_as_another_packet() {
     let sent = sample(&mut Random(5));
@@ -124,8 +122,7 @@ fn ten_million_random_strings_do_no_harm() {
             None => original.feed(&string[..len], |_| events += 1),
         }
     }
-    // Of 10⁷ delimiters, one piece in 256 has a matching length and header, and one in 65,536 of
-    // those a matching CRC.
+    // One piece in 256 has a matching length and header, one in 65,536 of those a matching CRC.
     assert!(events < 100, "{events}");
     // All state is inline: a decoder cannot grow.
     assert!(size_of::<Decoder>() <= 640);

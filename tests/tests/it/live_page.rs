@@ -111,8 +111,7 @@ fn the_page_follows_the_board() {
     let delays = delays(&mut browser, &board);
     let [median, worst] = [delays[50], delays[delays.len() - 1]];
     println!("{median:.0} ms from a sample to its picture (median), {worst:.0} ms at most");
-    // The median, since a shared machine may be late now and then. A sample is older than its
-    // picture.
+    // The median, since a shared machine may be late. A sample is older than its picture.
     assert!((0.0..200.0).contains(&median), "{delays:?}");
 
     browser.click("document.querySelector('[data-order=pause]')");

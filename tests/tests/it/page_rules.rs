@@ -54,8 +54,7 @@ pub fn check_rules(browser: &mut Browser) {
     assert_eq!(found, Value::Array(Vec::new()));
 }
 
-/// Checks that the page does not scroll sideways, that its text is legible, and that it follows the
-/// rules.
+/// Checks that the page does not scroll sideways, is legible, and follows the rules.
 pub fn check_page(browser: &mut Browser, width: u32) {
     let beyond = "document.documentElement.scrollWidth - document.documentElement.clientWidth";
     assert_eq!(browser.evaluate(beyond), 0, "{width}");

@@ -1,5 +1,4 @@
-//! A report of trials in a headless browser: without warnings or requests, by mouse and keyboard,
-//! on a phone, and on paper.
+//! A report of trials in a headless browser: without requests, by keyboard, on a phone, on paper.
 use std::fs;
 use std::path::{Path, PathBuf};
 

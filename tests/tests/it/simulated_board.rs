@@ -1,7 +1,6 @@
 //! `shellcal` on both ends of a pty: a simulated board, and the program that records it.
 //!
-//! The board's clock shows when frames were due, so only the duration depends on the machine's
-//! load.
+//! The board's clock shows when frames were due, so only the duration depends on the machine.
 
 use std::fs;
 use std::path::Path;
@@ -111,8 +110,7 @@ fn forces_of_a_recording_equal_those_of_the_script() {
     let times = log.numbers("t_s");
     let wrenches = log.table(WRENCH);
     // The calibration's errors on the shipped test data are 0.131, 0.130, 0.137 N, 0.0038, 0.0053,
-    // 0.0051 N·m (README). Half as much again is allowed for other creep, hysteresis and
-    // temperature.
+    // 0.0051 N·m (README). Half as much again is for other creep and temperature.
     for (axis, limit) in [0.20, 0.20, 0.21, 0.0057, 0.0080, 0.0076].into_iter().enumerate() {
         let errors = wrenches
             .iter()

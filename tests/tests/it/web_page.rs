@@ -97,8 +97,8 @@ fn check_same<'a>(
 }
 
 /// Relative tolerance of coefficients. Exact sums give the same bits everywhere. Memory terms are
-/// not whole: QR solves them, with last digits by the processor. Standard errors of a damped search
-/// amplify them: 6e-9 was seen.
+/// solved by QR, with last digits by the processor, which the standard errors of a damped search
+/// amplify: 6e-9 was seen.
 fn tolerance(model: &str) -> f64 {
     if model == "auto" { 1e-6 } else { 0.0 }
 }
@@ -122,8 +122,7 @@ fn name_of(file: &Path) -> &str {
     file.file_name().unwrap().to_str().unwrap()
 }
 
-/// Fits to the first file and tests on the others, in the page and with the program; returns the
-/// page and the program's folder.
+/// Fits to the first file and tests on the others; returns the page and the program's folder.
 fn compare_fits(files: &[PathBuf], model: &str) -> (Browser, tempfile::TempDir) {
     let dir = fit_by_program(files, model);
     let mut browser = open([1200, 900], false);
@@ -273,9 +272,8 @@ fn a_fit_can_be_cancelled() {
     work(&mut browser, "fit");
 }
 
-/// A serial port that delivers `bytes`, at most 200 at a time, and keeps those written to it.
-/// Half-way it reports a damaged byte, which ends a stream. Like a real port, it closes once its
-/// streams are released.
+/// A serial port that delivers `bytes`, at most 200 at a time, and keeps those written. Half-way it
+/// reports a damaged byte, which ends a stream; it closes once its streams are released.
 fn fake_port(bytes: &[u8]) -> String {
     let digits: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
     format!(

@@ -31,8 +31,7 @@ pub(crate) struct Intersection {
     pub(crate) forward: f64,
 }
 
-/// Returns the intersections of the ellipse with the circle about the beam's base, not deflected
-/// backward.
+/// Returns the intersections of the ellipse with the circle about the base, on the forward side.
 pub(crate) fn intersections(tip: &Tip) -> Vec<Intersection> {
     let wide = Wide::from;
     let two = wide(2.0);

@@ -60,9 +60,8 @@ impl ArrivalClock {
 
     /// Adds the arrival of a sample; ticks must increase, others are ignored.
     ///
-    /// The sensor's clock has been set if all samples of half a second lie more than `jump_s` above
-    /// the line, or one sample that much below it. For a sensor that counts samples, it is about
-    /// their period.
+    /// The clock has been set if all samples of half a second lie more than `jump_s` above the
+    /// line, or one below it. For a sensor that counts samples, it is about their period.
     pub fn push(&mut self, tick: f64, arrival_s: f64, jump_s: f64) {
         if self.newest.is_some_and(|(last, _)| tick <= last) {
             return;

@@ -1,8 +1,7 @@
 //! The boards behind a port, each with its own stream.
 //!
-//! A base station in API mode names the module of each packet, so every module's frames are decoded
-//! separately. Behind a transparent one, packets name their board from version 3 of the protocol
-//! on.
+//! A base station in API mode names each packet's module, so modules are decoded separately. Behind
+//! a transparent one, packets name their board from version 3 of the protocol on.
 
 use std::time::Duration;
 
@@ -101,8 +100,7 @@ impl Boards {
         Self { wire, heard: Vec::new(), beyond: 0 }
     }
 
-    /// Decodes bytes, in slices of any size, with their arrival time, see
-    /// [`Reception::arrived_at`].
+    /// Decodes bytes, in slices of any size, with their arrival ([`Reception::arrived_at`]).
     pub fn feed(&mut self, bytes: &[u8], arrival: Option<Duration>) {
         let Self { wire, heard, beyond } = self;
         let take = |address: Option<Address>, rssi, event: Event| {

@@ -112,8 +112,7 @@ impl RunningForces {
         Ok(forces)
     }
 
-    /// Returns standard errors of such frames in N and N·m, without the reduction by the low-pass,
-    /// if the calibration has them.
+    /// Returns the calibration's standard errors of frames, N and N·m, without the low-pass.
     pub fn standard_errors(&self, frames: &[BoardFrame]) -> Option<PerAxis<Vec<f64>>> {
         let tare = match &self.stage {
             ForceStage::Setup { .. } => None,
@@ -163,8 +162,7 @@ impl RunningForces {
     }
 }
 
-/// Passes stationary intervals that end within these frames to the pipeline, if its tare follows
-/// them.
+/// Passes stationary intervals that end in these frames to the pipeline, if its tare follows them.
 fn follow(
     rests: &mut Option<StationaryFinder>,
     pipeline: &mut ForcePipeline,

@@ -158,14 +158,12 @@ pub struct Reception {
 }
 
 impl Reception {
-    /// Sets the arrival time of the next packets, by a monotonic clock; it shows the length of
-    /// silences.
+    /// Sets the arrival time of the next packets, monotonic, which shows the length of silences.
     pub fn arrived_at(&mut self, now: Duration) {
         self.host_us = Some(u64::try_from(now.as_micros()).unwrap_or(u64::MAX));
     }
 
-    /// Takes a packet, with its signal strength in −dBm if known, and appends its frames without
-    /// duplicates.
+    /// Takes a packet, with its signal strength in −dBm if known, and appends its new frames.
     pub fn take(
         &mut self,
         received: ReceivedPacket,

@@ -25,8 +25,7 @@ pub fn protocol_name(protocol: Protocol) -> &'static str {
 /// Sufficient bytes for detection: half a second at 100 Hz has 1,500.
 const ENOUGH: usize = 2048;
 
-/// Time after the first byte at which fewer bytes have to suffice: two dozen frames at 100 Hz. A
-/// kill loses that much more.
+/// Time after which fewer bytes have to suffice: two dozen frames at 100 Hz, lost by a kill.
 const PATIENCE: Duration = Duration::from_millis(250);
 
 /// Bytes and time without a frame after which detection gives up.
@@ -65,8 +64,8 @@ impl Recognition {
         Self { asked_for, ..Self::default() }
     }
 
-    /// Takes bytes that arrived at `now`. Once detected, returns the protocol and all bytes so far,
-    /// which are still to be decoded.
+    /// Takes bytes that arrived at `now`; returns the protocol once detected, with all bytes so
+    /// far.
     ///
     /// # Errors
     /// [`NoFrame`] once frames are unlikely to come.

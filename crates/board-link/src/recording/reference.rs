@@ -29,8 +29,7 @@ pub struct ReferenceSample {
     pub tick: Option<f64>,
     pub restarted: bool,
     pub arrival: Instant,
-    /// Forces in N, moments in N·m, 0 for axes that are not measured; `None` if the sensor has an
-    /// error.
+    /// N and N·m, 0 for axes that are not measured; `None` if the sensor has an error.
     pub wrench: Option<PerAxis<f64>>,
     /// The sensor's status word, 0 if all is well.
     pub status: u32,
@@ -97,8 +96,7 @@ pub struct RecordedReference {
     #[serde(flatten)]
     pub counts: ReferenceCounts,
     pub rows_without: u64,
-    /// Error of the reference's times on the board's clock, s, without the constant parts of both
-    /// delays.
+    /// Error of times on the board's clock, s, without the constant parts of both delays.
     pub clock_error_s: f64,
     /// The reason why the reference ended early, if it did.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -126,8 +124,7 @@ const BOARD_CLOCK: f64 = 0.02;
 /// Distance from the line of the reference's clock that means another clock, in periods.
 const JUMP_PERIODS: f64 = 1.5;
 
-/// Distance from the line of the board's clock that means another clock, s: more than any radio's
-/// delay.
+/// Distance from the board's clock that means another clock, s: more than any radio's delay.
 const BOARD_JUMP_S: f64 = 1.0;
 
 #[derive(Debug)]
@@ -259,8 +256,8 @@ impl ReferenceBeside {
         clock.time_s(frame.time_us as f64 / 1e6)
     }
 
-    /// Returns the number of leading frames due at `now_s`: the reference has reached them, or they
-    /// have waited long enough.
+    /// Returns how many leading frames are due: the reference has reached them, or they waited
+    /// enough.
     pub(crate) fn due(&self, frames: &[BoardFrame], now_s: f64) -> usize {
         let waits = |frame: &BoardFrame| match self.frame_s(frame) {
             Some(time_s) => time_s > self.newest_s && now_s - time_s < PATIENCE_S,

@@ -9,10 +9,9 @@
 //! Behind a base station in API mode, `rssi_dbm` precedes the flags. HEALTH is
 //! `temperature_c,supply_v,vrefint,dark1,…,dark8`: given in the first row after a report, about
 //! once a second, and empty elsewhere, except for the temperature, which is repeated. `vrefint` and
-//! `dark` are in converter steps.
+//! `dark` are in steps.
 //!
-//! `sync` and `sync_s` are the number and time, on the clock of `t_s`, of an edge at the sync
-//! input, in the row after it.
+//! `sync` and `sync_s` are number and time (clock of `t_s`) of a sync edge, in the row after it.
 //!
 //! `missing` counts the frames lost between this row and the previous one; `dropped` is the board's
 //! own count, which wraps at 256. `flags` is empty for a regular row. Flags are `s3:saturated` and
@@ -22,19 +21,17 @@
 //! being determined: these forces come from the calibration alone, later ones match `convert` with
 //! a causal low-pass. `mark1`, `mark2`, … are marks set by the user.
 //!
-//! With a reference sensor, `fx_n` … `mz_nm` are its wrench, from the sample measured closest in
-//! time to the frame, or empty if no sample is close or the sensor reports an error. These columns
-//! precede the flags:
+//! With a reference sensor, `fx_n` … `mz_nm` are its wrench, from the sample closest in time to the
+//! frame, or empty if none is close or the sensor reports an error. These columns precede the
+//! flags:
 //!
 //! - `ref_index`: the number of the sample;
-//! - `ref_missing`: the number of samples lost between the samples of the previous row and of this
-//!   one;
+//! - `ref_missing`: the number of samples lost since the sample of the previous row;
 //! - `ref_status`: the sensor's status word;
 //! - `ref_t_s`: the time of the sample, on the clock of `t_s`;
 //! - `ref_t_error_s`: the error of that time, without the constant parts of both delays.
 //!
-//! If blocks of time are labelled, as planned loads are, `group` precedes the flags; it is empty in
-//! other rows.
+//! If blocks of time are labelled, as planned loads are, `group` precedes the flags.
 
 use std::collections::VecDeque;
 

@@ -1,5 +1,4 @@
-//! Order of numbered samples, missing, duplicate and late ones; and times of edges at the sync
-//! input.
+//! Order of numbered samples, missing, duplicate and late ones; and times of sync edges.
 
 use std::collections::VecDeque;
 
@@ -48,8 +47,7 @@ impl Tracker {
         self.newest.map_or(0, |newest| ((newest - self.oldest + 1) as u64) - self.distinct)
     }
 
-    /// Handles a restart: the next sample follows with `lost` samples in between, and has a new
-    /// numbering.
+    /// Handles a restart: the next sample follows with `lost` in between, and a new numbering.
     pub(super) fn restart(&mut self, lost: u64) {
         let Some(newest) = self.newest else { return };
         self.missing_before_restart = self.missing() + lost;
@@ -147,8 +145,7 @@ impl EdgeTracker {
         self.left_out += self.waiting.drain(..).count() as u64;
     }
 
-    /// Returns the edge for a frame. The clock wraps every 71.6 min; an edge is within half of that
-    /// of its frame.
+    /// Returns a frame's edge. The clock wraps every 71.6 min; the edge is within half of that.
     pub(super) fn give(&mut self, clock_us: u32, time_us: i64) -> Option<BoardEdge> {
         let (number, at_us) = self.waiting.pop_front()?;
         let since_us = i64::from(at_us.wrapping_sub(clock_us).cast_signed());

@@ -8,8 +8,7 @@
 //! s(s²−1)(s²−4)(s²−9)/5040 · (2πf/rate)⁷ of a sine's amplitude (J. Stoer, R. Bulirsch,
 //! "Introduction to Numerical Analysis", 2.1.4): 0.6 % for 20 Hz at 100 Hz and s = 0.19.
 //!
-//! Interpolation does not cross a gap, so next to one there are fewer points; an isolated frame is
-//! left as sampled.
+//! Next to a gap there are fewer points; an isolated frame is left as sampled.
 
 use super::reception::{BoardFrame, Measured};
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Timing};
@@ -46,8 +45,7 @@ impl Simultaneous {
         Self { as_sampled, ..Self::default() }
     }
 
-    /// Creates an aligner that leaves readings as sampled and waits only for the board's first
-    /// report.
+    /// Creates an aligner that leaves readings as sampled and waits only for the first report.
     pub fn immediate() -> Self {
         Self { as_sampled: true, immediate: true, ..Self::default() }
     }
@@ -84,8 +82,8 @@ impl Simultaneous {
         ready
     }
 
-    /// Returns true if the board has reported its timing, or will not. The first report also
-    /// applies to earlier frames.
+    /// Returns true if the board's timing is known, or will not be; it also applies to earlier
+    /// frames.
     fn is_described(&mut self) -> bool {
         if self.described {
             return true;

@@ -122,8 +122,7 @@ impl Timeline {
         FramePosition { index, time_us, arrival, restarted: false }
     }
 
-    /// Returns the position of a frame that does not follow the previous ones, but is followed by
-    /// another.
+    /// Positions a frame that does not follow the previous ones, but is followed by another.
     pub(super) fn jump(&mut self, stamp: Stamp) -> FramePosition {
         let Some((newest, newest_us)) = self.newest else { return self.follow(stamp) };
         let step = newest.step_to(&stamp);
@@ -211,8 +210,7 @@ impl Period {
         }
     }
 
-    /// Returns true if number and clock of a step agree: forwards, or back to a late or duplicate
-    /// frame.
+    /// Returns true if number and clock of a step agree: forwards, or back to a late frame.
     fn fits(&self, step: &FrameStep) -> bool {
         let mut frames = i64::from(step.sequence.cast_signed());
         let mut us = i64::from(step.clock_us.cast_signed());

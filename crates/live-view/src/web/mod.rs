@@ -6,8 +6,7 @@
 //! ```
 //!
 //! Publishing never blocks: a slow listener gets the newest event when it is ready, and one that
-//! takes none is dropped. The numbers of connections, waiting orders and bytes per request are
-//! bounded.
+//! takes none is dropped. Connections, waiting orders and requests are bounded.
 //!
 //! Every client, such as a program without the token, may read an [`OpenDocument`]. Every other
 //! request must carry the token, and a `Host` that no other site can have (`request`).
@@ -67,8 +66,7 @@ pub struct Site {
     pub page: String,
     /// Nonce of the page's scripts and styles; others are not run.
     pub nonce: String,
-    /// Required in the address of every request: `?token=…`. If empty, only open documents are
-    /// served.
+    /// `?token=…`, required in every request. If empty, only open documents are served.
     pub token: String,
     /// `mark` is `POST /mark`.
     pub orders: Vec<&'static str>,
@@ -158,8 +156,7 @@ impl Server {
 }
 
 impl ServerShared {
-    /// Locks the state, which a panicked thread leaves consistent: no operation under the lock can
-    /// fail half way.
+    /// Locks the state, which a panic leaves consistent: no step under the lock can fail half way.
     fn state(&self) -> MutexGuard<'_, ServerState> {
         lock(&self.state)
     }
@@ -197,8 +194,7 @@ impl ServerShared {
         close(stream, &mut buffer)
     }
 
-    /// Answers a request; `place` is set, and counts, if the connection is authorised. The error is
-    /// `None` without a request.
+    /// Answers a request; `place` is set if authorised. The error is `None` without a request.
     fn answer(
         &self,
         stream: &TcpStream,
@@ -346,8 +342,7 @@ fn read_head<'a>(
     }
 }
 
-/// Sends the head of a response, which forbids caching, and disclosing the address with its token
-/// to other sites.
+/// Sends a head that forbids caching, and disclosing the address with its token to other sites.
 fn send_head(mut stream: &TcpStream, status: &str, more: &str) -> io::Result<()> {
     let head = format!(
         "HTTP/1.1 {status}\r\nConnection: close\r\nCache-Control: no-store\r\nReferrer-Policy: no-referrer\r\n\

@@ -62,8 +62,7 @@ pub(super) fn parse(head: &[u8]) -> Result<Request<'_>, HttpRefusal> {
     let mut host = None;
     for line in lines {
         let (name, value) = line.split_once(':').ok_or(HttpRefusal::MALFORMED)?;
-        // A line that begins with a space would continue the previous one, which browsers no longer
-        // send.
+        // A line that begins with a space continued the previous one; browsers send none.
         if name.is_empty() || name.bytes().any(|byte| byte <= b' ' || byte >= 127) {
             return Err(HttpRefusal::MALFORMED);
         }
@@ -97,8 +96,7 @@ pub(super) fn is_same(given: &str, secret: &str) -> bool {
 
 /// Returns true for a `Host` that no other site can have: an address, or `localhost`.
 ///
-/// Another site could let its own name point to this machine ("DNS rebinding"), but the browser
-/// sends that name as the `Host`.
+/// Another site may let its name point here ("DNS rebinding"), but the browser sends it as `Host`.
 pub(super) fn is_host_ours(host: &str) -> bool {
     let bare = host.strip_prefix('[').and_then(|rest| rest.strip_suffix(']'));
     let (name, port) = host.split_once(':').unwrap_or((host, "0"));

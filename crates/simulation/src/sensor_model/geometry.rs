@@ -1,7 +1,7 @@
 //! Positions of the reflectors after the plate has moved: exact rigid-body geometry.
 //!
-//! A photointerrupter at (x, y, 0) looks along +z. Its reflector is a plane through (x, y, gap) of
-//! the plate at rest, with a normal tilted out of z. The plate rotates by R and moves by d, so the
+//! A photointerrupter at (x, y, 0) looks along +z. Without load, its reflector is a plane through p
+//! = (x, y, gap) with normal n, tilted out of z. The plate rotates by R and moves by d, so the
 //! plane goes through R p + d with normal R n, and the ray meets it at z = [(R n)·(R p + d) − (R
 //! n)ₓ x − (R n)ᵧ y] / (R n)_z.
 //!

@@ -184,8 +184,7 @@ impl LoadTable {
     /// Creates a table; its first time is the start.
     ///
     /// # Errors
-    /// [`SimulationError`] without rows, if times do not ascend, or for a number that is not
-    /// finite.
+    /// [`SimulationError`] without rows, if times do not ascend, or numbers are not finite.
     pub fn new(
         rows: impl IntoIterator<Item = (f64, PerAxis<f64>)>,
     ) -> Result<Self, SimulationError> {

@@ -54,8 +54,7 @@ pub struct SensorRecording {
 }
 
 impl SensorRecording {
-    /// Sets up a recording. Those of different kinds share only the instrument, even with equal
-    /// seeds.
+    /// Sets up a recording. Different kinds share only the instrument, even with equal seeds.
     ///
     /// # Errors
     /// [`SimulationError`] if rate, time or converter are invalid.

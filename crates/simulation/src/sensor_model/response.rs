@@ -101,8 +101,7 @@ mod tests {
             let x = distance_mm * 1e-3;
             let before = (current_at(x) - current_at(x - step)) / step;
             let after = (current_at(x + step) - current_at(x)) / step;
-            // Curvature below 2e8 per m² moves a secant over 1e-10 m by 0.02; rounding adds
-            // 1e-16/1e-10.
+            // Curvature below 2e8 per m² moves a secant over 1e-10 m by 0.02; rounding is less.
             assert!((before - after).abs() < 0.05, "{distance_mm}: {before} {after}");
         }
     }

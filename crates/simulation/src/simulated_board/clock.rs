@@ -13,8 +13,7 @@ use std::time::{Duration, Instant};
 use embassy_futures::yield_now;
 use firmware::{Clock, SeenEdge};
 
-/// A waiting process is woken this late, so that the forty waits of a frame, each tens of µs of
-/// processor time, become a few.
+/// Late waking merges the forty waits of a frame, each tens of µs of processor time, to a few.
 const LATE: Duration = Duration::from_micros(250);
 
 /// A clock that stops while the firmware computes, and shows exactly the awaited time.

@@ -15,8 +15,7 @@ const AMBIENT: f64 = 0.03;
 
 const ROOM_C: f64 = 23.0;
 
-/// Supply and voltage reference of an STM32L432 (DS11451, "Embedded internal voltage reference",
-/// typical), V.
+/// Supply and reference of an STM32L432 (DS11451, "Embedded internal voltage reference"), V.
 const SUPPLY_V: f64 = 3.3;
 const REFERENCE_V: f64 = 1.212;
 

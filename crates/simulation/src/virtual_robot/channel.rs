@@ -66,8 +66,7 @@ impl Wave {
 
 /// Distance between beams along the channel, m (paper, §IV-A).
 const BEAM_PITCH_M: f64 = 0.025;
-/// Amplitude that the legs excite, N, at once and twice the stride frequency, as in real
-/// recordings.
+/// Amplitude that the legs excite, N, at once and twice the stride frequency, as in reality.
 const SHAKING_N: [[f64; 2]; 3] = [[0.10, 0.05], [0.12, 0.06], [0.15, 0.08]];
 /// Point of pressure relative to the sensor's origin: ahead and above, m.
 const CONTACT_M: [f64; 3] = [0.02, 0.0, 0.02];

@@ -89,8 +89,7 @@ impl Gait {
         self.stall_s.is_some_and(|[from, to]| (from..to).contains(&time_s))
     }
 
-    /// Returns the time of reaching `angle_rad`, to a nanosecond, if it is between start and
-    /// `end_s`.
+    /// Returns the time of reaching `angle_rad`, to a nanosecond, between start and `end_s`.
     pub(crate) fn time_of(&self, side: LegSide, angle_rad: f64, end_s: f64) -> Option<f64> {
         let (mut low, mut high) = (self.start_s, end_s);
         let reached = |time_s: f64| self.angle_rad(side, time_s) >= angle_rad;

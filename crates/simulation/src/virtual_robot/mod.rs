@@ -13,11 +13,9 @@
 //!
 //! The window of the trial is from first to last contact with the beams, in which the robot covers
 //! the length of the channel: v̄ = l/(t_exit − t_enter). The speed follows from the condition's
-//! specific resistance and the usual power of the motors, v̄ = P/(m g η), with a scatter of 3 %
-//! between trials.
+//! specific resistance and the motors' usual power, v̄ = P/(m g η), with a scatter of 3 %.
 //!
-//! Not modelled: the dynamics of the body. Angular rates and accelerations are only oscillations at
-//! stride frequency with noise.
+//! Not modelled: the body's dynamics. Its columns hold oscillations at stride frequency with noise.
 
 mod channel;
 mod drive;

@@ -21,8 +21,7 @@ const SLOW_SAMPLE_TIME: SampleTime = SampleTime::CYCLES640_5;
 /// (RM0440, table "ADC1/2 external triggers for regular channels").
 const TRIGGER: u32 = 1 << 10 | 13 << 5;
 
-/// 80 MHz as on the SkinProc board, for the same baud rates; a frame does not need the chip's 170
-/// MHz.
+/// 80 MHz as on the SkinProc board, for the same baud rates; 170 MHz are not needed.
 fn clocks() -> Config {
     let mut config = start::clocks();
     config.rcc.hsi48 = None;

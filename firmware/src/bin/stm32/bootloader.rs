@@ -22,8 +22,7 @@ pub(crate) fn enter() -> ! {
     cortex_m::peripheral::SCB::sys_reset()
 }
 
-// Runs first after a reset, before RAM is initialised (cortex-m-rt, `__pre_init`): registers r0 to
-// r3 only, no stack.
+// Runs before RAM is initialised (cortex-m-rt, `__pre_init`): registers r0 to r3 only, no stack.
 //
 // Clears the word, so that the next reset starts the firmware. VTOR is set because after the
 // bootloader's Go command the vectors are not at 0.

@@ -4,8 +4,7 @@
 //! The oversampler adds up 2, 4, 8 or 16 conversions before it interrupts the core ("Oversampler");
 //! more 12-bit codes do not fit in its 16 bits without rounding. Any other number is split into
 //! such bursts, the largest first. The interrupt at the end of a burst starts the next and switches
-//! the emitters, and TIM6 adds the settling time. So the task sleeps from a channel's first
-//! conversion to its last.
+//! the emitters, and TIM6 adds the settling time. So the task sleeps meanwhile.
 #![expect(
     unsafe_code,
     reason = "an interrupt is handled and enabled here, and two codes are read from the system memory"
@@ -33,10 +32,9 @@ use embassy_time::Instant;
 use firmware::{Factory, FrontEnd};
 use shared_proto::{CHANNELS, Vitals};
 
-/// Longest pause between conversions, µs, with a margin for starting one. A conversion that starts
-/// more than 1 ms after the previous one may be wrong (STM32L432xx/442xx errata, "Wrong ADC result
-/// if conversion done late after calibration or previous conversion"); on other chips discarding it
-/// costs little.
+/// Longest pause between conversions, µs, with a margin. One that starts more than 1 ms after the
+/// previous may be wrong (STM32L432xx/442xx errata, "Wrong ADC result if conversion done late after
+/// calibration or previous conversion"); on other chips discarding it costs little.
 const LONGEST_PAUSE_US: u64 = 900;
 
 /// Exponent of the longest burst, 2⁴ conversions: 16 · 4095 is below 2¹⁶.

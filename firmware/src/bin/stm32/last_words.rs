@@ -28,8 +28,7 @@ struct Words {
 #[unsafe(link_section = ".uninit.last_words")]
 static mut WORDS: MaybeUninit<Words> = MaybeUninit::uninit();
 
-/// Takes the words and the reset cause of the previous run, if any. Call once, before interrupts
-/// are enabled.
+/// Takes words and reset cause of the previous run. Call once, before interrupts are enabled.
 pub(crate) fn take() -> Option<(ResetCause, LastWords)> {
     let words = addr_of_mut!(WORDS).cast::<Words>();
     // SAFETY: no other code runs yet, the memory exists, and any content is a valid value of the types read.

@@ -146,8 +146,7 @@ pub(crate) use board;
 pub(crate) fn line() -> usart::Config {
     let mut config = usart::Config::default();
     config.baudrate = baud::FIRST.actual;
-    // A three-wire adapter leaves CTS open, which must count as clear to send. RX without a sender
-    // must be idle.
+    // An open CTS of a three-wire adapter must count as clear to send, RX without a sender as idle.
     config.cts_pull = Pull::Down;
     config.rx_pull = Pull::Up;
     config

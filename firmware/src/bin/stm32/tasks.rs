@@ -1,10 +1,8 @@
-//! The library's tasks as embassy tasks, one for each concern, with their clock, serial line and
-//! sync input.
+//! The library's tasks as embassy tasks, with their clock, serial line and sync input.
 //!
-//! The sync input has an executor whose interrupt has priority over all other tasks, so that edges
-//! are stamped while frames are taken and converted. A stamp is late by two interrupts plus any
-//! critical section: a few µs, and 25 ms while a flash page is erased. A test on the chip's model
-//! checks a limit of 20 µs.
+//! The sync input has an executor whose interrupt has priority, so that edges are stamped while
+//! frames are taken. A stamp is late by two interrupts plus any critical section: a few µs (a test
+//! on the chip's model allows 20), and 25 ms while a flash page is erased.
 
 use super::bootloader;
 use super::converter::Photointerrupters;

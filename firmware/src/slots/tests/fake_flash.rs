@@ -1,9 +1,7 @@
-//! A fake of the STM32L4's flash that behaves like the real one when its power is cut (RM0394,
-//! section 3.3).
+//! A fake of the STM32L4's flash that behaves like it when the power is cut (RM0394, section 3.3).
 //!
-//! It is erased in sectors and written in double words, each with an error-correcting code. An
-//! interrupted operation leaves a mix of old and new bits, or a wrong code, which makes reading
-//! fail.
+//! Sectors are erased, double words written, each with an error-correcting code. An interrupted
+//! operation leaves a mix of old and new bits, or a wrong code, which makes reading fail.
 
 extern crate std;
 

@@ -46,8 +46,7 @@ fn exp_of_negative(x: f32) -> f32 {
     f32::from_bits(power.to_bits().wrapping_add_signed(n << 23))
 }
 
-/// Returns `ln(1 + e)` for `0 ≤ e ≤ 1`, with an error of about 2e-7: the series of `2·artanh z`, `z
-/// = e/(2 + e) ≤ 1/3`.
+/// `ln(1 + e)` for `0 ≤ e ≤ 1`, to about 2e-7: the series of `2·artanh z`, `z = e/(2 + e) ≤ 1/3`.
 #[inline(always)]
 fn ln_of_one_and(e: f32) -> f32 {
     let z = e / (2.0 + e);
@@ -55,8 +54,7 @@ fn ln_of_one_and(e: f32) -> f32 {
     z * series.into_iter().fold(0.0, |sum, c| sum * (z * z) + c)
 }
 
-/// Closest reading to a plateau, in units of h, that the start uses: there the inverse curve is
-/// infinite.
+/// Closest reading to a plateau for the start, in units of h: there the inverse is infinite.
 const MARGIN: f32 = 0.01;
 
 pub(super) fn displacement(sensor: &PhysicsSensor, y: f32) -> (f32, f32) {

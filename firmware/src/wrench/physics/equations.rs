@@ -62,8 +62,7 @@ impl Equations {
         });
     }
 
-    /// Solves by `A = L·D·Lᵀ` (Golub & Van Loan, 4th ed., §4.1.2); `None` if `A` is not positive
-    /// definite.
+    /// Solves by `A = L·D·Lᵀ` (Golub & Van Loan, 4th ed., §4.1.2), for positive definite `A`.
     #[inline(never)]
     pub(super) fn solve(&self) -> Option<X> {
         let mut a = self.a;

@@ -6,11 +6,9 @@
 //!
 //! by at most [`STEPS`] Gauss–Newton steps in single precision, with `v` from the previous step, as
 //! on the host (`crates/sensor-physics/src/inversion`). A sensor on a plateau of its curve has no
-//! influence, since its slope is zero; a saturated sensor is left out. No state is carried between
-//! frames.
+//! influence, since its slope is zero; a saturated one is left out. Frames are independent.
 //!
-//! Only the host computes standard errors and flags, and leaves out sensors that no wrench
-//! explains.
+//! Only the host computes standard errors and leaves out sensors that no wrench explains.
 //!
 //! If the numbers of a calibration are in the ranges of [`Physics`], no computation here overflows:
 //! a step that is not finite, or that leads beyond [`FARTHEST`], is not taken.
@@ -114,8 +112,7 @@ impl<'a> ScaledFrame<'a> {
             other => return moved(&state.x, &other.unwrap_or_default().0),
         };
         for left in (0..STEPS).rev() {
-            // After such a long last step there is no convergence, so new variances would not be
-            // used.
+            // After so long a last step there is no convergence: new variances are not used.
             let is_far = length >= NEAR;
             let known = (!is_far || left == 0).then_some(&state.points);
             let next = self.state(moved(&state.x, &step), known);
@@ -271,9 +268,8 @@ mod tests {
         let model = model();
         for x in poses() {
             let error = error(&model, &readings(&model, &x), 0, &x);
-            // Readings are rounded to half a count of 44,800. Slopes of at least 0.2, and gains
-            // that are not orthogonal, amplify that about a hundredfold; the prior pulls by as
-            // much.
+            // Rounding to half a count of 44,800, amplified about a hundredfold by slopes from 0.2
+            // on and gains that are not orthogonal; the prior pulls by as much.
             assert!(error < 2e-3, "{x:?}: {error}");
         }
     }

@@ -1,5 +1,4 @@
-//! Least-squares problems with known exact answers, solved by every method. See `README.md` for
-//! their origin and the answers.
+//! Least-squares problems with known exact answers (`README.md`), solved by every method.
 
 mod exact;
 mod families;

@@ -1,5 +1,4 @@
-//! 95 % intervals hold on new files of motion, though errors of neighbouring rows are alike and
-//! files are few.
+//! 95 % intervals hold on new files of motion, though neighbouring rows are alike and files few.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -59,8 +58,7 @@ fn intervals_hold_on_other_files_of_a_sensor_whose_readings_wander() {
     };
     let shares = shares(&write(1..7), &write(7..17));
     // Readings wander over some 34 times in ten files, so the observed share of 95 % has a standard
-    // deviation of 1.2 %. A new block is one of 37 or more, which widens intervals by up to 2.6 %
-    // in coverage.
+    // deviation of 1.2 %. With a new block, one of 37 or more, coverage is up to 2.6 % larger.
     assert!(shares.iter().all(|share| (0.925..=0.985).contains(share)), "{shares:?}");
 }
 

@@ -1,5 +1,4 @@
-//! Errors of methods over hundreds of sensors, sessions or trials with known truth: `cargo xtask
-//! check studies`.
+//! Errors of methods over hundreds of cases with known truth: `cargo xtask check studies`.
 
 mod file_intervals;
 mod planned_orders;

@@ -1,5 +1,4 @@
-//! Coverage of 95 % intervals: on the sensor model, with poses outside the training data, and with
-//! a constructed truth.
+//! Coverage of 95 % intervals: on the sensor model, beyond the training, with a constructed truth.
 
 use std::fs::{self, File};
 use std::io::{BufWriter, Write};
@@ -188,8 +187,7 @@ fn standard_errors_by_group_cover_errors_of_poses_and_naive_ones_do_not() {
     }
     let [groups, rows] = held.map(|held| held as f64 / SIMULATIONS as f64);
     println!("{groups:.4} by groups, {rows:.4} by rows");
-    // The Monte-Carlo error is √(0.95·0.05/2000) = 0.5 %; two of it, and half a percent for 30
-    // poses.
+    // The Monte-Carlo error is √(0.95·0.05/2000) = 0.5 %: two of it, and half a percent.
     assert!((groups - 0.95).abs() < 0.015, "{groups}");
     // Rows of one pose count as forty: standard errors six times too small.
     assert!(rows < 0.4, "{rows}");
@@ -248,8 +246,7 @@ fn intervals_hold_poses_of_a_real_sensor_that_were_held_out() {
         let ((share, _), (half, _)) = (mean(&shares[axis]), mean(&halves[axis]));
         println!("{axis}: {share:.4}, half width {half:.4}");
         // 160 held-out poses, 32 of them distinct, give the share to some 2 %. If the worst two or
-        // three are alike, one nearly always belongs to the groups that set the interval, which
-        // then contains all.
+        // three are alike, one nearly always sets the interval, which then contains all.
         assert!(share >= 0.92, "{axis}: {share}");
     }
 }

@@ -182,8 +182,8 @@ fn an_unchanged_sensor_keeps_its_calibration() {
             false => changed += 1,
         }
     }
-    // Evidence of 400 to 1 by chance: less often than once in twenty sensors, whose errors at a few
-    // loads are no white noise.
+    // Evidence of 400 to 1 by chance: in less than one of twenty sensors, with errors that are not
+    // white.
     assert!(changed <= seeds().count().div_ceil(20), "{changed}");
 }
 

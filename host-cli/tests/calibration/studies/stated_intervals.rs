@@ -1,5 +1,4 @@
-//! Stated 95 % intervals hold on new groups: of other people's sensors, the shipped data and the
-//! sensor model.
+//! Stated 95 % intervals hold on new groups of other sensors, shipped data and the sensor model.
 
 use std::fmt::Write;
 use std::fs;
@@ -107,8 +106,7 @@ fn columns(path: &Path) -> (Vec<Vec<f64>>, impl Fn(&str) -> usize + use<>) {
 fn tell(name: &str, what: &str, shares: [f64; 6]) {
     let percent = shares.map(|share| format!("{:.1}", 100.0 * share));
     println!("| {name} | {what} | {} |", percent.join(", "));
-    // 92 to 99 %, and half a percent: at such a share 418 rows have a standard deviation of 1.1 %,
-    // and 32 poses a larger one.
+    // 92 to 99 %, and half a percent: a share of 418 rows has a standard deviation of 1.1 %.
     assert!(
         shares.iter().all(|share| (0.915..=0.996).contains(share)),
         "{name}, {what}: {percent:?}"

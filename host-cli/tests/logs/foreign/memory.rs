@@ -9,18 +9,15 @@ pub(crate) enum Kind {
     BoucWen,
     /// Weighted plays (Krasnosel'skii & Pokrovskii, 1989), in axes that differ from the wrench axes.
     PrandtlIshlinskii,
-    /// Springs with sliding feet side by side (Iwan, J. Appl. Mech. 33, 893, 1966), one set per
-    /// channel.
+    /// Springs with sliding feet in parallel (Iwan, J. Appl. Mech. 33, 893, 1966), per channel.
     MaxwellSlip,
     /// A triangle of relays (Mayergoyz, Phys. Rev. Lett. 56, 1518, 1986), one per channel.
     Preisach,
-    /// Dahl (1968): friction that approaches its limit exponentially with the distance since a
-    /// reversal.
+    /// Dahl (1968): friction that approaches its limit exponentially since a reversal.
     Dahl,
     /// The standard linear solid: creep with two time constants, no friction.
     LinearSolid,
-    /// Friction of bristles by speed (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419,
-    /// 1995).
+    /// Bristles by speed (Canudas de Wit et al., IEEE Trans. Autom. Control 40, 419, 1995).
     LuGre,
     /// One play per direction, each with its own width: a joint with backlash.
     Backlash,

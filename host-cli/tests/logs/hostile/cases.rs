@@ -108,8 +108,7 @@ fn signals_leave_no_temporary_files() {
     for (signal, number) in [("-INT", 2), ("-TERM", 15), ("-HUP", 1)] {
         use std::os::unix::process::ExitStatusExt;
         let dir = tempfile::tempdir().unwrap();
-        // Programs that a script starts in the background ignore signals. This one must not,
-        // however the test is started.
+        // A script's background programs ignore signals; this one must not, however it starts.
         let mut child = std::process::Command::new("env")
             .args(["--default-signal=INT,TERM,HUP", env!("CARGO_BIN_EXE_shellcal")])
             .args(["synth", "train", "--rows", "10000000", "-o", "big.csv"])

@@ -176,8 +176,7 @@ fn blow(random: &mut Random) -> Option<Blow> {
     random.percent(10).then_some(Blow { name, number, after })
 }
 
-/// Draws a gate on logs and a calibration with some axes: exit code 0 only if both have all
-/// required axes.
+/// Draws a gate on logs and a calibration with some axes: 0 only if both have all required ones.
 fn gate(seeds: &Path, dir: &Path, random: &mut Random) -> Result<(), String> {
     let (train, calibrated) = files::of_some_axes(seeds, "train.csv", random);
     let mut measured = Vec::new();

@@ -130,8 +130,8 @@ fn error(calibration: &(Calibration, [f64; 6]), settings: TrialSettings) -> (f64
 /// means, and are no wider than the errors require.
 ///
 /// Creep and play make small loads read some tenth too small on every unit, but the intervals treat
-/// this error as random. They may then contain the truth in all hundred cases, so their width is
-/// compared with the errors.
+/// this error as random. They may then always contain the truth, so their width is compared with
+/// the errors.
 #[test]
 fn intervals_of_conditions_hold_the_truth_and_are_as_wide_as_errors_ask_for() {
     const UNITS: u64 = 100;

@@ -121,8 +121,7 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
             let angle = |time_s| trial.gait.angle_rad(LegSide::Right, time_s);
             let off = (angle(time_s) - angle(turn_s)).abs() / TAU * 65536.0;
             // Noise moves the detected end of a turn by up to five standard deviations and half a
-            // step of the encoder. With one to eight missing rows, a straight line is off by less
-            // than 50 counts.
+            // step of the encoder. Missing rows, one to eight, cost less than 50 counts.
             assert!(off < 5.5 * settings.encoder_noise + 52.0, "{off} counts: {settings:?}");
         }
     }
@@ -134,8 +133,8 @@ fn strides_are_found_exactly_in_a_thousand_random_trials() {
 const LOADS: [[f64; 2]; 6] =
     [[-0.5, 0.25], [-0.25, 0.25], [-0.6, 0.3], [-0.004, 0.004], [-0.006, 0.012], [-0.004, 0.004]];
 
-/// A calibration without calibration error: fitted to a unit's own noiseless frames, under loads
-/// similar to those of trials.
+/// A calibration without error: fitted to a unit's noiseless frames, under loads like those of
+/// trials.
 fn true_calibration(unit_seed: u64) -> Calibration {
     let mut unit = SensorParameters::nominal().unit(unit_seed);
     unit.scale_noise(0.0);
@@ -200,8 +199,7 @@ fn drag_energy_and_specific_resistance_equal_those_of_the_truth() {
     }
 
     // At the paper's noise, tared on 50 frames as the lab does, that noise is 0.041 N √(1/50 +
-    // 1/600), 4.6 % of the drag: no calibration can better a single trial; a hundred are right to
-    // 0.5 %.
+    // 1/600), 4.6 % of the drag for any calibration; a hundred trials are right to 0.5 %.
     let of_100: Vec<_> = (0..100)
         .map(|seed| errors(elastic(seed), &calibration, &TrialOptions::default()))
         .collect();

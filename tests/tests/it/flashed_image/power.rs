@@ -8,8 +8,7 @@ use super::host::{Host, Modelled, boards, calibration, crc_of};
 /// Two pages erased, and a slot of 2,280 bytes in double words.
 const OPERATIONS: u64 = 2 + 2_280 / 8;
 
-/// Returns the first, the last, and every n-th operation in between. The slots' unit tests cover
-/// all.
+/// Returns first, last, and every n-th operation. The slots' unit tests cover all.
 fn cuts(one_in: u64) -> impl Iterator<Item = u64> {
     (0..OPERATIONS).filter(move |operation| {
         *operation < 4 || operation.is_multiple_of(one_in) || *operation > OPERATIONS - 4

@@ -116,8 +116,7 @@ fn a_line_that_is_held_up_costs_the_oldest_samples() {
     host.order(Command::Stop);
     let sequence: Vec<u16> = host.samples.iter().map(|sample| sample.sequence).collect();
     assert_eq!(sequence, (0..host.samples.len() as u16).collect::<Vec<_>>());
-    // The frame in the driver is old. All others are at most 160 ms old, the capacity of the
-    // outbox.
+    // The frame in the driver is old. All others are at most 160 ms old, the outbox's capacity.
     let stale = host.samples[before..].iter();
     let stale = stale.filter(|sample| sample.clock_us + 180_000 < released_us).count();
     assert!(stale <= 2, "{stale} samples of before");
