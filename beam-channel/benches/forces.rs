@@ -11,7 +11,6 @@ fn main() {
     divan::main();
 }
 
-/// Positions of a sweep over one spacing in the middle of the channel.
 const POSITIONS: u32 = 1000;
 
 /// The paper's widths: 8, 6 and 4 cm.
@@ -30,13 +29,11 @@ fn positions(model: &Model) -> impl Iterator<Item = f64> {
     (0..POSITIONS).map(move |i| middle + channel.pitch_m * f64::from(i) / f64::from(POSITIONS))
 }
 
-/// Equal contacts in channels with more and more beams.
 #[divan::bench(args = [11, 110, 11_000])]
 fn beams_in_the_channel(bencher: Bencher<'_, '_>, beams: u32) {
     sweep(bencher, &Model::new(&setup(0.06, beams)).expect("a channel of the paper"));
 }
 
-/// More contacts, as the beams get closer.
 #[divan::bench(args = [1, 10, 100])]
 fn beams_in_contact(bencher: Bencher<'_, '_>, density: u32) {
     let mut setup = setup(0.06, 11 * density);

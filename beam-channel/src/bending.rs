@@ -21,11 +21,9 @@ pub(crate) struct Bending {
     pub(crate) lies_against_body: bool,
 }
 
-/// A smooth part of the path, with contact at the tip or at the face.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Piece {
     pub(crate) end: f64,
-    /// Forward reach of the contact over `z`, m.
     pub(crate) reach: Series,
     /// Factor of normal and tangent, as long as in a [`Contact`](crate::Contact), in `EI/L²`.
     pub(crate) push: Series,
@@ -58,7 +56,6 @@ pub(crate) fn node(i: usize) -> f64 {
 }
 
 impl Series {
-    /// Creates the series through values at the [`node`]s of a range.
     pub(crate) fn through(values: &[f64; TERMS], [start, end]: [f64; 2]) -> Self {
         let coefficients = core::array::from_fn(|term| {
             let at = |i: usize| cos(term as f64 * acos(2.0 * node(i) - 1.0));

@@ -35,14 +35,11 @@ const PLACES: usize = 64;
 struct Bent {
     reach: f64,
     push: f64,
-    /// True if the tip touches, false if the face does.
     is_on_tip: bool,
 }
 
-/// The reason why no shape of the beam reaches a position.
 #[derive(Clone, Copy, PartialEq)]
 pub(crate) enum Failure {
-    /// Friction holds the tip.
     Locked,
     /// The beam springs off the body.
     Released,
@@ -114,7 +111,6 @@ impl Bending {
     }
 }
 
-/// Computes the shape of the beam whose contact is at `z`.
 fn bent(path: &Path, friction: f64, with_face: bool, z: f64) -> Result<Bent, Failure> {
     let contact = path.position(z);
     let (across, along) =
@@ -160,7 +156,6 @@ fn half_turns(clamp: f64) -> [f64; 2] {
     [least, most * (1.0 - 1e-9)]
 }
 
-/// Returns half the turn of the beam whose tip is at `height`.
 fn half_turn_of(clamp: f64, height: f64) -> Result<f64, Failure> {
     let [least, most] = half_turns(clamp);
     if tip(clamp, most).height > height {

@@ -54,7 +54,7 @@ impl Law {
         BeamForce { fx_n, fy_n: sign * fy_n, mz_nm: sign * mz_nm, deflection_rad }
     }
 
-    /// Returns the drag of a beam, N.
+    /// Returns the drag, N.
     pub(crate) fn drag(&self, path: &Path, contact: &Contact) -> f64 {
         self.push(path, contact) * (contact.out + self.friction * contact.back)
     }

@@ -146,7 +146,6 @@ pub struct Contact {
 }
 
 impl Contact {
-    /// Returns `z` on the tip's path.
     pub(crate) fn z(&self) -> f64 {
         sqrt(self.sin_a)
     }
@@ -162,7 +161,7 @@ impl Contact {
         (self.travel - target) * self.cos_a * self.root / (4.0 * self.steepness)
     }
 
-    /// Returns `τ − τ_e` in rad.
+    /// Returns `τ − τ_e`, rad.
     pub(crate) fn turn(&self) -> f64 {
         2.0 * atan2(self.sin_a, self.cos_a)
     }

@@ -82,7 +82,6 @@ impl Model {
         self.weight() * f64::from(self.setup().channel.beams) * passages
     }
 
-    /// Returns the work on one beam of a side, from the first touch to the release.
     pub(crate) fn passage(&self, side: &Side) -> f64 {
         side.arcs().iter().map(|arc| self.work_on(side, arc.z)).sum()
     }

@@ -199,7 +199,6 @@ impl Side {
         arcs.iter().find(|arc| travel <= arc.travel[1]).unwrap_or(&arcs[arcs.len() - 1])
     }
 
-    /// Returns the beams that touch a body at `x_m`, in a row whose first base is at 0.
     pub(crate) fn touching(&self, x_m: f64, beams: u32, pitch: f64) -> Range<u32> {
         let nose = x_m + self.engagement_m;
         let travel = |i: u32| nose - pitch * f64::from(i);

@@ -14,7 +14,6 @@ use crate::board::{Clock, FrontEnd};
 use core::num::{NonZeroU32, NonZeroU64};
 use shared_proto::{CHANNELS, COUNTS_PER_LSB, Stream, Timing};
 
-/// Maximum number of conversions per value.
 pub const MAX_CONVERSIONS: u8 = 64;
 
 pub const FULL_SCALE: u16 = (1 << 12) - 1;
@@ -28,7 +27,6 @@ const CLIPPED_STEPS: u16 = 2;
 /// Switching, starting and waking up, per channel.
 const OVERHEAD_US: u32 = 30;
 
-/// Settings of frames, and the kind of sample to send.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Settings {
     pub stream: Stream,
@@ -90,7 +88,6 @@ pub async fn acquire<F: FrontEnd, C: Clock>(
     frame
 }
 
-/// Computes the timing from the frame's start and the times of its first and last reading.
 fn timing(start_us: u64, first_us: u64, last_us: u64) -> Timing {
     let steps = CHANNELS as u64 - 1;
     let fit = |us: u64| u16::try_from(us).unwrap_or(u16::MAX);
@@ -136,7 +133,6 @@ pub async fn illuminate<F: FrontEnd>(
     rise
 }
 
-/// Returns the longest duration of a frame, µs.
 pub fn duration_us(settings: &Settings, conversion_ns: u32) -> u32 {
     let conversions_us = (u32::from(settings.conversions) * conversion_ns).div_ceil(1000);
     CHANNELS as u32 * (2 * u32::from(settings.settling_us) + 3 * conversions_us + OVERHEAD_US)
@@ -171,7 +167,6 @@ impl Schedule {
         (self.next_us, u32::try_from(skipped).unwrap_or(u32::MAX))
     }
 
-    /// Uses the slot that [`Schedule::next`] returned.
     pub(crate) fn advance(&mut self) {
         self.next_us = self.next_us.saturating_add(u64::from(self.period_us.get()));
     }

@@ -4,9 +4,7 @@ use crate::baud::Baud;
 use crate::upload::Record;
 use shared_proto::Vitals;
 
-/// Emitters and converter of the eight photointerrupters.
 pub trait FrontEnd {
-    /// Lights the emitter of one channel and no other, or none.
     fn light(&mut self, channel: Option<usize>);
 
     /// Returns the sum of back-to-back 12-bit conversions of a channel, from 1 to
@@ -33,7 +31,6 @@ pub trait FrontEnd {
 
 pub const VITALS_US: u64 = 250;
 
-/// Time since the reset.
 pub trait Clock {
     /// Returns the monotonic time, µs.
     fn now_us(&self) -> u64;

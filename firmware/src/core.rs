@@ -21,9 +21,7 @@ pub(crate) struct Core<'a> {
     setup: BoardSetup,
     pub(crate) line: LineState,
     pub(crate) settings: Settings,
-    /// `None` when not streaming.
     schedule: Option<Schedule>,
-    /// `None` without a calibration.
     converter: Option<Converter>,
     upload: Option<Upload>,
     /// The record being uploaded; at first, the one in storage.
@@ -44,7 +42,6 @@ pub(crate) struct SelfTest {
     number: u16,
 }
 
-/// The next action on the serial line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum OnLine {
     Frame(WireFrame),
@@ -168,7 +165,6 @@ impl<'a> Core<'a> {
         self.outbox.answer(number, answer.unwrap_or_else(Answer::Refused));
     }
 
-    /// Takes the requested self-test, unless the board has started streaming.
     pub(crate) fn take_self_test(&mut self) -> Option<SelfTest> {
         let test = self.self_test.take()?;
         if self.is_streaming() {

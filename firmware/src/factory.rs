@@ -19,7 +19,6 @@ pub struct Factory {
 }
 
 impl Factory {
-    /// Converts sums of `conversions` codes of the reference and of the thermometer.
     pub fn vitals(&self, reference: u32, thermometer: u32, conversions: u8) -> Vitals {
         let conversions = u32::from(conversions.max(1));
         let counts = |sum: u32| (sum * u32::from(COUNTS_PER_LSB) + conversions / 2) / conversions;

@@ -27,7 +27,6 @@ impl LastWords {
         &self.0
     }
 
-    /// Returns the text up to the first invalid UTF-8.
     pub fn as_str(&self) -> &str {
         self.0.utf8_chunks().next().map_or("", |chunk| chunk.valid())
     }
@@ -36,7 +35,6 @@ impl LastWords {
         _ = bytes.iter().try_for_each(|&byte| self.0.push(byte));
     }
 
-    /// Returns the answer with as many bytes from `offset` on as fit.
     pub(crate) fn answer(&self, offset: u16) -> Answer {
         let rest = self.0.get(usize::from(offset)..).unwrap_or_default();
         let text = rest.get(..rest.len().min(MAX_PIECE)).and_then(Piece::copy_of);

@@ -33,7 +33,6 @@ impl LineState {
         Self { wanted: None, rate, trial: None }
     }
 
-    /// Requests a change after the pending answers have left.
     pub(crate) fn want(&mut self, change: Change) {
         self.wanted = Some(change);
     }
@@ -61,7 +60,6 @@ impl LineState {
         self.trial = self.trial.filter(|trial| trial.end_us.is_none());
     }
 
-    /// Returns the rate to restore if the trial has failed.
     pub(crate) fn give_up(&mut self, now_us: u64) -> Option<Baud> {
         let is_over = |trial: &RateTrial| trial.end_us.is_some_and(|end_us| now_us >= end_us);
         let trial = self.trial.filter(is_over)?;

@@ -117,7 +117,6 @@ mod tests {
         }
     }
 
-    /// Returns sequence number, clock and dropped frames of each sample.
     fn samples(packets: &[Packet]) -> Vec<(u16, u32, u8)> {
         let samples = packets.iter().map(|packet| match packet {
             Packet::Sample(sample) => (sample.sequence, sample.clock_us, sample.dropped),

@@ -27,7 +27,6 @@ const MAX_PERIOD_US: u32 = 10_000_000;
 const MAX_SETTLING_US: u16 = 10_000;
 
 impl BoardSetup {
-    /// Checks that frames can be taken with these settings at this rate.
     pub(crate) fn check(&self, settings: &Settings, rate: Option<Baud>) -> Result<(), Refusal> {
         let min_period_us = self.identity.min_period_us;
         let in_range = (min_period_us..=MAX_PERIOD_US).contains(&settings.period_us)

@@ -81,11 +81,9 @@ fn pick(setup: &Setup, side: &Side, found: Vec<Intersection>) -> Option<f64> {
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     in_contact: u64,
-    /// Contacts whose tip had snapped across.
     snapped: u64,
 }
 
-/// Fails if the finder and the crate disagree.
 fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally {
     let mut random = Random::new(seed);
     let mut tally = Tally::default();
@@ -96,7 +94,6 @@ fn compare(seed: u64, count: u64, make: impl Fn(&mut Random) -> Setup) -> Tally 
         if side.meets_faces_first() {
             continue;
         }
-        // Somewhat more than the contact.
         let travel = side.travel_m() * random.between(-0.1, 1.1);
         let ahead = side.engagement_m - travel;
         let found = side.contact_after(side.engagement_m - ahead);

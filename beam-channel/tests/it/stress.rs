@@ -224,7 +224,6 @@ proptest! {
             least = least.min(drag(i));
             greatest = greatest.max(drag(i));
         }
-        // Rounding only.
         let slack = 1e-13 * greatest.abs();
         prop_assert!(plateau.peak.drag_n >= greatest - slack, "{plateau:?} {greatest}");
         prop_assert!(plateau.minimum.drag_n <= least + slack, "{plateau:?} {least}");

@@ -84,7 +84,6 @@ impl LogSink for AppendWriter {
         Ok(())
     }
 
-    /// Closes the file: syncs it to disk, or removes it if it is empty.
     fn close(self: Box<Self>) -> Result<(), OutputError> {
         if !self.regular {
             return Ok(());

@@ -13,7 +13,6 @@ use crate::recording::{
 /// Maximum number of frames that wait for a label: 82 s at 100 Hz.
 pub(super) const MOST_WAITING: usize = 8192;
 
-/// Result of one board in a recording of several.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct RecordedBoard {
     /// Address of the radio module, or the board's name in its packets.
@@ -25,7 +24,6 @@ pub struct RecordedBoard {
     pub losses: Losses,
 }
 
-/// A board's log during the recording, with the frames that wait for it.
 #[derive(Debug, Default)]
 pub(super) struct BoardLog {
     pub(super) sender: BoardSource,

@@ -19,7 +19,6 @@ pub(crate) const ATTEMPTS: u32 = 5;
 /// Timeout of an answer. A radio takes tens of ms, erasing flash 25 ms.
 pub(crate) const WAIT: Duration = Duration::from_millis(400);
 
-/// Time for answers of other boards after the first.
 const OTHERS: Duration = Duration::from_millis(100);
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

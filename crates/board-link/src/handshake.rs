@@ -24,14 +24,12 @@ const BAUDS: [u32; 9] =
 /// Timeout of an unexpected answer. At 9,600 baud that is 240 bytes.
 const GLANCE: Duration = Duration::from_millis(250);
 
-/// Number of bytes that suffices to detect the protocol.
 const ENOUGH: usize = 2048;
 
 #[derive(Clone, Debug)]
 pub struct HandshakeOptions {
     pub port: PortOptions,
     pub uplink: Uplink,
-    /// Duration of the recording.
     pub listen: Duration,
     /// Number of the first command, which late answers to other programs are unlikely to carry.
     pub number: u16,
@@ -39,10 +37,14 @@ pub struct HandshakeOptions {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Heard {
-    /// A board at this bit rate and with this protocol.
-    Board { baud: u32, protocol: Protocol },
+    Board {
+        baud: u32,
+        protocol: Protocol,
+    },
     /// Bytes without a frame at any speed; `bytes` counts those at the requested speed.
-    Noise { bytes: usize },
+    Noise {
+        bytes: usize,
+    },
     #[default]
     Silence,
 }
@@ -60,7 +62,6 @@ pub struct Handshake {
     pub stream: Option<Result<Stretch, RecordError>>,
 }
 
-/// A recorded part of a stream.
 #[derive(Clone, Debug)]
 pub struct Stretch {
     pub recorded: Recorded,

@@ -72,10 +72,8 @@ pub enum LinkError {
     SeveralBoards { port: String, serials: Vec<[u8; 12]> },
     #[error("the board's answer to `{}` is not one to it", client::name_of(_0))]
     WrongAnswer(Command),
-    /// The firmware is older than calibrations of this kind.
     #[error("the board's firmware does not know calibrations of kind `{0}`")]
     UnknownKind(&'static str),
-    /// The CRC-32 after an upload differs from the one sent.
     #[error("after the upload the board has calibration {found:#010x}, sent was {sent:#010x}")]
     NotKept { sent: u32, found: u32 },
 }

@@ -44,7 +44,6 @@ pub struct PortInfo {
     pub serial: Option<String>,
 }
 
-/// Lists the serial ports of this computer, by name.
 pub fn ports() -> Result<Vec<PortInfo>, serialport::Error> {
     let mut ports: Vec<_> = serialport::available_ports()?
         .into_iter()
@@ -73,7 +72,6 @@ impl PortOptions {
         self.port.starts_with(TCP)
     }
 
-    /// Opens the port for exclusive use.
     pub fn open(&self) -> Result<Box<dyn Connection>, LinkError> {
         if let Some(address) = self.port.strip_prefix(TCP) {
             let connection = connect(address)
@@ -129,7 +127,6 @@ pub struct PortState {
     pub refusal: Option<LinkError>,
     pub group: Option<String>,
     pub in_group: Option<bool>,
-    /// Name and id of a process that has it open.
     pub holder: Option<(String, u32)>,
     /// Latency timer of the USB adapter in ms: its wait for more bytes before it passes on a few.
     pub latency_ms: Option<u32>,

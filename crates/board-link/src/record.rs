@@ -33,7 +33,6 @@ enum Input {
 #[derive(Debug)]
 struct OpenPort {
     options: PortOptions,
-    /// `None` while the port is lost.
     connection: Option<Box<dyn Connection>>,
     reconnect: bool,
     tried_at: Instant,
@@ -169,7 +168,6 @@ pub fn record(
     let ran = run(&mut recorder, source, options.duration, stop, observe);
     source.send(&recorder.last_commands());
     let is_about_a_file = |error: &RecordError| matches!(error, RecordError::Output(_));
-    // Keeps the received data in any case.
     let finished = match ran {
         Ok(()) => recorder.finish(),
         Err(error) => Err(recorder.finish().err().filter(is_about_a_file).unwrap_or(error)),

@@ -15,12 +15,10 @@ use crate::recording::{BoardFrame, LiveForces, Losses, NoFrame, UnsuitableCalibr
 pub struct RecordOptions {
     /// `None` to detect it.
     pub protocol: Option<Protocol>,
-    /// Calibration for forces in addition to the readings.
     pub forces: Option<LiveForces>,
     pub duration: Option<Duration>,
     /// Uplink that starts the board's stream, restores it after a restart, and stops it at the end.
     pub start: Option<Uplink>,
-    /// Keeps the channels at their sampling times.
     pub as_sampled: bool,
     /// Enables [`RecordCommand::Label`]: adds a column, and delays rows of the first board until
     /// they are [settled](RecordCommand::Settled), since a block of time is found after its start.

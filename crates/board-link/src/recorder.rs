@@ -58,7 +58,6 @@ pub struct Recorded {
     pub boards: Vec<RecordedBoard>,
 }
 
-/// A running recording: takes bytes and times, and writes logs.
 #[derive(Debug, Default)]
 pub struct Recorder {
     name: String,
@@ -69,7 +68,6 @@ pub struct Recorder {
     reference: Option<ReferenceBeside>,
     now: Duration,
     shown: usize,
-    /// Annotations for the first board's log until it exists.
     annotations: Annotations,
     /// Logs in order of the boards' first frames.
     logs: Vec<BoardLog>,
@@ -85,7 +83,6 @@ impl Recorder {
         Self { name: name.to_owned(), recognition, options, sinks, ..Self::default() }
     }
 
-    /// Starts to listen to the reference; the recording starts at `epoch`.
     pub(crate) fn start_reference(&mut self, epoch: Instant) {
         let input = self.sinks.reference.take();
         self.reference = input.map(|input| ReferenceBeside::new(input, epoch));
@@ -98,14 +95,12 @@ impl Recorder {
         commands(uplink, heard, arrival.unwrap_or_default())
     }
 
-    /// Returns the bytes that stop the started boards.
     pub fn last_commands(&self) -> Vec<u8> {
         let Some(uplink) = &self.options.start else { return Vec::new() };
         // Sent twice in case the first is lost.
         (0..2).flat_map(|number| uplink.encode(number, None, Command::Stop)).collect()
     }
 
-    /// Returns the identities that the boards have reported.
     pub fn identities(&self) -> impl Iterator<Item = Identity> {
         heard(&self.receiving).iter().filter_map(|board| board.reception.identity)
     }

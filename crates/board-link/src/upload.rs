@@ -121,7 +121,6 @@ fn one_for_board(sensor: &Sensor) -> PhysicsSensor {
     }
 }
 
-/// Packs the lower triangle of a matrix, row by row.
 fn pack(packed: &mut [f32], at: impl Fn(usize, usize) -> f64, rows: usize) {
     let positions = (0..rows).flat_map(|i| (0..=i).map(move |j| (i, j)));
     packed.iter_mut().zip(positions).for_each(|(value, (i, j))| *value = at(i, j) as f32);

@@ -119,7 +119,6 @@ fn swapped(summary: &LogSummary, names: &[String], calibration: &Calibration) ->
     })
 }
 
-/// Returns the exchange with the highest score of the readings, and this score.
 pub(crate) fn best_exchange(
     readings: &[Vec<f64>],
     score: impl Fn(&[Vec<f64>]) -> Option<f64>,

@@ -70,7 +70,6 @@ struct LogObservations<'a> {
     /// Sums of squares of the forces and of the moments.
     squares: [f64; 2],
     labelled: LabelledRows,
-    /// Pairs of channels with equal readings in every row.
     identical: Option<Vec<(usize, usize)>>,
     rows_outside: u64,
     errors: PerAxis<AxisErrors>,
@@ -80,7 +79,6 @@ struct LogObservations<'a> {
 }
 
 impl<'a> LogObservations<'a> {
-    /// Reads a log, and skips invalid rows.
     fn read(
         log: &Log,
         read: &ReadOptions<'_>,
@@ -329,7 +327,6 @@ impl<'a> LogObservations<'a> {
     }
 }
 
-/// Returns the exchange of two channels with the smallest error, if the gain is large.
 fn find_swap(calibration: &Calibration, rows: &Block) -> Option<((usize, usize), f64)> {
     let explained = |readings: &[Vec<f64>]| {
         let mut wrench = PerAxis::default();

@@ -30,7 +30,6 @@ const DISTINCT: usize = 8;
 /// Maximum rows checked; of a longer log only every second, third, … block.
 const MOST_ROWS: u64 = 200_000;
 
-/// Blocks with the numbers of their first rows.
 type Looked<'a> = Vec<(usize, &'a LabelledBlock)>;
 
 /// Checks the readings of each log, with the channels' `names`.
@@ -98,7 +97,6 @@ fn looked_at(log: &LogRows) -> Looked<'_> {
     numbered.step_by(every).collect()
 }
 
-/// Returns the row number in the log, from 1.
 fn number(looked: &Looked<'_>, mut row: usize) -> usize {
     for (start, block) in looked {
         if row < block.rows.rows {
@@ -109,7 +107,6 @@ fn number(looked: &Looked<'_>, mut row: usize) -> usize {
     row
 }
 
-/// Returns the lower limit that a column reaches repeatedly.
 fn pinned_at_min(column: &[f64]) -> Option<f64> {
     let (least, most) = extremes(column.iter().copied());
     let above = column.iter().copied().filter(|value| *value > least).fold(most, f64::min);

@@ -32,9 +32,7 @@ pub struct Decimator {
 
 #[derive(Clone, Debug)]
 enum Stage {
-    /// The clock is determined from the first rows, which wait.
     Search(ClockSearch, Vec<StreamRow>),
-    /// The rows are not faster than the requested rate.
     All,
     Filtered(Box<Filtered>),
 }
@@ -43,7 +41,6 @@ enum Stage {
 struct Filtered {
     clock: Clock,
     grid: Grid,
-    /// Number of slots after which the filter has settled.
     memory: u64,
     design: Butterworth,
     /// For each column, the filter before the newest slot, and the newest value.
@@ -128,7 +125,6 @@ fn stage(clock: Option<Clock>, rate_hz: f64) -> Result<Stage, FilterError> {
 }
 
 impl Filtered {
-    /// Filters a row; returns true to pass it on.
     fn take(&mut self, row: &mut StreamRow, rate_hz: f64) -> bool {
         let slot = self.grid.slots(&[time_s(row)])[0];
         let steps = slot - std::mem::replace(&mut self.slot, slot);

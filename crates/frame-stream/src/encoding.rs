@@ -17,7 +17,7 @@ pub struct StreamRow {
     pub host_us: i64,
     /// Readings in steps of the 12-bit converter.
     pub readings: Option<[f64; CHANNELS]>,
-    /// Wrench in N and N·m.
+    /// N and N·m.
     pub wrench: Option<PerAxis<f64>>,
     pub standard_errors: Option<PerAxis<f64>>,
     /// Flags as in a log, plus `tared` and `markN`.
@@ -43,7 +43,6 @@ pub struct RowEncoder {
 }
 
 impl RowEncoder {
-    /// Creates an encoder for rows like `first`, whose wrenches have these axes.
     pub fn new(format: StreamFormat, axes: Axes, first: &StreamRow) -> Self {
         let readings: Vec<_> = (1..=CHANNELS).map(|channel| format!("s{channel}")).collect();
         let wrench: Vec<_> = axes.columns().into_iter().map(str::to_owned).collect();

@@ -44,7 +44,6 @@ impl Latency {
         self.stretch.push(host_us - board_us);
     }
 
-    /// Returns the summary of all rows; `None` if there are none.
     pub fn summary(mut self) -> Option<LatencySummary> {
         self.close();
         let ms = |share: f64| self.delays.quantile(share) * UNIT_US / 1000.0;

@@ -44,7 +44,6 @@ impl Default for NetFtAddress {
     }
 }
 
-/// The settings page of a box, `netftapi2.xml`.
 #[derive(Clone, Debug)]
 pub struct NetFtPage {
     /// The first free one should serve the page.
@@ -79,7 +78,6 @@ struct ServedClient {
 struct BoxState {
     client: Option<ServedClient>,
     rdt_sequence: u32,
-    /// Records of an incomplete datagram.
     waiting: Vec<u8>,
     newest: Option<[i32; 6]>,
     bias: [i32; 6],
@@ -206,7 +204,6 @@ impl BoxState {
         self.waiting.clear();
     }
 
-    /// Takes a row; returns the datagram that is due, and its destination.
     fn take(&mut self, row: &StreamRow) -> Option<(Vec<u8>, SocketAddr)> {
         self.count(row.time_us);
         let Some(wrench) = &row.wrench else {
@@ -246,7 +243,6 @@ impl BoxState {
         Some((std::mem::take(&mut self.waiting), to))
     }
 
-    /// Counts a row for the rate on the page.
     fn count(&mut self, time_us: i64) {
         let (since, rows) = self.counted.unwrap_or((time_us, 0));
         let elapsed = time_us - since;

@@ -29,9 +29,7 @@ const PATIENCE: Duration = Duration::from_millis(500);
 pub enum Destination {
     Stdout,
     File(PathBuf),
-    /// Each row is a datagram.
     Udp(SocketAddr),
-    /// Programs that connect to this address.
     Tcp(SocketAddr),
     /// A client of an ATI Net F/T box, which requests its records.
     NetFt(NetFtAddress),
@@ -170,7 +168,6 @@ impl Readers {
         Ok(readers)
     }
 
-    /// Returns the TCP addresses for readers.
     pub fn addresses(&self) -> Vec<SocketAddr> {
         self.listeners.iter().filter_map(|listener| listener.local_addr().ok()).collect()
     }
@@ -180,7 +177,6 @@ impl Readers {
         self.boxes.iter().map(|of| (of.address(), of.page()))
     }
 
-    /// Returns true if all readers are gone and none can connect.
     pub fn are_gone(&self) -> bool {
         self.readers.is_empty() && self.listeners.is_empty() && self.boxes.is_empty()
     }
@@ -245,7 +241,6 @@ fn connection(stream: TcpStream) -> io::Result<PipeReader> {
     PipeReader::new("tcp", stream)
 }
 
-/// Writes whole rows to one reader.
 trait RowSink: Send + 'static {
     fn put(&mut self, rows: &[u8]) -> io::Result<()>;
 

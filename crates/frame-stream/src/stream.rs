@@ -249,7 +249,6 @@ impl FrameStream {
     }
 }
 
-/// Returns the time in µs since 1970.
 fn now_us() -> i64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     i64::try_from(now.as_micros()).unwrap_or(i64::MAX)
@@ -267,7 +266,6 @@ pub struct StreamWatcher {
 /// The error ended the stream; `None` after the result was taken.
 type StreamState = Option<Result<Box<FrameStream>, RecordError>>;
 
-/// The handle by which the stream's owner ends it.
 #[derive(Clone, Debug)]
 pub struct StreamHandle(Arc<Mutex<StreamState>>);
 

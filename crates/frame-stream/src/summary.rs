@@ -6,6 +6,5 @@ pub struct ReaderSummary {
     /// Rows lost because the reader was too slow.
     pub lost: u64,
     pub problem: Option<String>,
-    /// True if a file or the standard output ended early.
     pub is_broken: bool,
 }

@@ -58,11 +58,8 @@ pub enum GuidePhase {
     #[default]
     Rest,
     Hang,
-    /// Stillness under the load.
     Hold,
-    /// Removal of the recorded load.
     Release,
-    /// All loads are recorded.
     Done,
 }
 
@@ -210,7 +207,6 @@ impl Guide {
         Some(FrameLabel { from, until: index, group })
     }
 
-    /// Waits for the next load, or ends if all are recorded.
     fn await_load(&mut self, is_done: bool) {
         self.phase = match self.rest {
             _ if is_done => GuidePhase::Done,
@@ -257,7 +253,6 @@ impl Guide {
         (0..6).map(share).fold(0.0, f64::max)
     }
 
-    /// Returns true if the still signal is likely to be the planned load.
     fn is_loaded(&self, off: &[f64; CHANNELS], noise: &[f64; CHANNELS]) -> bool {
         let planned = self.loads[self.next].wrench;
         let is_wanted_empty = planned.iter().all(|value| *value == 0.0);

@@ -5,7 +5,6 @@ use std::collections::VecDeque;
 use shared_proto::CHANNELS;
 use shell_data::wrench::PerAxis;
 
-/// Length of the history, s.
 pub(crate) const LONGEST_S: f64 = 60.0;
 
 /// A minute at 1 kHz, the highest rate of a board.

@@ -38,9 +38,7 @@ pub struct Mark {
 #[serde(rename_all = "snake_case")]
 pub enum ChannelState {
     Fine,
-    /// Outside the calibrated range within the last second.
     Outside,
-    /// At an end of the converter's range within the last second.
     Saturated,
 }
 
@@ -135,7 +133,6 @@ impl LiveModel {
         WINDOWS_S[self.window]
     }
 
-    /// Marks the newest row, if any.
     pub fn mark(&mut self) -> Option<Mark> {
         let newest = self.history.newest()?;
         let number = self.marks.last().map_or(1, |mark| mark.number + 1);

@@ -24,7 +24,6 @@ pub(crate) enum LoadColumn {
     Yaw,
     Accelerometer(usize),
     Wrench(usize),
-    /// Standard errors.
     MassError,
     ForceError,
     AngleError,
@@ -145,12 +144,10 @@ pub(crate) fn pull(
     Ok(Pull::Force { force_n, mass_kg, point_m, direction: along.map(|x| x / length) })
 }
 
-/// Returns the numbers with 0 for the absent ones, or `None` if all are absent.
 fn some_of<const N: usize>(numbers: [Option<f64>; N]) -> Option<[f64; N]> {
     numbers.iter().any(Option::is_some).then(|| numbers.map(Option::unwrap_or_default))
 }
 
-/// Returns the errors of a line, by default the usual ones.
 pub(crate) fn errors(
     number: impl Fn(LoadColumn) -> Option<f64>,
     pull: &Pull,

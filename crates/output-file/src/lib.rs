@@ -190,9 +190,7 @@ fn also(path: &Path, other: &Path) -> String {
 /// A file that appears under its name on [`commit`](Self::commit).
 pub struct AtomicFile {
     path: PathBuf,
-    /// The temporary file, a device, or the standard output.
     file: BufWriter<Box<dyn Write + Send>>,
-    /// The temporary file, and its target beyond links.
     replacement: Option<(Temporary, PathBuf)>,
 }
 

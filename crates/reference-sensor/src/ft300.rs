@@ -35,7 +35,6 @@ pub fn encode(values: [i16; 6]) -> [u8; FRAME_SIZE] {
 #[derive(Clone, Debug, Default)]
 pub struct FrameReader {
     waiting: Vec<u8>,
-    /// Bytes since the last frame.
     skipped: usize,
 }
 
@@ -43,12 +42,10 @@ pub struct FrameReader {
 pub struct Ft300Frame {
     /// Forces in N, moments in N·m.
     pub wrench: PerAxis<f64>,
-    /// Bytes between the previous frame and this one.
     pub skipped: usize,
 }
 
 impl FrameReader {
-    /// Takes bytes, and returns the frames that are complete now.
     pub fn feed(&mut self, bytes: &[u8]) -> Vec<Ft300Frame> {
         self.waiting.extend_from_slice(bytes);
         let (mut frames, mut at) = (Vec::new(), 0);

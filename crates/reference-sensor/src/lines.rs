@@ -23,7 +23,6 @@ pub enum BadNames {
     NoLoad(String),
     #[error("the unit `{unit}` of `{name}` is not understood")]
     Unit { name: String, unit: String },
-    /// Two columns are the same axis.
     #[error("`{0}` is there twice")]
     Twice(&'static str),
 }

@@ -54,7 +54,6 @@ pub fn write(settings: &BoxSettings, rate_hz: u32, product: &str) -> String {
     format!("<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<netft>\n{}</netft>\n", fields.concat())
 }
 
-/// Reads the settings from a page, by the fields' names.
 pub fn read(page: &str) -> Result<BoxSettings, BadPage> {
     let counts = |name: &'static str| {
         let text = field(page, name).ok_or(BadPage::Missing(name))?;
@@ -87,7 +86,7 @@ fn understood(text: &str, quantity: Quantity) -> Option<Scale> {
 }
 
 impl BoxSettings {
-    /// Converts counts to a wrench in N and N·m.
+    /// Converts counts to N and N·m.
     pub fn wrench(&self, counts: [i32; 6]) -> PerAxis<f64> {
         let scales = [(&self.force_unit, Quantity::Force), (&self.torque_unit, Quantity::Moment)]
             .map(|(unit, quantity)| understood(unit, quantity).unwrap_or(Scale::ONE));

@@ -45,7 +45,6 @@ impl RdtCommand {
         bytes
     }
 
-    /// Decodes a datagram; `None` if it is no known request.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let bytes: [u8; REQUEST_SIZE] = bytes.try_into().ok()?;
         let [high, low, command_high, command_low, count @ ..] = bytes;
@@ -76,9 +75,7 @@ pub mod status {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct RdtRecord {
-    /// Records sent since the start of the stream.
     pub rdt_sequence: u32,
-    /// Samples measured.
     pub ft_sequence: u32,
     pub status: u32,
     /// Fx, Fy, Fz, Tx, Ty, Tz.
@@ -119,7 +116,6 @@ pub enum RdtArrival {
     Next(u32),
     Late,
     Duplicate,
-    /// The first after the box restarted its count.
     Restarted,
 }
 
@@ -133,7 +129,6 @@ const WINDOW: usize = 128;
 #[derive(Clone, Debug)]
 pub struct RdtTracker {
     newest: Option<(RdtRecord, i64)>,
-    /// Number of the first record since the last restart.
     first: i64,
     /// The last records, each at its number modulo the size.
     recent: Vec<Option<(i64, RdtRecord)>>,

@@ -39,7 +39,6 @@ const LONGEST: usize = 1 << 18;
 
 const FT300_BAUD: u32 = 19_200;
 
-/// The reading thread's connection to the recording.
 #[derive(Clone, Debug)]
 struct Teller {
     samples: Sender<ReferenceSample>,

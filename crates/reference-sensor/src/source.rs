@@ -18,7 +18,6 @@ pub enum ReferenceSource {
         /// True to take the load at the start as zero.
         bias: bool,
     },
-    /// At a serial port.
     Ft300(String),
     /// A shell command that prints lines.
     Command(String),
@@ -115,7 +114,6 @@ pub enum ReferenceError {
         /// Data that arrived instead, if any.
         more: String,
     },
-    /// The reference ended before its first sample.
     #[error("the reference `{source_name}`: {reason}")]
     Ended { source_name: String, reason: String },
 }

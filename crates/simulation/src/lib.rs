@@ -10,7 +10,6 @@
 #[error("{0}")]
 pub struct SimulationError(String);
 
-/// Returns a [`SimulationError`] with this text unless the condition holds.
 macro_rules! ensure {
     ($holds:expr, $($text:tt)+) => {
         let holds: bool = $holds;

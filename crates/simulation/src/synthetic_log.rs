@@ -28,7 +28,6 @@ pub enum SyntheticLayout {
 }
 
 impl SyntheticLayout {
-    /// The header line, if the layout has one.
     pub fn header(self, kind: RecordingKind) -> String {
         let group = if kind == RecordingKind::Zero { "" } else { ",group" };
         match self {

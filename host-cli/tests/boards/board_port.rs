@@ -204,7 +204,6 @@ fn start_is_sent_until_the_board_streams_and_stop_at_the_end() {
         thread::sleep(Duration::from_millis(5));
     }
     let mut heard = board.stop();
-    // Late answers on a busy machine repeat commands.
     heard.dedup();
     assert_eq!(heard, [Command::Start, Command::Stop]);
     assert_rows_are(&read_log(&dir.path().join("log.csv")).unwrap(), [7]);

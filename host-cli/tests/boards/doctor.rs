@@ -46,7 +46,6 @@ fn shipped(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data").join(name)
 }
 
-/// A shipped recording as rows of numbers.
 struct Table {
     header: Vec<String>,
     rows: Vec<Vec<f64>>,

@@ -29,7 +29,6 @@ struct Plan {
     serials: Vec<[u8; 12]>,
     firmware: [u8; 3],
     status: Status,
-    /// The speed at which it hears and sends; any by default.
     baud: Option<u32>,
     sends: Sends,
     sample: fn(u64) -> Option<Sample>,
@@ -207,7 +206,6 @@ fn run(plan: &Plan, board: &mut TTYPort, stop: &AtomicBool) {
     }
 }
 
-/// Name, board, further arguments, and expected findings.
 type Case<'a> = (&'a str, Plan, &'a str, Vec<(&'a str, &'a str)>);
 
 #[test]

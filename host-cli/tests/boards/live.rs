@@ -86,7 +86,6 @@ impl Screen {
         self.cells.iter().map(line).collect::<Vec<_>>().join("\n")
     }
 
-    /// True for any coloured or emphasised text.
     fn is_styled(&self) -> bool {
         let text = String::from_utf8_lossy(&self.bytes).into_owned();
         let starts = text.match_indices("\u{1b}[").map(|(at, _)| &text[at + 2..]);
@@ -195,7 +194,6 @@ impl Terminal {
     }
 }
 
-/// A board on the port `board` of a directory.
 pub(crate) struct Board {
     _process: Running,
 }

@@ -29,7 +29,6 @@ impl View {
             .arg("live")
             .args(arguments.split_whitespace())
             .arg("--serve")
-            // No terminal anywhere.
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped())
@@ -54,7 +53,6 @@ impl View {
         stream
     }
 
-    /// Sends bytes and reads the answer to its end.
     fn ask(&self, request: impl AsRef<[u8]>) -> String {
         self.try_to_ask(request).unwrap()
     }
@@ -97,7 +95,6 @@ impl View {
 struct Listener(BufReader<TcpStream>);
 
 impl Listener {
-    /// Returns the next event; `None` at the end.
     fn next(&mut self) -> Option<Value> {
         loop {
             let mut line = String::new();

@@ -342,7 +342,6 @@ fn live_lines(columns: usize, calibration: &str) -> Vec<String> {
     };
     sender.stop();
     assert!(status.success(), "{}", String::from_utf8_lossy(&shown));
-    // Without the sequences that move and erase.
     let text = String::from_utf8_lossy(&shown).into_owned();
     let mut pieces = text.split('\u{1b}');
     let mut plain = pieces.next().unwrap_or_default().to_owned();

@@ -43,7 +43,6 @@ const FRESH: Status = Status {
     foreign: 0,
 };
 
-/// A board that was set to 50 Hz before.
 struct ResettingBoard {
     port: TTYPort,
     decoder: Decoder,
@@ -98,7 +97,6 @@ impl ResettingBoard {
         Answer::Done
     }
 
-    /// Hears commands, and sends the frames that are due.
     fn go_on(&mut self) {
         let (mut buffer, mut asked) = ([0; 256], Vec::new());
         let count = self.port.read(&mut buffer).unwrap_or(0);
@@ -134,7 +132,6 @@ impl ResettingBoard {
 #[derive(Clone, Copy, PartialEq)]
 enum Loss {
     Announced,
-    /// The announcement of the reset is lost.
     Silent,
     /// The cable, by which it is powered, is pulled and put back.
     Unplugged,

@@ -70,7 +70,6 @@ fn serve_every(
     at
 }
 
-/// Counts that identify sample `n`.
 fn counts(n: u32) -> [i32; 6] {
     let n = n.cast_signed();
     [n * 1000, -n * 1000, 7, 0, 2_000_000, n * 1000]

@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use system_tests::program::{self, Recording, Running};
 
-/// A board that ends with the test.
 struct Board {
     _process: Running,
     /// `tcp://…`

@@ -248,7 +248,6 @@ fn exact_sums_and_r_factors_are_not_merged_and_damaged_r_factors_are_refused() {
     }
 }
 
-/// The test computes the means, and fits them as a separate log.
 #[test]
 fn a_fit_to_means_takes_each_group_once() {
     let dir = folder();
@@ -291,7 +290,6 @@ fn a_fit_to_means_takes_each_group_once() {
         };
         assert!((of(&found) / of(&expected) - 1.0).abs() < 1e-9);
     }
-    // The recorded file is the source.
     succeed(dir, "fit train.csv --model linear -o rows.json");
     assert_eq!(found["sources"], document(dir, "rows.json")["sources"]);
     let said = refused(dir, "fit train.csv --means --model physics");

@@ -54,7 +54,6 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     let noise = json(&dir, "info rest.csv --noise --calibration cal.json --json");
     let budget = rows(&html, "Uncertainty budget");
     let of = |source: &str| budget.iter().find(|row| row[0].starts_with(source)).unwrap();
-    // Three digits are shown.
     let shown = number(&of("of which repeatability")[2]);
     let expected = noise[0]["axes"]["fx_n"]["rms"].as_f64().unwrap();
     let unit = if html.contains("Fx (mN)") { 1e3 } else { 1.0 };
@@ -95,7 +94,6 @@ fn a_certificate_states_what_is_known_and_what_is_missing() {
     assert!(said.contains("`held.csv` is of a loaded sensor, or its zero has moved"), "{said}");
     assert!(said.contains("the mean of F") && said.contains("take the load off"), "{said}");
     assert!(of("of which repeatability")[9].contains("off the calibrated zero"), "{budget:?}");
-    // The checksum identifies the file.
     assert!(html.contains("xxh128:"), "{html}");
 }
 

@@ -43,7 +43,6 @@ fn the_report_states_range_and_use() {
     );
     assert!(page.contains("Moments are about the origin of the reference sensor"));
     assert!(!page.contains("must not be trusted"));
-    // 125 poses and one group of the test log, of which ten are shown at once.
     assert!(page.contains("the 10 groups of rows with the largest"), "{page}");
     assert!(page.contains("best on new groups: cubic"), "{page}");
     assert!(page.contains("None was found."), "{page}");

@@ -179,7 +179,6 @@ fn morning() -> TempDir {
     fs::write(dir.path().join("morning.csv"), &morning).unwrap();
     fs::write(dir.path().join("light.csv"), hung(1e-4, [0.0, 0.0, 40.0])).unwrap();
     fs::write(dir.path().join("lever.csv"), hung(0.2, [30.0, 0.0, 40.0])).unwrap();
-    // Every row of the weight is wrong.
     let bad = |line: &str| match line.strip_suffix(",weight") {
         Some(row) => format!("x{row},weight\n"),
         None => format!("{line}\n"),
@@ -226,7 +225,6 @@ fn a_load_that_was_not_weighed_does_not_pass() {
             "not compared: My of load `weight`",
         ),
         (format!("{zero}{lever}"), "forces.json loads.csv lever.csv --axes fx,fy,fz", 0, ""),
-        // A weight that hangs elsewhere is off.
         (
             format!("{zero}{lever}"),
             "cal.json loads.csv morning.csv",

@@ -40,7 +40,6 @@ impl Weight {
         force_at(along.map(|x| x * self.mass_kg * 9.80665), self.point.map(|mm| 1e-3 * mm))
     }
 
-    /// Turned by normal angles, degrees.
     fn turned(&self, degrees: f64, random: &mut Random) -> Self {
         let sideways = degrees / self.elevation_deg.to_radians().cos().max(0.1);
         Self {

@@ -25,7 +25,6 @@ fn write_log(path: &Path, seed: u64) {
     fs::write(path, text).unwrap();
 }
 
-/// Returns the exit code and the messages.
 fn run(dir: &Path, instructions: &str, arguments: &str) -> (Option<i32>, String) {
     let mut command = program::command(dir);
     let output = command.env(VARIABLE, instructions).args(arguments.split(' ')).output().unwrap();

@@ -90,7 +90,6 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
     let (before, after) = (rms(&plain, "test"), rms(&found, "test"));
     assert!((0..6).all(|axis| after[axis] < 0.3 * before[axis]), "{before:?} {after:?}");
 
-    // The file gives the same errors on the same log.
     let evaluated = program::json(dir, "eval cal.json test.csv --json");
     let of_all: Vec<f64> = rms(&evaluated["all"], "errors");
     assert_eq!(of_all, after);
@@ -117,7 +116,6 @@ fn lag_and_creep_are_found_stored_and_made_up_for_in_every_command() {
         }
     }
 
-    // Rows have the time of the reference.
     let stamps: Vec<f64> =
         column(&dir.join("out.csv"), "t_s").iter().map(|x| x.parse().unwrap()).collect();
     for (stamp, time_s) in stamps.iter().zip(&times_s) {

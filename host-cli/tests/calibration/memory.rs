@@ -15,7 +15,6 @@ use system_tests::program;
 
 const NO_GROUPS: &str = "--layout peer";
 
-/// Returns calibration and messages of a fit.
 fn fitted(dir: &Path, arguments: &str) -> (String, String) {
     let said = program::run(dir, &format!("fit --model cubic {arguments} --output cal.json"), 0);
     (fs::read_to_string(dir.join("cal.json")).unwrap(), said)
@@ -69,7 +68,6 @@ fn a_compressed_log_equals_its_text_and_a_copy_is_reported() {
     assert!(said.contains("copy.csv"), "{said}");
 }
 
-/// Columns have exactly the capacity that they need.
 #[test]
 fn rows_take_eight_bytes_a_number() {
     let dir = tempfile::tempdir().unwrap();

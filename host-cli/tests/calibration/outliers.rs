@@ -31,7 +31,6 @@ fn corrupt(row: &str, random: &mut Random) -> String {
     let mut fields: Vec<String> = row.split(',').map(str::to_owned).collect();
     let channel = READINGS.start + random.below(8) as usize;
     match random.below(4) {
-        // A spike, in a reading or in a load.
         0 => {
             let at =
                 if random.percent(50) { channel } else { LOADS.start + random.below(6) as usize };
@@ -43,13 +42,11 @@ fn corrupt(row: &str, random: &mut Random) -> String {
             let before = fields.clone();
             fields[READINGS.start..LOADS.end].clone_from_slice(&before[..LOADS.end - 1]);
         }
-        // A stuck bit.
         2 => {
             let bit = 1 << (8 + random.below(4));
             let value: u64 = fields[channel].parse().unwrap();
             fields[channel] = (value ^ bit).to_string();
         }
-        // Two exchanged columns.
         _ => {
             let columns = if random.percent(50) { READINGS } else { LOADS };
             let positions = columns.len() as u64;

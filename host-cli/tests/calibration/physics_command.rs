@@ -103,7 +103,6 @@ fn auto_compares_physics_on_the_same_folds_and_reports_its_choice() {
     let report: serde_json::Value = serde_json::from_str(&printed).unwrap();
     let (weighing, selection) = (&report["weighing"], &report["selection"]);
     let chosen = &selection["candidates"][selection["chosen"].as_u64().unwrap() as usize];
-    // The polynomial was chosen by these errors.
     for axis in 0..6 {
         let (a, b) = (&weighing["polynomial_rms"][axis], &chosen["errors"]["rms"][axis]);
         let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());

@@ -105,7 +105,6 @@ impl Bench {
         label
     }
 
-    /// Records a load without the guide.
     pub(crate) fn hold(&mut self, load: &PerAxis<f64>) -> HeldLoad {
         let mut held = HeldLoad::default();
         self.pass(load, 50);
@@ -114,7 +113,6 @@ impl Bench {
         held
     }
 
-    /// Root mean square error of the forces on new loads, N.
     pub(crate) fn error(&mut self, estimate: &Estimate, seed: u64) -> f64 {
         let mut random = RandomStream::new(seed, Purpose::TestPoses, 0);
         let mut squares = Vec::new();
@@ -147,7 +145,6 @@ fn sit(bench: &mut Bench, sitting: &mut Sitting, hung: &HungLoads, count: usize)
         let before = sitting.used();
         let line = sitting.next_line();
         if sitting.view().wrench != hung.loads()[line].wrench() {
-            // The table is wrong about it.
             sitting.skip();
             continue;
         }

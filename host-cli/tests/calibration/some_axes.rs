@@ -99,7 +99,6 @@ fn a_fit_of_some_axes_equals_a_fit_of_six() {
             let read = CalibrationFile::read(&dir.join(name)).unwrap();
             assert_eq!(read.to_json(), fs::read_to_string(dir.join(name)).unwrap());
         }
-        // Named columns are remembered; for the same rows all figures are the same.
         let named = document(dir, "named.json");
         assert_eq!(named["columns"]["wrench"], axes());
         let train = |of: &Value| of["diagnostics"]["train"].clone();

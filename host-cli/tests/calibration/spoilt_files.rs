@@ -77,7 +77,6 @@ impl Recording {
         self.wrench[3..].iter_mut().flatten().for_each(change);
     }
 
-    /// Changes the signs of axes from row `from` on.
     fn negate(&mut self, axes: &[usize], from: usize) {
         for &axis in axes {
             self.wrench[axis][from..].iter_mut().for_each(|value| *value = -*value);
@@ -90,7 +89,6 @@ impl Recording {
     }
 }
 
-/// Training and test recordings of a sensor.
 #[derive(Clone)]
 struct Session {
     train: Vec<Recording>,

@@ -23,7 +23,6 @@ impl Draws {
 
 /// Poses of 20 rows each, while the temperature changes, °C.
 fn log(poses: usize, from_c: f64, to_c: f64, seed: u64) -> String {
-    // The instrument is the same in all logs.
     let mut instrument = Draws(7);
     let gains: [[f64; 6]; CHANNELS] = std::array::from_fn(|channel| {
         std::array::from_fn(|axis| {

@@ -167,7 +167,6 @@ fn units_that_are_not_known_are_refused_and_moments_in_other_units_are_reported(
     assert!(!said.contains("lever"), "{said}");
 }
 
-/// Fits rows, labelled by their groups, and finds the errors on others.
 fn fit_rows(train: &[Row], test: &[Row]) -> Fit {
     let data = |rows: &[Row]| {
         let column = |of: &dyn Fn(&Row) -> f64| rows.iter().map(of).collect::<Vec<f64>>();

@@ -50,7 +50,6 @@ fn a_wrench_in_another_file_gives_the_same_coefficients() {
         program::run(dir, &format!("fit {files} --model linear --covariance rows -o {to}"), 0);
         assert_eq!(coefficients(dir, to), coefficients(dir, "whole.json"), "{files}");
     }
-    // Calibration and partial fit name both files with their checksums.
     let flags = "--model linear --partial sums.json --groups";
     program::run(dir, &format!("fit readings.csv --wrench-from wrench.csv {flags}"), 0);
     program::run(dir, "merge sums.json -o merged.json", 0);

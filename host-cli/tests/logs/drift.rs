@@ -77,7 +77,6 @@ fn alarms_have_the_stated_rate_and_a_drift_raises_them() {
     let alarms = |warm_up_k: f64, logs: u64| {
         let mut alarms = 0;
         for seed in 0..logs {
-            // A load in the middle, at a different time in each log.
             let start = 2.0 + 0.01 * (seed % 37) as f64;
             let sensor = sensor(warm_up_k, 3.0, seed);
             let (times, readings) = recorded(sensor, 6.0, |t| t >= start && t < start + 1.0);

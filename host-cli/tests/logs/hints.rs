@@ -179,7 +179,6 @@ fn hints_that_name_an_option_lead_to_the_right_result() {
     }
 }
 
-/// Every third force of this MATLAB file is missing.
 fn write_sparse_table(path: &Path) {
     use table_file::write::{Cells, write_matlab};
     let column = |of: &dyn Fn(usize) -> f64| (0..ROWS).map(of).collect::<Vec<f64>>();

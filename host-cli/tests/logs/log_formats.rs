@@ -426,7 +426,6 @@ fn progress_ends_at_the_size_of_the_file() {
 
 #[test]
 fn logs_of_any_width_are_read() {
-    // A block holds few wide rows, down to a single one.
     for width in 15..=140 {
         let names =
             (0..width - 14).map(|i| format!("x{i}")).chain((1..=8).map(|i| format!("s{i}")));

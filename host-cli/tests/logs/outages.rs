@@ -10,7 +10,6 @@ use shared_proto::{Boot, CHANNELS, Packet, PacketOrigin, ReceivedPacket, Sample,
 #[derive(Clone, Copy, Debug)]
 struct Outage {
     period_us: u64,
-    /// Number of the first frame.
     sequence: u16,
     clock_us: u32,
     before: u64,

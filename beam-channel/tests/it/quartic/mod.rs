@@ -65,7 +65,6 @@ pub(crate) fn intersections(tip: &Tip) -> Vec<Intersection> {
     roots(&quartic).into_iter().map(intersection).collect()
 }
 
-/// Returns the non-negative roots, each between two turning points.
 fn roots(polynomial: &[Wide]) -> Vec<Wide> {
     if polynomial.len() < 2 {
         return Vec::new();

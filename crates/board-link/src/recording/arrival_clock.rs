@@ -29,7 +29,6 @@ const SAME_TICK: f64 = 5e-3;
 /// Time after which samples off the line mean another clock, s.
 const PATIENCE_S: f64 = 0.5;
 
-/// Number of delays kept for the error.
 const DELAYS: usize = 255;
 
 #[derive(Clone, Debug, Default)]
@@ -121,7 +120,6 @@ impl ArrivalClock {
         Some((touched.0, touched.1, within))
     }
 
-    /// Returns true if the times can be used.
     pub fn is_settled(&self) -> bool {
         self.line.is_some() && self.span_s() >= SETTLED_S[usize::from(self.known.is_none())]
     }
@@ -131,7 +129,6 @@ impl ArrivalClock {
         span.map_or(0.0, |(first, last)| last.1 - first.1)
     }
 
-    /// Returns the time of a tick on this computer's clock, s.
     pub fn time_s(&self, tick: f64) -> Option<f64> {
         let (origin, time_s, per_tick) = self.line?;
         Some(time_s + per_tick * (tick - origin))

@@ -75,7 +75,6 @@ pub struct HeardBoard {
     pub(crate) started: Option<Status>,
 }
 
-/// Decodes the bytes of a port to the frames of each board.
 #[derive(Clone, Debug)]
 pub struct Boards {
     wire: Wire,
@@ -192,7 +191,6 @@ fn damage(decoder: &Decoder) -> Losses {
 }
 
 impl BoardSource {
-    /// Returns the board's name in a log's path.
     pub(crate) fn text(self) -> String {
         // Hexadecimal, as in `X-CTU` and the manuals.
         match self.address {

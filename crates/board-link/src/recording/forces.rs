@@ -8,12 +8,10 @@ use forces::{FirstRows, ForceError, ForceOptions, ForcePipeline, ForceStream, Pi
 use shared_proto::CHANNELS;
 use shell_data::wrench::{Axes, Axis, AxisValues, PerAxis};
 
-/// A calibration that does not suit the board's data.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum UnsuitableCalibration {
     #[error("the calibration is for {0} channels, a board has {CHANNELS}")]
     Channels(usize),
-    /// The board converts readings itself.
     #[error("the board streams wrenches, so there are no readings to apply a calibration to")]
     Wrenches,
 }
@@ -55,14 +53,11 @@ pub struct Force {
     pub wrench: PerAxis<f64>,
     /// Bit i is set if channel i was outside the calibrated range.
     pub out_of_range: u64,
-    /// The tare was not known yet.
     pub untared: bool,
-    /// The clock of the low-pass was not known yet.
     pub unfiltered: bool,
 }
 
 impl RunningForces {
-    /// Creates the conversion, unless the number of channels differs.
     pub fn new(live: LiveForces) -> Result<Self, UnsuitableCalibration> {
         let channels = live.calibration.channels();
         if channels != CHANNELS {

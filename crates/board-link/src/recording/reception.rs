@@ -10,7 +10,6 @@ use shared_proto::{
     Status, Timing, Values, skinproc,
 };
 
-/// Largest code of the original board's 12-bit converter.
 const FULL_SCALE: u16 = 4095;
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -22,11 +21,9 @@ pub struct BoardFrame {
     pub measured: Measured,
     /// Bit i is set if channel i was at an end of the converter's range.
     pub saturated: u8,
-    /// The board's count of frames not taken or not sent; wraps.
     pub dropped: u8,
     pub restarted: bool,
     pub timing: Option<Timing>,
-    /// The board's health, if newly reported.
     pub health: Option<Health>,
     /// An edge at the sync input since the previous frame, or one of several.
     pub edge: Option<BoardEdge>,
@@ -58,12 +55,10 @@ impl Measured {
     }
 }
 
-/// Counts of losses and irregularities.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Losses {
     /// Frames sent, but not received.
     pub missing: u64,
-    /// Number of runs of missing frames.
     pub gaps: u64,
     pub duplicates: u64,
     pub reordered: u64,
@@ -87,7 +82,6 @@ pub struct Losses {
 }
 
 impl Losses {
-    /// Returns all counts, with their names in messages.
     fn counts(&mut self) -> [(&mut u64, &'static str); 13] {
         [
             (&mut self.missing, "missing"),
@@ -144,11 +138,9 @@ pub struct Reception {
     contradicted: u64,
     last_dropped: Option<u8>,
     dropped_on_board: u64,
-    /// The run of the newest packet, if reported.
     pub(crate) start: Option<u16>,
     pub(crate) boot: Option<Boot>,
     pub(crate) identity: Option<Identity>,
-    /// The board's state, if reported since its last start.
     pub(crate) status: Option<Status>,
     timing: Option<Timing>,
     health: Option<Health>,

@@ -41,7 +41,6 @@ pub struct Recognition {
     first_at: Option<Duration>,
 }
 
-/// The reason why no frame of the requested protocol was found.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoFrame {
     #[error("nothing arrived")]
@@ -59,7 +58,6 @@ pub enum NoFrame {
 }
 
 impl Recognition {
-    /// Creates a detector; with `asked_for`, it accepts no other protocol.
     pub fn new(asked_for: Option<Protocol>) -> Self {
         Self { asked_for, ..Self::default() }
     }

@@ -98,7 +98,6 @@ pub struct RecordedReference {
     pub rows_without: u64,
     /// Error of times on the board's clock, s, without the constant parts of both delays.
     pub clock_error_s: f64,
-    /// The reason why the reference ended early, if it did.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub problem: Option<String>,
 }
@@ -137,7 +136,6 @@ pub(crate) struct ReferenceBeside {
     /// Samples that wait for a settled clock, with arrival times, s.
     pending: Vec<(f64, ReferenceSample)>,
     samples: VecDeque<TimedSample>,
-    /// The highest number of a sample in a row.
     last: Option<i64>,
     newest_s: f64,
     rows_without: u64,

@@ -211,7 +211,6 @@ impl RowWriter {
     }
 }
 
-/// Columns of a reference without its wrench.
 const REFERENCE: [&str; 5] = ["ref_index", "ref_missing", "ref_status", "ref_t_s", "ref_t_error_s"];
 
 /// Writes the wrench of a reference, or empty fields.
@@ -222,7 +221,6 @@ fn write_reference_wrench(axes: Axes, beside: Option<&BesideRow>, text: &mut Vec
     }
 }
 
-/// Writes the other columns of a reference, or empty fields.
 fn write_reference(beside: Option<&BesideRow>, text: &mut Vec<u8>) {
     let Some(row) = beside else { return text.extend([b','; REFERENCE.len()]) };
     text.extend_from_slice(format!(",{},{},{},", row.number, row.missing, row.status).as_bytes());

@@ -38,7 +38,6 @@ pub(super) struct Tracker {
 }
 
 impl Tracker {
-    /// Returns the number of missing samples between the oldest and the newest.
     pub(super) fn missing(&self) -> u64 {
         self.missing_before_restart + self.missing_since_restart()
     }

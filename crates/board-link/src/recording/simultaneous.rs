@@ -24,14 +24,12 @@ const PATIENCE_US: i64 = 1_200_000;
 
 const MOST_HELD: usize = 4096;
 
-/// The largest reading, in converter steps.
 const LARGEST: f64 = 4096.0 - 1.0 / COUNTS_PER_LSB as f64;
 
 #[derive(Clone, Debug, Default)]
 pub struct Simultaneous {
     /// Frames already returned, as they arrived: at most [`REACH`].
     before: Vec<BoardFrame>,
-    /// Waiting frames, sorted by index.
     waiting: Vec<BoardFrame>,
     described: bool,
     as_sampled: bool,
@@ -110,7 +108,6 @@ fn at_middle(frame: &BoardFrame) -> BoardFrame {
     BoardFrame { time_us: frame.time_us + shift_us, ..frame.clone() }
 }
 
-/// Returns the frame `all[at]` with its readings at its middle.
 fn at_one_time(all: &[BoardFrame], at: usize) -> BoardFrame {
     let mut frame = at_middle(&all[at]);
     let (Some(timing), Measured::Readings(readings)) = (frame.timing, &mut frame.measured) else {

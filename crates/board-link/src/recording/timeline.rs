@@ -43,7 +43,6 @@ struct FrameStep {
     sequence: u16,
     clock_us: u32,
     dropped: u8,
-    /// True if the board has restarted, if it reports that.
     is_new_run: Option<bool>,
     host_us: Option<u64>,
 }
@@ -59,7 +58,6 @@ impl Stamp {
         }
     }
 
-    /// Returns true if the next frame may follow soon after this one, at any rate.
     pub(super) fn precedes(&self, next: &Self) -> bool {
         Period::default().fits(&self.step_to(next))
     }
@@ -176,7 +174,6 @@ fn is_restart(step: &FrameStep) -> bool {
     }
 }
 
-/// Returns the duration of a step within one run, with wraps.
 fn elapsed(step: &FrameStep) -> u64 {
     let clock_us = u64::from(step.clock_us);
     let turns = step.host_us.map_or(0, |us| (us + TURN_US / 2).saturating_sub(clock_us) / TURN_US);

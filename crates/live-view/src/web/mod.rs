@@ -73,7 +73,6 @@ pub struct Site {
     pub open: Vec<OpenDocument>,
 }
 
-/// A server that listens until the process ends.
 #[derive(Debug)]
 pub struct Server {
     shared: Arc<ServerShared>,
@@ -85,9 +84,7 @@ struct ServerShared {
     site: Site,
     state: Mutex<ServerState>,
     changed: Condvar,
-    /// Cloned for each authorised connection.
     connections: Arc<()>,
-    /// Cloned for each listener.
     listeners: Arc<()>,
 }
 
@@ -236,7 +233,6 @@ impl ServerShared {
         sent.map_err(|_| None)
     }
 
-    /// Returns a place for an authorised connection, unless all are taken.
     fn take_in(&self, stream: &TcpStream) -> Result<Arc<()>, HttpRefusal> {
         let mut state = self.state();
         state.strangers.retain(|other| !ptr::eq(other.as_ptr(), stream));

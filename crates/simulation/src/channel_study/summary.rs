@@ -39,7 +39,6 @@ pub enum ChannelDiagnostic {
     PastRightAngle,
     #[error("tips snap across a part of the body on which they cannot rest")]
     Snaps,
-    /// A yawed body touches faces before tips.
     #[error(
         "the body is yawed so far that it meets the beams' faces before their tips: not in the model"
     )]

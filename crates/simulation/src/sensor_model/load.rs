@@ -14,7 +14,6 @@ use crate::SimulationError;
 use shell_data::random::{Purpose, RandomStream};
 use shell_data::wrench::{PerAxis, cross};
 
-/// Time between contacts, s.
 pub(crate) const POSE_S: f64 = 2.0;
 
 /// Half-axes of the shell, m.

@@ -30,7 +30,7 @@ const NODES: [(f64, f64); 14] = [
     (5.0, 0.034),
 ];
 
-/// Slope at each node, per mm.
+/// Per mm.
 const SLOPES: [f64; NODES.len()] = {
     let mut slopes = [0.0; NODES.len()];
     slopes[0] = secant(0);

@@ -59,7 +59,6 @@ impl PacedClock {
         self.time.waits_us.borrow().iter().copied().min()
     }
 
-    /// Follows the wall clock up to the first awaited time.
     fn advance(&self) {
         let wall_us = self.start.elapsed().as_micros() as u64;
         let reached_us = self.first_wait_us().map_or(wall_us, |first_us| first_us.min(wall_us));
@@ -93,7 +92,6 @@ impl Wake for WakeThread {
     }
 }
 
-/// An awaited time, registered until it is dropped.
 struct Wait<'t> {
     time: &'t Time,
     at_us: u64,
@@ -111,7 +109,6 @@ impl Drop for Wait<'_> {
 #[derive(Clone, Debug)]
 pub(super) struct SyncScript {
     clock: PacedClock,
-    /// Remaining edges, µs, in order.
     times_us: VecDeque<u64>,
 }
 

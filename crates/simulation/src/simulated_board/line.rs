@@ -30,14 +30,12 @@ const TICK: Duration = Duration::from_millis(10);
 pub(super) type InputPipe = Pipe<CriticalSectionRawMutex, 1024>;
 
 pub(super) struct SerialLine {
-    /// Name of the host's end.
     pub(super) port: String,
     pub(super) packets: SyncSender<Vec<u8>>,
     pub(super) receiver: &'static InputPipe,
 }
 
 impl SerialLine {
-    /// Creates a pty; `radios` lead to the host and to the board.
     #[cfg(unix)]
     pub(super) fn open(radios: &[Arc<Mutex<Radio>>; 2]) -> Result<Self, serialport::Error> {
         let (mut pty, host) = TTYPort::pair()?;
@@ -169,7 +167,6 @@ impl Socket {
         Ok((socket, at))
     }
 
-    /// Accepts a host, unless there is another.
     fn admit(&self, host: TcpStream) {
         let mut current = lock(&self.0);
         if current.as_ref().is_none_or(is_gone)

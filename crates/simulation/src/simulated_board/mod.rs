@@ -104,7 +104,6 @@ impl SimulatedBoard {
         &self.port
     }
 
-    /// To the host, and to the board.
     pub fn books(&self) -> [Books; 2] {
         self.radios.each_ref().map(|radio| lock(radio).books())
     }

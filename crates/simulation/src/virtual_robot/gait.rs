@@ -78,7 +78,6 @@ impl Gait {
         self.drive_rad(time_s) + self.leg(side).offset_rad
     }
 
-    /// Share of full speed, 0 to 1.
     pub(super) fn share(&self, time_s: f64) -> f64 {
         let step = |from_s: f64| smooth_step((time_s - from_s) / SPIN_UP_S);
         step(self.start_s) - self.stall_s.map_or(0.0, |[from, to]| step(from) - step(to))
@@ -135,7 +134,6 @@ pub(super) fn smooth_step(x: f64) -> f64 {
     x * x * (3.0 - 2.0 * x)
 }
 
-/// The integral of [`smooth_step`] from 0.
 fn smooth_ramp(x: f64) -> f64 {
     let u = x.clamp(0.0, 1.0);
     u * u * u * (1.0 - 0.5 * u) + (x - 1.0).max(0.0)

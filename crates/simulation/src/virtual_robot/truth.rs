@@ -6,7 +6,6 @@
 use super::{CONSTANTS, Constants, TrialSettings, VirtualTrial, WEIGHT_N};
 use shell_data::wrench::PerAxis;
 
-/// The true results of a trial, in SI units.
 #[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Truth {
     pub t_enter_s: f64,
@@ -77,7 +76,6 @@ impl VirtualTrial {
         }
     }
 
-    /// Integrals of the six axes of the wrench and of the power.
     fn integrate(&self, from_s: f64, to_s: f64) -> [f64; 7] {
         let at = |row: usize, time_s: f64| -> [f64; 7] {
             let wrench = self.wrench_at(time_s);

@@ -78,15 +78,12 @@ struct ConverterState {
     at: AtomicU8,
     last: AtomicU8,
     conversions: AtomicU8,
-    /// Conversions missing from the sum.
     left: AtomicU8,
     /// Conversions in the current burst; zero to discard its result.
     burst: AtomicU8,
     /// True if the converter pauses less than [`LONGEST_PAUSE_US`] between two sums.
     stays_fresh: AtomicBool,
-    /// Lit during the second of three sums.
     emitter: AtomicU8,
-    /// CFGR fields for a start by the timer.
     trigger: AtomicU32,
     done: AtomicWaker,
 }
@@ -214,7 +211,6 @@ impl Photointerrupters {
         Self { _adc: adc, channels, vitals, factory, timer, last_us: None }
     }
 
-    /// Returns the sum of at least one conversion of an input, the first after `settling_us`.
     async fn sum_of(&mut self, input: u8, conversions: u8, settling_us: u16) -> u32 {
         self.take(input, conversions, 1, settling_us, settling_us > 0).await;
         STATE.sums[0].load(Ordering::Relaxed)

@@ -119,7 +119,6 @@ unsafe extern "C" {
     safe static __calibration_end: u8;
 }
 
-/// Returns the pages' range, in bytes from the start of the flash.
 fn range() -> Range<u32> {
     let offset = |symbol: *const u8| symbol.addr().wrapping_sub(FLASH) as u32;
     offset(&raw const __calibration_start)..offset(&raw const __calibration_end)

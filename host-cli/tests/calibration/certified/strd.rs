@@ -13,9 +13,7 @@ use super::report;
 enum Right {
     /// Powers of x from 0.
     Polynomial(usize),
-    /// x alone, no intercept.
     Proportional,
-    /// One and every column.
     Columns,
 }
 

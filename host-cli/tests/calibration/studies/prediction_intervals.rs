@@ -83,7 +83,6 @@ fn coverage_of_samples(calibration: &Calibration, samples: &[SensorSample]) -> P
     coverage(calibration, &readings, &truth)
 }
 
-/// Mean over sessions, and its Monte-Carlo error.
 fn mean(sessions: &[f64]) -> (f64, f64) {
     let n = sessions.len() as f64;
     let mean = sessions.iter().sum::<f64>() / n;

@@ -14,7 +14,6 @@ use simulation::sensor_model::{SensorModel, SensorParameters};
 use system_tests::program::{ended, json, refused, succeed};
 use system_tests::random::Random;
 
-/// Mounting and channels of a sensor.
 struct State {
     unit: SensorParameters,
     lever_m: [f64; 3],

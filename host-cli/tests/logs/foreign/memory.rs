@@ -178,7 +178,6 @@ struct LuGre {
     stick: f64,
     /// v_s, 1/s.
     stribeck: f64,
-    /// x, z, v.
     state: [f64; 3],
 }
 

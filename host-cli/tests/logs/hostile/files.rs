@@ -85,7 +85,6 @@ const BINARY: [&str; 26] = [
     "log-file/fuzz/seeds/xlsx/workbook.xlsx",
 ];
 
-/// A binary log, usually undamaged.
 pub(super) fn binary(random: &mut Random) -> Vec<u8> {
     let name = BINARY[random.below(BINARY.len() as u64) as usize];
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../crates").join(name);
@@ -117,7 +116,6 @@ pub(super) fn of_some_axes(seeds: &Path, name: &str, random: &mut Random) -> (St
     (text.lines().enumerate().map(line).collect(), axes)
 }
 
-/// A valid file, damaged or cut short.
 pub(super) fn damaged(seeds: &Path, name: &str, random: &mut Random) -> Vec<u8> {
     let mut bytes = fs::read(seeds.join(name)).unwrap();
     // Long files take long and test nothing more.

@@ -89,7 +89,6 @@ fn pick<'a>(of: &[&'a str], random: &mut Random) -> &'a str {
     of[random.below(of.len() as u64) as usize]
 }
 
-/// A file name of any permitted characters.
 fn name(random: &mut Random, extension: &str) -> OsString {
     let stem: &[u8] = match random.below(8) {
         0 => b"with space",

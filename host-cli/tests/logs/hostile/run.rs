@@ -32,7 +32,6 @@ pub(super) struct Trouble {
     pub(super) blow: Option<Blow>,
     /// In blocks of 512 bytes, as on a full disk.
     pub(super) disk: Option<u64>,
-    /// True if nobody reads the standard output.
     pub(super) reader_leaves: bool,
 }
 
