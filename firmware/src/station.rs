@@ -42,7 +42,6 @@ pub struct Station<'a, C> {
 }
 
 impl<'a, C: Clock> Station<'a, C> {
-    /// Creates a board after its start; `record` holds uploads.
     pub fn new(setup: BoardSetup, clock: C, record: &'a mut Record) -> Self {
         let core = RefCell::new(Core::new(setup, record));
         Self { core, clock, changed: Wake::new(), outgoing: Wake::new(), alive: Wake::new() }

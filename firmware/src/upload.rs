@@ -12,7 +12,6 @@ pub const RECORD: usize = (CALIBRATION + Calibration::MAX_SIZE).next_multiple_of
 /// for the longest calibration, padding.
 pub type Record = [u8; RECORD];
 
-/// Returns the CRC-32 of the bytes, `None` if never written or damaged.
 pub(crate) fn kept_crc(record: &Record) -> Option<u32> {
     let crc = u32::from_le_bytes(*record[4..].first_chunk()?);
     (crc32(kept_bytes(record)?) == crc).then_some(crc)
@@ -28,7 +27,6 @@ fn kept_bytes(record: &Record) -> Option<&[u8]> {
     record.get(CALIBRATION..CALIBRATION.checked_add(size)?)
 }
 
-/// A calibration that arrives in pieces, in order.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Upload {
     size: usize,

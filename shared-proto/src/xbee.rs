@@ -128,7 +128,6 @@ impl Address {
         })
     }
 
-    /// Returns the kinds of frame to transmit to such an address and to receive from it.
     const fn kinds(self) -> (u8, u8) {
         match self {
             Self::Long(_) => (0x00, 0x80),

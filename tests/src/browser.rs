@@ -107,7 +107,6 @@ impl Browser {
         }
     }
 
-    /// Waits until the page's present state is painted.
     fn wait_for_frame(&mut self) {
         self.evaluate("new Promise((painted) => requestAnimationFrame(() => requestAnimationFrame(() => painted(0))))");
     }
@@ -147,7 +146,6 @@ impl Browser {
         self.call("DOM.setFileInputFiles", json!({ "files": files, "objectId": object }));
     }
 
-    /// Clicks, and returns the bytes of the download `name`.
     pub fn save(&mut self, element: &str, name: &str) -> Vec<u8> {
         let folder = tempfile::tempdir().unwrap();
         let allow = json!({ "behavior": "allow", "downloadPath": folder.path() });

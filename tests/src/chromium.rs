@@ -2,7 +2,6 @@
 
 use std::process::{Command, Stdio};
 
-/// For a Chromium outside the search path.
 pub const CHROMIUM: &str = "SHELLCAL_CHROMIUM";
 const NAMES: [&str; 4] = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
 

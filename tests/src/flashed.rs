@@ -28,7 +28,6 @@ pub const SERIAL: [u8; 12] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12];
 pub struct Model {
     /// By its name in the model.
     pub board: &'static str,
-    /// An ELF file.
     pub image: PathBuf,
     pub python: PathBuf,
 }
@@ -77,7 +76,6 @@ pub struct Report {
     pub stack: u32,
     /// Simulated, since the board was created.
     pub time_s: f64,
-    /// On RX, on CTS and on the sync input.
     pub pulls: [String; 3],
     /// Simulated time at which the board's clock was 0.
     pub clock_zero_s: f64,

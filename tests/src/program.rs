@@ -13,7 +13,6 @@ use serde_json::Value;
 /// Python with packages for tables and bags.
 pub const PYTHON: &str = "SHELLCAL_PYTHON";
 
-/// Attempts with a board that does not answer.
 const ATTEMPTS: u32 = 20;
 
 fn shellcal() -> PathBuf {

@@ -86,7 +86,6 @@ pub(crate) fn run(args: &CheckArgs) -> Result<()> {
     }
 }
 
-/// Packs the program of the tests like the release workflow.
 fn package() -> Result<()> {
     let mut pack = Command::new(workspace().join(".github/package.sh"));
     step("package", pack.env("SHELLCAL_PROGRAM", steps::build_shellcal()?))

@@ -85,7 +85,6 @@ struct Taken {
     /// A bound, and the greatest depth observed.
     stack_bound: u64,
     stack_seen: u64,
-    /// Instructions from one frame to the next, by workload.
     instructions: BTreeMap<String, f64>,
 }
 
@@ -144,7 +143,6 @@ impl Taken {
     }
 }
 
-/// Name, stream, calibration, and the scene of the converter.
 type Workload = (&'static str, Stream, fn() -> Calibration, fn() -> Vec<PlayedFrame>);
 
 /// No wrench explains the last workload, so its inversion takes the most steps.
@@ -162,7 +160,6 @@ const ORDER_S: f64 = 0.12;
 const SETTLE_S: f64 = 0.2;
 const COUNTED_S: f64 = 1.0;
 
-/// Returns the Python of the model's environment, created if missing.
 pub(crate) fn set_up_model() -> Result<PathBuf> {
     let requirements = workspace().join("firmware/emulation/requirements.txt");
     python::environment("emulation-python", &["--requirement", &requirements.to_string_lossy()])

@@ -37,7 +37,6 @@ impl Board {
         }
     }
 
-    /// Returns the microcontroller's name in probe-rs.
     pub(crate) fn chip(self) -> &'static str {
         match self {
             Self::SkinProc => "STM32L432KCUx",

@@ -74,7 +74,6 @@ pub(crate) fn set_up(args: SetupArgs) -> Result<()> {
     Ok(())
 }
 
-/// Returns a compiler for a target, installed if missing.
 pub(crate) fn compiler(target: &'static str) -> Result<Compiler> {
     Need::Target(target).meet()?;
     Compiler::find(target).context("the compiler is gone")
@@ -112,7 +111,6 @@ impl Need {
         }
     }
 
-    /// Returns the commands that may install it, best first.
     fn commands(&self) -> Vec<Vec<&'static str>> {
         let install = |packages: &[&'static str]| {
             [&["apt-get", "install", "--no-install-recommends"], packages].concat()

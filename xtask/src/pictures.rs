@@ -30,7 +30,6 @@ pub(crate) fn make() -> Result<()> {
     photograph_live(&shellcal, &calibration, &chromium, &folder.join(LIVE))
 }
 
-/// Fails if a committed picture differs from a new one.
 pub(crate) fn check() -> Result<()> {
     compare(CRATES, layers::draw()?.as_bytes())?;
     let made = scratch("pictures")?.join(FIGURE);

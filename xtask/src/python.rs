@@ -37,7 +37,6 @@ pub(crate) fn set_up() -> Result<PathBuf> {
     environment("python-tests", &["--requirement", &requirements.to_string_lossy()])
 }
 
-/// Returns the tests of the package and its notebooks.
 pub(crate) fn jobs(python: &PathBuf) -> Result<[Job; 2]> {
     let package = assemble()?;
     let job = |name: &str, arguments: &[&str]| {

@@ -111,7 +111,6 @@ pub(crate) struct Job {
 pub(crate) struct EndedJob {
     pub(crate) name: String,
     pub(crate) succeeded: bool,
-    /// Output, errors last.
     pub(crate) output: String,
 }
 

@@ -112,7 +112,6 @@ fn run_all(
     steps::run_side_by_side(jobs, at_once, more)
 }
 
-/// Sets up Python while the compiler works.
 fn set_up_and_build(parts: &[Part]) -> Result<(TestEquipment, Vec<Program>)> {
     let needs = parts.iter().flat_map(|part| part.needs());
     let missing: Vec<_> = needs.filter_map(|need| need.meet().err()).collect();
@@ -229,7 +228,6 @@ fn programs() -> Result<Vec<Program>> {
 }
 
 impl Program {
-    /// Returns the job of the tests that are not ignored, in cargo's environment.
     fn job(&self, which: &[&str], equipment: &TestEquipment) -> Job {
         let mut command = Command::new(&self.file);
         command.args(which);
@@ -259,7 +257,6 @@ impl Program {
     }
 }
 
-/// Returns a program's ignored tests, with reasons.
 fn ignored(said: &str) -> impl Iterator<Item = (&str, &str)> {
     said.lines().filter_map(|line| line.strip_prefix("test ")?.split_once(" ... ignored, "))
 }
@@ -282,7 +279,6 @@ fn report(ended: &[EndedJob], without: &[Part]) -> Result<()> {
     Ok(())
 }
 
-/// Reads the closing lines of libtest and pytest.
 fn passed(output: &str) -> u64 {
     let count = |line: &str| line.split_once(" passed")?.0.rsplit(' ').next()?.parse::<u64>().ok();
     output.lines().filter_map(count).sum()

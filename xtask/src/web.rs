@@ -34,7 +34,6 @@ pub(crate) fn build() -> Result<PathBuf> {
     let data = |bytes: &[u8]| Ok::<_, anyhow::Error>(base64(&pack(bytes)?));
     let example =
         |name: &str| data(read(&format!("calibration-data/synthetic-{name}.csv"))?.as_bytes());
-    // The page shows a report.
     let style = read("crates/report/assets/report.css")? + &read("web/page/page.css")?;
     let script = ["host-cli/assets/live/live.js", "web/page/page.js", "web/page/board.js"];
     let script = script.map(read).into_iter().collect::<Result<String>>()?;

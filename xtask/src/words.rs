@@ -47,7 +47,6 @@ pub(crate) fn check() -> Result<()> {
     Ok(())
 }
 
-/// Line, from 1, and text.
 type Findings = Vec<(usize, String)>;
 
 /// Returns the first line of each doc comment, with its number.
@@ -75,7 +74,6 @@ fn phrases(text: &str) -> Findings {
     found.map(|(at, phrase)| (line(at), format!("`{phrase}`"))).collect()
 }
 
-/// Finds wrong openings of doc comments, and messages and hints that are too long.
 fn code(text: &str) -> Findings {
     let begins =
         |line: &str, word: &str| line.strip_prefix(word).is_some_and(|rest| rest.starts_with(' '));

@@ -40,7 +40,6 @@ impl<F: NorFlash> Slots<F> {
         slot * SLOT.next_multiple_of(F::ERASE_SIZE) as u32
     }
 
-    /// Returns the generation of a slot, `None` if it is invalid.
     fn generation(&mut self, slot: u32) -> Option<u32> {
         let digest = &mut CRC32.digest();
         let mut tail = [0; TAIL];

@@ -325,7 +325,6 @@ fn insufficient_poses_are_refused_by_name() {
     write("counts.csv", ",ax,ay,az", &counts);
     assert!(refused(dir, "payload fit counts.csv").contains("neither m/s² nor multiples of g"));
     assert!(refused(dir, "payload fit none.csv missing.csv").contains("`missing.csv`"));
-    // A payload without an accelerometer.
     write("all.csv", ",gx,gy,gz", &all);
     let (_, said) = ended(dir, "payload fit all.csv -o payload.json", 0);
     assert!(said.contains("no accelerometer"), "{said}");

@@ -19,7 +19,6 @@ fn read(dir: &TempDir, name: &str) -> String {
     fs::read_to_string(dir.path().join(name)).unwrap()
 }
 
-/// Runs the program with its standard output in a file; returns exit code and messages.
 #[cfg(unix)]
 fn into(dir: &Path, arguments: &str, path: &str) -> (Option<i32>, String) {
     let output = fs::OpenOptions::new().write(true).open(path).unwrap();

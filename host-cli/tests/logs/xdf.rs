@@ -48,7 +48,6 @@ fn recording(path: &Path) {
     bytes.extend(header(7, "shell", 100, "int16", &labels));
     bytes.extend(header(9, "reference", 250, "double64", &forces));
     for at in (0..=20).map(|n| 100.0 + 5.0 * f64::from(n)) {
-        // The offset to the other clock.
         let (own, offset) = (own(at), at - own(at));
         bytes.extend(chunk(4, &[&9_u32.to_le_bytes(), &own.to_le_bytes(), &offset.to_le_bytes()]));
         bytes.extend(chunk(4, &[&7_u32.to_le_bytes(), &at.to_le_bytes(), &0_f64.to_le_bytes()]));

@@ -126,7 +126,6 @@ fn a_bad_trial_is_reported_with_its_position_and_the_others_are_finished() {
         fs::copy(dir.join("1.txt"), dir.join(copy)).unwrap();
     }
     let (early, late) = (enter + 0.1, exit - 0.1);
-    // Lines of the manifest from line 2 on, and the messages about them.
     let cases = [
         (format!("1.txt,x,{enter},{exit}"), None),
         (
@@ -265,7 +264,6 @@ fn missing_columns_of_a_log_are_left_out_and_reported() {
     ] {
         assert!(said.contains(message), "{message}: {said}");
     }
-    // The same columns give the same numbers.
     assert_eq!(trials[1]["electrical_energy_j"], trials[0]["electrical_energy_j"]);
     assert_eq!(trials[3]["drag_energy_j"], trials[0]["drag_energy_j"]);
 }
@@ -431,7 +429,6 @@ fn the_report_names_the_rows_whose_readings_cannot_be_trusted() {
     let time_us = |line: &String| line.split(',').next()?.parse::<u64>().ok();
     let at = lines.iter().position(|line| time_us(line) > Some(3_000_000)).unwrap();
     let mut fields: Vec<String> = lines[at].split(',').map(str::to_owned).collect();
-    // The last eight columns are the sensors.
     let third = fields.len() - 6;
     fields[third] = "4095".to_owned();
     let time_s = time_us(&lines[at]).unwrap() as f64 / 1e6;

@@ -28,7 +28,6 @@ pub fn pages(folder: &Path) -> Vec<PathBuf> {
     pages
 }
 
-/// A page without its blocks of code.
 fn prose(text: &str) -> String {
     let mut in_code = false;
     let is_prose = |line: &&str| {
@@ -39,7 +38,6 @@ fn prose(text: &str) -> String {
     text.lines().filter(is_prose).collect::<Vec<_>>().join("\n")
 }
 
-/// Links of a page within the repository.
 fn links(text: &str) -> Vec<String> {
     // Text between backticks is not a link.
     let plain: String = prose(text).split('`').step_by(2).collect::<Vec<_>>().join("`");

@@ -83,7 +83,6 @@ impl Machine {
         assert!(status.unwrap().success(), "{line}");
     }
 
-    /// In an empty environment.
     fn install(&self) -> Output {
         Command::new("/bin/sh")
             .arg(root().join("install.sh"))

@@ -12,7 +12,6 @@ const MEANS: [f64; 3] = [0.108734173433852, 0.21708288510962, 0.305874279216731]
 /// Fifteen digits were printed; ten roundings lie within this.
 const RELATIVE: f64 = 1e-12;
 
-/// Returns output and messages.
 fn simulate(dir: &Path, arguments: &str) -> (String, String) {
     ended(dir, &format!("simulate {arguments}"), 0)
 }

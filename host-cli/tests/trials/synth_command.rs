@@ -21,7 +21,6 @@ fn shipped() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../calibration-data")
 }
 
-/// The commands in the README's code blocks.
 fn shipped_commands() -> Vec<Vec<String>> {
     let readme = fs::read_to_string(shipped().join("README.md")).expect("a README");
     let lines = readme.lines().filter_map(|line| line.trim().strip_prefix("shellcal synth "));

@@ -283,7 +283,6 @@ fn a_tare_with_motion_warns_and_one_without_does_not() {
     assert!(!moving(&evaluate(&log, &matrix, &quiet)));
 }
 
-/// Condition, mean in the paper, and rounding.
 type Mean = (&'static str, f64, f64);
 
 /// `numpy.mean`, `numpy.percentile` and `matplotlib.cbook.boxplot_stats` of the published tables by

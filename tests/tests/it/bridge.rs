@@ -34,7 +34,6 @@ pub enum BaseStation {
 
 pub struct EmulatedBoard {
     _emulator: Running,
-    /// The host's end of the pty.
     pub port: String,
 }
 

@@ -35,7 +35,6 @@ struct Faults {
 }
 
 struct Sent {
-    /// The packets that arrived intact, in order.
     intact: Vec<u64>,
     books: Books,
     stream: Vec<u8>,

@@ -40,7 +40,6 @@ fn serve(dir: &Path, arguments: &str) -> (Child, SocketAddr) {
     (child, address.unwrap())
 }
 
-/// Counts of the streamed rows, by the numbers of their frames.
 fn streamed(dir: &Path) -> HashMap<u32, [i64; 6]> {
     let text = fs::read_to_string(dir.join("rows.jsonl")).unwrap();
     let counts = |line: &str| {

@@ -3,7 +3,6 @@
 use shared_proto::skinproc::{Decoder, Scan, decode_scan};
 use system_tests::real_recording;
 
-/// Numbers in brackets at the end of a line.
 fn numbers<T: std::str::FromStr>(line: &str) -> Option<Vec<T>> {
     let (_, list) = line.strip_suffix(']')?.split_once('[')?;
     let words = list.split([',', ' ']).filter(|word| !word.is_empty());

@@ -26,7 +26,6 @@ fn rows(path: &Path) -> Vec<Value> {
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
 }
 
-/// Bits of a wrench by frame number.
 fn bits(rows: &[Value]) -> HashMap<i64, [u64; 6]> {
     let wrench = |row: &Value| AXES.map(|axis| row[axis].as_f64().unwrap().to_bits());
     rows.iter().map(|row| (row["index"].as_i64().unwrap(), wrench(row))).collect()
@@ -129,7 +128,6 @@ fn commands_come_by_the_standard_input() {
     assert!(fx(&tared).abs() < 0.02, "{tared}");
     assert!(seen.iter().all(|row| (fx(row) - fx(&seen[0])).abs() < 0.05));
     writeln!(input, "rate 10").unwrap();
-    // The rate takes effect some frames later.
     let times: Vec<f64> = (0..200).map(|_| next()["t_s"].as_f64().unwrap()).collect();
     let slow = times.windows(2).filter(|pair| (pair[1] - pair[0] - 0.1).abs() < 1e-3).count();
     assert!(slow >= 60, "{slow}");

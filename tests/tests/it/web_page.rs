@@ -103,7 +103,6 @@ fn tolerance(model: &str) -> f64 {
     if model == "auto" { 1e-6 } else { 0.0 }
 }
 
-/// Fits to the first log and tests on the others.
 fn fit_by_program(files: &[PathBuf], model: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     let names: Vec<_> = files.iter().map(|file| name_of(file)).collect();

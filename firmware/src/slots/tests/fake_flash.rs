@@ -13,7 +13,6 @@ use embedded_storage::nor_flash::{
     ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash,
 };
 
-/// Effect of the operation that the power cut interrupts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum CutOutcome {
     Nothing,
@@ -67,7 +66,6 @@ impl FakeFlash {
         self.operations
     }
 
-    /// Cuts the power during an operation, counted from now.
     pub(crate) fn cut_power(&mut self, operation: usize, outcome: CutOutcome) {
         self.cut = Some((self.operations + operation, outcome));
     }

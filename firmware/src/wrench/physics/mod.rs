@@ -53,11 +53,9 @@ pub(super) fn invert(model: &Physics, readings: &[u16; CHANNELS], saturated: u8)
 
 struct ScaledFrame<'a> {
     model: &'a Physics,
-    /// `None` for a sensor that is left out.
     y: [Option<f32>; CHANNELS],
 }
 
-/// The curves at one wrench.
 struct State {
     x: X,
     points: [Point; CHANNELS],

@@ -21,7 +21,6 @@ use std::task::{Context, Poll, Waker};
 #[derive(Default)]
 pub struct World {
     now_us: Cell<u64>,
-    /// Earliest time that a task waits for.
     earliest_us: Cell<u64>,
     /// Dark and lit codes of a channel at a time in µs.
     codes: RefCell<Option<Codes>>,
@@ -37,7 +36,6 @@ pub struct World {
     pub record: RefCell<Option<Record>>,
     last_fed_us: Cell<u64>,
     pub longest_unfed_us: Cell<u64>,
-    /// The lit emitter and since when.
     lit: Cell<(Option<usize>, u64)>,
     pub settling_us: Cell<u64>,
     /// Channels are read with other channels' emitters lit.
@@ -265,7 +263,6 @@ impl Bench {
         Self { world, board, decoder, to, number: 0 }
     }
 
-    /// Sets dark and lit codes of a channel at a time in µs.
     pub fn play(&self, codes: impl Fn(usize, u64) -> (u16, u16) + 'static) {
         *self.world.codes.borrow_mut() = Some(Box::new(codes));
     }
@@ -303,7 +300,6 @@ impl Bench {
         healths
     }
 
-    /// Returns the board's packets, by the host's decoder.
     pub fn packets(&mut self) -> Vec<Packet> {
         let bytes = std::mem::take(&mut *self.world.from_board.borrow_mut());
         let mut packets = Vec::new();

@@ -37,7 +37,6 @@ fn a_trial([t_enter_s, t_exit_s]: [f64; 2]) -> Trial {
     Trial { condition: "3 cm".to_owned(), ..Trial::from_window("trial.txt".to_owned(), window) }
 }
 
-/// The telemetry of a trial without the readings.
 fn trial_rows(trial: &VirtualTrial) -> TrialRows {
     let rows: Vec<_> = trial.rows().collect();
     let column = |at: usize| rows.iter().map(|row| row[at] as f64).collect::<Vec<_>>();
@@ -160,7 +159,6 @@ fn true_calibration(unit_seed: u64) -> Calibration {
     fit(&[log], &[], &options).unwrap().calibration
 }
 
-/// Relative errors of drag energy and specific resistance of a trial, as read from its log.
 fn errors(settings: TrialSettings, calibration: &Calibration, options: &TrialOptions) -> [f64; 2] {
     let trial = VirtualTrial::new(settings).unwrap();
     let folder = tempfile::tempdir().unwrap();

@@ -17,7 +17,6 @@ use crate::bridge::{BaseStation, EmulatedBoard};
 const READINGS: [&str; 8] = ["s1", "s2", "s3", "s4", "s5", "s6", "s7", "s8"];
 const WRENCH: [&str; 6] = ["fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"];
 
-/// The script has 53 frames.
 fn start_board(model: &Model, base: BaseStation, dir: &Path) -> EmulatedBoard {
     let script = played(53, code);
     EmulatedBoard::start(base, |address| {
@@ -75,7 +74,6 @@ fn shellcal_sets_the_board_up_and_records_it_whole() {
     let crc = crc_of(&for_board(&calibration).unwrap());
     assert!(command("--json status", 0).contains(&format!("{crc:#010x}")));
 
-    // Wrenches from the board, compared with the host's from the same readings.
     command("mode wrench", 0);
     let frames: usize = number(&command("--json status", 0), "frames").try_into().unwrap();
     let arguments = format!("record {} --start -o wrench.csv", board.port);
